@@ -161,7 +161,7 @@ def score(
     facts = folder / run_folder.FACTS
     with open_store(facts) as store:
         run_folder.check_complete(store, folder)
-        kept = KeptResults(folder)
+        left_out, kept = store.left_out(), KeptResults(folder)
         key = scores_key(settings, store.content, resolved.source, severity.sha256, exposures)
         results = kept_scores(kept, key)
         if results is None:
@@ -184,6 +184,7 @@ def score(
         exposures,
         results.ranking,
         resolved.scenarios,
+        left_out,
     )
 
 

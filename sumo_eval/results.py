@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -23,6 +23,10 @@ from sumo_eval.trajectory import Alone
 # loaded by name: `report/` imports this file, so this file cannot import `report/`
 _TABLE_HTML, _PICTURE = "sumo_eval.report.notebook:html_table", "sumo_eval.report.notebook:picture"
 _SCORE_HTML = "sumo_eval.report.notebook:score_html"
+
+
+Bounds = tuple[float, float]
+"""Lower and upper end of an interval."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,9 +185,9 @@ class WorstAndBest:
     missing in that score.
     """
 
-    c: tuple[float, float] | None
-    d: tuple[float, float] | None
-    s: tuple[float, float]
+    c: Bounds | None
+    d: Bounds | None
+    s: Bounds
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,9 +281,9 @@ class ScenarioResult:
     off_road: int
     not_evaluated: int
     notes: tuple[ScoreNote, ...]
-    c_interval: tuple[float, float] | None = None
-    d_interval: tuple[float, float] | None = None
-    s_interval: tuple[float, float] | None = None
+    c_interval: Bounds | None = None
+    d_interval: Bounds | None = None
+    s_interval: Bounds | None = None
     avoided_share: float | None = None
     avoided_share_exposure: float | None = None
     regret: float | None = None
@@ -288,11 +292,11 @@ class ScenarioResult:
     s_plus: float | None = None
     a_points: float = 0.0
     h_points: float = 0.0
-    avoided_share_interval: tuple[float, float] | None = None
-    avoided_share_exposure_interval: tuple[float, float] | None = None
-    regret_interval: tuple[float, float] | None = None
-    human_likeness_interval: tuple[float, float] | None = None
-    s_plus_interval: tuple[float, float] | None = None
+    avoided_share_interval: Bounds | None = None
+    avoided_share_exposure_interval: Bounds | None = None
+    regret_interval: Bounds | None = None
+    human_likeness_interval: Bounds | None = None
+    s_plus_interval: Bounds | None = None
     unavoidable_collisions: int = 0
     struck_from_behind: int = 0
     caused_collisions: int = 0
@@ -303,8 +307,8 @@ class ScenarioResult:
     departures: int = 0
     gave_up: int = 0
     task_reference: str = ""
-    task_share_interval: tuple[float, float] | None = None
-    avoidance_grade_interval: tuple[float, float] | None = None
+    task_share_interval: Bounds | None = None
+    avoidance_grade_interval: Bounds | None = None
 
     @property
     def nobody_compared(self) -> bool:
@@ -353,7 +357,7 @@ class RankedAds:
     ads: str
     place: int | None
     s_plus: float | None
-    interval: tuple[float, float] | None
+    interval: Bounds | None
     a_points: float | None = None
     h_points: float | None = None
 
@@ -371,7 +375,7 @@ class RankedPair:
     above: str
     below: str
     difference: float
-    interval: tuple[float, float] | None
+    interval: Bounds | None
     told_apart: bool
 
     @property
@@ -418,6 +422,7 @@ class Evaluation:
     exposures: by scenario, as `drivers.recorded.exposure.RunExposure.plain` makes them.
     ranking: None: its ADSs were not ranked.
     scenarios: the logical scenarios by name.
+    left_out: as `record.store.Store.left_out` gives it.
     """
 
     name: str
@@ -430,6 +435,7 @@ class Evaluation:
     exposures: Mapping[str, Any] = field(default_factory=dict)
     ranking: Ranking | None = None
     scenarios: Mapping[str, LogicalScenario] = field(default_factory=dict)
+    left_out: Sequence[tuple[int, float, int]] = ()
 
     def __post_init__(self) -> None:
         # cases may be given as records or as a part of a table: both become a whole table, which

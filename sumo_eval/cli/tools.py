@@ -376,7 +376,8 @@ def _check_recorded_people(space: Space, settings: EvaluationSettings, source: P
     # read without a mistake, and no drive at any safe point
     if matched == [False] and space.safe:
         tell(
-            f"WARN  recorded people of {name}: none match any of its {len(space.safe)} safe points"
+            f"WARN  recorded people of {name}: none count at any of its {len(space.safe)} safe "
+            "points, by `drivers.tolerance`, `drivers.coverage` or the road's lanes"
         )
     return mistakes
 

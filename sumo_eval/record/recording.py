@@ -5,6 +5,8 @@ one. `record.facts` records a whole run with it, `record.estimate` times parts o
 from __future__ import annotations
 
 import hashlib
+import json
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -33,7 +35,7 @@ from sumo_eval.record.identity import (
 from sumo_eval.record.kept import packed
 from sumo_eval.record.progress import Progress, Stopping
 from sumo_eval.record.reads import OneVersion, changed
-from sumo_eval.record.store import RECORDED, Store
+from sumo_eval.record.store import LEFT_OUT, RECORDED, Store
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.resolved import Resolved
@@ -275,7 +277,8 @@ def _record_people(space: Space, plan: Planner, work: _Work) -> None:
     name, settings, safe = space.logical.name, plan.run.settings.drivers, space.safe
     recorded = settings.source == RECORDED
     may_add = recorded and settings.too_thin == "fill" and space.logical.has_drivers
-    drives = _recorded_drives(plan, space) if recorded else partial(_own_drives, plan)
+    left_out: list[float] = []  # as in `Reference`, at all points
+    drives = _recorded_drives(plan, space, left_out) if recorded else partial(_own_drives, plan)
     words = "recorded drivers" if recorded else "drivers"
     keys: set[str] = set()
     added: list[Case] = []
@@ -288,6 +291,9 @@ def _record_people(space: Space, plan: Planner, work: _Work) -> None:
             added += plan.synthetic(number, concrete, settings.least - len(outcomes))
         work.check()
         work.progress(f"{name}: {words}", done, len(safe))
+    short = [share for share in left_out if share < math.inf]
+    counts = len(short), max(short, default=0.0), len(left_out) - len(short)
+    work.store.note(f"{LEFT_OUT} {name} {plan.run.shard}", json.dumps(counts))
     if added:
         title = f"{name}: drivers where too few are recorded"
         work.do([_Stage(title, name, "human", added, len(added))])
@@ -297,7 +303,7 @@ def _record_people(space: Space, plan: Planner, work: _Work) -> None:
 
 
 def _recorded_drives(
-    plan: Planner, space: Space
+    plan: Planner, space: Space, left_out: list[float]
 ) -> Callable[[int, ConcreteScenario], Iterator[Outcome]]:
     """Function of a point that gives the drives recorded in events like its concrete scenario."""
     # imported here: it needs pandas, which synthetic drivers do not
@@ -308,6 +314,7 @@ def _recorded_drives(
 
     def drives(number: int, concrete: ConcreteScenario) -> Iterator[Outcome]:
         events = reference(concrete, people, settings, space.logical.recorded)
+        left_out.extend(events.left_out)
         for index, (drive, name) in enumerate(zip(events.drives, events.names, strict=True)):
             case = plan.human(number, concrete, f"recorded_{index:02d}")
             yield Outcome(case, "ok", Recording(drive, {}, None, "recorded"), log=name)

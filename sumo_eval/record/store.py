@@ -68,6 +68,11 @@ _TABLES = ("facts", "circumstances", "latencies", "trajectories")
 _SEAL = "seal"
 _CONTENT = "content"  # the seal before trajectories were discarded
 _DISCARDED = "discarded bytes"
+LEFT_OUT = "left out"
+"""Beginning of the notes on drives of recorded drivers that count nowhere: JSON of their number that
+cover too little of the road, the largest share that one of these covers, and the number that leave
+the road."""
+_NOTES = f"about WHERE name LIKE '{LEFT_OUT} %'"
 # bytes; the hash finds damage and careless edits, but a forger of the file can write one that fits
 _HASH_SIZE = 16
 # files that this process has checked: path, size, time of last change
@@ -478,12 +483,16 @@ class Store:
         row = self._first("SELECT value FROM about WHERE name = ?", name)
         return "" if row is None else str(row[0])
 
+    def left_out(self) -> list[tuple[int, float, int]]:
+        """The notes of `LEFT_OUT`, one of each scenario and shard."""
+        return [json.loads(note) for (note,) in self._read(f"SELECT value FROM {_NOTES}")]  # noqa: S608
+
     def take_over(self, other: Path) -> None:
         """Copy everything recorded in another store of the same format, in one transaction."""
         try:
             with open_store(other) as part, self._changes():
-                for table in _TABLES:
-                    self._insert(table, part._read(f"SELECT * FROM {table}"))  # noqa: S608
+                for rows in (*_TABLES, _NOTES):
+                    self._insert(rows.split()[0], part._read(f"SELECT * FROM {rows}"))  # noqa: S608
                 for file in part._read("SELECT * FROM files_read"):
                     # `?`, `reads.UNKNOWN`: another shard has read another version of the file
                     self._connection.execute(

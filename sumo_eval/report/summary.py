@@ -15,7 +15,7 @@ from sumo_eval.report.headline import headline
 from sumo_eval.report.page import case_key
 from sumo_eval.report.verdict import Beside, verdict
 from sumo_eval.report.words import cause_words, count, number, span
-from sumo_eval.results import Evaluation, RankedAds
+from sumo_eval.results import Bounds, Evaluation, RankedAds
 from sumo_eval.scoring.behaviour import Behaviour, least_human, ranked, worst_case
 from sumo_eval.scoring.comparison import builds_besides
 from sumo_eval.scoring.findings import unevaluated
@@ -103,7 +103,7 @@ def _row(
     }
 
 
-def _whisker(value: float | None, interval: tuple[float, float] | None) -> dict[str, str] | None:
+def _whisker(value: float | None, interval: Bounds | None) -> dict[str, str] | None:
     """Places of a score and its interval on a rail of 100 units."""
     if value is None:
         return None

@@ -19,6 +19,7 @@ from sumo_eval.method.manoeuvres import Manoeuvre
 from sumo_eval.method.manoeuvres import words as manoeuvre_words
 from sumo_eval.results import (
     BeyondRange,
+    Bounds,
     CasesMissing,
     Counted,
     DrivenAlone,
@@ -222,7 +223,7 @@ def number(value: float | None, digits: int) -> str:
     return "–" if value is None or not math.isfinite(value) else f"{value:z.{digits}f}"
 
 
-def interval_words(interval: tuple[float, float] | None, digits: int, to: str = "..") -> str:
+def interval_words(interval: Bounds | None, digits: int, to: str = "..") -> str:
     """`0.912..1.000`; nothing without an interval."""
     return "" if interval is None else to.join(number(end, digits) for end in interval)
 
@@ -282,7 +283,24 @@ def nobody_drove(evaluation: Evaluation) -> bool:
 
 
 def people_sentence(evaluation: Evaluation) -> str:
-    """The drivers that D and H compare with, and how many of them are recorded people."""
+    """The drivers that D and H compare with, how many of them are recorded people, and how many
+    drives of these are left out by which limit.
+    """
+    words, drivers = _people_words(evaluation), evaluation.settings.drivers
+    if drivers.source != "recorded":
+        return words
+    short, share, astray = zip((0, 0.0, 0), *evaluation.left_out, strict=True)
+    if any(short):
+        words += (
+            f" {count(sum(short), 'recorded drive')} left out: at most {percent(max(share))} "
+            f"of the road covered, at least {percent(drivers.coverage)} asked (`drivers.coverage`)."
+        )
+    if any(astray):
+        words += f" {count(sum(astray), 'recorded drive')} left out: they leave the road."
+    return words
+
+
+def _people_words(evaluation: Evaluation) -> str:
     drivers = evaluation.settings.drivers
     if nobody_drove(evaluation):
         return (
@@ -306,11 +324,11 @@ def people_sentence(evaluation: Evaluation) -> str:
     fills = drivers.too_thin == "fill"
     if not any(one.drives for one in behind):
         instead = "D and H compare with synthetic drivers alone" if fills else "there is no D_i"
-        who = "no driver" if fills else f"fewer than {drivers.least} drivers"
+        who = "no drive counts" if fills else f"fewer than {drivers.least} drives count"
         points = count(sum(one.points for one in behind), "safe concrete scenario")
         return (
-            f"D and H use no recorded driver: {source} has {who} in a situation like any of these "
-            f"{points}; {instead}. `recorded_drivers` in cases.csv counts them."
+            f"D and H use no recorded driver: of {source}, {who} in any of these {points}; "
+            f"{instead}. `recorded_drivers` in cases.csv counts them."
         )
     rest = "synthetic drivers fill up" if fills else "the point is left out"
     each = "; ".join(

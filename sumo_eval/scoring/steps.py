@@ -134,7 +134,8 @@ class Scoring:
         except InputError as error:
             no_points = sample_of(np.empty((0, len(logical.names))), entry.sampling.method or "")
             remark = "The settings choose no points any more, so those that were driven count"
-            return no_points if recorded else replace(no_points, notes=(f"{remark}: {error}",))
+            by_recordings = recorded and not entry.sampling.file
+            return no_points if by_recordings else replace(no_points, notes=(f"{remark}: {error}",))
 
 
 Scored = list[tuple[ScenarioResult, ScoreIntervals | None]]
@@ -208,8 +209,9 @@ def _on_points(space: ScenarioRun, points: Sample, places: Sequence[IntArray]) -
     places: of each ADS the numbers of the points of its cases.
     """
     chosen = space.points
-    # scoring does not repeat a choice by recordings
-    if points is not chosen and len(chosen.points) and space.entry.exposure.kind != "recorded":
+    # scoring does not repeat a choice by recordings; a file of points does not depend on them
+    again = space.entry.exposure.kind != "recorded" or space.entry.sampling.file
+    if points is not chosen and len(chosen.points) and again:
         yield "The settings choose other points now, so those that were driven count."
     if space.settings.run.only:
         driven = len(np.unique(np.concatenate(places)))

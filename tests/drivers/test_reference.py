@@ -1,6 +1,7 @@
 """The human reference from recordings and the exposure from their events, on traffic made by
 hand."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy import stats
 from sumo_eval.drivers.recorded.exposure import exposure_of, fit_exposure
 from sumo_eval.drivers.recorded.matching import matching_events
 from sumo_eval.drivers.recorded.recordings import Recordings, write_csv
-from sumo_eval.drivers.recorded.reference import open_people, reference
+from sumo_eval.drivers.recorded.reference import Reference, open_people, reference
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, read_scenario
 from sumo_eval.scenario.logical import Counterpart
@@ -94,12 +95,15 @@ def test_a_driver_counts_once_and_a_recording_that_ends_too_early_does_not(tmp_p
     assert len(found_in(settings_for(path), tmp_path).drives) == 2
     # 10 s of 550 m at 25 m/s, in the same file, which is read again once it has changed
     write_people(path, [25.0], seconds=20.0)
-    assert not found_in(settings_for(path), tmp_path).drives
+    short = found_in(settings_for(path), tmp_path)
+    assert not short.drives
+    share = 25.0 * 9.9 / (CONCRETE.road.length - CONCRETE.ego.x)
+    assert short.left_out == pytest.approx((share,))
 
 
 def test_a_recorded_drive_that_leaves_the_road_does_not_count(tmp_path):
     path = write_people(tmp_path / "people.csv", [25.0], side=-1)
-    assert not found_in(settings_for(path), tmp_path).drives
+    assert found_in(settings_for(path), tmp_path) == Reference(left_out=(math.inf,))
 
 
 def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):

@@ -114,6 +114,18 @@ def test_how_many_recorded_people_stand_behind_the_scores_is_said_everywhere(run
     assert sentence in (out / "report.html").read_text()
 
 
+def test_a_merged_run_reports_which_limit_left_recorded_drives_out(tmp_path):
+    write_people(tmp_path / "people.csv", [28.0, 30.0], seconds=20.0)
+    text = EVALUATION.replace("TOO_THIN", "fill").replace('kind = "recorded"', 'kind = "uniform"')
+    (tmp_path / "evaluation.toml").write_text(text)
+    for part in (1, 2):
+        place = "--out", tmp_path / f"{part}", "--shard", f"{part}/2", "--workers", "1"
+        sumo_eval("run", tmp_path / "evaluation.toml", *place)
+    result = sumo_eval("merge", tmp_path / "1", tmp_path / "2", "--out", tmp_path / "whole")
+    limit = "of the road covered, at least 80 % asked (`drivers.coverage`)."
+    assert limit in " ".join(result.said.split())
+
+
 def test_people_of_references_that_are_left_out_stand_behind_nothing(runs):
     out, _, rows = runs["leave_out"]
     behind = {(row["ego_speed"], row["lead_speed"]): row for row in rows if row["zone"] == "safe"}
@@ -163,7 +175,7 @@ def test_a_scenario_file_names_its_own_event(runs):
     (folder / "slow_evaluation.toml").write_text(text.replace("SPACE", "slow"))
     result = sumo_eval("check", folder / "slow_evaluation.toml")
     assert "recorded people of slow: 12 events like it" in result.said
-    assert "WARN  recorded people of slow: none match any of its 4 safe points" in result.said
+    assert "WARN  recorded people of slow: none count at any of its 4 safe points" in result.said
     # The same file at the speeds of the recording has its people.
     fast = NOBODY.replace('"slow"', '"fast"').replace(
         "low = 8.0\nhigh = 12.0", "low = 28.0\nhigh = 32.0"
@@ -319,6 +331,10 @@ NARROW = {"ego_speed": DeclaredDistribution("normal", 28.0, 1.0)}
         (DRAWN, ExposureSettings("declared", declared=NARROW)),
         (DRAWN, ExposureSettings("recorded", recordings=("people.csv",))),
         (SamplingSettings("file", file="points.csv"), ExposureSettings()),
+        (
+            SamplingSettings("file", file="points.csv"),
+            ExposureSettings("recorded", recordings=("people.csv",)),
+        ),
     ],
 )
 def test_points_are_scored_as_they_were_driven(sampling, exposure, tmp_path):

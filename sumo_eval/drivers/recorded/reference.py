@@ -5,6 +5,7 @@ start.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -54,10 +55,13 @@ class Reference(NamedTuple):
     """Drives in one concrete scenario.
 
     names: of the drivers, one a drive.
+    left_out: of each drive that covers too little of the road, the share that it covers; inf for
+        each that leaves the road.
     """
 
     drives: tuple[Trajectory, ...] = ()
     names: tuple[str, ...] = ()
+    left_out: tuple[float, ...] = ()
 
 
 def open_people(settings: DriverSettings, source: Path) -> People:
@@ -113,18 +117,23 @@ def reference(
     events = matching_events(people.events, concrete.scenario, recorded)
     own = settings.tolerance or {}
     tolerance = {name: own.get(name, within) for name, within in recorded.tolerance}
-    least = settings.coverage * (concrete.road.length - concrete.ego.x)
-    drives = {}
+    road = concrete.road.length - concrete.ego.x
+    drives, left_out = {}, list[float]()
     for event in _nearest(events, concrete.values, tolerance).itertuples():
         track = people.tracks[str(event.recording), str(event.ego)]
         name = track["driver"].iloc[0] or f"{event.recording}/{event.ego}"
         if name in drives:
             continue
         drive = _aligned(track, event.start, concrete, people)  # type: ignore[arg-type]
-        covers = drive.speed[-1] < _STANDS or drive.x.max() - concrete.ego.x >= least
-        if len(drive) > 1 and covers and not off_road(drive.x, drive.y, concrete.road, 0.0).any():
+        ahead = drive.x.max() - concrete.ego.x
+        covers = drive.speed[-1] < _STANDS or ahead >= settings.coverage * road
+        if len(drive) < 2 or not covers:
+            left_out.append(ahead / road)
+        elif off_road(drive.x, drive.y, concrete.road, 0.0).any():
+            left_out.append(math.inf)
+        else:
             drives[name] = drive
-    return Reference(tuple(drives.values()), tuple(drives))
+    return Reference(tuple(drives.values()), tuple(drives), tuple(left_out))
 
 
 def _nearest(
