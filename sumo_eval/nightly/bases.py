@@ -5,17 +5,16 @@
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.evaluation import score
 from sumo_eval.nightly.history import Accepted, History, Night, is_begun, open_history
-from sumo_eval.report.gate_result import CaseChange
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import Comparison, side_by_side
 from sumo_eval.scoring.gate_settings import GateSettings
@@ -149,9 +148,12 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
                 f"changes: change the gate. {'; '.join(remaining)}."
             )
         lines.accept(Accepted(name, _now(), reason, until, itself=False))
-    for case in chain.from_iterable(one["cases"] for one in limits if not one.get("own")):
-        change = CaseChange(case["case"], case["point"], case["before"], case["after"])
-        accepted.append(f"{change.case}: {change.words}")
+    changes = defaultdict[str, list[str]](list)  # of each case, by the limits that name it
+    for limit in limits:
+        for case in () if limit.get("own") else limit["cases"]:
+            # nights of earlier versions have no words
+            changes[case["case"]].append(f"{limit['quantity']} {case.get('words', 'failed')}")
+    accepted += [f"{case}: {'; '.join(words)}" for case, words in changes.items()]
     return Acceptance(nights[name], accepted, remaining)
 
 

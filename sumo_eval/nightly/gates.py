@@ -10,9 +10,8 @@ from itertools import islice, product
 
 import numpy as np
 
-from sumo_eval.cases import CaseTable
-from sumo_eval.nightly.rule_limits import EVERYWHERE, end_change, judge_rule
-from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult
+from sumo_eval.nightly.rule_limits import EVERYWHERE, WORDS, end_change, judge_rule
+from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult, in_order
 from sumo_eval.report.words import REASON_WITHOUT_T, count, not_computed, number, reason_without
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
@@ -60,8 +59,8 @@ def judge(
         if limit.quantity in QUANTITIES:
             results += _judge(limit, score, beside, settings.confidence)
         else:
-            results += _judge_cases(limit, score, new.cases_of(score.ads, score.scenario), beside)
-    return (*results, *_without_cases(new, settings))
+            results += _judge_cases(limit, score, new, beside)
+    return in_order([*results, *_without_cases(new, settings)], {})
 
 
 def _without_cases(new: Evaluation, settings: GateSettings) -> Iterator[GateResult]:
@@ -207,14 +206,17 @@ def _number(quantity: str, value: float | None) -> str:
 
 
 def _judge_cases(
-    limit: LimitSettings, score: ScenarioResult, cases: CaseTable, compared: AdsComparison | None
+    limit: LimitSettings, score: ScenarioResult, new: Evaluation, compared: AdsComparison | None
 ) -> Iterator[GateResult]:
     """Every bound of a limit on a column of cases.csv, in every case of the new run by itself."""
+    cases = new.cases_of(score.ads, score.scenario)
+    of_u = dict.fromkeys(OF_U, ("U", new.settings.method.collision.unit))
+    _, unit = (WORDS | of_u).get(limit.quantity, ("", ""))
     name = "index" if limit.quantity == "d_i" else limit.quantity
     after, before = getattr(cases, name).astype(np.float64), np.full(len(cases), np.nan)
     if compared is not None:
         before[compared.changed.paired.new_rows] = compared.comparable(name)[0]
-    for beyond, scale, words in _column_bounds(limit, before, after):
+    for beyond, scale, words in _column_bounds(limit, before, after, unit):
         # bounds on a change have the base's values as their scale, others the bound itself
         own, valued = scale is not before, int(np.isfinite(beyond).sum())
         result = partial(GateResult, limit.quantity, score.ads, score.scenario, own=own)
@@ -227,7 +229,10 @@ def _judge_cases(
                 tuple(cases.case[worst[:MOST_KEYS]].tolist()),
                 tuple(
                     CaseChange.of(
-                        cases[k], None if np.isnan(before[k]) else float(before[k]), float(after[k])
+                        cases[k],
+                        None if np.isnan(before[k]) else float(before[k]),
+                        float(after[k]),
+                        unit,
                     )
                     for k in worst[:MOST_NAMED].tolist()
                 ),
@@ -240,7 +245,7 @@ def _judge_cases(
 
 
 def _column_bounds(
-    limit: LimitSettings, before: FloatArray, after: FloatArray
+    limit: LimitSettings, before: FloatArray, after: FloatArray, unit: str
 ) -> Iterator[tuple[FloatArray, FloatArray | float, str]]:
     """Bounds on a column: how far each case is beyond it, (n,); what the tolerance is a share of;
     words.
@@ -249,10 +254,10 @@ def _column_bounds(
     """
     worse = before - after if limit.quantity in HIGHER_COLUMNS else after - before
     if (least := limit.at_least) is not None:
-        yield least - after, least, f"below {least:g}"
+        yield least - after, least, f"below {least:g}{unit}"
     if (most := limit.at_most) is not None:
-        yield after - most, most, f"above {most:g}"
+        yield after - most, most, f"above {most:g}{unit}"
     if (by := limit.worse_by) is not None:
-        yield worse - by, before, f"worse by more than {by:g}"
+        yield worse - by, before, f"worse by more than {by:g}{unit}"
     if (share := limit.worse_by_percent) is not None:
         yield worse - np.abs(before) * share / 100.0, before, f"worse by more than {share:g} %"

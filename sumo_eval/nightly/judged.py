@@ -15,7 +15,7 @@ from sumo_eval.nightly.history import Accepted, History, Night, ShakyCase
 from sumo_eval.nightly.repeats import AGAIN, bad_again, keys_of, repeats_of, shaky_cases
 from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_pairs, judge_rule
 from sumo_eval.record.progress import Progress
-from sumo_eval.report.gate_result import GateResult, failed
+from sumo_eval.report.gate_result import GateResult, LimitName, failed, in_order
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.gate_settings import GateSettings
@@ -53,7 +53,7 @@ class JudgedNight:
     noise: Noise
     shaky: frozenset[ShakyCase]
     builds: Mapping[str, str]
-    since: Mapping[tuple[str, str, str], Since] = field(default_factory=dict)
+    since: Mapping[LimitName, Since] = field(default_factory=dict)
 
 
 def judge_night(
@@ -93,12 +93,13 @@ def judge_night(
         gates += [result for result in failed(results) if result.name not in known]
     since = failing_since(lines, gates, done.folder.name)
     shaky, builds = frozenset(shaky_cases(done, noise.bad, gate)), done.manifest.get("builds", {})
-    return JudgedNight(bases, tuple(new_first(gates, since)), noise, shaky, builds, since)
+    ordered = in_order(gates, {name: one.nights for name, one in since.items()})
+    return JudgedNight(bases, ordered, noise, shaky, builds, since)
 
 
 def failing_since(
     lines: History, gates: Sequence[GateResult], tonight: str
-) -> dict[tuple[str, str, str], Since]:
+) -> dict[LimitName, Since]:
     """Since when each limit that failed tonight has failed, by its name."""
     nights = [night.night for night in lines.nights() if not night.imported]
     failing = {
@@ -115,18 +116,6 @@ def failing_since(
             unbroken.append(night)
         since[gate.name] = Since(unbroken[-1], len(unbroken))
     return since
-
-
-def new_first(
-    gates: Sequence[GateResult], since: Mapping[tuple[str, str, str], Since]
-) -> list[GateResult]:
-    """Limits that failed, new failures before old ones, and then all others."""
-
-    def place(gate: GateResult) -> tuple[bool, int]:
-        bad = gate.passed is False
-        return not bad, since[gate.name].nights if bad else 0
-
-    return sorted(gates, key=place)
 
 
 def new_pin(

@@ -94,6 +94,7 @@ def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
         "cases": [
             asdict(one)
             | {
+                "words": one.words,
                 "replay": ways["again"],
                 "run": ways["alone"],
                 "link": f"{REPORT}#case:{case_key(one.case)}",

@@ -9,11 +9,10 @@ from functools import partial
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult
-from sumo_eval.report.words import cause_words, count, placed, severity_words, why_missing
+from sumo_eval.report.words import MEASURES, cause_words, count, placed, severity_words, why_missing
 from sumo_eval.scoring.comparison import Comparison
-from sumo_eval.scoring.gate_settings import GateSettings
+from sumo_eval.scoring.gate_settings import ENDS, TIMED, GateSettings
 from sumo_eval.scoring.rule import (
-    ENDS,
     Noise,
     Tally,
     can_fail,
@@ -25,15 +24,14 @@ from sumo_eval.scoring.rule import (
     tallies,
 )
 
-WORDS = {
-    "min_gap": ("smallest gap", "m"), "min_ttc": ("smallest TTC", "s"), "pet": ("PET", "s"),
-    "max_drac": ("largest DRAC", "m/s2"), "max_jerk": ("largest jerk", "m/s3"),
-    "task_share": ("t_i", ""),
-    "simulated_time": ("time of the drive", "s"), "human_likeness": ("H_i", ""),
-    "index": ("D_i", ""),
-    "latency_relative": ("latency", ""),
+_TIMES = "no_return_time", "braking_time", "departure_time", "settling_time"
+WORDS = {name: (words, f" {unit}") for name, words, unit in MEASURES} | {
+    "task_share": ("t_i", ""), "simulated_time": ("time of the drive", " s"),
+    "human_likeness": ("H_i", ""), "index": ("D_i", ""), "latency_relative": ("latency", ""),
+    "impact_speed": ("impact speed", " m/s"), "departure_speed": ("departure speed", " m/s"),
+    **{name: (name, " s") for name in (*TIMED[:-1], *_TIMES)},
 }  # fmt: skip
-"""Name and unit of what the rule watches by default."""
+"""Name and unit, after a space, of the columns that have a unit or that the rule watches."""
 
 EVERYWHERE = "all scenarios"
 
@@ -189,7 +187,7 @@ def _result(
     # the cases that could show a change, with the limit of their zone and without
     of = zones = count(tally.cases, "case")
     if tally.near and zone is not None:
-        of, zones = f"{of} inside {zone:g} {unit}", f"{of} inside the zone of interest"
+        of, zones = f"{of} inside {zone:g}{unit}", f"{of} inside the zone of interest"
     if not can_fail(tally, settings, noisy=noise.of(tally.ads).noisy):
         none = "cannot see a change with"
         return result(None, f"{words}: {none} {of}", reason=f"{none} {zones}", blind=words)
@@ -202,11 +200,11 @@ def _result(
         sentence += f"; one kept {tally.least_kept:z.0%} of its margin"
     keys = tuple(one.one.changed.paired.new[pair].case for one in tally.worse for pair in one.which)
     return result(
-        False, sentence, float(tally.number), None, keys[:MOST_KEYS], tuple(_worst(tally))
+        False, sentence, float(tally.number), None, keys[:MOST_KEYS], tuple(_worst(tally, unit))
     )
 
 
-def _worst(tally: Tally) -> Iterator[CaseChange]:
+def _worst(tally: Tally, unit: str) -> Iterator[CaseChange]:
     """The worst cases of all scenarios, with the values before and after."""
     sign = 1.0 if tally.measure.higher_is_better else -1.0
     first = [
@@ -217,4 +215,4 @@ def _worst(tally: Tally) -> Iterator[CaseChange]:
     for _, place, pair in sorted(first)[:MOST_NAMED]:
         worse = tally.worse[place]
         case = worse.one.changed.paired.new[pair]
-        yield CaseChange.of(case, float(worse.before[pair]), float(worse.after[pair]))
+        yield CaseChange.of(case, float(worse.before[pair]), float(worse.after[pair]), unit)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from sumo_eval.cases import CaseResult
+from sumo_eval.scoring.gate_settings import ENDS
 from sumo_eval.text import point_words
 
 MOST_NAMED = 5  # cases of a failed limit that are shown with their values
 MOST_KEYS = 1_000  # cases that a failed limit names by key
+LimitName = tuple[str, str, str]  # ADS, scenario, quantity
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,23 +20,27 @@ class CaseChange:
 
     point: in words.
     before, after: the limit's quantity, or how the case ended.
+    unit: of the quantity, after a space; "" without one.
     """
 
     case: str
     point: str
     before: float | str | None
     after: float | str | None
+    unit: str = ""
 
     @classmethod
-    def of(cls, case: CaseResult, before: float | str | None, after: float | str) -> CaseChange:
+    def of(
+        cls, case: CaseResult, before: float | str | None, after: float | str, unit: str = ""
+    ) -> CaseChange:
         """The change of a row of the new run."""
-        return cls(case.case, point_words(case.values), before, after)
+        return cls(case.case, point_words(case.values), before, after, unit)
 
     @property
     def words(self) -> str:
-        """`0.92 -> 0.32`."""
+        """`0.92 m -> 0.32 m`."""
         return " -> ".join(
-            "none" if value is None else value if isinstance(value, str) else f"{value:z.4g}"
+            f"{value:z.4g}{self.unit}" if isinstance(value, float) else value or "none"
             for value in (self.before, self.after)
         )
 
@@ -69,9 +75,29 @@ class GateResult:
     blind: str = ""
 
     @property
-    def name(self) -> tuple[str, str, str]:
+    def name(self) -> LimitName:
         """Identity of the limit across nights: ADS, scenario, quantity."""
         return self.ads, self.scenario, self.quantity
+
+
+def in_order(
+    results: Sequence[GateResult], nights: Mapping[LimitName, int]
+) -> tuple[GateResult, ...]:
+    """Limits that failed, that passed, and that could not be evaluated.
+
+    Of those that failed, new failures come first, and of these bad ends, the gravest first. The
+    rest keeps its order.
+
+    nights: for how many nights each limit has failed, by its name; none: 0.
+    """
+    # places below 0, the gravest first
+    grave = {end: -place for place, end in enumerate(("severity", *reversed(ENDS)), start=1)}
+
+    def place(one: GateResult) -> tuple[int, int, int]:
+        passed = [False, True, None].index(one.passed)
+        return passed, nights.get(one.name, 0), grave.get(one.quantity, 0)
+
+    return tuple(sorted(results, key=place))
 
 
 def failed(results: Sequence[GateResult]) -> tuple[GateResult, ...]:

@@ -96,10 +96,7 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
                 if comparison and gate.worst
                 else "",
             )
-            # failed, passed, not evaluated
-            for gate in sorted(
-                beside.gates, key=lambda gate: [False, True, None].index(gate.passed)
-            )
+            for gate in beside.gates
         ],
         "counts": [_counts(one, comparison.confidence if comparison else 0.0) for one in ads],
         "cases": [

@@ -9,7 +9,7 @@ from itertools import chain, islice
 from pathlib import Path
 
 from sumo_eval.report.checks import check_lines
-from sumo_eval.report.gate_result import GateResult, failed
+from sumo_eval.report.gate_result import GateResult, LimitName, failed
 from sumo_eval.report.page import REPORT, case_key
 from sumo_eval.report.qualification import qualification_sentence
 from sumo_eval.report.verdict import verdict
@@ -261,7 +261,7 @@ def moved_words(item: ChangedCase, unit: str) -> list[str]:
 def gate_lines(
     gates: Sequence[GateResult],
     run: Path | None = None,
-    since: Mapping[tuple[str, str, str], str] | None = None,
+    since: Mapping[LimitName, str] | None = None,
 ) -> list[str]:
     """Limits that failed with their worst cases, those not evaluated, and how many passed.
 

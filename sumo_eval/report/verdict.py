@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from sumo_eval.report.gate_result import GateResult, failed
+from sumo_eval.report.gate_result import GateResult, LimitName, failed
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import Comparison
@@ -45,7 +45,7 @@ class Beside:
 
     comparison: Comparison | None = None
     gates: tuple[GateResult, ...] = ()
-    since: Mapping[tuple[str, str, str], str] = field(default_factory=dict)
+    since: Mapping[LimitName, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     confidence: Confidence | None = None
     levers: CaseLevers | None = None

@@ -10,12 +10,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Final
 
-from annotated_types import Ge, Gt, Le, Lt
+from annotated_types import Ge, Le
 
 from sumo_eval.cases import NUMBERS
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.scoring.case_terms import SCORES
-from sumo_eval.settings import About, Checked, NotNegative
+from sumo_eval.settings.checked import (
+    About,
+    Checked,
+    InnerShare,
+    Natural,
+    NotNegative,
+    NotNegativeFloat,
+    PositiveInt,
+    Share,
+)
 from sumo_eval.settings.config import read_checked
 
 INDEXES: Final = {name: attribute for name, (attribute, _) in SCORES.items() if name != "regret"}
@@ -52,6 +61,12 @@ OF_U: Final = frozenset((
     "severity", "ideal_severity", "no_reaction_severity", "departure_severity", "incident_severity",
 ))  # fmt: skip
 """Columns in the unit of U; they are compared only where both runs have U in one unit."""
+
+ENDS: Final = {
+    "collided": "collided", "departed": "left the road", "gave_up": "gave up",
+    "not_evaluated": "not evaluated", "missed": "missed a requirement",
+}  # fmt: skip
+"""Words for each bad end, the gravest first. A case with several counts for the first one."""
 
 TIMED: Final = (
     "wall_time", "latency_mean", "latency_max", "latency_median", "latency_p99",
@@ -99,8 +114,7 @@ class LimitSettings(Checked):
         float | None, About("largest change for the worse, of the base's value", "%")
     ] = None
     tolerance: Annotated[
-        float,
-        NotNegative,
+        NotNegativeFloat,
         About(
             "what rounding may change beyond a bound, times the larger of 1 and the bound, or of "
             "1 and the base's value for `worse_by` and `worse_by_percent`"
@@ -121,10 +135,10 @@ class MeasureSettings(Checked):
 
     quantity: Annotated[str, About("a column of cases.csv")]
     absolute: Annotated[
-        float, NotNegative, About("least change that counts, in the quantity's own unit")
+        NotNegativeFloat, About("least change that counts, in the quantity's own unit")
     ]
     share: Annotated[
-        float, NotNegative, About("least change that counts, as a share of the base's value")
+        NotNegativeFloat, About("least change that counts, as a share of the base's value")
     ] = 0.0
     zone: Annotated[
         float | None,
@@ -152,13 +166,12 @@ class OutcomeSettings(Checked):
         ),
     ] = None
     floors: Annotated[
-        float,
-        NotNegative,
+        NotNegativeFloat,
         About("least rise of U that counts, as a multiple of its floor (`noise.factor`)"),
     ] = 2.0
-    repeats: Annotated[int, Ge(0), About("repetitions of a case that became bad")] = 4
+    repeats: Annotated[Natural, About("repetitions of a case that became bad")] = 4
     bad_of: Annotated[
-        int, Ge(1), About("how many of these drives, the first among them, must be bad")
+        PositiveInt, About("how many of these drives, the first among them, must be bad")
     ] = 3
 
 
@@ -167,11 +180,9 @@ class NearMissSettings(Checked):
     """Part two of the rule: whether more cases lost than gained distance to an accident."""
 
     on: Annotated[bool, About("whether this part is evaluated")] = True
-    chance: Annotated[float, Gt(0.0), Lt(1.0), About("P of the sign test below which it fails")] = (
-        0.1
-    )
+    chance: Annotated[InnerShare, About("P of the sign test below which it fails")] = 0.1
     kept_margin: Annotated[
-        float, NotNegative, About("share of its distance to an accident that a case must keep")
+        NotNegativeFloat, About("share of its distance to an accident that a case must keep")
     ] = 0.6
     measure: Annotated[tuple[MeasureSettings, ...], About("what is watched")] = (
         MeasureSettings("min_gap", absolute=0.1, share=0.1, zone=2.0),
@@ -185,14 +196,10 @@ class ShiftSettings(Checked):
     """Part three of the rule: whether many cases became a little worse."""
 
     on: Annotated[bool, About("whether this part is evaluated")] = True
-    chance: Annotated[float, Gt(0.0), Lt(1.0), About("P of the sign test below which it fails")] = (
-        0.02
-    )
-    cases: Annotated[int, Ge(1), About("least number of worse cases")] = 3
-    share: Annotated[float, NotNegative, Le(1.0), About("least share of worse cases")] = 0.05
-    share_alone: Annotated[
-        float, NotNegative, Le(1.0), About("share that fails if no case is better")
-    ] = 0.15
+    chance: Annotated[InnerShare, About("P of the sign test below which it fails")] = 0.02
+    cases: Annotated[PositiveInt, About("least number of worse cases")] = 3
+    share: Annotated[Share, About("least share of worse cases")] = 0.05
+    share_alone: Annotated[Share, About("share that fails if no case is better")] = 0.15
     measure: Annotated[tuple[MeasureSettings, ...], About("what is watched")] = (
         MeasureSettings("task_share", 0.01),
         MeasureSettings("simulated_time", 0.25, 0.02, higher_is_better=False),
@@ -207,32 +214,25 @@ class NoiseSettings(Checked):
     """Detection of ADSs that do not repeat bit for bit, and the tolerance for them."""
 
     cases: Annotated[
-        int,
-        Ge(0),
+        Natural,
         About("cases of an ADS that a night drives twice; 0: each ADS is taken to repeat"),
     ] = 30
-    quantile: Annotated[float, Gt(0.0), Lt(1.0), About("of the differences between two drives")] = (
-        0.95
-    )
+    quantile: Annotated[InnerShare, About("of the differences between two drives")] = 0.95
     factor: Annotated[
-        float, NotNegative, About("a floor, the least tolerance, is this times that quantile")
+        NotNegativeFloat, About("a floor, the least tolerance, is this times that quantile")
     ] = 1.5
-    chance: Annotated[
-        float, Gt(0.0), Lt(1.0), About("P of all sign tests of a night together (Holm)")
-    ] = 0.02
+    chance: Annotated[InnerShare, About("P of all sign tests of a night together (Holm)")] = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class GateSettings(Checked):
     """Comparison of two runs, and the changes that fail it."""
 
-    confidence: Annotated[
-        float, Gt(0.0), Lt(1.0), About("share that the intervals of differences cover")
-    ] = 0.95
+    confidence: Annotated[InnerShare, About("share that the intervals of differences cover")] = 0.95
     resamples: Annotated[
         int, Ge(100), Le(1_000_000), About("resamples of the paired bootstrap")
     ] = 2000
-    seed: Annotated[int, Ge(0), About("of the resampling")] = 1
+    seed: Annotated[Natural, About("of the resampling")] = 1
     harsher_by: Annotated[
         float | None,
         NotNegative,
@@ -245,8 +245,7 @@ class GateSettings(Checked):
         ),
     ] = None
     less_human_by: Annotated[
-        float,
-        NotNegative,
+        NotNegativeFloat,
         About(
             "change of a case's human-likeness, or of D_i, from which it is less or more human",
             symbol="D_i",
@@ -254,9 +253,7 @@ class GateSettings(Checked):
         ),
     ] = 0.01
     lost_share: Annotated[
-        float,
-        NotNegative,
-        Le(1.0),
+        Share,
         About(
             "share of the base's cases that a night may lose; a lost ADS or scenario always fails"
         ),

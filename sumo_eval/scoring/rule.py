@@ -17,6 +17,7 @@ from scipy.special import bdtr
 from sumo_eval.cases import CaseTable, Column
 from sumo_eval.scoring.comparison import AdsComparison, Comparison
 from sumo_eval.scoring.gate_settings import (
+    ENDS,
     LAST_DIGIT,
     SEVERITY_BY,
     TIMED,
@@ -171,13 +172,6 @@ class Ends:
 def both_ends(one: AdsComparison) -> tuple[Ends, Ends]:
     """Ends of the paired cases in the base and in the new run."""
     return Ends.of(one.changed.paired.base), Ends.of(one.changed.paired.new)
-
-
-ENDS = {
-    "collided": "collided", "departed": "left the road", "gave_up": "gave up",
-    "not_evaluated": "not evaluated", "missed": "missed a requirement",
-}  # fmt: skip
-"""Words for each bad end. A case with several counts for the first one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

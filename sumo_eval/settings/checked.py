@@ -52,7 +52,13 @@ class About:
 Positive = Gt(0.0)
 NotNegative = Ge(0.0)
 PositiveFloat = Annotated[float, Positive]
+PositiveOrNone = Annotated[float | None, Positive]
 NotNegativeFloat = Annotated[float, NotNegative]
+Share = Annotated[NotNegativeFloat, Le(1.0)]
+InnerShare = Annotated[PositiveFloat, Lt(1.0)]  # neither 0 nor 1
+Natural = Annotated[int, Ge(0)]
+PositiveInt = Annotated[int, Ge(1)]
+FilledText = Annotated[str, MinLen(1)]
 
 
 @functools.lru_cache(maxsize=64)

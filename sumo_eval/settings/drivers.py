@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
 
-from sumo_eval.settings.checked import About, Checked, NotNegativeFloat, PositiveFloat
+from sumo_eval.settings.checked import About, Checked, PositiveFloat, Share
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,9 +17,7 @@ class PopulationSettings(Checked):
     The defaults are fitted to recorded drivers (docs/explanation/drivers.md).
     """
 
-    overtake_share: Annotated[
-        NotNegativeFloat, Le(1.0), About("share who overtake a slower lead vehicle")
-    ] = 0.771
+    overtake_share: Annotated[Share, About("share who overtake a slower lead vehicle")] = 0.771
     headway_scale: Annotated[
         PositiveFloat, About("factor on the desired time headway of all drivers (IDM)", symbol="T")
     ] = 1.0

@@ -9,10 +9,17 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
-from annotated_types import Ge, MinLen
+from annotated_types import Ge
 
 from sumo_eval.errors import must_be
-from sumo_eval.settings.checked import About, Checked, Positive, PositiveFloat
+from sumo_eval.settings.checked import (
+    About,
+    Checked,
+    FilledText,
+    Natural,
+    PositiveFloat,
+    PositiveOrNone,
+)
 from sumo_eval.settings.drivers import DriverSettings
 from sumo_eval.settings.method import MethodSettings
 from sumo_eval.settings.report import ReportSettings
@@ -67,8 +74,7 @@ class SamplingSettings(Checked):
         ),
     ] = None
     until: Annotated[
-        float | None,
-        Positive,
+        PositiveOrNone,
         About(
             "of `adaptive`: no further round once half the width of every ADS's 95 % interval, of "
             "what `aim` names, is at most this; default: all of `count`",
@@ -154,7 +160,7 @@ class ScenarioSettings(Checked):
 class AdsSettings(Checked):
     """One ADS under test."""
 
-    name: Annotated[str, MinLen(1), About("what the tables call it")]
+    name: Annotated[FilledText, About("what the tables call it")]
     controller: Annotated[
         str,
         About(
@@ -167,8 +173,7 @@ class AdsSettings(Checked):
     ] = None
 
     period: Annotated[
-        float | None,
-        Positive,
+        PositiveOrNone,
         About(
             "time between calls, in which the last answer stays in force; default: a time step", "s"
         ),
@@ -222,12 +227,12 @@ class AdsSettings(Checked):
 class EvaluationSettings(Checked):
     """Everything an evaluation depends on: the content of evaluation.toml, defaults filled in."""
 
-    name: Annotated[str, MinLen(1), About("name of the evaluation")]
+    name: Annotated[FilledText, About("name of the evaluation")]
     scenario: Annotated[tuple[ScenarioSettings, ...], About("logical scenarios")]
     ads: Annotated[
         tuple[AdsSettings, ...], About("ADSs under test; none where `--ads` names them")
     ] = ()
-    seed: Annotated[int, Ge(0), About("the only source of randomness")] = 1
+    seed: Annotated[Natural, About("the only source of randomness")] = 1
     drivers: DriverSettings = field(default_factory=DriverSettings)
     run: RunSettings = field(default_factory=RunSettings)
     simulation: SimulationSettings = field(default_factory=SimulationSettings)

@@ -7,10 +7,20 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from annotated_types import Ge, Le, MinLen
+from annotated_types import Ge, Le
 
 from sumo_eval.errors import must_be
-from sumo_eval.settings.checked import About, Checked, NotNegativeFloat, Positive, PositiveFloat
+from sumo_eval.settings.checked import (
+    About,
+    Checked,
+    FilledText,
+    Natural,
+    NotNegativeFloat,
+    PositiveFloat,
+    PositiveInt,
+    PositiveOrNone,
+    Share,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +36,7 @@ class FieldSettings(Checked):
         About("decay of the field with distance", symbol="k1", equation="10"),
     ] = 0.5
     k2: Annotated[
-        NotNegativeFloat,
-        Le(1.0),
+        Share,
         About("growth of the field with speed ahead", "s/m", symbol="k2", equation="10"),
     ] = 0.005
     sample_interval: Annotated[
@@ -83,7 +92,7 @@ class AnthropomorphicSettings(Checked):
         PositiveFloat, About("reach of a slice to each side of the centre", "m", equation="11")
     ] = 1.5
     points_per_side: Annotated[
-        int, Ge(1), Le(1_000), About("sample points on each side of the centre", equation="11")
+        PositiveInt, Le(1_000), About("sample points on each side of the centre", equation="11")
     ] = 3
     centre_deviation_floor: Annotated[
         float, Ge(1e-6), About("smallest deviation of the human centre", "m", equation="12")
@@ -112,8 +121,7 @@ class AnthropomorphicSettings(Checked):
         ),
     ] = 10.0
     steering_lateral_acceleration: Annotated[
-        float | None,
-        Positive,
+        PositiveOrNone,
         About(
             "instead of `steering_threshold_deg`: an operation begins when the steering wheel "
             "angle gives this lateral acceleration at the current speed (wheel)",
@@ -179,11 +187,10 @@ class ZoneSettings(Checked):
         PositiveFloat, About("scale of the squared-time target", "s2", equation="7")
     ] = 10.0
     restarts: Annotated[
-        int, Ge(0), Le(1_000), About("restarts of the GP's hyperparameter search", equation="8")
+        Natural, Le(1_000), About("restarts of the GP's hyperparameter search", equation="8")
     ] = 4
     refinements: Annotated[
-        int,
-        Ge(0),
+        Natural,
         Le(1_000),
         About(
             "rounds in which training points are added where the GP is wrong, while that is over "
@@ -204,8 +211,7 @@ class CollisionSettings(Checked):
         About("compare U (as printed) or the loss class L", equation="17"),
     ] = "severity"
     severity: Annotated[
-        str,
-        MinLen(1),
+        FilledText,
         About(
             "replacement for U: severity (U of Eq. 15), eq14 (its class L), injury:car_driver, "
             "injury:pedestrian, injury:cyclist, or package.module:function from a Contact to a "
@@ -215,8 +221,7 @@ class CollisionSettings(Checked):
         ),
     ] = "severity"
     age: Annotated[
-        float | None,
-        Positive,
+        PositiveOrNone,
         Le(120.0),
         About("age of the injured person, for `injury:`; default: the risk curve's own", "a"),
     ] = None
@@ -303,8 +308,7 @@ class TaskSettings(Checked):
     """The driving task: T, and the grade A' of avoided harm."""
 
     task_reference: Annotated[
-        str,
-        MinLen(1),
+        FilledText,
         About("baseline whose times T compares with, driven at every point under no conditions"),
     ] = "attentive"
     road_margin: Annotated[

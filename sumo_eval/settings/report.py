@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from annotated_types import Ge, Le, MinLen
+from annotated_types import Le
 
-from sumo_eval.settings.checked import About, Checked
+from sumo_eval.settings.checked import About, Checked, FilledText, PositiveInt
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,8 +15,7 @@ class ReportSettings(Checked):
     """Content of the report and the JUnit file. Scores do not depend on it."""
 
     reference: Annotated[
-        str,
-        MinLen(1),
+        FilledText,
         About(
             "name or controller of the ADS that decides what was preventable; the ideal vehicle "
             "if none is so called"
@@ -27,7 +26,7 @@ class ReportSettings(Checked):
         About("a JUnit test for each concrete scenario, or for each cell of the space"),
     ] = "case"
     junit_cells: Annotated[
-        int, Ge(1), Le(100), About("cells on each axis of the space, for JUnit tests by cell")
+        PositiveInt, Le(100), About("cells on each axis of the space, for JUnit tests by cell")
     ] = 4
     junit_failures: Annotated[
         Literal["any", "avoidable"],

@@ -7,14 +7,14 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
 
-from sumo_eval.settings.checked import About, Checked, PositiveFloat
+from sumo_eval.settings.checked import About, Checked, PositiveFloat, PositiveInt
 
 
 @dataclass(frozen=True, slots=True)
 class RunSettings(Checked):
     """Execution of the cases."""
 
-    workers: Annotated[int, Ge(1), Le(1_000), About("processes that simulate cases")] = 2
+    workers: Annotated[PositiveInt, Le(1_000), About("processes that simulate cases")] = 2
     case_timeout: Annotated[PositiveFloat, Le(1e6), About("wall time a case may take", "s")] = 60.0
     step_timeout: Annotated[
         PositiveFloat, Le(1e6), About("wall time one controller step may take", "s")
@@ -23,11 +23,10 @@ class RunSettings(Checked):
         float, Ge(512.0), Le(1e8), About("memory that the process of a case may fill", "MB")
     ] = 4096.0
     cases_per_child: Annotated[
-        int, Ge(1), About("cases after which a child process is replaced by a fresh one")
+        PositiveInt, About("cases after which a child process is replaced by a fresh one")
     ] = 500
     cases_per_pack: Annotated[
-        int,
-        Ge(1),
+        PositiveInt,
         Le(512),
         About(
             "cases simulated together at most where the driver of the ego has a form for many; 1: "

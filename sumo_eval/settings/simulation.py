@@ -7,9 +7,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from annotated_types import Le, Lt, MinLen
+from annotated_types import Le, Lt
 
-from sumo_eval.settings.checked import About, Checked, NotNegativeFloat, Positive, PositiveFloat
+from sumo_eval.settings.checked import (
+    About,
+    Checked,
+    FilledText,
+    NotNegativeFloat,
+    PositiveFloat,
+    PositiveOrNone,
+    Share,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,9 +102,7 @@ class ConditionSettings(Checked):
     perception_delay: Annotated[
         NotNegativeFloat, About("age of what is seen of other vehicles", "s")
     ] = 0.0
-    dropout: Annotated[
-        NotNegativeFloat, Le(1.0), About("chance that a vehicle is missed at a step")
-    ] = 0.0
+    dropout: Annotated[Share, About("chance that a vehicle is missed at a step")] = 0.0
     position_noise: Annotated[
         NotNegativeFloat,
         About("standard deviation of seen positions, along and across the road", "m"),
@@ -105,13 +111,11 @@ class ConditionSettings(Checked):
         NotNegativeFloat, About("standard deviation of seen speeds along the heading", "m/s")
     ] = 0.0
     sensor_range: Annotated[
-        float | None,
-        Positive,
+        PositiveOrNone,
         About("farthest other vehicle that is seen, centre to centre; default: no limit", "m"),
     ] = None
     field_of_view_deg: Annotated[
-        float | None,
-        Positive,
+        PositiveOrNone,
         Le(360.0),
         About("angle in front of the ego that is seen; default: all around", "deg"),
     ] = None
@@ -122,8 +126,7 @@ class ConditionSettings(Checked):
         NotNegativeFloat, About("time until a Command reaches the vehicle", "s")
     ] = 0.0
     step_budget: Annotated[
-        float | None,
-        Positive,
+        PositiveOrNone,
         About(
             "wall time of a step after which its Command is late and the last one holds; default: "
             "none",
@@ -164,7 +167,7 @@ class PlantSettings(FmuSettings):
     """An FMU as the ego's vehicle model, in place of the single-track model."""
 
     # a field after others with defaults needs one: `MinLen` refuses it, so a file must be given
-    file: Annotated[str, MinLen(1), About("the FMU, relative to the evaluation file")] = ""
+    file: Annotated[FilledText, About("the FMU, relative to the evaluation file")] = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,8 +244,7 @@ class SimulationSettings(Checked):
         About("pressure build-up time of its brakes", "s", symbol="Ug", equation="17"),
     ] = 0.15
     ideal_visible_share: Annotated[
-        NotNegativeFloat,
-        Le(1.0),
+        Share,
         About(
             "share of a vehicle's width that must show for the ideal vehicle to see it; 0: none",
             symbol="Ug",

@@ -360,7 +360,7 @@ def test_a_column_is_evaluated_case_by_case(evaluation):
             base, new, LimitSettings("min_gap", ads=case.ads, scenario=case.scenario, **bound)
         )
         assert [result.passed for result in results] == [not fails], bound
-        assert [one.words for result in results for one in result.worst] == ["5 -> 3"] * fails
+        assert [one.words for result in results for one in result.worst] == ["5 m -> 3 m"] * fails
     (blind,) = judged(
         base, new, LimitSettings("pet", ads=case.ads, scenario=case.scenario, at_least=1.0)
     )

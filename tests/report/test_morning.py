@@ -17,12 +17,12 @@ from sumo_eval.errors import InputError
 from sumo_eval.nightly.bases import Bases, accept, pin_of
 from sumo_eval.nightly.gates import judge
 from sumo_eval.nightly.history import Accepted, Night, open_history
-from sumo_eval.nightly.judged import JudgedNight, Since, new_first, new_pin
+from sumo_eval.nightly.judged import JudgedNight, Since, new_pin
 from sumo_eval.nightly.morning import _code, github_annotations, tell_github, write_night
 from sumo_eval.nightly.night import _refuse_without_history
 from sumo_eval.nightly.rule_limits import judge_rule
 from sumo_eval.nightly.trend import write_trend
-from sumo_eval.report.gate_result import failed
+from sumo_eval.report.gate_result import failed, in_order
 from sumo_eval.report.junit import comparison_suites, write_junit
 from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.gate_settings import GateSettings, LimitSettings
@@ -92,12 +92,12 @@ def test_summary_and_chat_say_what_failed_and_since_when(judged, folder):
     summary = (folder / "summary.md").read_text()
     chat = json.loads((folder.parents[1] / "chat.json").read_text())["text"]
     assert summary.startswith("## WORSE than \\*yesterday\\*\n")
-    assert f"- **{builders.CALM}** in {gate.scenario} (new): smallest gap: 1 worse" in summary
+    assert f"- **{builders.CALM}** in {gate.scenario} (new): smallest gap ahead: 1 worse" in summary
     assert f"`{case}`: " in summary
     assert f"--only {case}`" in summary
     assert f"build of {builders.CALM}: abc in the base, def in the new run" in summary
-    assert "smallest gap: 1 worse, 0 better" in chat
-    assert f"{case}: 0.92 -> 0.32" in chat
+    assert "smallest gap ahead: 1 worse, 0 better" in chat
+    assert f"{case}: 0.92 m -> 0.32 m" in chat
     assert f"differs: build of {builders.CALM}: abc in the base, def in the new run" in chat
 
 
@@ -121,9 +121,12 @@ def test_accept_lists_the_cases_that_it_accepts(judged, folder, evaluation):
     with open_history(history, create=True) as lines:
         lines.add(night(SECOND, 1), evaluation, judged.gates)
     (gate,) = failed(judged.gates)
+    told = json.loads((folder / "night.json").read_text())
+    told["failed"].append({**told["failed"][0], "quantity": "pet"})
+    (folder / "night.json").write_text(json.dumps(told))
     _, accepted, remaining = accept(history, None, "closer on purpose", None)
-    sentence = f"{gate.ads} in {gate.scenario}: {gate.sentence}"
-    assert accepted == [sentence, f"{gate.worst[0].case}: 0.92 -> 0.32"]
+    sentence, moved = f"{gate.ads} in {gate.scenario}: {gate.sentence}", "0.92 m -> 0.32 m"
+    assert accepted == [sentence, f"{gate.worst[0].case}: min_gap {moved}; pet {moved}"]
     assert not remaining
 
 
@@ -158,7 +161,7 @@ def test_an_annotation_is_one_line_for_github(judged):
     head, _, body = line.removeprefix("::").partition("::")
     assert head == f"error title=min_gap of {builders.CALM}"
     assert "\n" not in line
-    assert "0.92 -> 0.32" in body
+    assert "0.92 m -> 0.32 m" in body
 
 
 def test_a_summary_that_cannot_be_written_is_only_said(judged, folder, monkeypatch):
@@ -167,11 +170,13 @@ def test_a_summary_that_cannot_be_written_is_only_said(judged, folder, monkeypat
     assert said[0].startswith("$GITHUB_STEP_SUMMARY cannot be written: [Errno 21]")
 
 
-def test_new_failures_stand_before_old_ones(judged):
+def test_new_failures_stand_first_and_of_these_the_gravest_ends(judged):
     (gate,) = failed(judged.gates)
-    old, other = replace(gate, quantity="pet"), replace(gate, quantity="min_ttc", passed=True)
-    since = {old.name: Since(FIRST, 2), gate.name: Since(SECOND, 1)}
-    assert new_first([other, old, gate], since) == [gate, old, other]
+    names = "min_ttc", "departed", "min_gap", "severity", "collided"
+    other, old, near, harder, hit = (replace(gate, quantity=name) for name in names)
+    other = replace(other, passed=True)
+    nights = {old.name: 2} | dict.fromkeys((near.name, harder.name, hit.name), 1)
+    assert in_order([other, old, near, harder, hit], nights) == (hit, harder, near, old, other)
 
 
 def test_junit_has_values_before_and_after(judged, tmp_path):
@@ -180,7 +185,7 @@ def test_junit_has_values_before_and_after(judged, tmp_path):
     (bad,) = [
         case for suite in suites if suite.name == "gates" for case in suite if case.is_failure
     ]
-    assert "0.92 -> 0.32" in bad.result[0].text
+    assert "0.92 m -> 0.32 m" in bad.result[0].text
     assert "--only" in bad.result[0].text
 
 

@@ -323,7 +323,7 @@ def test_too_few_cases_are_not_good_news(evaluation):
     results = judge(base, compare(base, base, SETTINGS), SETTINGS)
     (gap,) = [one for one in results if one.ads == builders.CALM and one.quantity == "min_gap"]
     assert gap.passed is None
-    assert gap.sentence == "smallest gap: cannot see a change with 0 cases inside 2 m"
+    assert gap.sentence == "smallest gap ahead: cannot see a change with 0 cases inside 2 m"
 
 
 def test_parts_are_settings(evaluation):
