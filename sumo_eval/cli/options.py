@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 PATH = click.Path(path_type=Path)
-POSITIVE = click.FloatRange(min=0, min_open=True)
+POSITIVE = click.FloatRange(min=0, max=1e6, min_open=True)
 
 path_argument = partial(click.argument, type=PATH)
 path_option = partial(click.option, type=PATH)

@@ -5,6 +5,7 @@ reproduced.
 from __future__ import annotations
 
 import sys
+from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,8 +29,7 @@ from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 from sumo_eval.cli.stopping import heard, stop_on_signal
 from sumo_eval.cli.tools import refuse_a_bare_file
-
-_MOST_LISTED = 20  # drives that `verify` lists
+from sumo_eval.text import without_numbers
 
 
 @click.command(epilog="Example: sumo-eval run evaluation.toml --out results/first --workers 2")
@@ -208,9 +208,10 @@ def verify(run: Path, share: float, workers: int | None) -> None:
 
     with Progress() as progress:
         drives, differences = simulate_again(run, share, workers=workers, progress=progress)
-    say(differences[:_MOST_LISTED])
-    if len(differences) > _MOST_LISTED:
-        tell(f"and {len(differences) - _MOST_LISTED} more.")
+    alike = defaultdict[str, list[str]](list)  # whole lines, by their reason without numbers
+    for case, why in differences:
+        alike[without_numbers(why)].append(f"{case}: {why}.")
+    say(f"{line}{f' So are {len(more)} more.' if more else ''}" for line, *more in alike.values())
     if differences:
         tell(f"{len(differences)} of {drives} drives of {run} differ from the recorded ones.")
         sys.exit(GATE_FAILED)

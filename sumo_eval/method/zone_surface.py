@@ -120,8 +120,8 @@ def fit(
         side, level = ("hazardous", -1.0) if hazardous[0] else ("safe", 1.0)
         nothing = np.empty(0)
         return Surface(unit[:0], nothing, np.full(k, np.inf), 0.0, 0.0, level, to_x), [
-            f"All {n} training points are {side}: no GP is fitted, and the whole space counts as "
-            "such."
+            f"A zone boundary needs safe and hazardous training points; all {n} are {side}, so the "
+            "whole space counts as such. If it has a boundary, make `step` smaller or ranges wider."
         ]
 
     # along each coordinate: the widest gap between its values, at least that of an even grid

@@ -397,10 +397,11 @@ def parse_shard(text: str) -> tuple[int, int]:
 
 def verify(
     folder: Path, share: float, *, workers: int | None = None, progress: Progress = quiet
-) -> tuple[int, list[str]]:
+) -> tuple[int, list[tuple[str, str]]]:
     """Simulate a share of a run's drives again.
 
-    Returns the number of chosen drives, and a message for each that is not the same to the bit.
+    Returns the number of chosen drives, and case and reason of each that is not the same to the
+    bit.
     """
     if not 0.0 < share <= 1.0:  # refuses nan, too
         raise must_be("`share`", "`verify`", "above 0, at most 1", share)
@@ -419,15 +420,11 @@ def verify(
                 picked = stream.permutation(len(cases))[: math.ceil(share * len(cases))]
                 chosen += [cases[index] for index in sorted(picked)]
         same = [case for case in chosen if store.holds(case)]
-        differences = [
-            f"{case.key} depends on something that has changed since: the ADS, the simulator or "
-            "this package."
-            for case in chosen
-            if not store.holds(case)
-        ]
+        why = "it depends on what has changed since: the ADS, the simulator or this package"
+        differences = [(case.key, why) for case in chosen if not store.holds(case)]
         for done, (case, difference) in enumerate(drive_again(same, plan.setup, store), 1):
             if difference:
-                differences.append(f"{case.key} is not the same again: {difference}.")
+                differences.append((case.key, f"it is not the same again: {difference}"))
             progress("drives simulated again", done, len(same), len(differences))
     return len(chosen), differences
 

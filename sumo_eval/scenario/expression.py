@@ -198,7 +198,10 @@ def condition(text: str, owner: str) -> Expression:
 def _of_kind(text: str, owner: str, wanted: str, *, condition: bool) -> Expression:
     if not (isinstance(text, str) and text.strip()):
         raise must_be("The expression", owner, "a text such as `3.5 * ego_speed`", text)
-    expression = Expression(text)
+    try:
+        expression = Expression(text)
+    except InputError as error:
+        raise InputError(f"In {owner}: {error}") from None
     if _is_condition(_tree(text)) != condition:
         raise must_be(f"`{text}`", owner, wanted, text)
     return expression

@@ -190,7 +190,7 @@ def test_what_cannot_be_used_is_refused(tmp_path):
     with refusal("There is no features table"):
         find_controller("onnx:policy.onnx", tmp_path)
     table.write_text(text.replace("lead.gap", "lead.gab"))
-    with refusal(r"Unknown feature `lead\.gab`"):
+    with refusal(r"\.toml \(line \d+\): Unknown feature `lead\.gab`"):
         find_controller("onnx:policy.onnx", tmp_path)
     table.write_text(Interface(ACC.features[:2], ACC.actions).to_toml())
     with refusal(r"must be of shape \(rows, 2\), as its table has 2 features"):

@@ -110,7 +110,8 @@ def test_low_speed_has_no_hazardous_zone_at_all():
     assert np.all(zones.predicted(points) == 1.0)
     assert np.all(np.isinf(zones.surface.length_scales))
     assert zones.notes == (
-        "All 25 training points are safe: no GP is fitted, and the whole space counts as such.",
+        "A zone boundary needs safe and hazardous training points; all 25 are safe, so the whole "
+        "space counts as such. If it has a boundary, make `step` smaller or ranges wider.",
     )
 
 

@@ -131,6 +131,8 @@ def test_a_number_that_no_float_can_hold_is_refused(text):
         Expression(text)
     with refusal("must be finite"):
         number(10**400, "the test")
+    with refusal("In gap of my.toml: Expression"):
+        number(text, "gap of my.toml")
 
 
 @pytest.mark.parametrize(

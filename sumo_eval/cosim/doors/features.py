@@ -27,14 +27,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.observation import Observations
 from sumo_eval.errors import InputError, check_known, must_be, unknown
-from sumo_eval.settings.checked import Checked, Positive
+from sumo_eval.settings.checked import Checked, PositiveOrNone
 from sumo_eval.settings.config import read_checked, to_toml
 
 Floats = NDArray[Any]
@@ -127,7 +127,7 @@ class Interface(Checked):
     features: tuple[Feature, ...]
     actions: tuple[Action, ...]
     frame: Literal["road", "ego"] = "road"
-    period: Annotated[float | None, Positive] = None
+    period: PositiveOrNone = None
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
@@ -223,7 +223,7 @@ class _File(Checked):
     feature: tuple[Feature, ...] = ()
     action: tuple[Action, ...] = ()
     frame: Literal["road", "ego"] = "road"
-    period: Annotated[float | None, Positive] = None
+    period: PositiveOrNone = None
 
 
 def read_interface(path: Path) -> Interface:
@@ -232,9 +232,11 @@ def read_interface(path: Path) -> Interface:
     Raises InputError for a mistake in it.
     """
     table = read_checked(path, _File, "Features table")
-    return Interface(
-        table.feature, table.action or (Action("acceleration"),), table.frame, table.period
-    )
+    actions = table.action or (Action("acceleration"),)
+    try:
+        return Interface(table.feature, actions, table.frame, table.period)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def usual(*, steering: bool = False) -> Interface:
