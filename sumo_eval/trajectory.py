@@ -7,6 +7,7 @@ counter-clockwise positive). SI units throughout.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -167,6 +168,10 @@ def _course(x: FloatArray, y: FloatArray, time: FloatArray) -> FloatArray:
     # sample of the last motion up to each sample, -1 before the first motion
     last_motion = np.maximum.accumulate(np.where(moving, np.arange(x.size), -1))
     return course[np.where(last_motion >= 0, last_motion, np.argmax(moving))]
+
+
+Trajectories = Mapping[str, Trajectory]
+"""Trajectories of vehicles by name."""
 
 
 @dataclass(frozen=True, slots=True)

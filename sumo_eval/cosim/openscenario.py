@@ -42,7 +42,7 @@ from sumo_eval.scenario.road.lanes import EVERYWHERE, Crossing, LaneSpan, missin
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import Trajectory
+from sumo_eval.trajectory import Trajectories
 
 VERTEX_INTERVAL = 0.1  # s between the vertices of a trajectory
 HEIGHT = 1.5  # m, of every body: the format needs one, and the package has none
@@ -207,7 +207,7 @@ def openscenario_xml(
     settings: SimulationSettings,
     road_file: str,
     remark: str,
-    driven: Mapping[str, Trajectory] | None = None,
+    driven: Trajectories | None = None,
 ) -> str:
     """The scenario.
 
@@ -308,9 +308,7 @@ def _begin(name: str, start: Start, heading: float, road: Road) -> Any:
     )  # fmt: skip
 
 
-def _act(
-    concrete: ConcreteScenario, settings: SimulationSettings, recorded: Mapping[str, Trajectory]
-) -> Any:
+def _act(concrete: ConcreteScenario, settings: SimulationSettings, recorded: Trajectories) -> Any:
     """The act in which vehicles follow trajectories.
 
     recorded: trajectories by vehicle.

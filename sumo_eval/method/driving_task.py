@@ -8,7 +8,7 @@ Users: `scoring/` (for every case), `drivers/`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,7 +16,14 @@ import numpy as np
 
 from sumo_eval.method.measures import STANDING
 from sumo_eval.scenario.concrete import Road, Way
-from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory, half_extents
+from sumo_eval.trajectory import (
+    BoolArray,
+    Collision,
+    FloatArray,
+    Trajectories,
+    Trajectory,
+    half_extents,
+)
 
 PLACE_SPACING = 1.0  # m between the places of a way at which times are compared
 SHORT_OF_THE_END = 5.0
@@ -84,7 +91,7 @@ def roadside_contact(departure: Departure, overlap: float) -> Collision:
     )
 
 
-def is_excused(ego: Trajectory, actors: Mapping[str, Trajectory]) -> bool:
+def is_excused(ego: Trajectory, actors: Trajectories) -> bool:
     """Whether an ego stands at the end of its drive because of a road user.
 
     That is so if, at any time since the ego last moved, a road user was close ahead and hardly

@@ -9,7 +9,6 @@ sample. nan: not defined in this case. inf: unbounded.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,7 +16,7 @@ import numpy as np
 
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.road.reference_line import curvatures
-from sumo_eval.trajectory import Collision, FloatArray, Trajectory, half_extents
+from sumo_eval.trajectory import Collision, FloatArray, Trajectories, Trajectory, half_extents
 
 TOUCH = 1e-3
 """Bodies nearer than this, m, touch: a quotient by a gap this small, in the last sample before a
@@ -101,7 +100,7 @@ class Course(NamedTuple):
 
 def course_of(
     ego: Trajectory,
-    actors: Mapping[str, Trajectory],
+    actors: Trajectories,
     collision: Collision | None,
     road: Road,
 ) -> Course:
@@ -124,7 +123,7 @@ def course_of(
 
 def measures(
     ego: Trajectory,
-    actors: Mapping[str, Trajectory],
+    actors: Trajectories,
     collision: Collision | None,
     seen: Course,
 ) -> CriticalityMeasures:
@@ -247,7 +246,7 @@ def speed_along(drive: Trajectory, road: Road) -> FloatArray:
 
 def vehicle_ahead(
     ego: Trajectory,
-    actors: Mapping[str, Trajectory],
+    actors: Trajectories,
     collision: Collision | None,
     road: Road,
 ) -> tuple[FloatArray, FloatArray]:
@@ -323,7 +322,7 @@ def deceleration_to_avoid(gap: FloatArray, closing: FloatArray) -> FloatArray:
 
 
 def post_encroachment_time(
-    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None
+    ego: Trajectory, actors: Trajectories, collision: Collision | None
 ) -> float:
     """PET, s: least time from another vehicle's rear leaving a place of the road to the ego's
     front reaching it (Allen 1978).

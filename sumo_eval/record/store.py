@@ -69,9 +69,9 @@ _SEAL = "seal"
 _CONTENT = "content"  # the seal before trajectories were discarded
 _DISCARDED = "discarded bytes"
 LEFT_OUT = "left out"
-"""Beginning of the notes on drives of recorded drivers that count nowhere: JSON of their number that
-cover too little of the road, the largest share that one of these covers, and the number that leave
-the road."""
+"""Beginning of the notes on recorded drives that are left out: JSON of the number that cover too
+little of the road, the largest share that one of these covers, and the number that leave the
+road."""
 _NOTES = f"about WHERE name LIKE '{LEFT_OUT} %'"
 # bytes; the hash finds damage and careless edits, but a forger of the file can write one that fits
 _HASH_SIZE = 16
@@ -485,7 +485,7 @@ class Store:
 
     def left_out(self) -> list[tuple[int, float, int]]:
         """The notes of `LEFT_OUT`, one of each scenario and shard."""
-        return [json.loads(note) for (note,) in self._read(f"SELECT value FROM {_NOTES}")]  # noqa: S608
+        return [json.loads(*row) for row in self._read(f"SELECT value FROM {_NOTES}")]  # noqa: S608
 
     def take_over(self, other: Path) -> None:
         """Copy everything recorded in another store of the same format, in one transaction."""

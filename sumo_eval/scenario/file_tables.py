@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from annotated_types import Ge, MinLen
+from annotated_types import MinLen
 
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario.concrete import CHANGES, Road
@@ -52,7 +52,14 @@ from sumo_eval.scenario.sumo_network import read_road
 from sumo_eval.scenario.units import check_unit, check_uses, factor_to, in_own_unit
 from sumo_eval.scenario.vehicle_tables import EgoTable, Placement, VehicleTable
 from sumo_eval.scenario.zone_table import ZoneTable
-from sumo_eval.settings import About, Checked, Positive
+from sumo_eval.settings.checked import (
+    About,
+    Checked,
+    FilledText,
+    PositiveFloat,
+    PositiveInt,
+    PositiveOrNone,
+)
 from sumo_eval.text import capitalised
 
 
@@ -60,8 +67,8 @@ from sumo_eval.text import capitalised
 class ParameterTable(Checked):
     """One axis of the space."""
 
-    name: Annotated[str, MinLen(1), About("name, for expressions and tables")]
-    unit: Annotated[str, MinLen(1), About("unit; `1` for a share")]
+    name: Annotated[FilledText, About("name, for expressions and tables")]
+    unit: Annotated[FilledText, About("unit; `1` for a share")]
     about: Annotated[str, About("what it is")] = ""
     low: Annotated[float | None, About("lower end of the range")] = None
     high: Annotated[float | None, About("upper end of the range")] = None
@@ -146,10 +153,10 @@ class RoadTable(Checked):
     """A road, written for the scenario, or found in a network of the user's."""
 
     name: Annotated[str | None, About("name of its files; default: from its measures")] = None
-    lanes: Annotated[int, Ge(1), About("number of lanes")] = 2
-    lane_width: Annotated[float, Positive, About("width of each lane", "m")] = 3.5
+    lanes: Annotated[PositiveInt, About("number of lanes")] = 2
+    lane_width: Annotated[PositiveFloat, About("width of each lane", "m")] = 3.5
     length: Annotated[
-        float, Positive, About("length of the road; the end of the case is in [end]", "m")
+        PositiveFloat, About("length of the road; the end of the case is in [end]", "m")
     ] = 6000.0
     network: Annotated[str | None, About("a .net.xml instead, relative to this file")] = None
     edges: Annotated[
@@ -236,13 +243,12 @@ class RoadTable(Checked):
 class EndTable(Checked):
     """Further ends of a case, after contact, standstill and leaving the road."""
 
-    x: Annotated[float, Positive, About("the ego's centre reaches this place", "m")] = 600.0
-    time: Annotated[
-        float | None, Positive, About("simulated time; default: the simulation's own", "s")
-    ] = None
+    x: Annotated[PositiveFloat, About("the ego's centre reaches this place", "m")] = 600.0
+    time: Annotated[PositiveOrNone, About("simulated time; default: the simulation's own", "s")] = (
+        None
+    )
     standstill: Annotated[
-        float | None,
-        Positive,
+        PositiveOrNone,
         About(
             "how long the ego must stand, for scenes in which it has to drive off again; default: "
             "the simulation's own",
@@ -257,7 +263,7 @@ class SampleTable(Checked):
     `set`.
     """
 
-    name: Annotated[str, MinLen(1), About("name, for `method` of an evaluation's sampling")]
+    name: Annotated[FilledText, About("name, for `method` of an evaluation's sampling")]
     points: Annotated[tuple[tuple[float, ...], ...], MinLen(1), About("the rows")]
     about: Annotated[str, About("what they are")] = ""
     columns: Annotated[
@@ -342,8 +348,8 @@ class GivenTable(Checked):
 class OptionTable(Checked):
     """A number that `use` may set: `use = "cut_in?lateral_acceleration=1.5"`."""
 
-    name: Annotated[str, MinLen(1), About("name, for expressions and in `use`")]
-    unit: Annotated[str, MinLen(1), About("unit; `1` for a share")]
+    name: Annotated[FilledText, About("name, for expressions and in `use`")]
+    unit: Annotated[FilledText, About("unit; `1` for a share")]
     about: Annotated[str, About("what it is")] = ""
     default: Annotated[
         float | None, About("its value if `use` does not set it; default: infinite")
@@ -359,8 +365,7 @@ class JointTable(Checked):
     """Exposure of points from recorded events, with the dependence between parameters."""
 
     events: Annotated[
-        str,
-        MinLen(1),
+        FilledText,
         About("CSV with a row an event and a column a parameter, relative to this file"),
     ]
     kind: Annotated[
@@ -371,7 +376,7 @@ class JointTable(Checked):
         ),
     ] = "kde"
     bandwidth: Annotated[
-        float | None, Positive, About("kernel deviation divided by the data's; default: Scott's")
+        PositiveOrNone, About("kernel deviation divided by the data's; default: Scott's")
     ] = None
 
     def read(self, parameters: Sequence[Parameter], where: str, folder: Path) -> Joint:
@@ -464,7 +469,7 @@ class RequireTable(Checked):
 class ScenarioFile(Checked):
     """A logical scenario file."""
 
-    name: Annotated[str, MinLen(1), About("name of the scenario")]
+    name: Annotated[FilledText, About("name of the scenario")]
     parameter: Annotated[tuple[ParameterTable, ...], About("the axes of the space")]
     ego: Annotated[EgoTable, About("the vehicle under test")]
     zone: Annotated[

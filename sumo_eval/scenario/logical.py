@@ -13,14 +13,13 @@ from numbers import Real
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, check_known, check_name, must_be
 from sumo_eval.scenario.concrete import CHANGES, Actor, ConcreteScenario, EgoBody, Road, Start
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.requirement import Requirements
-from sumo_eval.settings import About, Checked, Positive
+from sumo_eval.settings.checked import About, Checked, Natural, PositiveFloat
 from sumo_eval.text import point_words
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -221,9 +220,9 @@ class Counterpart:
 class Occurrence(Checked):
     """Frequency with which the scenario occurred on the road, over all values of its parameters."""
 
-    events: Annotated[int, Ge(0), About("how many times")]
+    events: Annotated[Natural, About("how many times")]
     vehicle_km: Annotated[
-        float, Positive, About("driven by all vehicles that might have met it", "km")
+        PositiveFloat, About("driven by all vehicles that might have met it", "km")
     ]
     where: Annotated[str, About("on which roads, when")] = ""
 

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, MinLen
 
 from sumo_eval.errors import check_vehicle_name, must_be
 from sumo_eval.scenario.bodies import BODIES
 from sumo_eval.scenario.concrete import Actor, Model, Road, Start
 from sumo_eval.scenario.formulas import ABOVE_0, Formula, LimitedFormulas, Names
-from sumo_eval.settings import About, Checked
+from sumo_eval.settings.checked import About, Checked, FilledText, Natural, NotNegativeFloat
 
 MOST = 200  # vehicles of one stream
 
@@ -25,9 +24,9 @@ class StreamTable(Checked):
     """Traffic of a given density: a lane of vehicles, each driven by a SUMO model."""
 
     name: Annotated[
-        str, MinLen(1), About("name; its vehicles are name_1, name_2, ... from the foremost back")
+        FilledText, About("name; its vehicles are name_1, name_2, ... from the foremost back")
     ]
-    lane: Annotated[int, Ge(0), About("lane; 0 is the right-hand one")]
+    lane: Annotated[Natural, About("lane; 0 is the right-hand one")]
     begin: Annotated[
         Formula, About("where its rear is, from the ego's centre; negative: behind the ego", "m")
     ]
@@ -37,12 +36,13 @@ class StreamTable(Checked):
         Formula, ABOVE_0, About("mean speed, which each keeps while its lane is free", "m/s")
     ]
     speed_spread: Annotated[
-        float, Ge(0.0), About("speeds are spread evenly, up to this far from the mean", "m/s")
+        NotNegativeFloat, About("speeds are spread evenly, up to this far from the mean", "m/s")
     ] = 0.0
     spacing_spread: Annotated[
-        float, Ge(0.0), About("distances are spread evenly, up to this share of their mean from it")
+        NotNegativeFloat,
+        About("distances are spread evenly, up to this share of their mean from it"),
     ] = 0.3
-    seed: Annotated[int, Ge(0), About("what speeds and distances are drawn from")] = 0
+    seed: Annotated[Natural, About("what speeds and distances are drawn from")] = 0
     model: Annotated[
         Literal["Krauss", "IDM", "EIDM"], About("SUMO's car-following model, without noise")
     ] = "IDM"

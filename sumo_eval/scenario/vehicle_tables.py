@@ -44,7 +44,7 @@ from sumo_eval.scenario.played import Act, Pairs, Program
 from sumo_eval.scenario.road.reference_line import frame_places
 from sumo_eval.scenario.streams import StreamTable, sumo_model
 from sumo_eval.scenario.trigger import Step, trigger
-from sumo_eval.settings import About, Checked, Positive
+from sumo_eval.settings.checked import About, Checked, FilledText, PositiveOrNone
 from sumo_eval.text import capitalised
 
 _MANOEUVRES: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Act]]] = {
@@ -84,21 +84,18 @@ class EgoTable(Checked):
         Formula,
         About("speed to the left at the start, below `speed`; it heads where it moves", "m/s"),
     ] = 0.0
-    length: Annotated[
-        float | None, Positive, About("body; default: as in the vehicle settings", "m")
-    ] = None
-    width: Annotated[
-        float | None, Positive, About("body; default: as in the vehicle settings", "m")
-    ] = None
+    length: Annotated[PositiveOrNone, About("body; default: as in the vehicle settings", "m")] = (
+        None
+    )
+    width: Annotated[PositiveOrNone, About("body; default: as in the vehicle settings", "m")] = None
     goal_lane: Annotated[
         int | None, Ge(0), About("number of the neighbouring lane that it must change to; 0: right")
     ] = None
     change_from: Annotated[
-        float | None, Positive, About("with `goal_lane`: x of its centre where it may begin", "m")
+        PositiveOrNone, About("with `goal_lane`: x of its centre where it may begin", "m")
     ] = None
     change_by: Annotated[
-        float | None,
-        Positive,
+        PositiveOrNone,
         About(
             "x of its centre by which it must have changed; default: where its lane or the other "
             "one ends, or where the other becomes an exit ramp",
@@ -255,9 +252,7 @@ class ManoeuvreTable(Checked):
     offset: Annotated[
         Formula | None, About("of moves to a side: how far to the left, negative to the right", "m")
     ] = None
-    cycles: Annotated[
-        float | None, Positive, About("of `sinus`: swings, each to one side and back")
-    ] = None
+    cycles: Annotated[PositiveOrNone, About("of `sinus`: swings, each to one side and back")] = None
     times: Annotated[tuple[Formula, ...], About("of `speed_profile`: since its start", "s")] = ()
     places: Annotated[
         tuple[Formula, ...], About("of `speed_profile`, `path`: of its centre along the road", "m")
@@ -400,7 +395,7 @@ class Move:
 class VehicleTable(Checked):
     """An actor: keeps its speed until one of its manoeuvres begins."""
 
-    name: Annotated[str, MinLen(1), About("name")]
+    name: Annotated[FilledText, About("name")]
     speed: Annotated[Formula, NOT_BELOW_0, About("speed at the start", "m/s")]
     gap: Annotated[
         Formula | None, About("from the ego's front bumper to its rear at the start", "m")
@@ -428,10 +423,10 @@ class VehicleTable(Checked):
         About("kind of road user: its size, its class in SUMO, its shape"),
     ] = "car"
     length: Annotated[
-        float | None, Positive, About("body; default: as the body has it, 4.5 of a car", "m")
+        PositiveOrNone, About("body; default: as the body has it, 4.5 of a car", "m")
     ] = None
     width: Annotated[
-        float | None, Positive, About("body; default: as the body has it, 1.8 of a car", "m")
+        PositiveOrNone, About("body; default: as the body has it, 1.8 of a car", "m")
     ] = None
     slides: Annotated[
         bool, About("keeps its heading while it moves across, instead of pointing where it goes")

@@ -11,7 +11,7 @@ from sumo_eval.scenario.expression import Definitions, Expression
 from sumo_eval.scenario.formulas import Formula, Formulas, Names
 from sumo_eval.scenario.logical import Approach, Search, Values, ZoneCoordinates
 from sumo_eval.scenario.vehicle_tables import Placement
-from sumo_eval.settings import About, Checked, Positive
+from sumo_eval.settings.checked import About, Checked, PositiveOrNone
 from sumo_eval.trajectory import FloatArray
 
 
@@ -34,8 +34,7 @@ class ZoneTable(Checked):
     ] = None
     conflict_begin: Annotated[Formula, About("before it the obstacle is not in the way", "s")] = 0.0
     passing_length: Annotated[
-        float | None,
-        Positive,
+        PositiveOrNone,
         About("an ego further ahead than that when the conflict begins has passed", "m"),
     ] = None
     conflict: Annotated[

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -24,7 +24,7 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.findings import LIKENESS_FACTORS
-from sumo_eval.trajectory import FloatArray, Trajectory
+from sumo_eval.trajectory import FloatArray, Trajectories, Trajectory
 
 LOW = 0.99
 """A case's part in T, or a factor of its part in H, below this is explained."""
@@ -52,10 +52,10 @@ class CaseDrives:
 
     case: CaseResult
     ego: Trajectory
-    actors: Mapping[str, Trajectory]
+    actors: Trajectories
     road: Road
     drivers: tuple[Trajectory, ...]
-    beside: Mapping[str, Trajectory]
+    beside: Trajectories
 
     @classmethod
     def of(cls, case: CaseResult, fact: Fact, store: Store, road: Road) -> CaseDrives:

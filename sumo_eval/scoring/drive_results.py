@@ -8,7 +8,7 @@ ones are computed, point by point, in the processes that compute D_i.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
 from functools import partial
 from itertools import groupby
@@ -42,7 +42,7 @@ from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.scoring.fingerprint import sources, space_key
 from sumo_eval.scoring.space import ScenarioRun
-from sumo_eval.trajectory import FloatArray, Trajectory
+from sumo_eval.trajectory import FloatArray, Trajectories, Trajectory
 
 _AT_ONCE = 16  # points that a process does before it answers
 _CRITICALITY, _LANE = len(fields(CriticalityMeasures)), len(fields(LaneKeeping))
@@ -193,9 +193,7 @@ def _results_at(point: _Point, store: Store) -> Iterator[tuple[str, DriveResult]
         yield fact.case, DriveResult(departure, share, np.array(numbers))
 
 
-def _numbers(
-    fact: Fact, point: _Point, ego: Trajectory, actors: Mapping[str, Trajectory]
-) -> list[float]:
+def _numbers(fact: Fact, point: _Point, ego: Trajectory, actors: Trajectories) -> list[float]:
     """The numbers of a `DriveResult`."""
     hit, pet = fact.collision, math.nan
     course = course_of(ego, actors, hit, point.road)

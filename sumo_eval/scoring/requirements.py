@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.requirement import Requirement
 from sumo_eval.scoring.space import ScenarioRun
-from sumo_eval.trajectory import Collision, FloatArray, Trajectory
+from sumo_eval.trajectory import Collision, FloatArray, Trajectories, Trajectory
 
 SEPARATOR = "; "
 """Between the names of missed requirements, in `cases.csv` as well."""
@@ -26,7 +26,7 @@ SEPARATOR = "; "
 
 def series_of(
     ego: Trajectory,
-    actors: Mapping[str, Trajectory],
+    actors: Trajectories,
     collision: Collision | None,
     road: Road,
 ) -> dict[str, FloatArray]:
@@ -52,7 +52,7 @@ def series_of(
 
 
 def series_of_others(
-    asked: Sequence[Requirement], ego: Trajectory, actors: Mapping[str, Trajectory]
+    asked: Sequence[Requirement], ego: Trajectory, actors: Trajectories
 ) -> dict[str, FloatArray]:
     """Values of other actors for requirements at each sample of the ego, by placeholder; outside
     an actor's own time its first or last value.

@@ -36,6 +36,7 @@ from sumo_eval.errors import ControllerError
 from sumo_eval.scenario.concrete import ConcreteScenario
 
 # first letters of calls that need no guard: they read, or change nothing that drives
+_Call = Callable[..., Any]
 _READS = (
     "_", "get", "is", "subscribe", "unsubscribe", "addSubscriptionFilter", "could", "wants",
     "find", "convert", "has",
@@ -231,7 +232,7 @@ def heeding(concrete: ConcreteScenario) -> set[str]:
     return {key for key in exists if exists[key]}
 
 
-def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
+def _vehicle_writer(guard: Guard, call: str, write: _Call) -> _Call:
     """A guarded call that writes to a vehicle."""
     moves, ignored, hands_over = call in MOTION, call in IGNORED, call in HANDS_OVER
 
@@ -272,7 +273,7 @@ def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Calla
     return set_speed
 
 
-def _type_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
+def _type_writer(guard: Guard, call: str, write: _Call) -> _Call:
     """A guarded call that writes to a vehicle type."""
 
     def guarded(typeID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
@@ -288,9 +289,7 @@ def _type_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable
     return guarded
 
 
-def _world_writer(
-    guard: Guard, domain: str, call: str, write: Callable[..., Any]
-) -> Callable[..., Any]:
+def _world_writer(guard: Guard, domain: str, call: str, write: _Call) -> _Call:
     """A guarded call that writes to anything but vehicles and their types."""
 
     def guarded(*args: Any, **kwargs: Any) -> Any:
@@ -301,7 +300,7 @@ def _world_writer(
     return guarded
 
 
-def _clock_call(guard: Guard) -> Callable[..., Any]:
+def _clock_call(guard: Guard) -> _Call:
     """Stand-in of a call that steps SUMO, which it never does."""
 
     def guarded(*args: Any, **kwargs: Any) -> Any:
@@ -318,7 +317,7 @@ def _clock_call(guard: Guard) -> Callable[..., Any]:
     return guarded
 
 
-def _running_call(guard: Guard, call: str) -> Callable[..., Any]:
+def _running_call(guard: Guard, call: str) -> _Call:
     """Stand-in of a call that starts, loads or closes SUMO, which it never does."""
     closes = call == "close"
     deed = "closed the simulation" if closes else f"called traci.{call}"

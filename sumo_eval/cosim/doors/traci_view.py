@@ -21,6 +21,7 @@ from sumo_eval.cosim.sumo import insides
 from sumo_eval.cosim.sumo.insides import libsumo
 from sumo_eval.cosim.sumo.sumo_files import EGO
 
+_Call = Callable[..., Any]
 _OF_A_ROW = ("vehicle", "vehicletype", "lane", "edge", "route")
 _READS = ("get", "is", "could", "wants")
 _OF_ALL_ROWS = ("getTime", "getDeltaT", "getCurrentTime")  # the same in every row
@@ -59,7 +60,7 @@ _OF_MODELS = frozenset(
 one."""
 
 
-def _reading(guard: Guard, read: Callable[..., Any]) -> Any:
+def _reading(guard: Guard, read: _Call) -> Any:
     """A call that reads from the row."""
 
     def reading(name: Any, *args: Any, **kwargs: Any) -> Any:
@@ -87,7 +88,7 @@ def _reading_by_name(guard: Guard, read: Callable[[str], Any]) -> Any:
     return reading
 
 
-def _of_ego(guard: Guard, reading: Callable[..., Any]) -> Any:
+def _of_ego(guard: Guard, reading: _Call) -> Any:
     """A call that reads from the ego alone."""
 
     def of_ego(*args: Any, **kwargs: Any) -> Any:
@@ -98,7 +99,7 @@ def _of_ego(guard: Guard, reading: Callable[..., Any]) -> Any:
     return of_ego
 
 
-def _kept_speed(guard: Guard, reading: Callable[..., Any]) -> Any:
+def _kept_speed(guard: Guard, reading: _Call) -> Any:
     """`getSpeed`, answered by what was read after the last step while that is valid."""
 
     def speed(vehID: Any) -> Any:  # noqa: N803 - TraCI's name
@@ -110,7 +111,7 @@ def _kept_speed(guard: Guard, reading: Callable[..., Any]) -> Any:
     return speed
 
 
-def _kept_position(guard: Guard, reading: Callable[..., Any]) -> Any:
+def _kept_position(guard: Guard, reading: _Call) -> Any:
     """`getPosition`, answered as by `_kept_speed`."""
 
     def position(vehID: Any, *more: Any) -> Any:  # noqa: N803 - TraCI's name
@@ -121,7 +122,7 @@ def _kept_position(guard: Guard, reading: Callable[..., Any]) -> Any:
     return position
 
 
-def _nearest(guard: Guard, reading: Callable[..., Any]) -> Any:
+def _nearest(guard: Guard, reading: _Call) -> Any:
     """`getLeader`; errors, and vehicles of other rows, are left to `reading`."""
     read = insides.direct("getLeader", libsumo.vehicle.getLeader)
 

@@ -25,7 +25,7 @@ from sumo_eval.errors import InputError, needs_extra
 from sumo_eval.scenario.bodies import BODIES, CAR
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.road.reference_line import map_places
-from sumo_eval.trajectory import Collision, Trajectory
+from sumo_eval.trajectory import Collision, Trajectories, Trajectory
 
 STEP = 0.05  # s; of the animation
 ZOOM = 4000.0  # of sumo-gui: some 150 m of road
@@ -42,7 +42,7 @@ def sumo_gui() -> str:
 
 
 def replay_in_gui(
-    road: Road, vehicles: Mapping[str, Trajectory], collision: Collision | None,
+    road: Road, vehicles: Trajectories, collision: Collision | None,
     program: str | None = None,
     *, bodies: Mapping[str, str],
 ) -> None:  # fmt: skip
@@ -96,7 +96,7 @@ def _on_map(road: Road, trajectory: Trajectory) -> Trajectory:
 
 def _play(
     traci: Any,
-    vehicles: Mapping[str, Trajectory],
+    vehicles: Trajectories,
     collision: Collision | None,
     edges: Sequence[str],
     *,
@@ -147,7 +147,7 @@ def _place(traci: Any, name: str, trajectory: Trajectory, moment: float, edge: s
     )
 
 
-def _types(vehicles: Mapping[str, Trajectory], bodies: Mapping[str, str]) -> str:
+def _types(vehicles: Trajectories, bodies: Mapping[str, str]) -> str:
     routes = etree.Element("routes")
     for name, trajectory in vehicles.items():
         body = BODIES[bodies.get(name, CAR)]

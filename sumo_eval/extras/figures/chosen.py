@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sumo_eval.cases import CaseResult, CaseTable
@@ -12,7 +12,7 @@ from sumo_eval.record.store import EGO, open_store
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.text import point_words
-from sumo_eval.trajectory import Trajectory
+from sumo_eval.trajectory import Trajectories, Trajectory
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +29,9 @@ class DrivenPoint:
 
     scenario: str
     words: str
-    runs: Mapping[str, Trajectory]
-    others: Mapping[str, Trajectory]
-    people: Mapping[str, Trajectory]
+    runs: Trajectories
+    others: Trajectories
+    people: Trajectories
     line: tuple[Piece, ...]
 
     @property

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from annotated_types import Ge, Le, MinLen
+from annotated_types import Ge, Le
 from scipy.special import stdtrit
 
 from sumo_eval.cases import EVALUATED
@@ -41,13 +41,14 @@ from sumo_eval.record.cases import Outcome, Setup
 from sumo_eval.record.engines import identify
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.resolved import find_with
-from sumo_eval.settings import (
+from sumo_eval.settings import AdsSettings, RunSettings, SimulationSettings
+from sumo_eval.settings.checked import (
     About,
-    AdsSettings,
     Checked,
-    Positive,
-    RunSettings,
-    SimulationSettings,
+    FilledText,
+    Natural,
+    PositiveFloat,
+    PositiveOrNone,
 )
 from sumo_eval.settings.config import read_checked
 from sumo_eval.settings.random_streams import random_stream
@@ -64,7 +65,7 @@ class CampaignScenario(Checked):
 
     use: Annotated[str, About("a scenario file or a shipped name")]
     per_km: Annotated[
-        float | None, Positive, About("how often it occurs; default: [met] of its file", "1/km")
+        PositiveOrNone, About("how often it occurs; default: [met] of its file", "1/km")
     ] = None
 
 
@@ -72,16 +73,15 @@ class CampaignScenario(Checked):
 class CampaignSettings(Checked):
     """A campaign file."""
 
-    name: Annotated[str, MinLen(1), About("name")]
+    name: Annotated[FilledText, About("name")]
     scenario: Annotated[tuple[CampaignScenario, ...], About("where the ADSs drive")]
     ads: Annotated[tuple[AdsSettings, ...], About("the ADSs, and drivers to compare with them")]
-    seed: Annotated[int, Ge(0), About("source of randomness")] = 1
+    seed: Annotated[Natural, About("source of randomness")] = 1
     budget: Annotated[
         int, Ge(40), Le(1_000_000), About("drives of an ADS in a scenario, at most")
     ] = 400
     width: Annotated[
-        float,
-        Positive,
+        PositiveFloat,
         About("stop where the interval's upper end is at most that many times its lower end"),
     ] = 1.5
     simulation: SimulationSettings = field(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any
 
@@ -15,7 +14,7 @@ from sumo_eval.report.page_data import drawn_bodies, drawn_road
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact, encode_trajectories
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import Collision, Trajectory
+from sumo_eval.trajectory import Collision, Trajectories
 
 VIEW = 600.0  # m of road that are drawn before the ego's start and beyond the road's end
 _TEMPLATES = files("sumo_eval.extras.wheel") / "templates"
@@ -63,7 +62,7 @@ def drive_view(
 def replay(
     concrete: ConcreteScenario,
     name: str,
-    vehicles: Mapping[str, Trajectory],
+    vehicles: Trajectories,
     collision: Collision | None,
 ) -> dict[str, Any]:
     """A drive for the page's player.

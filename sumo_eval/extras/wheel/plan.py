@@ -8,14 +8,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from annotated_types import Ge, Le, MinLen
+from annotated_types import Le
 
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.wheel.quality import QualitySettings
 from sumo_eval.record.run_folder import FACTS, resolved_run
 from sumo_eval.record.store import Fact, open_store
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.settings.checked import About, Checked, Positive
+from sumo_eval.settings.checked import (
+    About,
+    Checked,
+    FilledText,
+    Natural,
+    PositiveFloat,
+    PositiveInt,
+)
 from sumo_eval.settings.config import read_checked
 from sumo_eval.settings.random_streams import random_stream
 
@@ -26,25 +33,25 @@ LOW, HIGH = 1, 10  # ends of a scale
 class PracticeSettings(Checked):
     """Practice: a road without traffic, until the criterion is fulfilled."""
 
-    speed: Annotated[float, Positive, About("speed to keep", "m/s")] = 20.0
-    seconds: Annotated[float, Positive, Le(120.0), About("length of a trial", "s")] = 15.0
-    offset: Annotated[float, Positive, About("greatest distance from the lane's centre", "m")] = 0.6
-    within: Annotated[
-        float, Positive, About("greatest difference from the speed to keep", "m/s")
-    ] = 3.0
+    speed: Annotated[PositiveFloat, About("speed to keep", "m/s")] = 20.0
+    seconds: Annotated[PositiveFloat, Le(120.0), About("length of a trial", "s")] = 15.0
+    offset: Annotated[PositiveFloat, About("greatest distance from the lane's centre", "m")] = 0.6
+    within: Annotated[PositiveFloat, About("greatest difference from the speed to keep", "m/s")] = (
+        3.0
+    )
     share: Annotated[
-        float, Positive, Le(1.0), About("share of the trial in which both must hold")
+        PositiveFloat, Le(1.0), About("share of the trial in which both must hold")
     ] = 0.8
-    passes: Annotated[int, Ge(0), About("trials that must be passed; 0: no practice")] = 1
-    most: Annotated[int, Ge(1), About("trials after which a participant goes home")] = 6
+    passes: Annotated[Natural, About("trials that must be passed; 0: no practice")] = 1
+    most: Annotated[PositiveInt, About("trials after which a participant goes home")] = 6
 
 
 @dataclass(frozen=True, slots=True)
 class QuestionSettings(Checked):
     """A question on a scale of 1 to 10."""
 
-    key: Annotated[str, MinLen(1), About("its column in answers.csv")]
-    text: Annotated[str, MinLen(1), About("what is asked")]
+    key: Annotated[FilledText, About("its column in answers.csv")]
+    text: Annotated[FilledText, About("what is asked")]
     after: Annotated[
         Literal["drive", "replay"], About("asked after one's own drive, or after a replay")
     ] = "drive"
@@ -56,11 +63,11 @@ class QuestionSettings(Checked):
 class StudySettings(Checked):
     """A study: participants drive concrete scenarios of a run and rate how its ADSs drive there."""
 
-    name: Annotated[str, MinLen(1), About("name of the study, shown to the team only")]
-    run: Annotated[str, MinLen(1), About("folder of the run, relative to this file")]
-    consent: Annotated[str, MinLen(1), About("text that a participant agrees to, by the team")]
+    name: Annotated[FilledText, About("name of the study, shown to the team only")]
+    run: Annotated[FilledText, About("folder of the run, relative to this file")]
+    consent: Annotated[FilledText, About("text that a participant agrees to, by the team")]
     seed: Annotated[
-        int, Ge(0), About("source of randomness: the order of replays, which cases are shown")
+        Natural, About("source of randomness: the order of replays, which cases are shown")
     ] = 1
     out: Annotated[
         str, About("folder of the study, relative to this file; empty: next to it, under its name")
@@ -70,12 +77,12 @@ class StudySettings(Checked):
         About("what is driven: SCENARIO-POINT of the run; empty: `count` of its safe points"),
     ] = ()
     count: Annotated[
-        int, Ge(1), Le(100), About("safe points that are driven where `cases` names none")
+        PositiveInt, Le(100), About("safe points that are driven where `cases` names none")
     ] = 8
     ads: Annotated[tuple[str, ...], About("whose drives are rated; empty: all of the run")] = ()
-    replays: Annotated[int, Ge(0), Le(20), About("drives rated of each ADS in each scenario")] = 1
+    replays: Annotated[Natural, Le(20), About("drives rated of each ADS in each scenario")] = 1
     rate: Annotated[Literal[20, 50, 100], About("steps a second")] = 50
-    break_after: Annotated[int, Ge(1), About("drives after which a break is offered")] = 8
+    break_after: Annotated[PositiveInt, About("drives after which a break is offered")] = 8
     practice: PracticeSettings = field(default_factory=PracticeSettings)
     question: Annotated[tuple[QuestionSettings, ...], About("further questions")] = ()
     quality: QualitySettings = field(default_factory=QualitySettings)

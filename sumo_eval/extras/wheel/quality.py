@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from annotated_types import Ge, Le
 
 from sumo_eval.extras.wheel.tape import ROW, Tape
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings, VehicleSettings
-from sumo_eval.settings.checked import About, Checked, NotNegative
+from sumo_eval.settings.checked import About, Checked, Natural, NotNegativeFloat, Share
 from sumo_eval.trajectory import Recording
 
 # by how much a person who reacts brakes or steers harder than at the event
@@ -30,19 +29,17 @@ SEEN, LATE = ROW.index("seen"), ROW.index("late")
 class QualitySettings(Checked):
     """Bounds of quality within which a drive counts."""
 
-    dropped: Annotated[
-        float, NotNegative, Le(1.0), About("largest share of pictures that came late")
-    ] = 0.2
+    dropped: Annotated[Share, About("largest share of pictures that came late")] = 0.2
     latency_ms: Annotated[
-        float, NotNegative, About("largest 95th percentile from input to picture", "ms")
+        NotNegativeFloat, About("largest 95th percentile from input to picture", "ms")
     ] = 150.0
-    stalls: Annotated[int, Ge(0), About("most steps so late that the clock was reset")] = 2
-    pauses: Annotated[int, Ge(0), About("most times that the drive was held")] = 1
+    stalls: Annotated[Natural, About("most steps so late that the clock was reset")] = 2
+    pauses: Annotated[Natural, About("most times that the drive was held")] = 1
     unanswered: Annotated[
-        float, NotNegative, About("longest that the window did not answer", "s")
+        NotNegativeFloat, About("longest that the window did not answer", "s")
     ] = 1.0
     stepped_down: Annotated[
-        int, Ge(0), About("most changes to a cheaper drawing during the drive")
+        Natural, About("most changes to a cheaper drawing during the drive")
     ] = 0
     off_road: Annotated[bool, About("a drive that left the road counts")] = False
     quit: Annotated[bool, About("a drive that was ended before its end counts")] = False

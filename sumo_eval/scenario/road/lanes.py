@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.kernels import kernel
 from sumo_eval.scenario.road.reference_line import Line, curvatures
-from sumo_eval.settings import About, Checked, Positive
+from sumo_eval.settings.checked import About, Checked, PositiveFloat
 from sumo_eval.text import capitalised
 from sumo_eval.trajectory import FloatArray
 
@@ -78,7 +78,7 @@ class LaneTable(Checked):
     end: Annotated[
         float | None, About("to there it has its full width; default: to the road's end", "m")
     ] = None
-    taper: Annotated[float, Positive, About("length over which it opens and narrows", "m")] = 50.0
+    taper: Annotated[PositiveFloat, About("length over which it opens and narrows", "m")] = 50.0
     ramp_until: Annotated[
         float | None,
         About(
@@ -99,10 +99,10 @@ class LaneTable(Checked):
 class CrossingTable(Checked):
     """A straight road that crosses this one at a right angle, on which others may start."""
 
-    x: Annotated[float, Positive, About("its middle along this road", "m")]
-    width: Annotated[float, Positive, About("its width", "m")] = 7.0
+    x: Annotated[PositiveFloat, About("its middle along this road", "m")]
+    width: Annotated[PositiveFloat, About("its width", "m")] = 7.0
     reach: Annotated[
-        float, Positive, About("how far it goes to both sides of the right lane's centre line", "m")
+        PositiveFloat, About("how far it goes to both sides of the right lane's centre line", "m")
     ] = 100.0
 
 

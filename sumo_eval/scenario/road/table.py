@@ -18,7 +18,8 @@ from sumo_eval.scenario.road.reference_line import (
     piece_of_file,
     tightest,
 )
-from sumo_eval.settings import About, Checked, Positive, VehicleSettings
+from sumo_eval.settings import VehicleSettings
+from sumo_eval.settings.checked import About, Checked, PositiveFloat
 from sumo_eval.text import capitalised
 
 _LEAST_EDGE = 1.0  # m from the centre of a curve to the road's inner edge, at least
@@ -30,7 +31,7 @@ class PieceTable(Checked):
     two radii.
     """
 
-    length: Annotated[float, Positive, About("length of the piece", "m")]
+    length: Annotated[PositiveFloat, About("length of the piece", "m")]
     radius: Annotated[
         str | float | None,
         About("of an arc, positive to the left; a number or an expression of the options", "m"),
