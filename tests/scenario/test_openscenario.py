@@ -924,6 +924,15 @@ def test_the_only_entity_with_a_controller_is_the_ego(tmp_path):
     assert only_case(path).actors[0].name == "Other"
 
 
+def test_the_only_entity_is_the_ego(tmp_path):
+    text = written(tmp_path).read_text().replace('"Ego"', '"hero"')
+    text = text.replace('<EntityRef entityRef="Other"/>', "")
+    other = r'<(ScenarioObject name|Private entityRef)="Other">.*?</(ScenarioObject|Private)>'
+    path = tmp_path / "alone.xosc"
+    path.write_text(re.sub(other, "", text, flags=re.S))
+    assert only_case(path).actors == ()
+
+
 @pytest.mark.parametrize("name", ["Town01", ""])
 def test_a_map_of_a_simulator_is_named_by_the_user(tmp_path, name):
     named = f'<LogicFile filepath="{name}"/>' if name else ""

@@ -62,7 +62,7 @@ EGO = "Ego"
 class FileOptions(NamedTuple):
     """The user's options behind a file's name, as in `a.xosc?ego=Car1`.
 
-    ego: the entity that the ADS drives; empty: `Ego`, or the only one with a controller.
+    ego: the entity that the ADS drives; empty: `Ego`, or the only one (with a controller).
     map: the OpenDRIVE file instead of the one that the file names; empty: the file's.
     """
 
@@ -225,7 +225,9 @@ class _Player:
         self.turning: MapPath | None = None
 
     def _only_controlled(self) -> str:
-        """`Ego`, or the only `ego` or `EGO`; without any, the only entity with a controller."""
+        """`Ego`, or the only `ego` or `EGO`; without any, the only entity with a controller, or the
+        only one.
+        """
         egos = [name for name in self.places.entities if name.lower() == EGO.lower()]
         controlled = {
             name
@@ -235,7 +237,7 @@ class _Player:
         for part in self.root.all("Storyboard/Init/Actions/Private"):
             if part.find("PrivateAction/ControllerAction") is not None:
                 controlled.add(part.text("entityRef"))
-        candidates = egos or controlled
+        candidates = egos or controlled or [*self.places.entities]
         return candidates.pop() if len(candidates) == 1 else EGO
 
     def scene(self) -> FileCase:
