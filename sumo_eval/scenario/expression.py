@@ -5,8 +5,7 @@ ego_speed`.
 
 Python's parser reads the text. Only these nodes are known: numbers, names, + - * / **, comparisons
 (chains too), and, or, not, and the functions below. There are no attributes, subscripts or other
-calls, and no `eval`. One expression serves a whole space, on numpy arrays, and one point, on plain
-floats.
+calls, and no `eval`. One expression serves a whole space and one point, by numpy.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import unicodedata
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, reduce
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,53 +32,19 @@ UNREADABLE = (SyntaxError, ValueError, RecursionError, MemoryError)
 """Exceptions of Python's parser for invalid text."""
 
 
-def _quiet(function: Callable[..., Any]) -> Callable[..., float]:
-    """A function of numpy for plain floats; without warnings of undefined values (nan, inf)."""
-
-    def of_floats(*values: float) -> float:
-        with np.errstate(all="ignore"):
-            return float(function(*values))
-
-    return of_floats
-
-
-class _Operation(NamedTuple):
-    """An operator or a function of the language.
-
-    on_arrays, on_floats: its two versions, equal to the bit.
-    takes: number of its values; None: two or more, from left to right.
-    """
-
-    on_arrays: Callable[..., Any]
-    on_floats: Callable[..., Any]
-    takes: int | None
-
-
-_divide = _quiet(np.divide)
-# the same function serves arrays and floats
-_ALIKE = (
-    ("Add", operator.add), ("Sub", operator.sub), ("Mult", operator.mul), ("Lt", operator.lt),
-    ("LtE", operator.le), ("Gt", operator.gt), ("GtE", operator.ge), ("Eq", operator.eq),
-    ("NotEq", operator.ne),
-)  # fmt: skip
-_UFUNCS = {"sqrt": np.sqrt, "exp": np.exp, "log": np.log, "tanh": np.tanh}
-# The versions on floats do as numpy: a division by 0 is inf or nan, min and max of a nan are nan.
-_OPERATIONS: dict[str, _Operation] = {
-    **{name: _Operation(function, function, 2) for name, function in _ALIKE},
-    "Div": _Operation(np.divide, lambda a, b: a / b if b else _divide(a, b), 2),
-    "Pow": _Operation(np.power, _quiet(np.power), 2),
-    "UAdd": _Operation(operator.pos, operator.pos, 1),
-    "USub": _Operation(operator.neg, operator.neg, 1),
-    "Not": _Operation(np.logical_not, operator.not_, 1),
-    "And": _Operation(np.logical_and, lambda a, b: a and b, None),
-    "Or": _Operation(np.logical_or, lambda a, b: a or b, None),
-    "min()": _Operation(np.minimum, lambda a, b: a if a < b or math.isnan(a) else b, None),
-    "max()": _Operation(np.maximum, lambda a, b: a if a > b or math.isnan(a) else b, None),
-    "abs()": _Operation(abs, abs, 1),
-    **{f"{name}()": _Operation(ufunc, _quiet(ufunc), 1) for name, ufunc in _UFUNCS.items()},
-    "where()": _Operation(np.where, lambda holds, then, other: then if holds else other, 3),
-}
-"""The language: operators by the names of Python's nodes, functions by their own with brackets.
+_OPERATIONS: dict[str, tuple[Callable[..., Any], int | None]] = {
+    "Add": (operator.add, 2), "Sub": (operator.sub, 2), "Mult": (operator.mul, 2),
+    "Div": (np.divide, 2), "Pow": (np.power, 2),
+    "UAdd": (operator.pos, 1), "USub": (operator.neg, 1),
+    "Lt": (operator.lt, 2), "LtE": (operator.le, 2), "Gt": (operator.gt, 2),
+    "GtE": (operator.ge, 2), "Eq": (operator.eq, 2), "NotEq": (operator.ne, 2),
+    "Not": (np.logical_not, 1), "And": (np.logical_and, None), "Or": (np.logical_or, None),
+    "min()": (np.minimum, None), "max()": (np.maximum, None), "abs()": (abs, 1),
+    "sqrt()": (np.sqrt, 1), "exp()": (np.exp, 1), "log()": (np.log, 1), "tanh()": (np.tanh, 1),
+    "where()": (np.where, 3),
+}  # fmt: skip
+"""The language: operators by the names of Python's nodes, functions by their own with brackets;
+each with the number of its values, None: two or more, from left to right.
 
 `where(condition, then, else)`.
 """
@@ -110,8 +75,13 @@ class Expression:
 
         values: by name, arrays that broadcast.
         """
-        with np.errstate(all="ignore"):
-            return np.asarray(self._evaluated(values))
+        try:
+            with np.errstate(all="ignore"):
+                return np.asarray(_compiled(self.text)(values))
+        except KeyError as error:
+            raise unknown(
+                f"name in expression `{self.text}`:", str(error.args[0]), sorted(values)
+            ) from None
 
     def room(self, values: Mapping[str, ArrayLike]) -> Any:
         """Distance of a condition from its limit, in the unit of the compared values.
@@ -121,20 +91,12 @@ class Expression:
         with np.errstate(all="ignore"):
             return np.asarray(_work(_room(_tree(self.text)))(values))
 
-    def at(self, values: Mapping[str, float]) -> Any:
-        """The number or truth that `value` has at one point, faster.
+    def at(self, values: Mapping[str, ArrayLike]) -> Any:
+        """The number or truth at one point.
 
-        values: by name, plain floats.
+        values: by name, one number each.
         """
-        return self._evaluated(values, plain=True)
-
-    def _evaluated(self, values: Mapping[str, Any], *, plain: bool = False) -> Any:
-        try:
-            return _compiled(self.text, plain)(values)
-        except KeyError as error:
-            raise unknown(
-                f"name in expression `{self.text}`:", str(error.args[0]), sorted(values)
-            ) from None
+        return self.value(values).item()
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,18 +121,11 @@ class Definitions:
         options = tuple((name, value) for name, value in self.options if name in names)
         return Definitions(tuple(reversed(entries)), options)
 
-    def extend(self, values: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
-        """The values with those of the definitions, arrays."""
-        return self._with(values, Expression.value)
-
-    def at(self, values: Mapping[str, float]) -> dict[str, float]:
-        """The values of one point with those of the definitions, plain floats."""
-        return self._with(values, Expression.at)
-
-    def _with(self, values: Mapping[str, Any], evaluate: Callable[..., Any]) -> dict[str, Any]:
+    def extend(self, values: Mapping[str, ArrayLike]) -> dict[str, Any]:
+        """The values with those of the definitions."""
         extended = {**values, **dict(self.options)}
         for name, expression in self.entries:
-            extended[name] = evaluate(expression, extended)
+            extended[name] = expression.value(extended)
         return extended
 
 
@@ -284,7 +239,7 @@ def _check(node: ast.expr, text: str, *, condition: bool | None = None) -> None:
             "have. It has numbers, names, + - * / **, comparisons, and, or, not, and the "
             f"functions {', '.join(ARITHMETIC)}."
         )
-    count = _OPERATIONS[name].takes  # None: two or more
+    _, count = _OPERATIONS[name]  # None: two or more
     if len(parts) != count if count else len(parts) < 2:
         wanted = f"given {count or 'at least 2'} values"
         raise must_be(f"`{name[:-2]}`", f"expression `{text}`", wanted, len(parts))
@@ -334,29 +289,22 @@ _Work = Callable[[Mapping[str, Any]], Any]
 
 
 @lru_cache(maxsize=2048)
-def _compiled(text: str, plain: bool) -> _Work:
-    """The expression as a function of the values by name; arguments as in `_work`."""
-    return _work(_tree(text), plain=plain)
+def _compiled(text: str) -> _Work:
+    """The expression as a function of the values by name."""
+    return _work(_tree(text))
 
 
-def _work(node: ast.expr, *, plain: bool = False) -> _Work:
-    """A node as a function of the values by name, made of those of its parts.
-
-    plain: of plain floats; else of arrays.
-    """
+def _work(node: ast.expr) -> _Work:
+    """A node as a function of the values by name, made of those of its parts."""
     if isinstance(node, ast.Constant):
-        to_number = float if plain else np.float64
-        constant = to_number(node.value)  # type: ignore[arg-type]
+        constant = np.float64(node.value)  # type: ignore[arg-type]
         return lambda values: constant
     if isinstance(node, ast.Name):
         name = node.id
-        if plain:
-            return operator.itemgetter(name)
         return lambda values: np.asarray(values[name], float)
     name, parts = operation(node)
-    applied, inner = _OPERATIONS[name], [_work(part, plain=plain) for part in parts]
-    function = applied.on_floats if plain else applied.on_arrays
-    if applied.takes in (2, None):  # of more than two values, two by two from the left
+    (function, takes), inner = _OPERATIONS[name], list(map(_work, parts))
+    if takes in (2, None):  # of more than two values, two by two from the left
         return reduce(lambda a, b: lambda values: function(a(values), b(values)), inner)
     return lambda values: function(*[part(values) for part in inner])
 

@@ -42,9 +42,6 @@ class Limits:
 ANY, NOT_BELOW_0, ABOVE_0 = Limits(), Limits(at_least=0.0), Limits(above=0.0)
 
 
-_FLOATS: frozenset[type] = frozenset({float, np.float64})
-
-
 @dataclass(frozen=True, slots=True)
 class Formulas:
     """Expressions with the definitions that they need."""
@@ -65,10 +62,6 @@ class Formulas:
             np.broadcast_to(expression.value(known), shape) for expression in self.expressions
         )
 
-    def at(self, values: Mapping[str, float]) -> Any:
-        """The value of the first expression at a point."""
-        return self.expressions[0].at(self.definitions.at(values))
-
 
 @dataclass(frozen=True, slots=True)
 class Condition:
@@ -78,11 +71,6 @@ class Condition:
 
     def __call__(self, values: Values) -> BoolArray:
         """Whether it holds."""
-        # scalars, as `LogicalScenario.concrete` gives: one point, as floats instead of arrays
-        if _FLOATS.issuperset(map(type, values.values())):
-            return np.asarray(
-                self.formulas.at(dict(zip(values, map(float, values.values()), strict=True)))
-            )
         return np.asarray(self.formulas(values)[0], dtype=np.bool_)
 
     def room(self, values: Values) -> FloatArray:

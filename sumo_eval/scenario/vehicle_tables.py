@@ -601,7 +601,7 @@ class Placement:
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
         """The start of the ego, and the actors."""
-        known = self.definitions.at(values)
+        known = self.definitions.extend(values)
         ego = self.ego.start(self.numbers.at(known), self.road, self.owner)
         actors = [vehicle.actor(ego, self.ego, self.road, known) for vehicle in self.vehicles]
         for stream, numbers in self.streams:

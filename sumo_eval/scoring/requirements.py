@@ -83,7 +83,7 @@ def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
     if EGO not in actors:
         raise space.store.no_trajectory(fact.case)
     ego = actors.pop(EGO)
-    known = required.numbers.at(fact.values) | {
+    known = required.numbers.extend(fact.values) | {
         "collided": float(fact.collision is not None),
         # x is the ego's centre, whose arrival at the end of the road ends the drive
         "reached_end": float(ego.x[-1] >= space.logical.road.length),
