@@ -45,8 +45,8 @@ _MOST_LINES = 20  # of what an ADS printed
 )
 @SEED
 def check(what: str, step_timeout: float | None, case_timeout: float | None, seed: int) -> None:
-    """Check an ADS (edge cases of two scenarios, driven twice), an evaluation file, or a scenario
-    (name or FILE.toml).
+    """Check an ADS (edge cases of two scenarios and an empty road, driven twice), an evaluation
+    file, or a scenario (name or FILE.toml).
 
     Exit status: 0 all is well, 1 the ADS breaks the contract or a run would lose cases of it to the
     clock, 2 it cannot be loaded or the file is wrong.
@@ -197,6 +197,7 @@ def _check_controller(
         for name in ("front_vehicle_low_speed", "front_vehicle_cut_out")
         for case in edge_cases(catalogue.load(name), seed)
     ]
+    cases.append(replace(cases[0], scenario="empty_road", actors=()))  # without a lead
     if WORLD not in compiled():
         # what cannot be loaded is refused before anything is compiled
         check_apart(locator, (), run)

@@ -18,6 +18,8 @@ def test_a_good_controller(tmp_path):
     done = check("mine.py:acc", tmp_path)
     assert "mine.py:acc: keeps the contract" in done.stdout
     assert "us a step" in done.stdout
+    (tmp_path / "mine.py").write_text("def acc(seen):\n    return -1.0 if seen.lead.gap else 0.0\n")
+    assert "FAIL  empty_road (" in check("mine.py:acc", tmp_path, status=1).stdout
 
 
 def test_a_bad_controller(tmp_path):
@@ -30,7 +32,7 @@ def test_a_bad_controller(tmp_path):
     assert done.stdout.count("FAIL  ") == done.stdout.count("the second drive differs from") == 1, (
         "a cause is said once"
     )
-    assert "FAIL  11 of 11 cases, e.g. front_vehicle_low_speed (" in done.stdout
+    assert "FAIL  12 of 12 cases, e.g. front_vehicle_low_speed (" in done.stdout
     assert "mine.py:acc: breaks the contract in 1 point" in done.stdout
 
 
@@ -109,7 +111,7 @@ def test_an_exception_of_many_lines_is_cut_to_a_few(tmp_path):
     assert len(made.stderr) < 1000
     driven = check("mine.py:step", tmp_path, status=1)
     assert driven.stdout.count("The ADS raised at 0.00 s: ValueError") == 1
-    assert "11 of 11 cases, e.g. " in driven.stdout
+    assert "12 of 12 cases, e.g. " in driven.stdout
     assert len(driven.stdout.splitlines()) < 6
     assert "left out]. At mine.py:8 in step." in driven.stdout
 

@@ -48,6 +48,7 @@ from sumo_eval.method.score_terms import (
     paper_score,
 )
 from sumo_eval.record.progress import Progress, quiet
+from sumo_eval.results import Bounds
 from sumo_eval.scoring.case_terms import COMPUTED, CaseTerms, point_values, ratios, scores_of
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.scoring.confidence.resamples import Resampled, Strata, resamples
@@ -101,12 +102,12 @@ class ScoreIntervals:
     missing: how far missing cases may move S+, down (at most 0) and up.
     """
 
-    limits: Mapping[str, tuple[float, float]]
+    limits: Mapping[str, Bounds]
     sources: Mapping[str, Mapping[str, float]]
     worse: FloatArray
     better: FloatArray
     freedom: int
-    missing: tuple[float, float] = (0.0, 0.0)
+    missing: Bounds = (0.0, 0.0)
 
 
 def score_intervals(
@@ -234,7 +235,7 @@ class _Sums:
         worse: Mapping[str, FloatArray],
         better: Mapping[str, FloatArray],
         freedom: Mapping[str, int],
-    ) -> dict[str, tuple[float, float]]:
+    ) -> dict[str, Bounds]:
         """Low and high of each score that exists.
 
         values: the scores themselves.
@@ -409,7 +410,7 @@ def _freedom(one: Judged, groups: Strata) -> dict[str, int]:
     }
 
 
-def percentiles(low: FloatArray, high: FloatArray, freedom: float) -> tuple[float, float] | None:
+def percentiles(low: FloatArray, high: FloatArray, freedom: float) -> Bounds | None:
     """Low end of an interval from `low` and high end from `high`, (m,) each; None where one of them
     has no number.
 

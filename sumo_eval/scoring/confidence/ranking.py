@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.record.points import scenario_weights
-from sumo_eval.results import RankedAds, RankedPair, Ranking, ScenarioResult
+from sumo_eval.results import Bounds, RankedAds, RankedPair, Ranking, ScenarioResult
 from sumo_eval.scoring.confidence.intervals import LEVEL, ScoreIntervals, percentiles
 from sumo_eval.settings import RankingSettings
 from sumo_eval.trajectory import FloatArray, IntArray
@@ -151,7 +151,7 @@ class _Spread:
             self.higher - other.lower,
         )
 
-    def interval(self, value: float) -> tuple[float, float]:
+    def interval(self, value: float) -> Bounds:
         """The interval, in which the value itself always is.
 
         Each scenario counts in the degrees of freedom by its variance (Satterthwaite 1946).
@@ -169,7 +169,7 @@ class _Spread:
 
 def _interval(
     results: Sequence[ScenarioResult], total: float, spread: _Spread | None
-) -> tuple[float, float] | None:
+) -> Bounds | None:
     """The interval of one ADS's mean S+; of a single scenario that of S+ there, so that ranking and
     scores agree.
     """
