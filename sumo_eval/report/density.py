@@ -7,7 +7,7 @@ import json
 import numpy as np
 from markupsafe import Markup
 
-from sumo_eval.cases import CaseTable, IntArray
+from sumo_eval.cases import CaseTable
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
 from sumo_eval.scoring.map_view import tile_counts
 from sumo_eval.trajectory import FloatArray
@@ -45,7 +45,7 @@ def density_maps(
 
 def _tiles(
     shade: FloatArray,
-    values: FloatArray | IntArray,
+    values: FloatArray,
     colour: str,
     words: str,
     axes: tuple[Parameter, Parameter],

@@ -113,20 +113,19 @@ def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
 
 def tile_counts(
     axes: Sequence[Parameter], cases: CaseTable, tiles: int
-) -> tuple[IntArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray]:
     """Number of cases in each tile of a plane, and the share of them that collided.
 
     axes: the parameters of x and y.
     tiles: number along each axis; results are (tiles * tiles,), x fastest.
     """
-    points = cases.parameters([item.name for item in axes])
-    low, high = np.array([(item.low, item.high) for item in axes]).T
-    shares = (points - low) / (high - low)
-    x, y = np.clip((shares * tiles).astype(np.intp), 0, tiles - 1).T
-    tile = y * tiles + x
-    number = np.bincount(tile, minlength=tiles * tiles)
-    hits = np.bincount(tile, cases.collided, tiles * tiles)
-    return number, hits / np.maximum(number, 1)
+    x, y = cases.parameters([item.name for item in axes]).T
+    across, up = ((item.low, item.high) for item in axes)
+    number, hits = (
+        np.histogram2d(y, x, tiles, (up, across), weights=weights)[0].ravel()
+        for weights in (None, cases.collided)
+    )
+    return number, hits / np.maximum(number, 1.0)
 
 
 class Cells(NamedTuple):
