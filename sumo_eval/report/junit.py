@@ -284,19 +284,19 @@ def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> Iterator[Te
     if not len(cases):
         return
     names = list(cases[0].values)
-    box = cells_of(cases.parameters(names), cells)
+    places, edges_of = cells_of(cases.parameters(names), cells)
     # tests that passed are not kept, only their times: there may be a million
     seconds: defaultdict[tuple[int, ...], array[float]] = defaultdict(lambda: array("d"))
     bad: defaultdict[tuple[int, ...], list[Test]] = defaultdict(list)
-    for cell, test in zip(map(tuple, box.places.tolist()), tests, strict=True):
+    for cell, test in zip(map(tuple, places.tolist()), tests, strict=True):
         seconds[cell].append(test.seconds)
         if test.verdict in ("failure", "error"):
             bad[cell].append(test)
 
     for cell in sorted(seconds):
         edges = ", ".join(
-            f"{name} {left:g}..{right:g}"
-            for name, left, right in zip(names, *box.edges(cell), strict=True)
+            f"{name} {edge[place]:g}..{edge[place + 1]:g}"
+            for name, edge, place in zip(names, edges_of.T, cell, strict=True)
         )
         result = partial(Test, edges, seconds=math.fsum(seconds[cell]))
         failures = [test for test in bad[cell] if test.verdict == "failure"]

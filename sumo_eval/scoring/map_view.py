@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -128,33 +127,16 @@ def tile_counts(
     return number, hits / np.maximum(number, 1.0)
 
 
-class Cells(NamedTuple):
-    """Equal cells of the box that points fill, for one JUnit test a cell.
-
-    low: least value of each parameter, (k,).
-    step: width of a cell along each parameter, (k,).
-    places: number of each point's cell along each parameter, (n, k).
-    """
-
-    low: FloatArray
-    step: FloatArray
-    places: IntArray
-
-    def edges(self, place: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        """Least and largest values of a cell, (k,) each."""
-        lower = np.array(place)
-        return self.low + self.step * lower, self.low + self.step * (lower + 1)
-
-
-def cells_of(points: FloatArray, cells: int) -> Cells:
-    """The cells of points (n, k).
+def cells_of(points: FloatArray, cells: int) -> tuple[IntArray, FloatArray]:
+    """Equal cells of the box that points (n, k) fill, for one JUnit test a cell: number of each
+    point's cell along each parameter, (n, k), and the edges of the cells, (cells + 1, k).
 
     cells: number along each parameter; all points are in cell 0 of one that does not vary.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     spans = np.where(high > low, high - low, 1.0)
     places = np.minimum(cells - 1, (cells * (points - low) / spans).astype(np.intp))
-    return Cells(low, (high - low) / cells, places)
+    return places, low + (high - low) / cells * np.arange(cells + 1)[:, None]
 
 
 def slice_points(
