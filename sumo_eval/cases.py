@@ -238,6 +238,7 @@ class CaseResult(CaseProperties):
     beats_ideal: whether severity is less than ideal_severity.
     weight: r of Eq. 16, of every case.
     task_share: t_i, share of the route driven in time; None without a reference.
+    excused: whether t_i leaves out the rest of the route, because the ego stands at a road user.
 
     Likeness to human drivers, of cases in the safe zone
     index: D_i, Eqs. 11-12, called `d_i` in cases.csv; None with a contact.
@@ -343,6 +344,7 @@ class CaseResult(CaseProperties):
     contact_cause: str = ""
     batched: str = ""
     likeness_length_factor: float | None = None
+    excused: bool = False
 
     def _repr_html_(self) -> str:
         """The table for a notebook."""

@@ -87,6 +87,7 @@ class Counted:
     outside_support: cases in which no recorded event is like the concrete scenario.
     struck_from_behind: cases in which a vehicle that reacts ran into the ego's rear: its own fault,
         and not a collision of the ADS.
+    excused: safe cases of which T leaves out the rest of the route, where the references drive on.
     gentler_than_ideal: collisions that are less severe than the ideal vehicle's.
     references_collide: points of the safe zone at which drivers or the reference car collide.
     ideal_collides_too: collisions in the safe zone at points where the ideal vehicle collides too.
@@ -98,6 +99,7 @@ class Counted:
         "actors_moved",
         "outside_support",
         "struck_from_behind",
+        "excused",
         "gentler_than_ideal",
         "references_collide",
         "ideal_collides_too",

@@ -62,8 +62,8 @@ def first_departure(ego: Trajectory, road: Road, margin: float) -> Departure | N
 
 def _corners(ego: Trajectory) -> tuple[FloatArray, FloatArray]:
     """x and y of the body's four corners, m, (4, n) each."""
-    along = 0.5 * ego.length * np.array([[1.0], [1.0], [-1.0], [-1.0]])
-    aside = 0.5 * ego.width * np.array([[1.0], [-1.0], [1.0], [-1.0]])
+    along = 0.5 * ego.length * np.array([[1.0, 1.0, -1.0, -1.0]]).T
+    aside = 0.5 * ego.width * np.array([[1.0, -1.0, 1.0, -1.0]]).T
     cosine, sine = np.cos(ego.heading), np.sin(ego.heading)
     return ego.x + along * cosine - aside * sine, ego.y + along * sine + aside * cosine
 
@@ -99,10 +99,9 @@ def is_excused(ego: Trajectory, actors: Trajectories) -> bool:
     """
     if ego.speed[-1] >= STANDING:
         return False
-    moving = np.flatnonzero(ego.speed >= STANDING)
-    since = ego.time[moving[-1] + 1 if len(moving) else 0]
+    since = ego.time[np.flatnonzero(ego.speed >= STANDING).max(initial=-1) + 1]
     x, y = (corners[:, -1] for corners in _corners(ego))
-    front, left, right = float(x.max()), float(y.max()), float(y.min())
+    front, left, right = x.max(), y.max(), y.min()
     return any(_excuses(actor, since, front, left, right) for actor in actors.values())
 
 
@@ -154,7 +153,7 @@ def asked_way(begin: float, references: Sequence[Trajectory]) -> AskedWay | None
     """
     if not references:
         return None
-    end = min(float(drive.x.max()) for drive in references) - SHORT_OF_THE_END
+    end = min(drive.x.max() for drive in references) - SHORT_OF_THE_END
     places = np.arange(begin + PLACE_SPACING, end + 1e-9, PLACE_SPACING)
     return AskedWay(places, np.max([times_at(drive, places) for drive in references], axis=0))
 

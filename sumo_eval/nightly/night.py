@@ -91,7 +91,9 @@ def run_night(
     read_evaluation(evaluation)
     _refuse_without_history(history)
     with _only_one(history), open_history(history, create=True) as lines:
-        stopped = _stopped(history, lines) if resume else None
+        # the newest of these that had begun to record, if nothing came after it
+        nights = reversed(lines.stopped_last() if resume else ())
+        stopped = next((name for name in nights if is_run(history / NIGHTS / name)), None)
         notes = _clear_away(history, lines, stopped)
         _room(history, lines, stopped)
         clock = time.monotonic()
@@ -136,8 +138,9 @@ def _write_results(
     beside = Beside(
         comparison, gates, {limit: one.words for limit, one in judged.since.items()}, tuple(notes)
     )
-    beside = replace(beside, levers=_levers(done, beside, progress))
-    return write_assessed_report(done, beside, progress=progress)
+    return write_assessed_report(
+        done, replace(beside, levers=_levers(done, beside, progress)), progress=progress
+    )
 
 
 def _levers(done: Evaluation, beside: Beside, progress: Progress) -> CaseLevers | None:
@@ -255,13 +258,6 @@ def _importing(history: Path, night: Path) -> str:
     return shlex.join(["sumo-eval", "trend", str(history), "--import", str(night)])
 
 
-def _stopped(history: Path, lines: History) -> str | None:
-    """The newest night that was stopped after it had begun to record, if nothing came after it."""
-    return next(
-        (name for name in reversed(lines.stopped_last()) if is_run(history / NIGHTS / name)), None
-    )
-
-
 def _clear_away(history: Path, lines: History, resumed: str | None) -> list[str]:
     """Remove the folders of killed nights. Returns notes on them and on the night that is resumed.
 
@@ -333,7 +329,8 @@ def _room(history: Path, lines: History, stopped: str | None) -> None:
     finished = [history / night.folder for night in lines.nights() if not night.imported]
     last = next((folder for folder in reversed(finished) if folder.is_dir()), None)
     needed = FIRST_NIGHT_ROOM if last is None else int(SPARE * (_size(last) + _discarded(last)))
-    needed -= 0 if stopped is None else _size(history / NIGHTS / stopped)
+    if stopped:
+        needed -= _size(history / NIGHTS / stopped)
     free = shutil.disk_usage(history).free
     if free < needed:
         raise InputError(

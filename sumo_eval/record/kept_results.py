@@ -37,7 +37,7 @@ Part = tuple[Kind, bytes, int, bytes]
 Most results are one part, at place 0; the rows of a run are many.
 """
 
-_VERSION = 2
+_VERSION = 3
 _HASH_SIZE = 16
 _PATIENCE = 30.0  # s that another process may take to write
 _SCHEMA = f"""

@@ -8,6 +8,7 @@ ones are computed, point by point, in the processes that compute D_i.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
 from functools import partial
@@ -27,7 +28,6 @@ from sumo_eval.method.driving_task import (
     task_share,
 )
 from sumo_eval.method.measures import (
-    STANDING,
     CriticalityMeasures,
     LaneKeeping,
     conflict_pet,
@@ -55,12 +55,14 @@ class DriveResult:
 
     departure: None where the drive stayed on the road.
     share: t_i; None without a reference.
+    excused: whether t_i leaves out places, because a road user excuses an ego that stands.
     numbers: of an ADS's evaluated case: criticality, extremes, lane keeping, PET of conflicting
         ways; of any other empty.
     """
 
     departure: Departure | None
     share: float | None
+    excused: bool
     numbers: FloatArray
 
     def measures(self, people: Quantiles) -> dict[str, float | None]:
@@ -85,7 +87,7 @@ def finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-_UNDRIVEN = DriveResult(None, None, np.empty(0))
+_UNDRIVEN = DriveResult(None, None, False, np.empty(0))
 _RECORDS = {record.__name__: record for record in (DriveResult, Departure)}
 
 
@@ -179,18 +181,18 @@ def _results_at(point: _Point, store: Store) -> Iterator[tuple[str, DriveResult]
     clean = [drive for drive in beside if first_departure(drive, point.road, point.margin) is None]
     asked = asked_way(point.begin, clean)  # its places with times; `point.way`: a lane change
     for fact in point.drives:
-        actors, share = store.trajectories(fact.case), None
+        actors, share, excused = store.trajectories(fact.case), None, False
         if EGO not in actors:
             raise store.no_trajectory(fact.case)
         ego = actors.pop(EGO)
         departure = first_departure(ego, point.road, point.margin)
         if asked is not None:
             incident = fact.status == "collision" or departure is not None
-            excused = not incident and ego.speed[-1] < STANDING and is_excused(ego, actors)
+            excused = not incident and is_excused(ego, actors) and any(asked.places > ego.x.max())
             share = task_share(ego, asked, point.way, incident=incident, excused=excused)
         evaluated = fact.role == "ads" and fact.status in EVALUATED
         numbers = _numbers(fact, point, ego, actors) if evaluated else []
-        yield fact.case, DriveResult(departure, share, np.array(numbers))
+        yield fact.case, DriveResult(departure, share, excused, np.array(numbers))
 
 
 def _numbers(fact: Fact, point: _Point, ego: Trajectory, actors: Trajectories) -> list[float]:
@@ -211,10 +213,9 @@ def _numbers(fact: Fact, point: _Point, ego: Trajectory, actors: Trajectories) -
 
 def recorded_with(store: Store, car: str) -> bool:
     """Whether a run holds the drive of the reference car at every point: as many as of `ideal`."""
-    counts = dict.fromkeys(("ideal", "task_reference"), 0)
+    counts = Counter[str]()
     for _scenario, role, _driver, _status, number, _exposure in store.counts():
-        if role in counts:
-            counts[role] += number
+        counts[role] += number
     first = next(store.facts("task_reference"), None)
     driven = first is not None and first.controller == car
     return driven and counts["ideal"] == counts["task_reference"]

@@ -258,6 +258,7 @@ def tabulate(
             beats_ideal=severity is not None and ideal is not None and severity < ideal,
             ideal_collided=None if ideal is None else ideal > 0.0,
             task_share=0.0 if fact.status in GAVE_UP else driven.share,
+            excused=driven.excused,
             clips="; ".join(
                 f"{clip.what} x{clip.count}" for clip in fact.clips if clip.what != NO_RETURN
             ),
@@ -320,6 +321,8 @@ def combine(
         notes.append(WorstAndBest(bounds.get("c"), bounds.get("d"), bounds["s"]))
     if struck := _number(cases.struck_from_behind):
         notes.append(Counted("struck_from_behind", struck, len(cases)))
+    if excused := _number(cases.counts_for_index & cases.excused):
+        notes.append(Counted("excused", excused, safe_cases))
     if beaten := _number(collided & cases.beats_ideal):
         notes.append(Counted("gentler_than_ideal", beaten, _number(collided)))
     if safe_hits > voiding:

@@ -44,14 +44,29 @@ class PushesTheLead:
         traci.vehicle.setSpeed("lead", 30.0)
 
 
+class ParksAtParkedCars:
+    def act(self, seen):
+        gap = min((one.gap for one in seen.vehicles if one.ahead > 0.0), default=1e3)
+        return -4.0 if gap < 5.0 + seen.ego.speed**2 / 8.0 else 0.0
+
+
 USE = {"use": "front_vehicle_low_speed", "sampling": {"levels": 2}}
+CHILD = {"use": "child_from_behind_parked_cars", "sampling": {"method": "sobol", "count": 4}}
 SETTINGS = {"name": "both", "scenario": [USE], "drivers": {"count": 2}}
 
 
-def test_ads_that_moves_an_actor_is_reported(tmp_path):
-    settings = SETTINGS | {"simulation": {"conditions": {"interference": "record"}}}
-    done = sumo_eval.evaluate(settings, tmp_path, ads=[PushesTheLead], engine="serial")
-    assert any("In 3 cases the ADS moved an actor" in line for line in closing_lines(done))
+@pytest.mark.parametrize(
+    ("ads", "use", "words"),
+    [
+        (PushesTheLead, USE, "In 3 cases the ADS moved an actor"),
+        (ParksAtParkedCars, CHILD, "In 2 of 2 safe cases the ego stands where the references"),
+    ],
+)
+def test_ads_that_moves_an_actor_or_parks_is_reported(ads, use, words, tmp_path):
+    conditions = {"conditions": {"interference": "record"}}
+    settings = SETTINGS | {"scenario": [use], "simulation": conditions}
+    done = sumo_eval.evaluate(settings, tmp_path, ads=[ads], engine="serial")
+    assert words in "\n".join(closing_lines(done))
 
 
 def test_who_leaves_the_road_and_gives_up_has_both_incidents(tmp_path):
