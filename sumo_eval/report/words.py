@@ -675,8 +675,8 @@ _COUNTED = {
     "struck_from_behind": "In {cases} an actor that reacts ran into the ego's rear: its own fault, "
     "counted apart, no collision for C and A (`method.collision.rear_end`). Its t_i is 0: any "
     "contact ends the drive, whichever vehicle is at fault.",
-    "excused": "In {number} of {of} safe cases the ego stands where the references drive on. T leaves "
-    "out the rest of the route, because a road user in front excuses it.",
+    "excused": "In {number} of {of} safe cases the ego stands where the references drive on. T "
+    "leaves out the rest of the route, because a road user in front excuses it.",
     "gentler_than_ideal": "In {hits} the ADS hit more softly than the ideal vehicle; each has the "
     "ratio 1.",
     "references_collide": "The space is called safe at {of_points}, yet drivers or the reference "
