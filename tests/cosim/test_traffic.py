@@ -16,6 +16,12 @@ from sumo_eval.trajectory import CHANNELS
 TWENTY = SimulationSettings(time_limit=12.0)
 ROAD = Road("r", 900.0, 2, 3.5, 300.0)
 
+SPACE = {
+    "name": "t", "zone": "none", "ego": {"speed": "v"},
+    "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
+}  # fmt: skip
+"""A scenario file without vehicles and an end."""
+
 
 def rear(model="IDM", gap=25.0, y=0.0, name="rear", speed=25.0):
     return Actor(name, Start(100.0 - 4.5 - gap, y, speed), model=Model(model, speed))
@@ -83,9 +89,7 @@ def test_how_long_the_ego_had_been_in_the_lane_in_which_it_is_struck():
 @pytest.mark.parametrize("radius", [1e6, 250.0])
 def test_law_on_a_curve_vehicles_react_as_on_a_straight_road(radius):
     content = {
-        "name": "t",
-        "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
-        "ego": {"speed": "v"}, "end": {"x": 600.0, "time": 6.0}, "zone": "none",
+        **SPACE, "end": {"x": 600.0, "time": 6.0},
         "vehicle": [
             {"name": "walker", "body": "pedestrian", "x": 150.0, "y": -4.0, "speed": 0.0,
                 "heading": 90.0,
@@ -175,9 +179,7 @@ def test_others_see_the_ego_once_it_reaches_over_their_line_as_the_setting_says(
 
 def test_a_scripted_vehicle_is_followed_as_well():
     content = {
-        "name": "t",
-        "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
-        "ego": {"speed": "v", "y": 3.5}, "end": {"x": 600.0, "time": 12.0}, "zone": "none",
+        **SPACE, "ego": {"speed": "v", "y": 3.5}, "end": {"x": 600.0, "time": 12.0},
         "vehicle": [
             {"name": "lead", "x": 200.0, "speed": "v",
              "manoeuvre": [{"do": "brake", "begin": 1.0, "deceleration": 5.0}]},
@@ -195,9 +197,7 @@ def test_a_scripted_vehicle_is_followed_as_well():
 
 def test_a_trigger_that_never_fires_is_on_record():
     content = {
-        "name": "t",
-        "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
-        "ego": {"speed": "v"}, "end": {"x": 400.0, "time": 12.0}, "zone": "none",
+        **SPACE, "end": {"x": 400.0, "time": 12.0},
         "vehicle": [
             {"name": "child", "body": "child", "x": 200.0, "y": -5.0, "speed": 0.0, "heading": 90.0,
              "manoeuvre": [
@@ -214,9 +214,7 @@ def test_a_trigger_that_never_fires_is_on_record():
 
 def test_law_packed_scripts_with_conditions_have_the_bits_of_single_ones():
     content = {
-        "name": "t",
-        "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
-        "ego": {"speed": "v"}, "end": {"x": 400.0, "time": 12.0}, "zone": "none",
+        **SPACE, "end": {"x": 400.0, "time": 12.0},
         "vehicle": [
             {"name": "walker", "body": "pedestrian", "x": 180.0, "y": -5.0, "speed": 0.0,
                 "heading": 90.0,

@@ -3,6 +3,7 @@ pages say."""
 
 import runpy
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,17 @@ def trainer(monkeypatch):
     sys.modules.pop("train_policy")
 
 
+def check_policy(file, trainer, expected, seconds):
+    """The file gives the answers that its trainer expects, to float32, and drives."""
+    shape, locator = (50, len(trainer.INTERFACE.features)), f"onnx:{file.name}"
+    seen = np.random.default_rng(0).uniform(-1.0, 1.0, shape).astype(np.float32)
+    answers = load_controller(locator, file.parent).target._answers(seen)
+    np.testing.assert_allclose(answers, expected(seen), atol=1e-5)
+    concrete = catalogue.load("front_vehicle_cut_out").concrete(**POINT)
+    settings = SimulationSettings(time_limit=seconds)
+    assert simulate(concrete, locator, settings, folder=file.parent).error is None
+
+
 def test_what_was_trained_drives_as_it_was_trained(trainer, tmp_path):
     """Three generations of few, short episodes; the file's answers are the trainer's to float32."""
     weights, history = trainer.train("front_vehicle_cut_out", 60.0, generations=3)
@@ -36,21 +48,8 @@ def test_what_was_trained_drives_as_it_was_trained(trainer, tmp_path):
     again, _ = trainer.train("front_vehicle_cut_out", 60.0, generations=3)
     np.testing.assert_array_equal(weights, again)
     trainer.write(weights, tmp_path / "policy.onnx")
-    policy = load_controller("onnx:policy.onnx", tmp_path).target
-    seen = (
-        np.random.default_rng(0)
-        .uniform(-1.0, 1.0, (50, len(trainer.INTERFACE.features)))
-        .astype(np.float32)
-    )
-    expected = trainer.answers(np.repeat(weights[None], 50, axis=0), seen)
-    np.testing.assert_allclose(policy._answers(seen), expected, atol=1e-5)
-    concrete = catalogue.load("front_vehicle_cut_out").concrete(**POINT)
-    assert (
-        simulate(
-            concrete, "onnx:policy.onnx", SimulationSettings(time_limit=5.0), folder=tmp_path
-        ).error
-        is None
-    )
+    every = np.repeat(weights[None], 50, axis=0)
+    check_policy(tmp_path / "policy.onnx", trainer, lambda seen: trainer.answers(every, seen), 5.0)
 
 
 @pytest.mark.filterwarnings("default")  # torch's exporter warns of torch
@@ -68,21 +67,8 @@ def test_what_ppo_learnt_drives_as_it_was_trained(monkeypatch, tmp_path):
     sys.modules.pop("train_ppo")
     assert model.num_timesteps == 256
     train_ppo.write(model, tmp_path / "ppo.onnx")
-    policy = load_controller("onnx:ppo.onnx", tmp_path).target
-    seen = (
-        np.random.default_rng(0)
-        .uniform(-1.0, 1.0, (50, len(train_ppo.INTERFACE.features)))
-        .astype(np.float32)
-    )
-    expected, _ = model.predict(seen, deterministic=True)
-    np.testing.assert_allclose(policy._answers(seen), expected, atol=1e-5)
-    concrete = catalogue.load("front_vehicle_cut_out").concrete(**POINT)
-    assert (
-        simulate(
-            concrete, "onnx:ppo.onnx", SimulationSettings(time_limit=2.0), folder=tmp_path
-        ).error
-        is None
-    )
+    means = partial(model.predict, deterministic=True)
+    check_policy(tmp_path / "ppo.onnx", train_ppo, lambda seen: means(seen)[0], 2.0)
 
 
 def test_ppo_names_missing_packages_before_it_trains(monkeypatch):

@@ -582,20 +582,13 @@ def test_law_a_stronger_signal_never_has_fewer_operations(steps, factor):
     )
 
 
-def test_steering_and_pedals_are_counted_separately_and_added():
-    both = recorded(
-        steering_wheel_angle=np.radians(signal(OUT, NONE, OUT)),
-        acceleration=signal((1.0, 1.5), (0.0, 1.5)),
-    )
-    assert count_operations(both, WHEEL) == 3
-
-
-def test_thresholds_and_neutral_time_are_settings():
+def test_steering_and_pedals_add_up_by_their_settings():
     t = recorded(
         steering_wheel_angle=np.radians(signal(OUT, NONE, OUT)),
         acceleration=signal((1.0, 1.5), (0.0, 1.5)),
     )
     for changes, expected in (
+        ({}, 3),
         ({"steering_threshold_deg": 12.5}, 1),
         ({"acceleration_threshold": 1.5}, 2),
         ({"neutral_time": 1.1}, 2),
