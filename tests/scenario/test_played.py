@@ -10,7 +10,9 @@ from refusals import refusal
 
 from sumo_eval.method.point_criticality import criticality
 from sumo_eval.method.zone_partition import partition
+from sumo_eval.scenario import played
 from sumo_eval.scenario.file import check_points, scenario_from
+from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.undisturbed import tracks
 
 BASE = {
@@ -66,6 +68,18 @@ def test_a_profile_by_time_and_one_by_place_pass_through_their_knots():
     move = {"do": "speed_profile", "places": [190.0], "speeds": [10.0]}
     with refusal(r"`heading` .* \(use `times` otherwise\), got 180"):
         way(scene(move, heading=180.0))
+
+
+TIMED = [Act(kind, 1.0) for kind in (played.SMOOTH, played.CONSTANT, played.COSINE, played.SPEED)]
+UNTIMED = [
+    *(it._replace(begin=math.inf) for it in TIMED),
+    *(it._replace(program=((0, 0, 0, 0.0),)) for it in TIMED),
+    Act(played.SPEED, 1.0, speed=5.0), Act(played.SINUS, 1.0), Act(played.KEEP, 1.0),
+]  # fmt: skip
+
+
+def test_moves_of_a_closed_form_at_a_known_time_are_timed():
+    assert [it.timed for it in (*TIMED, *UNTIMED)] == [True] * 4 + [False] * 11
 
 
 def test_a_swing_has_its_amplitude_and_its_lateral_acceleration():

@@ -111,6 +111,12 @@ def test_a_driver_at_the_pages_gamepad_is_that_driver_at_the_door_to_the_bit(tmp
 
     def pad(browser):
         assert browser.run("location.hash") == ""  # the token is in no history
+        # TTC of bodies 26 m apart at 5 m/s
+        browser.run(
+            "window.first = sumoDrive.state.splice(3, 2, [100, 0, 0, 20], [[1, 130.5, 0, 0, 15]])"
+        )
+        browser.wait("document.querySelector('.hud .TTC b').textContent === '5.2 s'")
+        browser.run("sumoDrive.state.splice(3, 2, ...window.first)")
         browser.run(f"(() => {{ {PAD} }})()")
         browser.run("document.querySelector('.veil button.main').click()")
         browser.wait("document.documentElement.dataset.shown === 'sheet'")
