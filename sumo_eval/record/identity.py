@@ -17,7 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from sumo_eval.cosim.doors.controller import find_controller, takes_arrays
+from sumo_eval.cosim.doors.controller import Adapter, find_controller, takes_arrays
 from sumo_eval.cosim.doors.entry import split_entry
 from sumo_eval.errors import must_be
 from sumo_eval.input_file import hash_of
@@ -82,20 +82,28 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str:
     of_python = locator.partition(":")[0] not in _NOT_PYTHON
     module = sys.modules.get(getattr(loaded, "__module__", "")) if of_python else None
     files = _own_files(module, before) if module is not None else named_files(locator, folder)
-    # files of an ONNX policy: the table beside the model, and external weights
-    files |= {Path(file) for file in getattr(getattr(loaded, "target", None), "files", ())}
+    # an ONNX policy has files, the table beside the model and external weights, and a period
+    policy = loaded.target if isinstance(loaded, Adapter) else None
+    files |= set(getattr(policy, "files", ()))
     package = module.__name__.partition(".")[0] if module is not None else ""
     # a list of pairs, no mapping: files in several folders can have the same `_place`
     sources = sorted((_place(file, folder), hash_of(file, "file")) for file in files)
-    over_arrays = {"batch": True} if kind == "ADS" and takes_arrays(loaded) else {}
+    more: dict[str, Any] = {"batch": True} if kind == "ADS" and takes_arrays(loaded) else {}
+    if policy is not None and policy.interface.period:
+        more["period"] = policy.interface.period
     return _text(
         {
             "locator": locator,
             "version": _version(package, module),
             "sources": sources,
-            **over_arrays,
+            **more,
         }
     )
+
+
+def period_of(identity: str) -> float:
+    """The period that an ADS with this identity has by its own table, s; 0: none."""
+    return float(json.loads(identity).get("period", 0.0))
 
 
 def is_over_arrays(identity: str) -> bool:

@@ -30,6 +30,7 @@ from sumo_eval.record.identity import (
     harness_identity,
     is_over_arrays,
     people_identity,
+    period_of,
     with_fingerprint,
 )
 from sumo_eval.record.kept import packed
@@ -201,7 +202,8 @@ def planner(run: Resolved) -> Planner:
         ads.locator for ads in settings.ads if is_over_arrays(identities[ads.locator])
     )
     for ads in settings.ads:
-        steps_between(ads.period or 0.0, settings.simulation.step, f"ADS `{ads.name}`")
+        period = ads.period or period_of(identities[ads.locator])
+        steps_between(period, settings.simulation.step, f"ADS `{ads.name}`")
         identities[ads.locator] += files_identity(ads, source)
     if settings.drivers.source == RECORDED:
         # imported here: it needs pandas, which synthetic drivers do not

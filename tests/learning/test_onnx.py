@@ -11,7 +11,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 from refusals import refusal
 
-import sumo_eval.gym  # noqa: F401 - registers the environments
+import sumo_eval.gym
 from sumo_eval.cosim.doors.controller import find_controller, load_controller
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.errors import ControllerError
@@ -164,6 +164,15 @@ def test_a_period_holds_each_answer(tmp_path):
     recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", settings)
     asked = np.tanh(0.1 * 0.2 * (np.arange(20) // 4)).astype(np.float32)
     assert recording.ego.acceleration[1:] == pytest.approx(asked, abs=2e-3)
+
+
+def test_a_period_that_is_no_whole_number_of_steps_is_refused_before_a_case(tmp_path):
+    interface = Interface((Feature("time"),), (Action("acceleration"),), period=0.07)
+    path = write_model(tmp_path, [(np.array([[0.1]]), np.array([0.0]))], interface)
+    ads = {"name": "net", "controller": f"onnx:{path}"}
+    evaluation = {"name": "x", "scenario": [{"use": "cut_in"}], "ads": [ads]}
+    with refusal("`period` of ADS `net` must be a multiple of `simulation.step`"):
+        sumo_eval.evaluate(evaluation, tmp_path / "run")
 
 
 def test_its_identity_holds_the_model_and_its_table(tmp_path):
