@@ -273,7 +273,14 @@ def _along_curves(
     if not common:
         raise InputError(f"The edges of {owner} must have a lane that goes through all of them.")
     path = _path(numbered, min(common), links)
-    line, begins = _right_lane(path, min(common) * width, what)
+    line, begins = _line_along(np.concatenate(path), what)
+    # the road's right-hand lane does not exist throughout, and is parallel to the lane of the path
+    left = min(common) * width
+    if left > 0.0:
+        s = drawn_points(line, 0.0, length_of(line), 2.0)
+        x, y, _ = map_places(line, s, -left)
+        line, beside = _line_along(np.column_stack([x, y]), what)
+        begins = begins.moved(*beside)
     check_line(line, max(map(max, places)) + 1, width, what)
     _check_parallel(numbered, line, begins, owner)
     return line, places, _edge_ends(path, line, begins)
@@ -305,21 +312,6 @@ def _path(
         within = link.ways.get(before[lane].index, ())
         path += [(path[-1][-1], *within, shape[0]), shape]
     return path
-
-
-def _right_lane(path: Sequence[Sequence[Point]], left: float, what: str) -> tuple[Line, Pose]:
-    """The line of the road's right-hand lane, and where it begins.
-
-    path: of a lane that is `left` m to the left of it.
-    """
-    line, begins = _line_along(np.concatenate(path), what)
-    # the road's right-hand lane does not exist throughout, and is parallel to the lane of the path
-    if left > 0.0:
-        s = drawn_points(line, 0.0, length_of(line), 2.0)
-        x, y, _ = map_places(line, s, -left)
-        line, beside = _line_along(np.column_stack([x, y]), what)
-        begins = begins.moved(*beside)
-    return line, begins
 
 
 def _line_along(way: FloatArray, what: str) -> tuple[Line, Pose]:

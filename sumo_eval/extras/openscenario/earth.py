@@ -67,8 +67,8 @@ def _projection(position: Node, reference: Node | None) -> dict[str, float]:
     """
     text = "" if reference is None else str(reference.element.text)
     given = dict(_PART.findall(text))
-    names = "x_0", "y_0", "lat_0", "lon_0", "k_0", "zone"
-    it: dict[str, Any] = dict.fromkeys(names, 0.0) | {"k": 1.0}
+    it: dict[str, Any] = {"k": 1.0}
+    it |= dict.fromkeys(("x_0", "y_0", "lat_0", "lon_0", "k_0", "zone"), 0.0)
     # PROJ reads `32N` and `49N` as numbers, too
     written = {name: number_of(given[name].removesuffix("N")) for name in it if name in given}
     kind = given.get("proj"), given.get("units", "m")
