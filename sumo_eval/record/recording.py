@@ -202,8 +202,11 @@ def planner(run: Resolved) -> Planner:
         ads.locator for ads in settings.ads if is_over_arrays(identities[ads.locator])
     )
     for ads in settings.ads:
-        period = ads.period or period_of(identities[ads.locator])
-        steps_between(period, settings.simulation.step, f"ADS `{ads.name}`")
+        steps_between(
+            ads.period or period_of(identities[ads.locator]),
+            settings.simulation.step,
+            f"ADS `{ads.name}`",
+        )
         identities[ads.locator] += files_identity(ads, source)
     if settings.drivers.source == RECORDED:
         # imported here: it needs pandas, which synthetic drivers do not

@@ -196,8 +196,11 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
     matching = rows[((rows[parameters] - values).abs() < 1e-6).all(axis=1)]
     if matching.empty:
         return None
-    line = concrete.road.line
-    named = [it for file in matching["file"] for it in _drives_in(people.folder / str(file), line)]
+    named = [
+        it
+        for file in matching["file"]
+        for it in _drives_in(people.folder / str(file), concrete.road.line)
+    ]
     names, drives = zip(*named, strict=True)
     return Reference(drives, names)
 
