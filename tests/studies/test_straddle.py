@@ -8,20 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from refusals import refusal
+from scenario.test_samplers import axis, space
 
 from sumo_eval.extras.studies.straddle import POOL, BoundarySearch
-from sumo_eval.scenario import Approach, Constraint, LogicalScenario, Parameter, Road, Start
+from sumo_eval.scenario import Constraint, Parameter
 
 
 def square(*names, **changes):
-    logical = LogicalScenario(
-        name="square", about="-", source="-",
-        parameters=tuple(Parameter(name, 0.0, 10.0, 1.0, "m", "-") for name in names),
-        constraints=(), road=Road("r", 600.0, 2, 3.5, 0.0),
-        place=lambda values: (Start(0.0, 0.0, 1.0), ()),
-        approach=lambda values: Approach(values["a"], values["a"], values["a"], 0.0),
-    )  # fmt: skip
-    return replace(logical, **changes)
+    return replace(space(*(axis(name, 0.0, 10.0, 1.0) for name in names)), **changes)
 
 
 def slanting_interval(points):
