@@ -25,12 +25,12 @@ from sumo_eval.scenario.expression import (
     number,
 )
 from sumo_eval.scenario.formulas import (
-    Condition,
     ExposureDensity,
     Formula,
     Formulas,
     LimitedFormula,
     Names,
+    Value,
 )
 from sumo_eval.scenario.joint import Joint
 from sumo_eval.scenario.logical import (
@@ -143,7 +143,7 @@ class ConstraintTable(Checked):
     def read(self, names: Names, definitions: Definitions) -> Constraint:
         """The condition on points."""
         expression = checked_names(condition(self.require, names.where), names.known, names.where)
-        holds = Condition(Formulas.of(definitions, expression))
+        holds = Value(Formulas.of(definitions, expression))
         # `room`: distance of a point from the limit
         return Constraint(self.about or f"one where {self.require}", holds, holds.room)
 

@@ -21,7 +21,7 @@ from sumo_eval.scenario.logical import Constraint, Parameter, Values
 from sumo_eval.scenario.units import refuse_unit
 from sumo_eval.settings.checked import hints_of
 from sumo_eval.text import point_words
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import FloatArray
 
 Formula = str | float
 """In a file: a number, or an expression of the parameters and definitions."""
@@ -64,17 +64,17 @@ class Formulas:
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
-    """A constraint's condition."""
+class Value:
+    """One number at every point, or whether a condition holds there."""
 
     formulas: Formulas
 
-    def __call__(self, values: Values) -> BoolArray:
-        """Whether it holds."""
-        return np.asarray(self.formulas(values)[0], dtype=np.bool_)
+    def __call__(self, values: Values) -> Any:
+        """An array of the values' shape."""
+        return self.formulas(values)[0]
 
     def room(self, values: Values) -> FloatArray:
-        """Distance from its limit, below 0 where it does not hold."""
+        """Distance of a condition from its limit, below 0 where it does not hold."""
         known = self.formulas.definitions.extend(values)
         return np.asarray(self.formulas.expressions[0].room(known), float)
 

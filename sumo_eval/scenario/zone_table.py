@@ -8,11 +8,10 @@ from typing import Annotated, Any
 
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.scenario.expression import Definitions, Expression
-from sumo_eval.scenario.formulas import Formula, Formulas, Names
+from sumo_eval.scenario.formulas import Formula, Formulas, Names, Value
 from sumo_eval.scenario.logical import Approach, Search, Values, ZoneCoordinates
 from sumo_eval.scenario.vehicle_tables import Placement
 from sumo_eval.settings.checked import About, Checked, PositiveOrNone
-from sumo_eval.trajectory import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,14 +71,14 @@ class ZoneTable(Checked):
         }
         if self.margin is not None:
             self._refuse(" beside `margin`, which says all", names.where, "obstacle", "delay")
-            return parts | {"margin": Number(Formulas.of(definitions, numbers["margin"]))}
+            return parts | {"margin": Value(Formulas.of(definitions, numbers["margin"]))}
         if not self.obstacle:
             raise InputError(f"[zone] of {names.where} must have an `obstacle`, or a `margin`.")
         check_known(f"vehicle in `zone.obstacle` of {names.where}:", names.vehicles, self.obstacle)
         number = list(names.vehicles).index(self.obstacle)
         if searched:
             self._refuse(": what a vehicle does that is played is searched as it is", names.where)
-            delay = Number(Formulas.of(definitions, numbers["delay"]))
+            delay = Value(Formulas.of(definitions, numbers["delay"]))
             return parts | {"search": Search(number, delay, self.conflict)}
         obstacle = place.vehicles[number]
         if self.gap is None and obstacle.table.gap is None:
@@ -104,17 +103,6 @@ class ZoneTable(Checked):
         for key in (*further, "gap", "conflict_begin", "passing_length"):
             if getattr(self, key) != defaults[key]:
                 raise InputError(f"[zone] of {where} has no `{key}`{why}.")
-
-
-@dataclass(frozen=True, slots=True)
-class Number:
-    """Values by name (arrays) -> one number at every point."""
-
-    formulas: Formulas
-
-    def __call__(self, values: Values) -> FloatArray:
-        """The number."""
-        return self.formulas(values)[0]
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,44 +23,23 @@ Numbers = NDArray[np.intp]
 """Numbers (n,): of points in a grid, the first axis slowest, or of combinations of values."""
 
 
-def pairwise(logical: LogicalScenario, request: Request) -> Drawn:
-    """Every possible pair of values of two parameters, in few points."""
-    return _covering(logical, request, 2)
-
-
 def combinations(logical: LogicalScenario, request: Request) -> Drawn:
-    """Every possible combination of values of `strength` parameters (default 2), in few points."""
+    """Every possible combination of values of `strength` parameters, in few points; by default, as
+    in the method `pairwise`, of 2.
+
+    A covering array, and further points for combinations that only its excluded points hold.
+    `sample` takes out the points that a constraint excludes.
+    """
     most = len(logical.parameters)
     strength = min(2, most) if request.strength is None else request.strength
     if not 1 <= strength <= most:
         raise must_be(
             "`strength`", owner_of(logical), f"within 1..{most}, its parameters", strength
         )
-    return _covering(logical, request, strength)
-
-
-def tuples_of(levels: Levels, sizes: Sequence[int], strength: int) -> list[Numbers]:
-    """The combinations that points hold: for each choice of `strength` axes the number of each
-    point's combination of values there, (n,).
-    """
-    return [
-        np.ravel_multi_index(
-            tuple(levels[:, axis] for axis in axes), tuple(sizes[axis] for axis in axes)
-        )
-        for axes in itertools.combinations(range(len(sizes)), strength)
-    ]
-
-
-def _covering(logical: LogicalScenario, request: Request, strength: int) -> Drawn:
-    """A covering array, and further points for combinations that only its excluded points hold.
-
-    `sample` takes out the points that a constraint excludes.
-    """
     axes, notes = grid_axes(logical, request)
     sizes = [len(axis) for axis in axes]
     grid, levels = mesh(axes), np.indices(sizes).reshape(len(sizes), -1).T
     feasible = logical.feasible(grid)
-    strength = min(strength, len(sizes))
     if strength == 1:  # as many points as the longest axis has values
         rows = [[number % size for size in sizes] for number in range(max(sizes))]
     else:
@@ -80,6 +59,18 @@ def _covering(logical: LogicalScenario, request: Request, strength: int) -> Draw
             f"{held} are held.",
         )
     return Drawn(grid[numbers], notes=notes)
+
+
+def tuples_of(levels: Levels, sizes: Sequence[int], strength: int) -> list[Numbers]:
+    """The combinations that points hold: for each choice of `strength` axes the number of each
+    point's combination of values there, (n,).
+    """
+    return [
+        np.ravel_multi_index(
+            tuple(levels[:, axis] for axis in axes), tuple(sizes[axis] for axis in axes)
+        )
+        for axes in itertools.combinations(range(len(sizes)), strength)
+    ]
 
 
 def _complete(have: Numbers, candidates: Numbers, codes: Sequence[Numbers]) -> Numbers:

@@ -21,7 +21,7 @@ from sumo_eval.errors import InputError, check_known
 from sumo_eval.scenario.formats import formats
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.adaptive import adaptive
-from sumo_eval.scenario.sampling.combinations import combinations, pairwise
+from sumo_eval.scenario.sampling.combinations import combinations
 from sumo_eval.scenario.sampling.drawn_points import by_exposure, by_exposure_and_danger, sequence
 from sumo_eval.scenario.sampling.grid import full_grid
 from sumo_eval.scenario.sampling.listed_points import from_csv, from_function
@@ -62,7 +62,7 @@ Method = tuple[Callable[[LogicalScenario, Request], Drawn], frozenset[str]]
 METHODS: Mapping[str, Method] = MappingProxyType(
     {
         "grid": (full_grid, frozenset({"levels", "steps"})),
-        "pairwise": (pairwise, frozenset({"levels", "steps"})),
+        "pairwise": (combinations, frozenset({"levels", "steps"})),
         "combinations": (combinations, frozenset({"levels", "steps", "strength"})),
         **{
             name: (sequence(name), frozenset({"count"}))
