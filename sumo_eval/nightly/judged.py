@@ -68,13 +68,8 @@ def judge_night(
     place = history / AGAIN
     # `bad_again` needs the repeats
     noise = Noise(repeats_of(done, gate, place, progress) if bases.comparisons else {})
-    noise = replace(
-        noise,
-        bad=bad_again(bases.comparisons, done, noise, gate, place),
-        shaky=keys_of(done, lines.shaky())
-        if any(one.noisy for one in noise.repeats.values())
-        else frozenset(),
-    )
+    bad = bad_again(bases.comparisons, done, noise, gate, place)
+    noise = Noise(noise.repeats, bad, keys_of(done, lines.shaky()))
     accept = shlex.join(["sumo-eval", "accept", str(history), "--reason", "..."])
     gates = list(judge(done, bases.comparison, gate, noise))
     if bases.unusable:

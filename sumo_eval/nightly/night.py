@@ -108,6 +108,12 @@ def run_night(
             done = score(folder, progress=progress, resolved=run)
             judged = judge_night(history, lines, done, gate, progress)
             notes += [*recorded.notes, *judged.bases.notes]
+            notes += [
+                f"{ads} drove {one.cases - one.alike} of {count(one.cases, 'case')} differently "
+                "the second time, so its limits have wider tolerances."
+                for ads, one in judged.noise.repeats.items()
+                if one.noisy
+            ]
             report = _write_results(done, judged, notes, progress)
 
         status = NOT_EVALUATED if done.not_evaluated else DONE

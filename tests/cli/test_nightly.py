@@ -450,7 +450,7 @@ def test_old_history_put_back_keeps_complete_nights(week, tmp_path, known_lines)
             lines._connection.execute(
                 "INSERT INTO nights VALUES (?, 'x', ?, 1.0, 0, NULL, '', '', '', 0)", values
             )
-        notes = _clear_away(history, lines)
+        notes = _clear_away(history, lines, None)
     assert sorted(path.name for path in (history / "nights").iterdir()) == complete
     assert (
         sum("is a complete run without a line in the history" in note for note in notes)
@@ -500,7 +500,7 @@ def test_no_history_removes_a_complete_night(week, tmp_path, seeds):
                         "INSERT INTO nights VALUES (?, 'x', ?, 1.0, 0, NULL, '', '', '', 0)", values
                     )
             with suppress(InputError):
-                _clear_away(history, lines)
+                _clear_away(history, lines, None)
         left = {path.name for path in (history / "nights").iterdir()}
         assert {name for name, kind in kinds.items() if kind == "complete"} <= left, seed
 
@@ -533,7 +533,7 @@ def test_a_link_in_place_of_a_stopped_night_is_not_followed(tmp_path):
     (history / "nights" / "a").symlink_to(precious)
     with open_history(history, create=True) as lines:
         lines.begin("a")
-        notes = _clear_away(history, lines)
+        notes = _clear_away(history, lines, None)
     assert precious.is_dir()
     assert notes == ["Night a was stopped before its end; its folder could not be removed."]
 
@@ -561,6 +561,7 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch)
     told = json.loads((result.report.parent / "night.json").read_text())
     assert (told["verdict"], told["exit_status"]) == ("worse", 1)
     assert (told["repeats"]["mine"]["cases"], told["repeats"]["mine"]["alike"]) == (3, 2)
+    assert any("mine drove 1 of 3 cases differently" in note for note in result.notes)
     assert max(told["repeats"]["mine"]["floors"].values()) > 0.0
     assert [(one["quantity"], one["since"]) for one in told["failed"]] == [
         ("collided", told["night"])
