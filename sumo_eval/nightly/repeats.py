@@ -84,7 +84,8 @@ def _sample(plan: Planner, number: int) -> list[Case]:
         cases += plan.ads(
             replace(space, numbers=[space.numbers[place] for place in places.tolist()])
         )
-    return cases
+    # in the other order: an ADS may carry something over from case to case
+    return cases[::-1]
 
 
 def _rerun(done: Evaluation, cases: Collection[str], place: Path) -> dict[str, CaseResult]:
@@ -152,9 +153,9 @@ def _newly_bad_rows(
     for comparison in comparisons:
         for one in comparison.ads:
             repeats, paired = noise.of(one.ads), one.changed.paired
-            bad = newly_bad(one, settings, repeats).values() if repeats.noisy else ()
-            for pair in (pair for worse in bad for pair in worse.which):
-                yield paired.new[pair].case, (paired.base[pair], one.units)
+            for worse in newly_bad(one, settings, repeats).values() if repeats.noisy else ():
+                for pair in worse.which:
+                    yield paired.new[pair].case, (paired.base[pair], one.units)
 
 
 def shaky_cases(done: Evaluation, bad: Mapping[str, int], settings: GateSettings) -> set[ShakyCase]:
