@@ -205,6 +205,7 @@ class ShiftSettings(Checked):
         MeasureSettings("simulated_time", 0.25, 0.02, higher_is_better=False),
         MeasureSettings("human_likeness", 0.01),
         MeasureSettings("index", 0.01),
+        MeasureSettings("overshoot", 0.1, higher_is_better=False),
         MeasureSettings("latency_relative", 10.0, 0.5, higher_is_better=False),
     )
 

@@ -209,7 +209,7 @@ def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray
 
     severity_by: rise of U that counts, in its unit.
     """
-    flagged = np.zeros(len(base.collided), dtype=np.bool_)
+    flagged = np.zeros_like(base.collided)
     ends = {}
     for name in ENDS:
         ends[name] = getattr(new, name) & ~getattr(base, name) & ~flagged
@@ -305,7 +305,7 @@ def tally(
             sign = 1.0 if measure.higher_is_better else -1.0
             counts &= np.fmin(sign * before, sign * after) < sign * measure.zone
         flags = counts & (by > limit)
-        kept = float(kept_margin(before, after, measure)[flags].min(initial=kept))
+        kept = kept_margin(before, after, measure)[flags].min(initial=kept)
         better += int(np.sum(counts & (by < -limit)))
         cases += int(np.sum(counts))
         worse.append(Worse.of(one, flags, by, (before, after)))
