@@ -1,8 +1,8 @@
 """An adaptive cruise control with one thing planted in it: the builds of the ladder of
 test_nights.py.
 
-Each build is an entry of an evaluation with other options. noise is drawn anew in every drive, as
-by a seed from the clock.
+Each build is an entry of an evaluation with other options. noise is drawn anew in every case and
+for every `drive`, as by a seed from the clock.
 """
 
 import math
@@ -30,6 +30,7 @@ class Build:
         shake = 0.0, noise = 0.0, digits = 0.0, special = "",
         at = 0.0,
         work = 0.0,
+        drive = 0,
     ):  # fmt: skip
         self.brakes, self.delay, self.seen, self.headway, self.speed = (
             brakes,
@@ -47,8 +48,7 @@ class Build:
         )
         self.first = None
         self.waiting = deque()
-        self.chance = random.Random()
-        self.work = int(work)
+        self.drive, self.work = drive, int(work)
 
     def act(self, seen):
         """The command of a step."""
@@ -56,6 +56,7 @@ class Build:
             pass
         if self.first is None:
             self.first = seen.ego.speed
+            self.chance = random.Random(f"{self.drive} {seen.ego} {seen.vehicles}")
         struck = bool(self.special) and abs(self.first - self.at) < 1e-9
         if struck and self.special == "raises" and seen.time > 1.0:
             raise RuntimeError("planted")

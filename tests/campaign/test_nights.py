@@ -261,7 +261,9 @@ def test_planted_changes_are_found_and_silence_is_kept(cases, tmp_path):
 def test_noise_raises_one_alarm_in_fifty_nights_at_most(cases, tmp_path):
     shutil.copy(Path(__file__).with_name("ladder_ads.py"), tmp_path)
     entries = [
-        entry(f"{noise} {k:02d}", {"noise": noise}) for noise in NOISES for k in range(DRIVES)
+        entry(f"{noise} {k:02d}", {"noise": noise, "drive": k})
+        for noise in NOISES
+        for k in range(DRIVES)
     ]
     run = driven(tmp_path, "noisy", cases, entries)
     run = replace(run, cases=tuple(run.cases))  # read once: each night looks at them several times
