@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 PATH = click.Path(path_type=Path)
+# s; the most that `RunSettings` take
 POSITIVE = click.FloatRange(min=0, max=1e6, min_open=True)
 
 path_argument = partial(click.argument, type=PATH)

@@ -44,7 +44,10 @@ class Actuation:
         self._given = np.zeros((self._steps.max() + 1, len(conditions)), kind)
 
     def late(self, took: float) -> bool:
-        """Whether an answer is over the budget, which is noted; took: wall time of the step, s."""
+        """Whether an answer is over the budget; notes it if so.
+
+        took: wall time of the ADS's step, s.
+        """
         if took <= self.budget:
             return False
         self._note("late_command", took, self.budget)

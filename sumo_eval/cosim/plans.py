@@ -97,7 +97,8 @@ class Executor:
 
         asked: None: what was asked for still holds (`holds`).
         ego: centre x, y m, heading rad, speed m/s, and whatever else is known of it.
-        late: drop what is asked for: what is in force holds, at first speed and straight wheels.
+        late: drop what is asked for. What is in force holds; if nothing is, the ego keeps its speed
+            with straight wheels.
         Raises ControllerError for what no vehicle can be asked for.
         """
         if late:

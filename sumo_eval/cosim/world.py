@@ -187,9 +187,13 @@ class World:
 
     def begin_as_model(self, row: int) -> None:
         """Begin a case again, at its start, in which the vehicle model moves the ego after all."""
-        _put_in_curve(self.egos[row : row + 1], self.cases[0].road, self.settings.vehicle)
-        self.egos["samples"][row] = 0
-        begin_rows(self.cast, self.seen, self.samples, self.scenario, self.line)
+        road = self.cases[0].road
+        # the steering wheel in the first sample, nan as long as SUMO moves the ego
+        self.samples[row, 0, 0, -1] = 0.0
+        if road.bent:
+            _put_in_curve(self.egos[row : row + 1], road, self.settings.vehicle)
+            self.egos["samples"][row] = 0
+            begin_rows(self.cast, self.seen, self.samples, self.scenario, self.line)
 
     def _run(self, loop: Callable[..., Any], *arguments: Any) -> Any:
         """Call a loop over the rows by its machine code for these arrays, in a third of the time

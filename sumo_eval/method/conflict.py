@@ -248,11 +248,9 @@ def _braked(
 ) -> FloatArray:
     """x, m, and speed, m/s, of egos that brake to a standstill, at T looks, (n, T, 2).
 
-    looks: numbers of the looks, (T,).
+    looks: numbers of the looks, (T,); fractions stand for instants between two looks.
     begins: time at which each ego begins to brake, (n,), s; inf: never.
     strength: deceleration, m/s2.
-
-    Between two looks they are fractions.
     """
     x, v = np.array([[concrete.ego.x, concrete.ego.speed] for concrete in placed]).T[:, :, None]
     time, wait = looks * STEP, begins[:, None]

@@ -1,8 +1,8 @@
 """An adaptive cruise control with one thing planted in it: the builds of the ladder of
 test_nights.py.
 
-Each build is an entry of an evaluation with other options. noise is drawn anew in every case and
-for every `drive`, as by a seed from the clock.
+Each build is an entry of an evaluation with other options. The seed of its noise is the case and
+`drive`: two drives of a case differ, but a test always sees the same ones.
 """
 
 import math

@@ -53,8 +53,8 @@ _ALONG = 0.5  # cosine of the largest angle to the road at which an actor still 
 # m that the ego's front is before the road's end when the case ends: at the end SUMO takes it out
 _BEFORE_END = 5.0
 _OPTIONS = (
-    Option("ego", "name", "the entity that the ADS drives (default: `Ego`, or the only one (with a "
-                          "controller))"),
+    Option("ego", "name", "the entity that the ADS drives (default: `Ego`, the only one with a "
+                          "controller, or the only one)"),
     Option("map", "file", "the OpenDRIVE file (.xodr) where the file names a simulator's map"),
     Option("flat", "1", "1: no effect, slopes are always left out"),
     Option("road", "1", "which of the file's roads, from 1 on"),

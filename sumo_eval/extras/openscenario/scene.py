@@ -62,7 +62,8 @@ EGO = "Ego"
 class FileOptions(NamedTuple):
     """The user's options behind a file's name, as in `a.xosc?ego=Car1`.
 
-    ego: the entity that the ADS drives; empty: `Ego`, or the only one (with a controller).
+    ego: the entity that the ADS drives; empty: `Ego`, else the only one with a controller, else the
+        only one.
     map: the OpenDRIVE file instead of the one that the file names; empty: the file's.
     """
 
