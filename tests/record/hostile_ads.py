@@ -103,6 +103,14 @@ def closes_stdout(traci, ego, now):
     return Command(0.0)
 
 
+class ClosesStreams:
+    def __init__(self):
+        closes_stdout(None, None, 0.0)
+
+    def act(self, seen):
+        return Command(0.0)
+
+
 def sets_a_timer(traci, ego, now):
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.setitimer(signal.ITIMER_REAL, 0.3, 0.3)

@@ -115,7 +115,7 @@ def test_memory_that_is_shared_or_anothers_counts_and_the_row_says_how_much(outc
     assert "more than the 600 MB of `run.memory_limit`" in (outcome.error or "")
 
 
-@pytest.mark.parametrize("ads", ["hoards", "limits_memory", "limits_files"])
+@pytest.mark.parametrize("ads", ["hoards", "limits_memory", "limits_files", "ClosesStreams"])
 def test_an_ads_that_keeps_or_limits_resources_loses_no_case(ads):
     found = run_cases(cases_of(f"hostile_ads.py:{ads}", 20), limited(workers=1, **LIMITS))
     assert [outcome.status for outcome in found] == ["collision"] * 20

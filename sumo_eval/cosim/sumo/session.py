@@ -162,6 +162,10 @@ def _files(network: str, routes: str) -> Iterator[_Files]:
 
     In memory where the system supports it: a folder takes ten times as long.
     """
+    # a standard stream that an ADS has closed: else a file gets its number, and what SUMO prints
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(number)
     if not hasattr(os, "memfd_create"):
         with tempfile.TemporaryDirectory(prefix="sumo_eval_") as folder:
             files = _Files(*(Path(folder) / name for name in _NAMES))
@@ -287,11 +291,7 @@ def _stderr_into(path: Path) -> Iterator[None]:
 
     SUMO prints its errors there whatever its options say; they become part of the package's error.
     """
-    try:
-        console = os.dup(2)
-    except OSError:  # a process without a console has nothing to keep clean
-        yield
-        return
+    console = os.dup(2)
     with suppress(AttributeError, ValueError):  # None, or closed by an ADS
         sys.stderr.flush()
     try:
