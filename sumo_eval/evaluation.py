@@ -118,15 +118,17 @@ def record_rounds(
     return recorded
 
 
-def _further_rounds(done: Evaluation, settings: EvaluationSettings) -> EvaluationSettings:
+def _further_rounds(evaluation: Evaluation, settings: EvaluationSettings) -> EvaluationSettings:
     """The settings with one more round in every adaptive scenario that has not come to its end."""
     from sumo_eval.scoring.confidence.next_round import further_round
 
     entries = []
-    for entry, logical in zip(settings.scenario, done.scenarios.values(), strict=True):
+    for entry, logical in zip(settings.scenario, evaluation.scenarios.values(), strict=True):
         if entry.sampling.method == "adaptive":
-            points = choose_points(logical, entry, done.source, settings)
-            entry = replace(entry, sampling=further_round(logical, entry.sampling, points, done))
+            points = choose_points(logical, entry, evaluation.source, settings)
+            entry = replace(
+                entry, sampling=further_round(logical, entry.sampling, points, evaluation)
+            )
         entries.append(entry)
     return replace(settings, scenario=tuple(entries))
 
@@ -161,18 +163,18 @@ def score(
     facts = folder / run_folder.FACTS
     with open_store(facts) as store:
         run_folder.check_complete(store, folder)
-        left_out, kept = store.left_out(), KeptResults(folder)
+        left_out, cache = store.left_out(), KeptResults(folder)
         key = scores_key(settings, store.content, resolved.source, severity.sha256, exposures)
-        results = kept_scores(kept, key)
+        results = kept_scores(cache, key)
         if results is None:
             from sumo_eval.record.human_reference import point_processes
             from sumo_eval.scoring.steps import Scoring
 
             store.check_all()
             with point_processes(store, settings.run.workers) as spread:
-                scoring = Scoring(resolved, exposures, severity, store, kept, spread, progress)
-                results = keep_scores(kept, key, scoring.scores(RowWriter(kept, key)))
-        vouch(facts, kept)
+                scoring = Scoring(resolved, exposures, severity, store, cache, spread, progress)
+                results = keep_scores(cache, key, scoring.scores(RowWriter(cache, key)))
+        vouch(facts, cache)
     return Evaluation(
         settings.name,
         folder,
@@ -180,7 +182,7 @@ def score(
         manifest,
         results.zones,
         results.scores,
-        table_of(kept, key, results.chunks),
+        table_of(cache, key, results.chunks),
         exposures,
         results.ranking,
         resolved.scenarios,
@@ -229,10 +231,10 @@ def discard_trajectories(evaluation: Evaluation) -> int:
             discarded = store.discard_trajectories(
                 lambda scenario, number: (scenario, number) in critical
             )
-        kept = KeptResults(folder)
+        cache = KeptResults(folder)
         with open_store(facts, whole=True):
-            vouch(facts, kept)
-        kept.close()
+            vouch(facts, cache)
+        cache.close()
     return discarded
 
 
@@ -240,5 +242,5 @@ def zone_partitions(evaluation: Evaluation) -> dict[str, ZonePartition]:
     """The partition of every scenario of an evaluation, by scenario name."""
     from sumo_eval.scoring.zones import zones_of
 
-    with closing(KeptResults(evaluation.folder)) as kept:
-        return zones_of(evaluation.resolved, kept)
+    with closing(KeptResults(evaluation.folder)) as cache:
+        return zones_of(evaluation.resolved, cache)

@@ -230,5 +230,5 @@ def trend(history: Path, runs: tuple[Path, ...]) -> None:
         with Progress() as progress:
             for night in import_runs(history, runs, progress):
                 tell(f"Added {night.folder} as night {night.night}.")
-    with open_history(history) as lines:
-        tell(str(write_trend(history, lines)))
+    with open_history(history) as database:
+        tell(str(write_trend(history, database)))

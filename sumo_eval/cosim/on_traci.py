@@ -381,8 +381,7 @@ class _Hook:
         if not (abs(x - front_x) <= _PLACE_TOLERANCE and abs(y - front_y) <= _PLACE_TOLERANCE):
             raise SimulationError(
                 f"SUMO put the ego's front bumper at ({x:.3f}, {y:.3f}) m instead of "
-                f"({front_x:.3f}, {front_y:.3f}) m "
-                f"at {now:.2f} s."
+                f"({front_x:.3f}, {front_y:.3f}) m at {now:.2f} s."
             )
 
     def _read_driven_ego(self, now: float) -> None:

@@ -233,7 +233,9 @@ def indexes_by_group(
     points_per_slice = 2 * settings.points_per_side + 1
     # about as many points as the longest comparison has; `SharedFields` chooses its method by them
     points = int(stretch.length / settings.slice_spacing) * points_per_slice
-    shared = SharedFields([one.on_road for one in vehicles], stretch, settings.field, points)
+    shared = SharedFields(
+        [vehicle.on_road for vehicle in vehicles], stretch, settings.field, points
+    )
     return [_indexes(group, vehicles, shared, road, settings) for group in groups]
 
 
@@ -350,7 +352,7 @@ def _indexes(
         )
         for (pairing, _), (_, slices) in choices.items()
     }
-    places = sorted({place for one in pairings for place in (one.ads, *one.drivers)})
+    places = sorted({place for pairing in pairings for place in (pairing.ads, *pairing.drivers)})
     # Eq. 9: fields of all trajectories at all sample points, computed together; each (k, m, 7)
     together = np.concatenate(list(points.values()))
     ends = np.cumsum([len(each) for each in points.values()])[:-1]
@@ -685,7 +687,9 @@ def _trajectory_notes(
     latest = ads.begin + settings.slice_spacing
     return [
         # `on_road` is another object if the trajectory was cut at the road's end
-        *_note([one.on_road is not one.whole for one in (ads, *drivers)], "past_the_road"),
+        *_note(
+            [vehicle.on_road is not vehicle.whole for vehicle in (ads, *drivers)], "past_the_road"
+        ),
         *_note([driver.begin > latest for driver in drivers], "drivers_start_late"),
         *_note([driver.still_driving for driver in drivers], "drivers_still_driving"),
         *_note(ads.still_driving, "ads_still_driving"),

@@ -377,7 +377,7 @@ def conflict_pet(ego: Trajectory, other: Trajectory, collision: Collision | None
     if not touching.any():
         return float("nan")
     i, j = np.unravel_index(int(np.argmin(np.where(touching, apart, np.inf))), apart.shape)
-    first, second = (_around(one.time, int(k)) for one, k in ((ego, i), (other, j)))
+    first, second = (_around(trajectory.time, int(k)) for trajectory, k in ((ego, i), (other, j)))
     touching = _separation(_poses(ego, first), _poses(other, second), ego, other) < 0.0
     return float(np.abs(first[:, None] - second[None, :])[touching].min(initial=float(apart[i, j])))
 
@@ -388,10 +388,10 @@ def _around(time: FloatArray, at: int) -> FloatArray:
     return np.linspace(begin, end, max(round((end - begin) / _FINER), 1) + 1)
 
 
-def _poses(one: Trajectory, times: FloatArray) -> FloatArray:
+def _poses(trajectory: Trajectory, times: FloatArray) -> FloatArray:
     """x, y and heading at times within its recording, (n, 3)."""
-    channels = (one.x, one.y, np.unwrap(one.heading))
-    return np.stack([np.interp(times, one.time, channel) for channel in channels], axis=1)
+    channels = (trajectory.x, trajectory.y, np.unwrap(trajectory.heading))
+    return np.stack([np.interp(times, trajectory.time, channel) for channel in channels], axis=1)
 
 
 def _separation(

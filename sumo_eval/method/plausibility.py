@@ -149,7 +149,7 @@ def least_plausible(extremes: Mapping[str, float], people: Quantiles) -> tuple[s
     first of equals.
     """
     shares = {name: people.share(name, value) for name, value in extremes.items()}
-    name = min(shares, key=lambda one: shares[one])
+    name = min(shares, key=lambda extreme: shares[extreme])
     return name, shares[name]
 
 

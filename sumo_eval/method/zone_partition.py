@@ -418,7 +418,7 @@ def _learn(
             break
         more = np.random.default_rng(SEED).permutation(np.flatnonzero(wrong))[:ADDED_AT_ONCE]
         training = np.unique(np.concatenate([training, grid[more]]), axis=0)
-    best = min(fits, key=lambda one: int(one.wrong.sum()))
+    best = min(fits, key=lambda fit: int(fit.wrong.sum()))
     share = best.wrong.sum() / n_feasible
     if share > ERROR_WORTH_A_NOTE:
         remark = f"The GP puts {100 * share:.1f} % of the space in the wrong zone: add points."

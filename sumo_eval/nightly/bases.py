@@ -44,27 +44,31 @@ class Bases:
     @property
     def comparisons(self) -> tuple[Comparison, ...]:
         """All comparisons that exist."""
-        return tuple(one for one in (self.comparison, self.pinned) if one is not None)
+        return tuple(
+            comparison for comparison in (self.comparison, self.pinned) if comparison is not None
+        )
 
 
-def find_bases(history: Path, lines: History, done: Evaluation, settings: GateSettings) -> Bases:
+def find_bases(
+    history: Path, database: History, evaluation: Evaluation, settings: GateSettings
+) -> Bases:
     """Compare a night with the newest good one that can be used, in the order of adding, and with
     the accepted one.
     """
-    nights = lines.nights()
+    nights = database.nights()
     notes: list[str] = []
-    accepted = {pin.night for pin in in_force(lines.accepted())}
+    accepted = {pin.night for pin in in_force(database.accepted())}
     good = [night for night in nights if night.good or night.night in accepted]
     kept = [night for night in good[::-1] if (history / night.folder).is_dir()]
     if good and not kept:
         notes.append("The folders of all good nights are gone.")
-    last, comparison = _first_usable(history, kept, done, settings, notes)
+    last, comparison = _first_usable(history, kept, evaluation, settings, notes)
 
-    pin = pin_of(lines)
+    pin = pin_of(database)
     pinned_night = next((night for night in nights if pin and night.night == pin.night), None)
     pinned = None
     if pinned_night is not None and pinned_night != last:
-        pinned_night, pinned = _first_usable(history, [pinned_night], done, settings, notes)
+        pinned_night, pinned = _first_usable(history, [pinned_night], evaluation, settings, notes)
     # an accepted night that was also tried as the last good one has its note twice
     once = tuple(dict.fromkeys(notes))
     return Bases(last, pinned_night, comparison, pinned, once, bool(good) and last is None)
@@ -73,14 +77,14 @@ def find_bases(history: Path, lines: History, done: Evaluation, settings: GateSe
 def _first_usable(
     history: Path,
     nights: Sequence[Night],
-    done: Evaluation,
+    evaluation: Evaluation,
     settings: GateSettings,
     notes: list[str],
 ) -> tuple[Night | None, Comparison | None]:
     """The first night that can be compared with, and the comparison; adds a note on each other."""
     for night in nights:
         try:
-            return night, side_by_side(score(history / night.folder), done, settings)
+            return night, side_by_side(score(history / night.folder), evaluation, settings)
         except InputError as error:
             notes.append(f"Night {night.night} cannot be compared with: {error}")
     return None, None
@@ -95,9 +99,9 @@ def in_force(accepted: Sequence[Accepted], today: str = "") -> list[Accepted]:
     return [pin for pin in accepted if pin.until is None or pin.until >= day]
 
 
-def pin_of(lines: History) -> Accepted | None:
+def pin_of(database: History) -> Accepted | None:
     """The acceptance that counts: the newest that has not expired."""
-    return next(reversed(in_force(lines.accepted())), None)
+    return next(reversed(in_force(database.accepted())), None)
 
 
 class Acceptance(NamedTuple):
@@ -121,13 +125,13 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
     if until is not None and until < _now()[:10]:
         raise InputError(f"--until must be today (UTC) or later, got {until}.")
     # refuses a folder without a history
-    with open_history(history, create=is_begun(history)) as lines:
-        nights = {one.night: one for one in lines.nights()}
+    with open_history(history, create=is_begun(history)) as database:
+        nights = {night.night: night for night in database.nights()}
         if not nights:
             raise InputError(
                 f"The history in {history} has no night yet; accept one after it has run."
             )
-        ran = [name for name, one in nights.items() if not one.imported] or [*nights]
+        ran = [name for name, night in nights.items() if not night.imported] or [*nights]
         name = ran[-1] if night is None else Path(night).name
         check_known("night", nights, name)
         if not (history / nights[name].folder).is_dir():
@@ -138,7 +142,7 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
         limits = _limits(history / nights[name].folder / NIGHT)
         own = {limit["sentence"] for limit in limits if limit.get("own")}
         accepted, remaining = list[str](), list[str]()
-        for gate in lines.gates():
+        for gate in database.gates():
             if gate.night == name and gate.passed is False:
                 sentences = remaining if gate.sentence in own else accepted
                 sentences.append(f"{gate.ads} in {gate.scenario}: {gate.sentence}")
@@ -147,7 +151,7 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
                 f"Night {name} fails by limits on its own values alone, which no accepted night "
                 f"changes: change the gate. {'; '.join(remaining)}."
             )
-        lines.accept(Accepted(name, _now(), reason, until, itself=False))
+        database.accept(Accepted(name, _now(), reason, until, itself=False))
     changes = defaultdict[str, list[str]](list)  # of each case, by the limits that name it
     for limit in limits:
         for case in () if limit.get("own") else limit["cases"]:
@@ -178,8 +182,8 @@ def finished_within(history: Path, age: str, now: datetime | None = None) -> tup
         raise InputError(
             f"--newer-than must be a number of minutes, hours or days such as 26h, got {age!r}."
         )
-    with open_history(history) as lines:
-        night = next((one for one in reversed(lines.nights()) if not one.imported), None)
+    with open_history(history) as database:
+        night = next((night for night in reversed(database.nights()) if not night.imported), None)
     if night is None:
         return False, f"No night has finished in {history}."
     began = datetime.strptime(night.night, "%Y-%m-%dT%H-%M-%SZ").replace(tzinfo=UTC)

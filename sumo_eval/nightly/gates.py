@@ -47,7 +47,7 @@ def judge(
     A limit on missed requirements in all scenarios is about those that have requirements, if any
     has. A limit on an ADS or a scenario that the run does not have is not evaluated.
     """
-    compared = {(one.ads, one.scenario): one for one in comparison.ads} if comparison else {}
+    compared = {(part.ads, part.scenario): part for part in comparison.ads} if comparison else {}
     requiring = {score.scenario for score in new.scores if score.requirements_missed is not None}
     results = judge_rule(comparison, settings, noise) if comparison else []
     for score, limit in product(new.scores, settings.limit):
@@ -66,7 +66,9 @@ def judge(
 def _without_cases(new: Evaluation, settings: GateSettings) -> Iterator[GateResult]:
     """Limits on an ADS or a scenario that the run does not have."""
     # None in a limit means every ADS, or every scenario
-    known = {it for one in new.scores for it in product((one.ads, None), (one.scenario, None))}
+    known = {
+        it for score in new.scores for it in product((score.ads, None), (score.scenario, None))
+    }
     for limit in settings.limit:
         if (limit.ads, limit.scenario) not in known:
             where = limit.ads or "every ADS", limit.scenario or EVERYWHERE
@@ -78,7 +80,7 @@ def _without_cases(new: Evaluation, settings: GateSettings) -> Iterator[GateResu
 
 
 def _judge(
-    limit: LimitSettings, score: ScenarioResult, compared: AdsComparison | None, confidence: float
+    limit: LimitSettings, score: ScenarioResult, part: AdsComparison | None, confidence: float
 ) -> Iterator[GateResult]:
     """Every bound of a limit on a number of an ADS in a scenario."""
     quantity, none = limit.quantity, "there is no base to compare with"
@@ -86,11 +88,11 @@ def _judge(
     baseless = partial(result, None, f"{quantity}: {none}", reason=none)
     if quantity not in _CHANGES:
         value = getattr(score, SCORES[quantity][0] if quantity in SCORES else quantity)
-    elif compared is None:
+    elif part is None:
         yield baseless(threshold=limit.at_most)
         return
     else:
-        value = float(len(compared.changed.of(_CHANGES[quantity])))
+        value = float(len(part.changed.of(_CHANGES[quantity])))
 
     for bound, sign, words in ((limit.at_least, 1.0, "least"), (limit.at_most, -1.0, "most")):
         if bound is None:
@@ -98,10 +100,10 @@ def _judge(
         stated = "not computed" if value is None or np.isnan(value) else _number(quantity, value)
         sentence = f"{quantity} is {stated}; it must be at {words} {bound:g}"
         ok = value is not None and sign * (value - bound) >= -limit.tolerance * max(1.0, abs(bound))
-        keys, worst = ((), ()) if ok or value is None else _worst(quantity, compared)
+        keys, worst = ((), ()) if ok or value is None else _worst(quantity, part)
         if keys:
             more = len(keys) - MOST_NAMED
-            sentence += f": {', '.join(f'{one.case} ({one.point})' for one in worst)}"
+            sentence += f": {', '.join(f'{change.case} ({change.point})' for change in worst)}"
             sentence += f" and {count(more, 'other')}" if more > 0 else ""
         yield result(
             ok, sentence, value, bound, keys[:MOST_KEYS], worst, own=quantity not in _CHANGES
@@ -109,26 +111,26 @@ def _judge(
     for bound, unit in ((limit.worse_by, ""), (limit.worse_by_percent, " %")):
         if bound is None:
             continue
-        if compared is None:
+        if part is None:
             yield baseless(value=value)
         else:
-            yield _judge_change(limit, score, compared, (bound, unit), confidence)
+            yield _judge_change(limit, score, part, (bound, unit), confidence)
 
 
 def _judge_change(
     limit: LimitSettings,
     score: ScenarioResult,
-    compared: AdsComparison,
+    part: AdsComparison,
     bound: tuple[float, str],
     confidence: float,
 ) -> GateResult:
     """A bound on how much worse a number may become, and its unit, ` %` of the base's value."""
     quantity, (most, unit) = limit.quantity, bound
     result = partial(GateResult, quantity, score.ads, score.scenario)
-    if quantity in compared.quantities:
-        change = compared.quantities[quantity]
+    if quantity in part.quantities:
+        change = part.quantities[quantity]
     else:
-        old, now = map(float, compared.counts[quantity])
+        old, now = map(float, part.counts[quantity])
         change = QuantityChange(old, now, now - old)
     if change.base is None:
         never = f"{quantity} was not computed in the base, so it cannot have become worse"
@@ -144,8 +146,8 @@ def _judge_change(
     slack = limit.tolerance * max(1.0, abs(change.base))
     excused = limit.only_if_certain and not change.certain
     ok = sign * (change.base - change.new) <= allowed + slack or excused
-    worst = () if ok else _worst(quantity, compared)[1]
-    keys = tuple(one.case for one in worst)
+    worst = () if ok else _worst(quantity, part)[1]
+    keys = tuple(change.case for change in worst)
     sentence = _change_words(limit, change, bound, confidence)
     return result(ok, sentence, change.new, change.base - sign * allowed, keys, worst)
 
@@ -182,17 +184,17 @@ def _why_missing(quantity: str, score: ScenarioResult) -> str:
 
 
 def _worst(
-    quantity: str, compared: AdsComparison | None
+    quantity: str, part: AdsComparison | None
 ) -> tuple[tuple[str, ...], tuple[CaseChange, ...]]:
     """Keys of the cases that a limit on a change is about; the worst of them, else of all that got
     worse.
     """
-    if compared is None:
+    if part is None:
         return (), ()
-    about = compared.changed.of(_CHANGES[quantity]) if quantity in _CHANGES else ()
-    worst = list(islice(about or compared.changed.worse, MOST_NAMED))
+    about = part.changed.of(_CHANGES[quantity]) if quantity in _CHANGES else ()
+    worst = list(islice(about or part.changed.worse, MOST_NAMED))
     return tuple(item.new.case for item in about), tuple(
-        end_change(it.base, it.new, compared.units) for it in worst
+        end_change(it.base, it.new, part.units) for it in worst
     )
 
 
@@ -206,7 +208,7 @@ def _number(quantity: str, value: float | None) -> str:
 
 
 def _judge_cases(
-    limit: LimitSettings, score: ScenarioResult, new: Evaluation, compared: AdsComparison | None
+    limit: LimitSettings, score: ScenarioResult, new: Evaluation, part: AdsComparison | None
 ) -> Iterator[GateResult]:
     """Every bound of a limit on a column of cases.csv, in every case of the new run by itself."""
     cases = new.cases_of(score.ads, score.scenario)
@@ -214,8 +216,8 @@ def _judge_cases(
     _, unit = (WORDS | of_u).get(limit.quantity, ("", ""))
     name = "index" if limit.quantity == "d_i" else limit.quantity
     after, before = getattr(cases, name).astype(np.float64), np.full(len(cases), np.nan)
-    if compared is not None:
-        before[compared.changed.paired.new_rows] = compared.comparable(name)[0]
+    if part is not None:
+        before[part.changed.paired.new_rows] = part.comparable(name)[0]
     for beyond, scale, words in _column_bounds(limit, before, after, unit):
         # bounds on a change have the base's values as their scale, others the bound itself
         own, valued = scale is not before, int(np.isfinite(beyond).sum())
@@ -237,7 +239,7 @@ def _judge_cases(
                     for k in worst[:MOST_NAMED].tolist()
                 ),
             )  # fmt: skip
-        elif not own and compared is not None and name in OF_U and not compared.one_unit:
+        elif not own and part is not None and name in OF_U and not part.one_unit:
             yield result(None, f"{limit.quantity} has another unit in the base")
         else:
             why = "no case has a value to compare"

@@ -57,21 +57,21 @@ class JudgedNight:
 
 
 def judge_night(
-    history: Path, lines: History, done: Evaluation, gate: GateSettings, progress: Progress
+    history: Path, database: History, evaluation: Evaluation, gate: GateSettings, progress: Progress
 ) -> JudgedNight:
     """Compare a night with its bases and evaluate its limits.
 
     Each limit is listed once: of the comparison with the accepted night, only what fails in
     addition.
     """
-    bases = find_bases(history, lines, done, gate)
+    bases = find_bases(history, database, evaluation, gate)
     place = history / AGAIN
     # `bad_again` needs the repeats
-    noise = Noise(repeats_of(done, gate, place, progress) if bases.comparisons else {})
-    bad = bad_again(bases.comparisons, done, noise, gate, place)
-    noise = Noise(noise.repeats, bad, keys_of(done, lines.shaky()))
+    noise = Noise(repeats_of(evaluation, gate, place, progress) if bases.comparisons else {})
+    bad = bad_again(bases.comparisons, evaluation, noise, gate, place)
+    noise = Noise(noise.repeats, bad, keys_of(evaluation, database.shaky()))
     accept = shlex.join(["sumo-eval", "accept", str(history), "--reason", "..."])
-    gates = list(judge(done, bases.comparison, gate, noise))
+    gates = list(judge(evaluation, bases.comparison, gate, noise))
     if bases.unusable:
         missing = (
             "no earlier good night can be compared with, so no limit was evaluated. If this is "
@@ -86,20 +86,23 @@ def judge_night(
             results = [replace(result, against=name) for result in results]
         known = {result.name for result in failed(gates)}
         gates += [result for result in failed(results) if result.name not in known]
-    since = failing_since(lines, gates, done.folder.name)
-    shaky, builds = frozenset(shaky_cases(done, noise.bad, gate)), done.manifest.get("builds", {})
-    ordered = in_order(gates, {name: one.nights for name, one in since.items()})
+    since = failing_since(database, gates, evaluation.folder.name)
+    shaky, builds = (
+        frozenset(shaky_cases(evaluation, noise.bad, gate)),
+        evaluation.manifest.get("builds", {}),
+    )
+    ordered = in_order(gates, {name: start.nights for name, start in since.items()})
     return JudgedNight(bases, ordered, noise, shaky, builds, since)
 
 
 def failing_since(
-    lines: History, gates: Sequence[GateResult], tonight: str
+    database: History, gates: Sequence[GateResult], tonight: str
 ) -> dict[LimitName, Since]:
     """Since when each limit that failed tonight has failed, by its name."""
-    nights = [night.night for night in lines.nights() if not night.imported]
+    nights = [night.night for night in database.nights() if not night.imported]
     failing = {
         (line.night, line.ads, line.scenario, line.quantity)
-        for line in lines.gates()
+        for line in database.gates()
         if line.passed is False
     }
     since = {}
@@ -114,18 +117,18 @@ def failing_since(
 
 
 def new_pin(
-    line: Night, judged: JudgedNight, lines: History, gate: GateSettings
+    night: Night, judged: JudgedNight, database: History, gate: GateSettings
 ) -> Accepted | None:
     """Acceptance of a night without a user: of the first good one, and of one in which paired cases
     only improved; None for any other.
     """
-    if not line.good:
+    if not night.good:
         return None
-    pin = pin_of(lines)
+    pin = pin_of(database)
     if pin is None:
-        return pinned_by_itself(line.night, "the first good night", None)
+        return pinned_by_itself(night.night, "the first good night", None)
     beside = judged.bases.pinned or judged.bases.comparison
-    noisy = any(one.noisy for one in judged.noise.repeats.values())
+    noisy = any(repeats.noisy for repeats in judged.noise.repeats.values())
     if beside is None or noisy or beside.unpaired or not only_improved(beside, gate):
         return None
-    return pinned_by_itself(line.night, "paired cases only improved", pin)
+    return pinned_by_itself(night.night, "paired cases only improved", pin)

@@ -43,39 +43,41 @@ class NightResult:
 
 
 def write_night(
-    history: Path, line: Night, word: str, judged: JudgedNight, notes: Sequence[str]
+    history: Path, night: Night, word: str, judged: JudgedNight, notes: Sequence[str]
 ) -> None:
     """Write `night.json` and `summary.md` into a night's folder, and `chat.json` beside the
     history.
 
     word: the verdict in one word.
     """
-    bases, folder = judged.bases, history / line.folder
+    bases, folder = judged.bases, history / night.folder
     comparison = bases.comparison
     record = {
-        "night": line.night,
-        "evaluation": line.evaluation,
+        "night": night.night,
+        "evaluation": night.evaluation,
         "verdict": word,
-        "sentence": line.verdict,
-        "exit_status": line.exit_status,
-        "base": line.base,
+        "sentence": night.verdict,
+        "exit_status": night.exit_status,
+        "base": night.base,
         "accepted": None if bases.accepted is None else bases.accepted.night,
-        "since": min((one.night for one in judged.since.values()), default=None),
+        "since": min((start.night for start in judged.since.values()), default=None),
         "failed": [_plain(gate, judged.since[gate.name], folder) for gate in failed(judged.gates)],
         "not_judged": [
             f"{gate.ads}: {gate.sentence}" for gate in judged.gates if gate.passed is None
         ],
         "pairs": 0 if comparison is None else comparison.pairs,
-        "differences": [asdict(one) for one in (comparison.differences if comparison else ())],
-        "unpaired": [asdict(one) for one in (comparison.unpaired if comparison else ())],
-        "repeats": {ads: asdict(one) for ads, one in judged.noise.repeats.items()},
+        "differences": [
+            asdict(difference) for difference in (comparison.differences if comparison else ())
+        ],
+        "unpaired": [asdict(group) for group in (comparison.unpaired if comparison else ())],
+        "repeats": {ads: asdict(repeats) for ads, repeats in judged.noise.repeats.items()},
         "builds": dict(judged.builds),
         "notes": list(notes),
     }
     for path, text in (
         (folder / NIGHT, json.dumps(record, indent=2, ensure_ascii=False)),
-        (folder / SUMMARY, "\n".join(markdown_lines(line, judged, folder))),
-        (history / CHAT, json.dumps({"text": chat_text(line, judged)})),
+        (folder / SUMMARY, "\n".join(markdown_lines(night, judged, folder))),
+        (history / CHAT, json.dumps({"text": chat_text(night, judged)})),
     ):
         path.write_text(text + "\n", encoding="utf-8")
 
@@ -92,23 +94,23 @@ def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
         "since": since.night,
         "nights": since.nights,
         "cases": [
-            asdict(one)
+            asdict(change)
             | {
-                "words": one.words,
+                "words": change.words,
                 "replay": ways["again"],
                 "run": ways["alone"],
-                "link": f"{REPORT}#case:{case_key(one.case)}",
+                "link": f"{REPORT}#case:{case_key(change.case)}",
             }
-            for one in gate.worst
-            for ways in [ways_to(folder, one.case)]
+            for change in gate.worst
+            for ways in [ways_to(folder, change.case)]
         ],
         "keys": list(gate.cases),
     }
 
 
-def markdown_lines(line: Night, judged: JudgedNight, folder: Path) -> Iterator[str]:
+def markdown_lines(night: Night, judged: JudgedNight, folder: Path) -> Iterator[str]:
     """The morning's screen in Markdown, e.g. for `$GITHUB_STEP_SUMMARY`."""
-    yield f"## {_escaped(line.verdict)}"
+    yield f"## {_escaped(night.verdict)}"
     yield ""
     for gate in failed(judged.gates):
         since = judged.since[gate.name].words
@@ -120,10 +122,10 @@ def markdown_lines(line: Night, judged: JudgedNight, folder: Path) -> Iterator[s
     yield from (f"- {_escaped(words)}" for words in _context(judged))
 
 
-def chat_text(line: Night, judged: JudgedNight) -> str:
+def chat_text(night: Night, judged: JudgedNight) -> str:
     """The morning's screen in a few plain lines."""
     bad = failed(judged.gates)
-    lines = [line.verdict]
+    lines = [night.verdict]
     for gate in bad[:MOST_IN_CHAT]:
         worst = "".join(f"; {case.case}: {case.words}" for case in gate.worst[:1])
         lines.append(
@@ -140,7 +142,7 @@ def _context(judged: JudgedNight) -> list[str]:
     differences = comparison.differences if comparison else ()
     return [
         *builds_besides(judged.builds, comparison),
-        *(f"differs: {one.words}" for one in differences),
+        *(f"differs: {difference.words}" for difference in differences),
     ]
 
 
@@ -158,14 +160,14 @@ def morning_lines(result: NightResult) -> list[str]:
     first.
     """
     judged, comparison = result.judged, result.judged.bases.comparison
-    lines = [f"{'DIFFERS' if one.decides else 'differs'}: {one_line(one.words)}"
-             for one in (comparison.differences if comparison else ())]  # fmt: skip
+    lines = [f"{'DIFFERS' if difference.decides else 'differs'}: {one_line(difference.words)}"
+             for difference in (comparison.differences if comparison else ())]  # fmt: skip
     lines += [
-        f"no partner: {one_line(one.ads)} in {one.scenario}: {one.lost} of {one.of} cases lost, "
-        f"{one.added} added" + (f" ({', '.join(one.examples)})" if one.examples else "")
-        for one in (comparison.unpaired if comparison else ())
+        f"no partner: {one_line(group.ads)} in {group.scenario}: {group.lost} of {group.of} cases lost, "
+        f"{group.added} added" + (f" ({', '.join(group.examples)})" if group.examples else "")
+        for group in (comparison.unpaired if comparison else ())
     ]
-    since = {name: one.words for name, one in judged.since.items()}
+    since = {name: start.words for name, start in judged.since.items()}
     lines += map(one_line, builds_besides(judged.builds, comparison))
     return [*lines, result.night.verdict, *gate_lines(judged.gates, result.report.parent, since)]
 

@@ -90,14 +90,14 @@ def run_night(
     # a mistake in the file is reported before anything is locked, removed or simulated
     read_evaluation(evaluation)
     _refuse_without_history(history)
-    with _only_one(history), open_history(history, create=True) as lines:
+    with _only_one(history), open_history(history, create=True) as database:
         # the newest of these that had begun to record, if nothing came after it
-        nights = reversed(lines.stopped_last() if resume else ())
+        nights = reversed(database.stopped_last() if resume else ())
         stopped = next((name for name in nights if is_run(history / NIGHTS / name)), None)
-        notes = _clear_away(history, lines, stopped)
-        _room(history, lines, stopped)
+        notes = _clear_away(history, database, stopped)
+        _room(history, database, stopped)
         clock = time.monotonic()
-        folder = history / NIGHTS / (stopped or _begin(history, lines, notes, resume))
+        folder = history / NIGHTS / (stopped or _begin(history, database, notes, resume))
         resume = bool(stopped)
         with _unfinished(folder, resumed=resume):
             run = resolve(evaluation, folder, resume, workers=workers)
@@ -105,74 +105,86 @@ def run_night(
                 recorded = record_rounds(
                     run, folder, resume=resume, progress=progress, stopping=is_asked_to_stop
                 )
-            done = score(folder, progress=progress, resolved=run)
-            judged = judge_night(history, lines, done, gate, progress)
+            scored = score(folder, progress=progress, resolved=run)
+            judged = judge_night(history, database, scored, gate, progress)
             notes += [*recorded.notes, *judged.bases.notes]
             notes += [
-                f"{ads} drove {one.cases - one.alike} of {count(one.cases, 'case')} differently "
+                f"{ads} drove {repeats.cases - repeats.alike} of {count(repeats.cases, 'case')} differently "
                 "the second time, so its limits have wider tolerances."
-                for ads, one in judged.noise.repeats.items()
-                if one.noisy
+                for ads, repeats in judged.noise.repeats.items()
+                if repeats.noisy
             ]
-            report = _write_results(done, judged, notes, progress)
+            report = _write_results(scored, judged, notes, progress)
 
-        status = NOT_EVALUATED if done.not_evaluated else DONE
-        if failed(judged.gates) or (status and done.settings.run.incomplete == "gate"):
+        status = NOT_EVALUATED if scored.not_evaluated else DONE
+        if failed(judged.gates) or (status and scored.settings.run.incomplete == "gate"):
             status = GATE_FAILED
-        result, base = verdict(judged.bases.comparison, judged.gates, done), judged.bases.good
+        result, base = verdict(judged.bases.comparison, judged.gates, scored), judged.bases.good
         line = replace(
-            _line(done, folder.name, f"{NIGHTS}/{folder.name}", status, result.sentence),
+            _line(scored, folder.name, f"{NIGHTS}/{folder.name}", status, result.sentence),
             base=None if base is None else base.night,
             wall_time=None if resume else time.monotonic() - clock,
         )
-        lines.add(
-            line, done, judged.gates, shaky=judged.shaky, pin=new_pin(line, judged, lines, gate)
+        database.add(
+            line,
+            scored,
+            judged.gates,
+            shaky=judged.shaky,
+            pin=new_pin(line, judged, database, gate),
         )
         write_night(history, line, result.word, judged, notes)
-        notes += _discard(done)  # last: a stopped night that continues needs trajectories
-        notes += _prune(history, lines, keep)
-        return NightResult(line, done, judged, tuple(notes), report, write_trend(history, lines))
+        notes += _discard(scored)  # last: a stopped night that continues needs trajectories
+        notes += _prune(history, database, keep)
+        return NightResult(
+            line, scored, judged, tuple(notes), report, write_trend(history, database)
+        )
 
 
 def _write_results(
-    done: Evaluation, judged: JudgedNight, notes: Sequence[str], progress: Progress
+    evaluation: Evaluation, judged: JudgedNight, notes: Sequence[str], progress: Progress
 ) -> Path:
     """Write tables, JUnit file and page of a night; path of the page."""
     comparison, gates = judged.bases.comparison, judged.gates
-    write_tables(done)
-    write_junit({**comparison_suites(comparison, gates), **run_suites(done)}, done.folder / JUNIT)
+    write_tables(evaluation)
+    write_junit(
+        {**comparison_suites(comparison, gates), **run_suites(evaluation)},
+        evaluation.folder / JUNIT,
+    )
     beside = Beside(
-        comparison, gates, {limit: one.words for limit, one in judged.since.items()}, tuple(notes)
+        comparison,
+        gates,
+        {limit: start.words for limit, start in judged.since.items()},
+        tuple(notes),
     )
     return write_assessed_report(
-        done, replace(beside, levers=_levers(done, beside, progress)), progress=progress
+        evaluation, replace(beside, levers=_levers(evaluation, beside, progress)), progress=progress
     )
 
 
-def _levers(done: Evaluation, beside: Beside, progress: Progress) -> CaseLevers | None:
+def _levers(evaluation: Evaluation, beside: Beside, progress: Progress) -> CaseLevers | None:
     """The levers of the case to look at first; None where it has no contact."""
-    case = first_case(done, beside)
-    fact = known_case(done.folder, case) if case else None
+    case = first_case(evaluation, beside)
+    fact = known_case(evaluation.folder, case) if case else None
     if fact is None or fact.collision is None:
         return None
     seconds = LEVER_DRIVES * (fact.wall_time or 0.0)
     if seconds > LONGEST_LEVERS:
-        command = shlex.join(["sumo-eval", "whatif", str(done.folder), case])
+        command = shlex.join(["sumo-eval", "whatif", str(evaluation.folder), case])
         return CaseLevers(
             fact, why_not=f"Its drives may take {seconds / 60.0:z.0f} min, so run: {command}"
         )
-    return WhatIf(done.folder, progress).answers_or_why_not(fact)
+    return WhatIf(evaluation.folder, progress).answers_or_why_not(fact)
 
 
-def _begin(history: Path, lines: History, notes: list[str], resume: bool) -> str:
+def _begin(history: Path, database: History, notes: list[str], resume: bool) -> str:
     """Note that a night begins. Returns its name: a time, s, that no other night has."""
-    taken = {night.night for night in lines.nights()} | lines.stopped()
+    taken = {night.night for night in database.nights()} | database.stopped()
     taken |= {path.name for path in (history / NIGHTS).glob("*")}
     began = datetime.now(UTC)
     names = (_name(began + timedelta(seconds=later)) for later in itertools.count())
     name = next(name for name in names if name not in taken)
-    lines.begin(name)
-    last = next((night.night for night in reversed(lines.nights()) if not night.imported), "")
+    database.begin(name)
+    last = next((night.night for night in reversed(database.nights()) if not night.imported), "")
     if name <= last:
         notes.append(
             f"The clock went back: night {last} was added before, {name} now. Nights stand in the "
@@ -219,18 +231,18 @@ def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet)
     None is a base: no gate evaluated them.
     """
     added = []
-    with _only_one(history), open_history(history, create=True) as lines:
+    with _only_one(history), open_history(history, create=True) as database:
         for run in runs:
-            done = score(run, progress=progress)
-            created = datetime.fromisoformat(str(done.manifest["created"])).astimezone(UTC)
+            evaluation = score(run, progress=progress)
+            created = datetime.fromisoformat(str(evaluation.manifest["created"])).astimezone(UTC)
             night = _line(
-                done,
+                evaluation,
                 _name(created),
                 str(run.resolve()),
                 IMPORTED,
                 "Imported; no gate evaluated it.",
             )
-            lines.add(night, done, ())
+            database.add(night, evaluation, ())
             added.append(night)
     return added
 
@@ -264,7 +276,7 @@ def _importing(history: Path, night: Path) -> str:
     return shlex.join(["sumo-eval", "trend", str(history), "--import", str(night)])
 
 
-def _clear_away(history: Path, lines: History, resumed: str | None) -> list[str]:
+def _clear_away(history: Path, database: History, resumed: str | None) -> list[str]:
     """Remove the folders of killed nights. Returns notes on them and on the night that is resumed.
 
     The cause of their end is unknown, so cases of no other killed night are used. A folder that the
@@ -272,8 +284,8 @@ def _clear_away(history: Path, lines: History, resumed: str | None) -> list[str]
 
     resumed: name of the night that continues.
     """
-    night_folders = {(history / night.folder).resolve() for night in lines.nights()}
-    stopped = lines.stopped()
+    night_folders = {(history / night.folder).resolve() for night in database.nights()}
+    stopped = database.stopped()
     notes = []
     for path in sorted((history / NIGHTS).glob("*")):
         if path.resolve() in night_folders or path.name == resumed:
@@ -317,22 +329,32 @@ def _name(moment: datetime) -> str:
     return moment.strftime("%Y-%m-%dT%H-%M-%SZ")
 
 
-def _line(done: Evaluation, name: str, folder: str, status: int, verdict: str) -> Night:
+def _line(evaluation: Evaluation, name: str, folder: str, status: int, verdict: str) -> Night:
     """The history's line of a night, without base and wall time."""
     package, libsumo = (
-        done.manifest.get("versions", {}).get(it, "not known") for it in ("sumo_eval", "libsumo")
+        evaluation.manifest.get("versions", {}).get(it, "not known")
+        for it in ("sumo_eval", "libsumo")
     )
     return Night(
-        name, done.name, folder, None, status, None, verdict, package, libsumo, status == IMPORTED
+        name,
+        evaluation.name,
+        folder,
+        None,
+        status,
+        None,
+        verdict,
+        package,
+        libsumo,
+        status == IMPORTED,
     )
 
 
-def _room(history: Path, lines: History, stopped: str | None) -> None:
+def _room(history: Path, database: History, stopped: str | None) -> None:
     """Refuse to begin what would fill the disk.
 
     stopped: a night that continues, whose files are there already.
     """
-    finished = [history / night.folder for night in lines.nights() if not night.imported]
+    finished = [history / night.folder for night in database.nights() if not night.imported]
     last = next((folder for folder in reversed(finished) if folder.is_dir()), None)
     needed = FIRST_NIGHT_ROOM if last is None else int(SPARE * (_size(last) + _discarded(last)))
     if stopped:
@@ -349,12 +371,12 @@ def _size(folder: Path) -> int:
     return sum(path.lstat().st_size for path in folder.rglob("*"))  # a link may lead nowhere
 
 
-def _discard(done: Evaluation) -> list[str]:
+def _discard(evaluation: Evaluation) -> list[str]:
     """Discard what the night does not keep; a sentence where that fails, since the night is in the
     history.
     """
     try:
-        discard_trajectories(done)
+        discard_trajectories(evaluation)
     except (InputError, OSError, sqlite3.Error) as error:
         return [f"The trajectories of this night could not be discarded: {said(error)}."]
     return []
@@ -367,14 +389,14 @@ def _discarded(folder: Path) -> int:
     return 0
 
 
-def _prune(history: Path, lines: History, keep: int) -> list[str]:
+def _prune(history: Path, database: History, keep: int) -> list[str]:
     """Remove folders of old nights: the newest `keep` stay, the newest good one and the accepted
     one at any age.
     """
-    nights = [night for night in lines.nights() if not night.imported]
+    nights = [night for night in database.nights() if not night.imported]
     good = [night for night in nights if night.good]
     kept = {night.night for night in (*nights[-keep:], *good[-1:])}
-    pins = in_force(lines.accepted())
+    pins = in_force(database.accepted())
     # the acceptance that counts on each day on which one ends; 9999: without an end
     for day in {pin.until or "" for pin in pins}:
         kept |= {pin.night for pin in in_force(pins, day or "9999-12-31")[-1:]}

@@ -40,7 +40,7 @@ AGAIN = "again"  # folder beside the nights in which cases are driven once more;
 
 
 def repeats_of(
-    done: Evaluation, settings: GateSettings, place: Path, progress: Progress
+    evaluation: Evaluation, settings: GateSettings, place: Path, progress: Progress
 ) -> dict[str, Repeats]:
     """Drive a sample of each ADS's cases once more. Returns which ADSs repeat, and the noise floors
     of those that do not.
@@ -49,10 +49,10 @@ def repeats_of(
     """
     if not settings.noise.cases:
         return {}
-    plan = planner(done.resolved)
+    plan = planner(evaluation.resolved)
     sample = _sample(plan, settings.noise.cases)
-    alike: dict[str, list[bool]] = {ads.name: [] for ads in done.settings.ads}
-    with open_store(done.folder / FACTS) as store:
+    alike: dict[str, list[bool]] = {ads.name: [] for ads in evaluation.settings.ads}
+    with open_store(evaluation.folder / FACTS) as store:
         for number, (case, difference) in enumerate(
             drive_again(sample, plan.setup, store), start=1
         ):
@@ -61,10 +61,10 @@ def repeats_of(
 
     noisy = {ads for ads, equal in alike.items() if not all(equal)}
     keys = {case.key for case in sample if case.driver in noisy}
-    rows = _rerun(done, keys, place) if keys else {}
+    rows = _rerun(evaluation, keys, place) if keys else {}
     return {
         ads: Repeats(
-            len(equal), sum(equal), _floors(done, ads, rows, settings) if ads in noisy else {}
+            len(equal), sum(equal), _floors(evaluation, ads, rows, settings) if ads in noisy else {}
         )
         for ads, equal in alike.items()
     }
@@ -88,30 +88,32 @@ def _sample(plan: Planner, number: int) -> list[Case]:
     return cases[::-1]
 
 
-def _rerun(done: Evaluation, cases: Collection[str], place: Path) -> dict[str, CaseResult]:
+def _rerun(evaluation: Evaluation, cases: Collection[str], place: Path) -> dict[str, CaseResult]:
     """Rows of cases from a copy of a run in which they were rerun."""
     shutil.rmtree(place, ignore_errors=True)
     try:
-        shutil.copytree(done.folder, place)
+        shutil.copytree(evaluation.folder, place)
         with open_store(place / FACTS, create=True) as store:
             store.unseal()
             store.remove(cases)
-        record_facts(done.resolved, place, resume=True)
+        record_facts(evaluation.resolved, place, resume=True)
         return {
-            row.case: row for row in score(place, resolved=done.resolved).cases if row.case in cases
+            row.case: row
+            for row in score(place, resolved=evaluation.resolved).cases
+            if row.case in cases
         }
     finally:
         shutil.rmtree(place, ignore_errors=True)
 
 
 def _floors(
-    done: Evaluation, ads: str, rows: Mapping[str, CaseResult], settings: GateSettings
+    evaluation: Evaluation, ads: str, rows: Mapping[str, CaseResult], settings: GateSettings
 ) -> dict[str, float]:
     """Noise floor (`floor_of`) of every quantity that the rule looks at, by name.
 
     rows: of the second drives, by case.
     """
-    first = [row for row in done.cases if row.ads == ads and row.case in rows]
+    first = [row for row in evaluation.cases if row.ads == ads and row.case in rows]
     second = [rows[row.case] for row in first]
     names = [measure.quantity for measure in (*settings.near_miss.measure, *settings.shift.measure)]
     once, twice = CaseTable.of(first), CaseTable.of(second)
@@ -125,7 +127,7 @@ def _floors(
 
 def bad_again(
     comparisons: Sequence[Comparison],
-    done: Evaluation,
+    evaluation: Evaluation,
     noise: Noise,
     settings: GateSettings,
     place: Path,
@@ -136,9 +138,9 @@ def bad_again(
     bases = dict(_newly_bad_rows(comparisons, noise, settings))
     bad = dict.fromkeys(bases, 1)
     for _ in range(settings.outcome.repeats if bases else 0):
-        for case, row in _rerun(done, bases, place).items():
+        for case, row in _rerun(evaluation, bases, place).items():
             base, units = bases[case]
-            old, new = (Ends.of(CaseTable.of([one])) for one in (base, row))
+            old, new = (Ends.of(CaseTable.of([case])) for case in (base, row))
             limit = severity_limit(settings, noise.of(row.ads), units)
             bad[case] += any(flags.any() for flags in worse_ends(old, new, limit).values())
     return bad
@@ -151,26 +153,28 @@ def _newly_bad_rows(
     and in the new run.
     """
     for comparison in comparisons:
-        for one in comparison.ads:
-            repeats, paired = noise.of(one.ads), one.changed.paired
-            for worse in newly_bad(one, settings, repeats).values() if repeats.noisy else ():
+        for part in comparison.ads:
+            repeats, paired = noise.of(part.ads), part.changed.paired
+            for worse in newly_bad(part, settings, repeats).values() if repeats.noisy else ():
                 for pair in worse.which:
-                    yield paired.new[pair].case, (paired.base[pair], one.units)
+                    yield paired.new[pair].case, (paired.base[pair], part.units)
 
 
-def shaky_cases(done: Evaluation, bad: Mapping[str, int], settings: GateSettings) -> set[ShakyCase]:
+def shaky_cases(
+    evaluation: Evaluation, bad: Mapping[str, int], settings: GateSettings
+) -> set[ShakyCase]:
     """Rerun cases that were not bad in all of their drives."""
     # bad in at most `repeats` of its `repeats` + 1 drives
     shaky = {case for case, drives in bad.items() if drives <= settings.outcome.repeats}
-    return {_place(row) for row in done.cases if row.case in shaky} if shaky else set()
+    return {_place(row) for row in evaluation.cases if row.case in shaky} if shaky else set()
 
 
 def _place(row: CaseResult) -> ShakyCase:
     return ShakyCase(row.ads, row.scenario, point_words(row.values))
 
 
-def keys_of(done: Evaluation, shaky: Collection[ShakyCase]) -> frozenset[str]:
+def keys_of(evaluation: Evaluation, shaky: Collection[ShakyCase]) -> frozenset[str]:
     """Tonight's keys of cases that were shaky before."""
     if not shaky:
         return frozenset()
-    return frozenset(row.case for row in done.cases if _place(row) in shaky)
+    return frozenset(row.case for row in evaluation.cases if _place(row) in shaky)

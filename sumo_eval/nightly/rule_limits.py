@@ -43,7 +43,7 @@ def judge_rule(comparison: Comparison, settings: GateSettings, noise: Noise) -> 
     noisy = [tally for tally in tallied if noise.of(tally.ads).noisy]
     rejected = holm([(tally.chance, tally.least_chance) for tally in noisy], settings.noise.chance)
     # by identity, because a tally holds arrays
-    certain = {id(tally) for tally, one in zip(noisy, rejected, strict=True) if one}
+    certain = {id(tally) for tally, is_rejected in zip(noisy, rejected, strict=True) if is_rejected}
     for tally in tallied:
         share = settings.shift.share
         if noise.of(tally.ads).noisy:
@@ -60,9 +60,9 @@ def judge_pairs(comparison: Comparison, settings: GateSettings, accept: str) -> 
 
     accept: the command that accepts the loss.
     """
-    lost = sum(one.lost for one in comparison.unpaired)
+    lost = sum(group.lost for group in comparison.unpaired)
     of = comparison.pairs + lost
-    examples = tuple(key for one in comparison.unpaired for key in one.examples)[:MOST_NAMED]
+    examples = tuple(key for group in comparison.unpaired for key in group.examples)[:MOST_NAMED]
     missing = list(_gone(comparison))
     if not comparison.pairs:
         missing.append("no case has a partner in the base, so nothing was compared")
@@ -80,12 +80,12 @@ def judge_pairs(comparison: Comparison, settings: GateSettings, accept: str) -> 
 
 def _gone(comparison: Comparison) -> Iterator[str]:
     """ADSs and logical scenarios of the base that the new run has not."""
-    lost = [one for one in comparison.unpaired if one.of and one.lost == one.of]
-    known_ads = {one.base_ads for one in comparison.ads}
-    known_scenarios = {one.scenario for one in comparison.ads}
+    lost = [group for group in comparison.unpaired if group.of and group.lost == group.of]
+    known_ads = {part.base_ads for part in comparison.ads}
+    known_scenarios = {part.scenario for part in comparison.ads}
     for kind, names, known in (
-        ("ADS", [one.ads for one in lost], known_ads),
-        ("logical scenario", [one.scenario for one in lost], known_scenarios),
+        ("ADS", [group.ads for group in lost], known_ads),
+        ("logical scenario", [group.scenario for group in lost], known_scenarios),
     ):
         yield from (
             f"{kind} `{name}` of the base is missing"
@@ -93,9 +93,9 @@ def _gone(comparison: Comparison) -> Iterator[str]:
             if name not in known
         )
     yield from (
-        f"`{one.ads}` has no case of the base's {one.scenario} any more"
-        for one in lost
-        if one.ads in known_ads and one.scenario in known_scenarios
+        f"`{group.ads}` has no case of the base's {group.scenario} any more"
+        for group in lost
+        if group.ads in known_ads and group.scenario in known_scenarios
     )
 
 
@@ -104,21 +104,21 @@ def _gone(comparison: Comparison) -> Iterator[str]:
 
 def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> Iterator[GateResult]:
     """The part on outcomes: each kind of bad end of each ADS in each scenario."""
-    for one in comparison.ads:
-        repeats = noise.of(one.ads)
-        for quantity, worse in newly_bad(one, settings, repeats).items():
-            paired = one.changed.paired
+    for part in comparison.ads:
+        repeats = noise.of(part.ads)
+        for quantity, worse in newly_bad(part, settings, repeats).items():
+            paired = part.changed.paired
             keys = paired.new.case[worse.which].tolist()
             shaky = [key for key in keys if repeats.noisy and is_shaky(key, settings, noise)]
             by_chance = set(shaky)
             bad = [k for k, key in zip(worse.which, keys, strict=True) if key not in by_chance]
             number = len(bad)
-            limit = f"{severity_limit(settings, repeats, one.units):z.3g}{one.units[1]}"
+            limit = f"{severity_limit(settings, repeats, part.units):z.3g}{part.units[1]}"
             sentence = _outcome_words(quantity, number, limit) + _shaky_words(shaky, noise)
             yield GateResult(
-                quantity, one.ads, one.scenario, not number, sentence, float(number), 0.0,
+                quantity, part.ads, part.scenario, not number, sentence, float(number), 0.0,
                 tuple(paired.new.case[bad[:MOST_KEYS]].tolist()),
-                tuple(end_change(paired.base[k], paired.new[k], one.units)
+                tuple(end_change(paired.base[k], paired.new[k], part.units)
                       for k in bad[:MOST_NAMED]),
             )  # fmt: skip
 
@@ -179,9 +179,9 @@ def _result(
     """A measure of the parts on near misses and on shifts; `bad`: it failed."""
     quantity, zone = tally.measure.quantity, tally.measure.zone
     words, unit = WORDS.get(quantity, (quantity, ""))
-    where = list(dict.fromkeys(one.scenario for one in comparison.ads if one.ads == tally.ads))
+    where = list(dict.fromkeys(part.scenario for part in comparison.ads if part.ads == tally.ads))
     # the scenario that all worse cases are in, or all
-    hit = [one.one.scenario for one in tally.worse if one.which] if bad else where
+    hit = [worse.part.scenario for worse in tally.worse if worse.which] if bad else where
     where = hit if len(hit) == 1 else where
     result = partial(GateResult, quantity, tally.ads, where[0] if len(where) == 1 else EVERYWHERE)
     # the cases that could show a change, with the limit of their zone and without
@@ -198,7 +198,9 @@ def _result(
     sentence += f" (P = {tally.chance:z.2g})"
     if tally.near and tally.least_kept <= settings.near_miss.kept_margin:
         sentence += f"; one kept {tally.least_kept:z.0%} of its margin"
-    keys = tuple(one.one.changed.paired.new[pair].case for one in tally.worse for pair in one.which)
+    keys = tuple(
+        worse.part.changed.paired.new[pair].case for worse in tally.worse for pair in worse.which
+    )
     return result(
         False, sentence, float(tally.number), None, keys[:MOST_KEYS], tuple(_worst(tally, unit))
     )
@@ -208,11 +210,11 @@ def _worst(tally: Tally, unit: str) -> Iterator[CaseChange]:
     """The worst cases of all scenarios, with the values before and after."""
     sign = 1.0 if tally.measure.higher_is_better else -1.0
     first = [
-        (sign * float(one.after[pair] - one.before[pair]), place, pair)
-        for place, one in enumerate(tally.worse)
-        for pair in one.which[:MOST_NAMED]
+        (sign * float(worse.after[pair] - worse.before[pair]), place, pair)
+        for place, worse in enumerate(tally.worse)
+        for pair in worse.which[:MOST_NAMED]
     ]
     for _, place, pair in sorted(first)[:MOST_NAMED]:
         worse = tally.worse[place]
-        case = worse.one.changed.paired.new[pair]
+        case = worse.part.changed.paired.new[pair]
         yield CaseChange.of(case, float(worse.before[pair]), float(worse.after[pair]), unit)

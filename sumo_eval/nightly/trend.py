@@ -94,9 +94,9 @@ class TrendChart:
     dates: tuple[tuple[float, str], ...]
 
 
-def write_trend(folder: Path, history: History) -> Path:
+def write_trend(folder: Path, database: History) -> Path:
     """Write `trend.html` beside the history and return its path."""
-    nights, values, gates = history.nights(), history.values(), history.gates()
+    nights, values, gates = database.nights(), database.values(), database.gates()
     scenarios = list(dict.fromkeys(value.scenario for value in values))
     kept = {
         night.night
@@ -111,8 +111,8 @@ def write_trend(folder: Path, history: History) -> Path:
             night.night: "" if night.imported else f"{night.folder}/{REPORT}" for night in nights
         },
         kept=kept,
-        accepted={one.night: one.words for one in history.accepted()},
-        builds=history.builds(),
+        accepted={acceptance.night: acceptance.words for acceptance in database.accepted()},
+        builds=database.builds(),
         groups=[(scenario, charts(scenario, nights, values, gates)) for scenario in scenarios],
         width=WIDTH, height=HEIGHT, left=LEFT, right=WIDTH - RIGHT, top=TOP, bottom=HEIGHT - BOTTOM,
     )  # fmt: skip

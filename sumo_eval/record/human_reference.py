@@ -139,17 +139,17 @@ def compute_points(
     settings: AnthropomorphicSettings,
     spread: Spread,
     progress: Callable[[int], None],
-    kept: KeptResults,
+    cache: KeptResults,
 ) -> list[PointResult]:
     """The results of every job, in order.
 
     facts: file of the store.
     spread: `map` or that of `point_processes`.
     progress: receives the number of jobs that are done.
-    kept: where results are looked up, and put.
+    cache: where results are looked up, and put.
     """
     keys = _keys(facts, jobs, settings)
-    results = [_looked_up(names, kept) for names in keys]
+    results = [_looked_up(names, cache) for names in keys]
     todo = [place for place, names in enumerate(keys) if len(results[place]) < len(names)]
     missing = [_missing(jobs[place], results[place]) for place in todo]
     parts = [
@@ -164,7 +164,7 @@ def compute_points(
             new += [(name[0], keys[place][name], 0, data) for name, data in result.items()]
             done += 1
         if len(new) >= _KEPT_AT_ONCE or done == len(todo):
-            kept.put(new)
+            cache.put(new)
             new = []
         progress(len(jobs) - len(todo) + done)
     if jobs and not todo:  # all were kept
@@ -214,9 +214,9 @@ def method_sources() -> str:
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
-def _looked_up(keys: Mapping[_Name, bytes], kept: KeptResults) -> dict[_Name, bytes]:
+def _looked_up(keys: Mapping[_Name, bytes], cache: KeptResults) -> dict[_Name, bytes]:
     """Those results of a point that are kept, by name; `name[0]` is the kind of result."""
-    results = ((name, kept.get(name[0], key)) for name, key in keys.items())
+    results = ((name, cache.get(name[0], key)) for name, key in keys.items())
     return {name: data for name, data in results if data is not None}
 
 

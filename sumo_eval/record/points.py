@@ -35,7 +35,7 @@ _MOST_ZONES = 64
 
 
 def kept_zones(
-    logical: LogicalScenario, settings: ZoneSettings, kept: KeptResults, key: bytes
+    logical: LogicalScenario, settings: ZoneSettings, cache: KeptResults, key: bytes
 ) -> ZonePartition:
     """The partition of a scenario: from an earlier evaluation of this process, from the run's
     cache, or computed; the cache holds it afterwards.
@@ -45,7 +45,7 @@ def kept_zones(
     from sumo_eval.method.zone_partition import fitted_parts, of_parts, partition
     from sumo_eval.method.zone_surface import Surface
 
-    data = kept.get("zones", key)
+    data = cache.get("zones", key)
     if key not in ZONES:
         ZONES[key] = (
             partition(logical, settings)
@@ -54,7 +54,7 @@ def kept_zones(
         )
     zones = ZONES[key]
     if data is None:
-        kept.put([("zones", key, 0, encoded(fitted_parts(zones)))])
+        cache.put([("zones", key, 0, encoded(fitted_parts(zones)))])
     if len(ZONES) > _MOST_ZONES:
         del ZONES[next(iter(ZONES))]
     return zones

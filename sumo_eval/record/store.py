@@ -697,12 +697,12 @@ def _is_written(path: Path) -> bool:
 _FACTS = b"facts"  # key of the note in the cache
 
 
-def vouch(path: Path, kept: KeptResults) -> None:
+def vouch(path: Path, cache: KeptResults) -> None:
     """Note that a facts file, as it is, was checked, so that later processes need not check all of
     it.
     """
     if path.is_file() and not _is_written(path) and (state := _state(path)) in _checked:
-        kept.put([("checked", _FACTS, 0, json.dumps(state[1:]).encode())])
+        cache.put([("checked", _FACTS, 0, json.dumps(state[1:]).encode())])
 
 
 def _vouched(path: Path) -> tuple[int, ...] | None:
@@ -712,8 +712,8 @@ def _vouched(path: Path) -> tuple[int, ...] | None:
     if _is_written(path) or not path.with_name(KEPT).is_file():
         return None
     # a damaged file vouches for nothing
-    with suppress(InputError), closing(KeptResults(path.parent)) as kept:
-        noted = kept.get("checked", _FACTS)
+    with suppress(InputError), closing(KeptResults(path.parent)) as cache:
+        noted = cache.get("checked", _FACTS)
         return None if noted is None else tuple(json.loads(noted))
     return None
 

@@ -56,7 +56,7 @@ def check_lines(evaluation: Evaluation) -> Iterator[str]:
     """A line for each case with its verdict, failed ones first where they are too many; and a
     sentence before them.
     """
-    verdicts = Counter(one.verdict for one in checked_cases(evaluation))
+    verdicts = Counter(checked.verdict for checked in checked_cases(evaluation))
     number = verdicts.total()
     if not number:
         return
@@ -64,11 +64,11 @@ def check_lines(evaluation: Evaluation) -> Iterator[str]:
     shown: Iterable[CheckedCase] = checked_cases(evaluation)
     if number > MOST_LINES:
         order = (FAILED, NOT_EVALUATED, PASSED)
-        shown = nsmallest(MOST_LINES, shown, key=lambda one: order.index(one.verdict))
-    for one in shown:
-        why = f": {'; '.join(one.missed)}" if one.missed else ""
-        case = one.case
-        yield f"  {one.verdict}  {case.ads} in {case.scenario}, {point_words(case.values)}{why}"
+        shown = nsmallest(MOST_LINES, shown, key=lambda checked: order.index(checked.verdict))
+    for checked in shown:
+        why = f": {'; '.join(checked.missed)}" if checked.missed else ""
+        case = checked.case
+        yield f"  {checked.verdict}  {case.ads} in {case.scenario}, {point_words(case.values)}{why}"
     if number > MOST_LINES:
         yield f"  and {number - MOST_LINES} more, all in checks.csv."
 
@@ -90,13 +90,13 @@ def _table(evaluation: Evaluation, scenario: str) -> dict[str, Any]:
     failed, passed = Counter[tuple[str, str]](), Counter[str]()
     points: set[int] = set()
     rows: dict[tuple[float, ...], dict[str, CheckedCase]] = {}
-    for one in checked_cases(evaluation, scores):
-        ads, point = one.case.ads, tuple(one.case.values.values())
-        failed.update((ads, name) for name in one.missed or ())
-        passed[ads] += one.verdict == PASSED
+    for checked in checked_cases(evaluation, scores):
+        ads, point = checked.case.ads, tuple(checked.case.values.values())
+        failed.update((ads, name) for name in checked.missed or ())
+        passed[ads] += checked.verdict == PASSED
         points.add(hash(point))  # of a million points the texts would be 100 MB
         if len(rows) < MOST_ROWS or point in rows:
-            rows.setdefault(point, {})[ads] = one
+            rows.setdefault(point, {})[ads] = checked
     return {
         "scenario": scenario,
         "ads": names,

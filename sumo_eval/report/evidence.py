@@ -249,7 +249,7 @@ def _outward(end: float, rounding: str) -> str:
 
 
 def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
-    verdicts_of = [one.verdict for one in checked_cases(evaluation, (score,))]
+    verdicts_of = [checked.verdict for checked in checked_cases(evaluation, (score,))]
     failed = cases[np.array(verdicts_of) == FAILED]
     number, passed = len(verdicts_of), verdicts_of.count(PASSED)
     checks = evaluation.checks[score.scenario]

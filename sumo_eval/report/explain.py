@@ -120,9 +120,8 @@ def _collision(
     remark = raised if overlap > hit.overlap else ""
     yield (
         f"Eq. 15: U = |({own[0]:z.3f}, {own[1]:z.3f}) - ({other[0]:z.3f}, {other[1]:z.3f})| / w = "
-        f"{hit.relative_speed:z.3f} / {overlap:z.3f}{remark} = "
-        f"{hit.relative_speed / overlap:z.3f} m/s, "
-        f"with `{hit.other}` at t = {hit.time:z.2f} s"
+        f"{hit.relative_speed:z.3f} / {overlap:z.3f}{remark} = {hit.relative_speed / overlap:z.3f} "
+        f"m/s, with `{hit.other}` at t = {hit.time:z.2f} s"
     )
     settings = findings.settings.method.collision
     if not settings.unit:  # a loss in 0..1

@@ -93,9 +93,9 @@ def in_order(
     # places below 0, the gravest first
     grave = {end: -place for place, end in enumerate(("severity", *reversed(ENDS)), start=1)}
 
-    def place(one: GateResult) -> tuple[int, int, int]:
-        passed = [False, True, None].index(one.passed)
-        return passed, nights.get(one.name, 0), grave.get(one.quantity, 0)
+    def place(gate: GateResult) -> tuple[int, int, int]:
+        passed = [False, True, None].index(gate.passed)
+        return passed, nights.get(gate.name, 0), grave.get(gate.quantity, 0)
 
     return tuple(sorted(results, key=place))
 

@@ -40,7 +40,7 @@ class Headline:
 def headline(evaluation: Evaluation) -> Headline:
     """Answers to three questions, and an alarm for each ADS that needs one."""
     order = ranked(evaluation)
-    behaviours = [behaviour_of(evaluation, one.ads) for one in order]
+    behaviours = [behaviour_of(evaluation, ads.ads) for ads in order]
     questions = ("Safety", "Human-likeness", "S+")
     if len(order) > 1:
         questions = ("Safest", "Most human", "Best by S+")
@@ -53,7 +53,11 @@ def headline(evaluation: Evaluation) -> Headline:
             _best(evaluation.ranking, order),
         )
     answers = tuple(zip(questions, said, strict=True))
-    alarmed = tuple((one.ads, words) for one in behaviours if (words := "; ".join(alarms(one))))
+    alarmed = tuple(
+        (behaviour.ads, words)
+        for behaviour in behaviours
+        if (words := "; ".join(alarms(behaviour)))
+    )
     return Headline(tuple(zip(order, behaviours, strict=True)), answers, alarmed)
 
 
@@ -96,7 +100,8 @@ def safety_words(evaluation: Evaluation, found: Behaviour) -> str:
 
 def _safest(evaluation: Evaluation, every: Sequence[Behaviour]) -> str:
     graded = sorted(
-        (one for one in every if one.grade is not None), key=lambda one: -(one.grade or 0.0)
+        (behaviour for behaviour in every if behaviour.grade is not None),
+        key=lambda behaviour: -(behaviour.grade or 0.0),
     )
     if not graded:
         return "not known: no case could be evaluated."
@@ -117,7 +122,9 @@ def _safest(evaluation: Evaluation, every: Sequence[Behaviour]) -> str:
 
 def _most_human(every: Sequence[Behaviour]) -> str:
     # (-H, ADS), so that the highest H is first
-    likeness = sorted((-one.human, one.ads) for one in every if one.human is not None)
+    likeness = sorted(
+        (-behaviour.human, behaviour.ads) for behaviour in every if behaviour.human is not None
+    )
     if not likeness:
         return "not known: no safe case could be compared with drivers."
     best, *others = likeness
@@ -136,7 +143,7 @@ def _best(ranking: Ranking, order: Sequence[RankedAds]) -> str:
     if len(order) == 1 or order[1].s_plus is None:
         return points
     pair = ranking.pair(best.ads, order[1].ads)
-    equal = [one.ads for one in order[1:] if one.place == best.place]
+    equal = [ads.ads for ads in order[1:] if ads.place == best.place]
     if not equal:
         return f"{points} Told apart from {pair.below}, {number(order[1].s_plus, 1)}."
     if pair.scored_alike and best.s_plus:

@@ -86,7 +86,9 @@ def _context(
     A thread reads and deflates the recorded drives meanwhile.
     """
     # scenario -> indices of the shown cases among those of each ADS
-    in_page = shown_cases(evaluation, [one.case for gate in beside.gates for one in gate.worst])
+    in_page = shown_cases(
+        evaluation, [change.case for gate in beside.gates for change in gate.worst]
+    )
     told = told_cases(evaluation, in_page)
     cases_of_page = {name: [case for case, _ in cases] for name, cases in told.items()}
     with ThreadPoolExecutor(1) as thread:
@@ -196,9 +198,13 @@ def _group(
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     scores = evaluation.scores_in(logical.name)
     # the verdicts that occur, e.g. `preventable`
-    occurring = {str(one) for score in scores for one in np.unique(verdicts(evaluation, score))}
+    occurring = {
+        str(verdict) for score in scores for verdict in np.unique(verdicts(evaluation, score))
+    }
     # Chunk by chunk: words of a million cases would be 50 MB.
-    outcomes = {one for chunk in cases.chunks for one in CaseTable([chunk]).outcome.tolist()}
+    outcomes = {
+        outcome for chunk in cases.chunks for outcome in CaseTable([chunk]).outcome.tolist()
+    }
     exposure_known = evaluation.exposure_known(logical.name)
     return {
         "index": index,
@@ -231,8 +237,8 @@ def _left_out(
 ) -> dict[str, Any]:
     """Words and drawings for a scenario of which the page does not hold all cases."""
     tables = {
-        one.ads: evaluation.cases_of(one.ads, one.scenario)
-        for one in evaluation.scores_in(logical.name)
+        score.ads: evaluation.cases_of(score.ads, score.scenario)
+        for score in evaluation.scores_in(logical.name)
     }
     # an ADS with fewer cases than another lacks the last indices
     in_page = sum(np.count_nonzero(shown < len(cases)) for cases in tables.values())
@@ -254,13 +260,16 @@ def _left_out(
     }
 
 
-def _row(found: Findings) -> dict[str, Any]:
+def _row(findings: Findings) -> dict[str, Any]:
     """One ADS in one logical scenario, in the words and digits of the page."""
-    score, cases, likened = found.score, found.cases, found.likened
-    hits, columns = found.collisions, (found.terms.ratio, found.lost_of_c, found.share_lost)
+    score, cases, likened = findings.score, findings.cases, findings.likened
+    hits, columns = (
+        findings.collisions,
+        (findings.terms.ratio, findings.lost_of_c, findings.share_lost),
+    )
     # widths of the two parts of S+ in a bar of 100 %
     a_width = min(score.a_points, 100.0)
-    means, likeness = found.factor_means, found.likeness_means
+    means, likeness = findings.factor_means, findings.likeness_means
     return {
         "notes": [score_note(note) for note in score.notes],
         "score": score,
@@ -268,13 +277,13 @@ def _row(found: Findings) -> dict[str, Any]:
         "no_h": reason_without("H", score),
         "a_width": f"{a_width:z.2f}",
         "h_width": f"{min(score.h_points, 100.0 - a_width):z.2f}",
-        "explained": [explain(found) for explain in EXPLAIN],
-        "explained_paper": [explain(found) for explain in EXPLAIN_PAPER],
+        "explained": [explain(findings) for explain in EXPLAIN],
+        "explained_paper": [explain(findings) for explain in EXPLAIN_PAPER],
         "factor_means": [means.get(name) for name in FACTORS],
         "likeness_means": [likeness.get(name) for name in LIKENESS_FACTORS],
         "likened": np.count_nonzero(likened),
         "likened_hits": np.count_nonzero(likened & cases.incident),
-        "indexed": np.count_nonzero(found.indexed),
+        "indexed": np.count_nonzero(findings.indexed),
         "collisions": [
             (cases[place], *(float(column[place]) for column in columns))
             for place in hits[:MOST_LISTED]

@@ -38,7 +38,7 @@ from sumo_eval.report.words import (
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.comparison import AdsComparison, ChangedCase, Comparison
-from sumo_eval.scoring.findings import findings
+from sumo_eval.scoring.findings import findings_of
 from sumo_eval.scoring.map_view import cells_of
 from sumo_eval.settings import ReportSettings
 from sumo_eval.text import point_words
@@ -76,18 +76,18 @@ def run_suites(evaluation: Evaluation) -> Suites:
     """
     report, unit = evaluation.settings.report, evaluation.settings.method.collision.unit
     suites: dict[tuple[str, str], Suite] = {}
-    for one in findings(evaluation):
-        score = one.score
+    for findings in findings_of(evaluation):
+        score = findings.score
         tests: Iterable[Test] = map(
-            partial(_case_test, report=report, unit=unit), one.cases, one.missing.tolist()
+            partial(_case_test, report=report, unit=unit), findings.cases, findings.missing.tolist()
         )
         if report.junit == "cell":
-            tests = _by_cell(one.cases, tests, report.junit_cells)
+            tests = _by_cell(findings.cases, tests, report.junit_cells)
         properties = {
             letter: number(getattr(score, SCORES[letter][0]), 4)
             for letter in ("T", "A'", "H", "S+", "S")
         }
-        properties["S+ of its parts"] = explain_s_plus(one)
+        properties["S+ of its parts"] = explain_s_plus(findings)
         key = f"{score.ads} in {score.scenario}", f"{score.scenario}.{score.ads}"
         suites[key] = tests, properties
     return suites
@@ -116,19 +116,19 @@ def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]
         for gate in gates
     ]
     suites: dict[tuple[str, str], Suite] = {("gates", "gates"): (of_gates, {})}
-    for one in comparison.ads if comparison else ():
-        key = f"{one.ads} in {one.scenario} beside the base", f"change.{one.scenario}.{one.ads}"
-        suites[key] = _change_tests(one), {}
+    for part in comparison.ads if comparison else ():
+        key = f"{part.ads} in {part.scenario} beside the base", f"change.{part.scenario}.{part.ads}"
+        suites[key] = _change_tests(part), {}
     return suites
 
 
-def _change_tests(one: AdsComparison) -> Iterator[Test]:
+def _change_tests(part: AdsComparison) -> Iterator[Test]:
     """A test for each pair of cases, in the order of the new run."""
-    changed = one.changed
+    changed = part.changed
     change_of_pair = {pair: i for i, pair in enumerate(changed.which.tolist())}
     for pair, case in enumerate(changed.paired.new):
         change = changed[change_of_pair[pair]] if pair in change_of_pair else None
-        yield _change_test(case, change, one.units[1])
+        yield _change_test(case, change, part.units[1])
 
 
 def write_junit(suites: Suites, path: Path) -> Path:

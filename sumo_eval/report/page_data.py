@@ -28,7 +28,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.road.reference_line import knots_of
 from sumo_eval.scoring.drive_results import finite
 from sumo_eval.scoring.failure_groups import FailureGroup, failure_groups
-from sumo_eval.scoring.findings import findings, mean_of
+from sumo_eval.scoring.findings import findings_of, mean_of
 from sumo_eval.scoring.map_view import View, choose_view, telling_slice
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.scoring.zone_levels import lattice_points, map_points, zone_levels
@@ -78,13 +78,13 @@ def told_cases(evaluation: Evaluation, shown: Mapping[str, IntArray]) -> dict[st
     shown: which these are, by scenario.
     """
     told: dict[str, list[Told]] = {zone.scenario: [] for zone in evaluation.zones}
-    for one in findings(evaluation):
-        missing, judged = one.missing, verdicts(evaluation, one.score)
-        ratios, lost, losses = one.terms.ratio, one.lost_of_c, one.share_lost
+    for findings in findings_of(evaluation):
+        missing, judged = findings.missing, verdicts(evaluation, findings.score)
+        ratios, lost, losses = findings.terms.ratio, findings.lost_of_c, findings.share_lost
         # an ADS with fewer cases than another lacks the last indices
-        places = shown[one.score.scenario]
-        for place in places[places < len(one.cases)].tolist():
-            case = one.cases[place]
+        places = shown[findings.score.scenario]
+        for place in places[places < len(findings.cases)].tolist():
+            case = findings.cases[place]
             beside = {
                 "missing": why_missing(case) if missing[place] else None,
                 "avoided": finite(ratios[place]),
@@ -92,7 +92,7 @@ def told_cases(evaluation: Evaluation, shown: Mapping[str, IntArray]) -> dict[st
                 "aLost": finite(losses[place]) if case.collided else None,
                 "verdict": str(judged[place]),
             }
-            told[one.score.scenario].append((case, beside))
+            told[findings.score.scenario].append((case, beside))
     return told
 
 

@@ -39,7 +39,7 @@ from sumo_eval.report.verdict import verdict
 from sumo_eval.report.words import number, parts_of_total, severity_words
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import BETTER, WORSE, AdsComparison, QuantityChange
-from sumo_eval.scoring.findings import findings
+from sumo_eval.scoring.findings import findings_of
 from sumo_eval.scoring.gate_settings import HIGHER_IS_BETTER
 from sumo_eval.scoring.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.scoring.preventability import preventability, reference_ads
@@ -77,10 +77,10 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
         return None
     ads = comparison.ads if comparison else ()
     changed = (
-        (case, *one.units)
-        for part in ("worse", "better")
-        for one in ads
-        for case in getattr(one.changed, part)
+        (case, *part.units)
+        for direction in ("worse", "better")
+        for part in ads
+        for case in getattr(part.changed, direction)
     )
     return {
         "verdict": verdict(comparison, beside.gates, evaluation).sentence,
@@ -98,7 +98,7 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
             )
             for gate in beside.gates
         ],
-        "counts": [_counts(one, comparison.confidence if comparison else 0.0) for one in ads],
+        "counts": [_counts(part, comparison.confidence if comparison else 0.0) for part in ads],
         "cases": [
             {
                 "it": item,
@@ -108,21 +108,21 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
             }
             for item, base_unit, new_unit in islice(changed, MOST_CHANGED)
         ],
-        "more": max(0, sum(len(one.changed) for one in ads) - MOST_CHANGED),
+        "more": max(0, sum(len(part.changed) for part in ads) - MOST_CHANGED),
     }
 
 
-def _counts(one: AdsComparison, confidence: float) -> tuple[Any, ...]:
+def _counts(part: AdsComparison, confidence: float) -> tuple[Any, ...]:
     """One ADS in one scenario: itself, its changes by kind, moved and unchanged quantities."""
-    kinds = [(kind, len(one.changed.of(kind)), kind in WORSE) for kind in (*WORSE, *BETTER)]
-    values = one.quantities
+    kinds = [(kind, len(part.changed.of(kind)), kind in WORSE) for kind in (*WORSE, *BETTER)]
+    values = part.quantities
     moved = [
         (name, quantity_words(name, it, confidence).replace("->", "→"), _standing(name, it))
         for name, it in values.items()
         if not it.unchanged
     ]
     unchanged = [name.replace("_", " ") for name, it in values.items() if it.unchanged]
-    return one, [kind for kind in kinds if kind[1]], moved, unchanged
+    return part, [kind for kind in kinds if kind[1]], moved, unchanged
 
 
 def _standing(name: str, value: QuantityChange) -> str:
@@ -144,7 +144,8 @@ def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
     """The ledgers of every S+ and S, each with its sentences and the cases that cost most."""
     return {
         "ledgers": [
-            (_ledger(ledger_plus(one)), _ledger(ledger(one))) for one in findings(evaluation)
+            (_ledger(ledger_plus(findings)), _ledger(ledger(findings)))
+            for findings in findings_of(evaluation)
         ]
     }
 

@@ -101,7 +101,7 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
             found = {
                 name: _drives(name, store, embedded, of_cases) for name, of_cases in points.items()
             }
-            size = sum(one.size for one in found.values())
+            size = sum(drives.size for drives in found.values())
             if size <= MOST_BYTES or not embedded.points:
                 return SentDrives(embedded, found)
             # as many as fit by what these really took, less 5 %, so that the next choice fits
@@ -209,7 +209,9 @@ def _points_of(
     Only these are kept of the facts, of which there may be millions.
     """
     # -1 keeps a case's place in the order until its point is read
-    points = {name: dict.fromkeys((one.case for one in its), -1) for name, its in cases_of.items()}
+    points = {
+        name: dict.fromkeys((case.case for case in its), -1) for name, its in cases_of.items()
+    }
     for name, own in points.items():
         own |= {case: at for case, at, _ in store.names("ads", name) if case in own}
     return points
@@ -226,10 +228,14 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
     counts = [len(trajectory) for trajectory in trajectories]
     planes = []
     beyond: list[list[Any]] = []
-    unsteered = [not np.isfinite(one.steering_wheel_angle).all() for one in trajectories]
+    unsteered = [
+        not np.isfinite(trajectory.steering_wheel_angle).all() for trajectory in trajectories
+    ]
     unknown = np.repeat(np.array(unsteered, dtype=bool), counts)
     for name, step in CHANNEL_STEPS.items():
-        channel = np.concatenate([np.zeros(0), *(getattr(one, name) for one in trajectories)])
+        channel = np.concatenate(
+            [np.zeros(0), *(getattr(trajectory, name) for trajectory in trajectories)]
+        )
         if name == "steering_wheel_angle":
             channel = np.where(unknown, 0.0, channel)
         with np.errstate(over="ignore"):

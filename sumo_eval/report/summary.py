@@ -27,20 +27,23 @@ WIDE = 20.0  # points of S+: an interval wider than this tells little
 def summary_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
     """Content of templates/sections/summary.html.j2."""
     said, comparison = headline(evaluation), beside.comparison
-    order = [one for one, _ in said.order]
+    order = [ads for ads, _ in said.order]
     scenarios = [zone.scenario for zone in evaluation.zones]
-    ends = [one.interval or (0.0, np.inf) for one in order]
+    ends = [ads.interval or (0.0, np.inf) for ads in order]
     digits = 0 if any(high - low > WIDE for low, high in ends) else 1
     bad = failed(beside.gates)
-    worst = worst_case(evaluation, [one.ads for one in order])
+    worst = worst_case(evaluation, [ads.ads for ads in order])
     changes = [
-        (f"{gate.quantity} of {gate.ads}: {one.point}: {one.words}", f"#case:{case_key(one.case)}")
+        (
+            f"{gate.quantity} of {gate.ads}: {change.point}: {change.words}",
+            f"#case:{case_key(change.case)}",
+        )
         for gate in bad
-        for one in gate.worst[:1]
+        for change in gate.worst[:1]
     ][:MOST_CHANGES]
     notes = (
         builds_besides(evaluation.manifest.get("builds", {}), comparison)
-        + [one.words for one in comparison.differences]
+        + [difference.words for difference in comparison.differences]
         if comparison
         else []
     )
@@ -55,7 +58,7 @@ def summary_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
         "alarms": said.alarms,
         "worst": first_case(evaluation, beside),
         "looks": [*changes, *_looks(evaluation, worst, order[0].ads)],
-        "rows": [_row(evaluation, *one, scenarios, digits) for one in said.order],
+        "rows": [_row(evaluation, *pair, scenarios, digits) for pair in said.order],
         "scenarios": scenarios,
     }
 
@@ -64,8 +67,8 @@ def first_case(evaluation: Evaluation, beside: Beside) -> str:
     """Key of the case to look at first: the worst of the first failed limit that names any, else
     of the run.
     """
-    failing = (one.case for gate in failed(beside.gates) for one in gate.worst[:1])
-    worst = worst_case(evaluation, [one.ads for one in ranked(evaluation)])
+    failing = (change.case for gate in failed(beside.gates) for change in gate.worst[:1])
+    worst = worst_case(evaluation, [ads.ads for ads in ranked(evaluation)])
     return next(failing, worst.case if worst else "")
 
 
@@ -87,18 +90,18 @@ def _looks(
 
 def _row(
     evaluation: Evaluation,
-    one: RankedAds,
+    ads: RankedAds,
     behaviour: Behaviour,
     scenarios: Sequence[str],
     digits: int,
 ) -> dict[str, Any]:
-    points = {it.scenario: it.s_plus for it in evaluation.scores if it.ads == one.ads}
+    points = {it.scenario: it.s_plus for it in evaluation.scores if it.ads == ads.ads}
     return {
         "of": behaviour,
-        "place": "–" if one.place is None else str(one.place),
-        "s_plus": number(one.s_plus, digits),
-        "interval": span(one.interval, 0),
-        "whisker": _whisker(one.s_plus, one.interval),
+        "place": "–" if ads.place is None else str(ads.place),
+        "s_plus": number(ads.s_plus, digits),
+        "interval": span(ads.interval, 0),
+        "whisker": _whisker(ads.s_plus, ads.interval),
         "scenarios": [number(points.get(name), 0) for name in scenarios if len(scenarios) > 1],
     }
 

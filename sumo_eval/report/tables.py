@@ -87,9 +87,9 @@ def write_tables(evaluation: Evaluation) -> None:
 def checks_csv(evaluation: Evaluation, path: Path) -> None:
     """Write one row for each check of a case: what was asked, and whether it passed."""
     rows = (
-        (it.case, it.scenario, it.ads, point_words(it.values), name, text, one.verdict_of(name))
-        for one in checked_cases(evaluation)
-        for it in [one.case]
+        (it.case, it.scenario, it.ads, point_words(it.values), name, text, checked.verdict_of(name))
+        for checked in checked_cases(evaluation)
+        for it in [checked.case]
         for name, text in evaluation.checks[it.scenario].items()
     )
     write_csv(

@@ -39,7 +39,7 @@ from sumo_eval.results import (
 )
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
-from sumo_eval.scoring.findings import findings, unevaluated
+from sumo_eval.scoring.findings import findings_of, unevaluated
 from sumo_eval.scoring.ledger import FULL, NOT_COMPUTED, Ledger, LedgerLine, ledger, ledger_plus
 from sumo_eval.text import point_words, without_numbers
 
@@ -162,24 +162,24 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
         f"{ranking.level:z.0%} intervals:"
     ]
     above = ""
-    for one in ranking.ads:
-        if one.place is None or one.s_plus is None:
-            lines.append(f"  not ranked: {one_line(one.ads)} has no S+ in some scenario")
+    for ads in ranking.ads:
+        if ads.place is None or ads.s_plus is None:
+            lines.append(f"  not ranked: {one_line(ads.ads)} has no S+ in some scenario")
             continue
-        interval = f" ({interval_words(one.interval, 1)})" if one.interval else ""
-        words = f"  {one.place}. {one_line(one.ads)}  {number(one.s_plus, 1)}{interval}"
+        interval = f" ({interval_words(ads.interval, 1)})" if ads.interval else ""
+        words = f"  {ads.place}. {one_line(ads.ads)}  {number(ads.s_plus, 1)}{interval}"
         if above:
             # its numbers are of the ADS above less this one, the words the other way round
-            pair = ranking.pair(above, one.ads)
+            pair = ranking.pair(above, ads.ads)
             low, high = pair.interval or (0.0, 0.0)
             ends = f" ({interval_words((-high, -low), 1)})" if pair.interval else ""
             words += f"  {number(-pair.difference, 1)}{ends} to {one_line(above)}"
             # with S+ = 0 every replicate is 0, however the cases differ
-            alike = pair.scored_alike and one.s_plus
+            alike = pair.scored_alike and ads.s_plus
             why = "scored alike in every case" if alike else "not told apart"
             words += "" if pair.told_apart else f": {why}, the place is shared"
         lines.append(words)
-        above = one.ads
+        above = ads.ads
     return lines
 
 
@@ -194,8 +194,8 @@ def comparison_lines(
     """Changes between two runs: verdict, flipped cases, quantities, gates."""
     lines = [verdict(comparison, gates, evaluation).sentence]
     lines += [
-        f"{'DIFFERS' if one.decides else 'differs'}: {one_line(one.words)}"
-        for one in comparison.differences
+        f"{'DIFFERS' if difference.decides else 'differs'}: {one_line(difference.words)}"
+        for difference in comparison.differences
     ]
     lines += change_lines(comparison)
     return [*lines, *gate_lines(gates, Path(comparison.new_folder))]
@@ -204,23 +204,23 @@ def comparison_lines(
 def change_lines(comparison: Comparison) -> list[str]:
     """Changes between two runs: notes, then for each ADS flipped cases and quantities."""
     lines = [*map(one_line, comparison_notes(comparison))]
-    for one in comparison.ads:
+    for part in comparison.ads:
         lines.append(
-            f"{one_line(one.ads)} in {one.scenario}: {count(one.pairs, 'case')} side by side"
+            f"{one_line(part.ads)} in {part.scenario}: {count(part.pairs, 'case')} side by side"
         )
         for kind in (*WORSE, *BETTER):
-            cases = one.changed.of(kind)
+            cases = part.changed.of(kind)
             if not len(cases):
                 continue
             lines.append(f"  {kind}: {len(cases)}")
             for item in islice(cases, MOST_CHANGES):
-                by = "".join(f", {words}" for words in moved_words(item, one.units[1]))
+                by = "".join(f", {words}" for words in moved_words(item, part.units[1]))
                 lines.append(
                     f"    {one_line(item.new.case)}: {one_line(point_words(item.new.values))}{by}"
                 )
             if len(cases) > MOST_CHANGES:
                 lines.append(f"    and {len(cases) - MOST_CHANGES} more, all in the report.")
-        for name, change in one.quantities.items():
+        for name, change in part.quantities.items():
             lines.append(f"  {name}: {quantity_words(name, change, comparison.confidence)}")
     return lines
 
@@ -235,11 +235,11 @@ def comparison_notes(comparison: Comparison) -> Iterator[str]:
         yield f"ADS `{name}` is not in the base, so nothing is said of how it changed."
     for name in comparison.only_base:
         yield f"ADS `{name}` of the base is not in the new run."
-    every = [one.changed.paired for one in comparison.ads]
-    if unpaired := sum(len(one.lost) + len(one.added) for one in every):
+    every = [part.changed.paired for part in comparison.ads]
+    if unpaired := sum(len(paired.lost) + len(paired.added) for paired in every):
         cases = count(unpaired, "case")
         yield f"{cases} exist in one run only and are left out; every value is over the rest."
-    if moved := sum(int((one.base.safe != one.new.safe).sum()) for one in every):
+    if moved := sum(int((paired.base.safe != paired.new.safe).sum()) for paired in every):
         yield f"{count(moved, 'case')} lie in another zone than in the base."
 
 
@@ -285,7 +285,7 @@ def worst_lines(gate: GateResult, run: Path | None) -> list[str]:
 
     run: the folder whose cases they are.
     """
-    lines = [one_line(f"{one.case}: {one.point}: {one.words}") for one in gate.worst]
+    lines = [one_line(f"{change.case}: {change.point}: {change.words}") for change in gate.worst]
     ways = ways_to(run, gate.worst[0].case) if gate.worst and run is not None else {}
     return [*lines, *(f"{name}: {way}" for name, way in ways.items())]
 
@@ -347,10 +347,10 @@ def ledger_lines(evaluation: Evaluation) -> list[str]:
     """The ledger of every score, with the cases that moved each term most."""
     return [
         line
-        for one in findings(evaluation)
+        for findings in findings_of(evaluation)
         # made in turn, never both in memory: each holds what every case adds to every line
         for make in (ledger_plus, ledger)
-        for line in _ledger_lines(make(one))
+        for line in _ledger_lines(make(findings))
     ]
 
 

@@ -85,11 +85,11 @@ def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tup
     equal = "equal to the last bit"
     if comparison.identical:
         return "same", f"THE SAME as {base}: {count(pairs, 'case')} {equal}"
-    alike = sum(one.identical for one in comparison.ads)
+    alike = sum(part.identical for part in comparison.ads)
     little = pairs - alike - worse - better  # cases changed by less than the tolerances
     words = [moved] if worse or better else []
     words += [f"{count(little, 'case')} changed by less than the tolerances"] if little > 0 else []
     words = words or [f"{count(alike, 'case')} {equal}"]
-    if lost := sum(one.lost for one in comparison.unpaired):
+    if lost := sum(group.lost for group in comparison.unpaired):
         words.append(f"{lost} of the base have no partner")
     return "no_limit_failed", f"NO LIMIT FAILED beside {base}: {', '.join(words)}"

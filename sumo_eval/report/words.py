@@ -37,7 +37,7 @@ from sumo_eval.results import (
 )
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.contact_cause import ContactCause
-from sumo_eval.scoring.findings import Findings, findings, people_behind
+from sumo_eval.scoring.findings import Findings, findings_of, people_behind
 from sumo_eval.scoring.preventability import Verdict, reference_ads
 from sumo_eval.settings import EvaluationSettings, SamplingSettings
 from sumo_eval.text import point_words
@@ -274,7 +274,7 @@ def end_reason(case: CaseResult) -> str:
 def nobody_recorded(evaluation: Evaluation) -> bool:
     """Whether recorded drivers were asked for, and none stands behind any D_i."""
     recorded = evaluation.settings.drivers.source == "recorded"
-    return recorded and not any(one.drives for one in people_behind(evaluation))
+    return recorded and not any(people.drives for people in people_behind(evaluation))
 
 
 def nobody_drove(evaluation: Evaluation) -> bool:
@@ -322,19 +322,19 @@ def _people_words(evaluation: Evaluation) -> str:
     behind = people_behind(evaluation)
     source = ", ".join(drivers.recordings) or drivers.cases
     fills = drivers.too_thin == "fill"
-    if not any(one.drives for one in behind):
+    if not any(people.drives for people in behind):
         instead = "D and H compare with synthetic drivers alone" if fills else "there is no D_i"
         who = "no drive counts" if fills else f"fewer than {drivers.least} drives count"
-        points = count(sum(one.points for one in behind), "safe concrete scenario")
+        points = count(sum(people.points for people in behind), "safe concrete scenario")
         return (
             f"D and H use no recorded driver: of {source}, {who} in any of these {points}; "
             f"{instead}. `recorded_drivers` in cases.csv counts them."
         )
     rest = "synthetic drivers fill up" if fills else "the point is left out"
     each = "; ".join(
-        f"{one.scenario}: {one.with_people} of {count(one.points, 'safe concrete scenario')}, "
-        f"{count(one.drives, 'recorded drive')}"
-        for one in behind
+        f"{people.scenario}: {people.with_people} of {count(people.points, 'safe concrete scenario')}, "
+        f"{count(people.drives, 'recorded drive')}"
+        for people in behind
     )
     return (
         f"Recorded people ({source}) stand behind D and H in {each}. Where they are fewer than "
@@ -425,23 +425,23 @@ def missing_term(name: str, reason: str) -> str:
     return f"{name} is not computed: {reason}. Its term counts 0 points."
 
 
-def explain_a(found: Findings) -> str:
+def explain_a(findings: Findings) -> str:
     """Explanation of A."""
-    score = found.score
+    score = findings.score
     said = collisions_sentence(score)
     if score.avoided_share is None:
         return f"{said} {missing_term('A', 'no case could be evaluated')}"
-    unit = found.settings.method.collision.regret_unit
+    unit = findings.settings.method.collision.regret_unit
     regret = "" if score.regret is None else f"; the regret is {number(score.regret, 3)}{unit}"
     if score.avoided_share == 1.0:
         return f"{said} A = A' = 1: no incident is harder than the ideal vehicle's{regret}."
     below = ": worse than doing nothing, and S+ takes 0" if score.avoided_share < 0.0 else ""
     grade = number(score.avoidance_grade, 3)
-    losses = np.nan_to_num(found.share_lost)
+    losses = np.nan_to_num(findings.share_lost)
     worst = int(np.argmax(losses))
     return (
         f"{said} A = {number(score.avoided_share, 3)}, A' = {grade}{below}{regret}."
-        + _most_from("A", found.cases[worst], float(losses[worst]), 1.0 - score.avoided_share)
+        + _most_from("A", findings.cases[worst], float(losses[worst]), 1.0 - score.avoided_share)
     )
 
 
@@ -456,13 +456,13 @@ def _most_from(name: str, case: CaseResult, lost: float, of: float) -> str:
     return f" {point_words(case.values)} took the most from {name}: {lost:z.3f} of {of:z.3f}."
 
 
-def explain_h(found: Findings) -> str:
+def explain_h(findings: Findings) -> str:
     """Explanation of H."""
-    score, likened = found.score, found.likened
+    score, likened = findings.score, findings.likened
     if score.human_likeness is None:
         return missing_term("H", reason_without("H", score))
-    hits = int(np.count_nonzero(likened & found.cases.incident))
-    means = found.likeness_means
+    hits = int(np.count_nonzero(likened & findings.cases.incident))
+    means = findings.likeness_means
     limit = f", {_limit(means, '{}')}" if means else ""
     counted = count(int(np.count_nonzero(likened)), "safe case")
     said = f"H = {number(score.human_likeness, 3)}: mean over {counted}{limit}."
@@ -470,9 +470,9 @@ def explain_h(found: Findings) -> str:
     return said + (f" {count(hits, 'case')} with an avoidable incident {counts} 0." if hits else "")
 
 
-def explain_s_plus(found: Findings) -> str:
+def explain_s_plus(findings: Findings) -> str:
     """Explanation of S+ from T, A' and H."""
-    score, points = found.score, found.settings.method.score
+    score, points = findings.score, findings.settings.method.score
     if score.s_plus is None:
         reason = REASON_WITHOUT_T if score.task_share is None else REASON_WITHOUT_C
         return f"S+ is not computed: {reason}."
@@ -482,9 +482,9 @@ def explain_s_plus(found: Findings) -> str:
     return f"S+ = T A' (a + b H) = {product} x {manner} = {score.s_plus:z.1f} points."
 
 
-def explain_t(found: Findings) -> str:
+def explain_t(findings: Findings) -> str:
     """Explanation of T."""
-    score = found.score
+    score = findings.score
     if score.task_share is None:
         return f"T is not computed: {REASON_WITHOUT_T}."
     car = score.task_reference
@@ -512,13 +512,13 @@ def reference_sentence(settings: EvaluationSettings) -> str:
 # --- why C, D and S are what they are -------------------------------------------------------------
 
 
-def explain_c(found: Findings) -> str:
+def explain_c(findings: Findings) -> str:
     """Explanation of C."""
-    score, loss = found.score, found.settings.method.collision.loss
+    score, loss = findings.score, findings.settings.method.collision.loss
     if score.c is None:
         return missing_term("C", REASON_WITHOUT_C)
     if score.collisions == 0:
-        evaluated = count(int(np.count_nonzero(found.cases.evaluated)), "evaluated case")
+        evaluated = count(int(np.count_nonzero(findings.cases.evaluated)), "evaluated case")
         return f"{score.ads} did not collide in any of {evaluated}, so C = 1."
     zones = (
         (score.collisions - score.safe_collisions, score.hazardous_cases, "hazardous case"),
@@ -528,22 +528,22 @@ def explain_c(found: Findings) -> str:
     ratio, avoiding = (
         ("Ug/U", "has Ug/U = 0") if loss == "severity" else ("Lg/L", "still has Lg = 0.1")
     )
-    worst = found.collisions[0]
+    worst = findings.collisions[0]
     return (
         f"{score.ads} collided in {where}; the ideal vehicle avoids {score.avoidable_collisions} "
         f"of these. C = {score.c:z.3f}: the mean of {ratio} over the collisions, weighted by r. "
         f"A collision that the ideal vehicle avoids {avoiding}."
-        + _most_from("C", found.cases[worst], float(found.lost_of_c[worst]), 1.0 - score.c)
+        + _most_from("C", findings.cases[worst], float(findings.lost_of_c[worst]), 1.0 - score.c)
     )
 
 
-def explain_d(found: Findings) -> str:
+def explain_d(findings: Findings) -> str:
     """Explanation of D."""
-    score, cases, counted = found.score, found.cases, found.indexed
+    score, cases, counted = findings.score, findings.cases, findings.indexed
     if score.d is None:
         return missing_term("D", reason_without("D", score))
     indexed = int(np.count_nonzero(counted))
-    limit = _limit(found.factor_means, "the {} factor")
+    limit = _limit(findings.factor_means, "the {} factor")
     said = f"D = {score.d:z.3f}: mean over {count(indexed, 'safe case')}, {limit}."
     low = int(np.count_nonzero(counted & (cases.index < 0.1)))
     if 0 < low < indexed:
@@ -772,16 +772,18 @@ class GatheredNote(NamedTuple):
 def index_notes(evaluation: Evaluation) -> list[GatheredNote]:
     """The notes on D_i, gathered by kind and manoeuvre, the most frequent first."""
     gathered = []
-    for one in findings(evaluation):
+    for findings in findings_of(evaluation):
         # each different note -> number of cases
-        often = Counter(note for notes in one.cases.index_note for note in notes)
+        often = Counter(note for notes in findings.cases.index_note for note in notes)
         # the same notes by kind and manoeuvre
         alike: dict[tuple[NoteKind, Manoeuvre], list[IndexNote]] = {}
         for note in often:
             alike.setdefault((note.kind, note.manoeuvre), []).append(note)
         cases = {key: sum(often[note] for note in notes) for key, notes in alike.items()}
         gathered += [
-            GatheredNote(one.score.ads, one.score.scenario, cases[key], notes_sentence(alike[key]))
+            GatheredNote(
+                findings.score.ads, findings.score.scenario, cases[key], notes_sentence(alike[key])
+            )
             for key in sorted(alike, key=lambda key: (-cases[key], key))
         ]
     return gathered
@@ -793,9 +795,9 @@ def _range(numbers: Sequence[int]) -> str:
     return f"{low}" if low == high else f"{low} to {high}"
 
 
-def explain_s(found: Findings) -> str:
+def explain_s(findings: Findings) -> str:
     """Sum of S, in words."""
-    score, terms = found.score, found.settings.method.score
+    score, terms = findings.score, findings.settings.method.score
     if score.s is None:
         return "S is not computed: nothing could be evaluated."
     d_term = f"D gives {score.d_points:z.1f}" if score.d is not None else "D, not computed, gives 0"

@@ -455,10 +455,9 @@ class RequireTable(Checked):
         str,
         About(
             "a condition on the whole drive: min, max, at_end of time, x, offset, speed, "
-            "acceleration, jerk, "
-            "lateral_speed, gap, thw, ttc, and x, y, speed, lateral_speed of another vehicle, as "
-            "`x(lead)`; collided, "
-            "reached_end; e.g. `min(gap) > 2 and collided == 0`"
+            "acceleration, jerk, lateral_speed, gap, thw, ttc, and x, y, speed, lateral_speed of "
+            "another vehicle, as `x(lead)`; collided, reached_end; e.g. `min(gap) > 2 and collided "
+            "== 0`"
         ),
     ]
     name: Annotated[str, About("name in tables; default: the check itself")] = ""

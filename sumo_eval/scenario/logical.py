@@ -297,7 +297,8 @@ class LogicalScenario:
         )
         head = "<tr><th>parameter</th><th>range</th><th>step</th><th></th></tr>"
         ruled = "".join(
-            f"<p>A possible point is {escape(one.about)}.</p>" for one in self.constraints
+            f"<p>A possible point is {escape(constraint.about)}.</p>"
+            for constraint in self.constraints
         )
         about = f"<p><b>{escape(self.name)}</b>: {escape(self.about)}</p>"
         return f"{about}<table><thead>{head}</thead><tbody>{rows}</tbody></table>{ruled}"

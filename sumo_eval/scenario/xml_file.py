@@ -32,9 +32,8 @@ def read_xml(path: Path, what: str, largest: int = LARGEST) -> Element:
         line = plain.count(b"\n", 0, declares.start()) + 1
         element = declares.group(1).decode().upper()
         raise InputError(
-            f"{what} {path} must not declare a document type or entities, got <!{element}> in "
-            f"line {line}: none is "
-            "ever expanded here."
+            f"{what} {path} must not declare a document type or entities, got <!{element}> in line "
+            f"{line}: none is ever expanded here."
         )
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False

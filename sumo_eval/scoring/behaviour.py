@@ -13,7 +13,7 @@ import numpy as np
 
 from sumo_eval.cases import CaseResult, point_numbers
 from sumo_eval.results import Evaluation, RankedAds
-from sumo_eval.scoring.findings import findings, mean_of
+from sumo_eval.scoring.findings import findings_of, mean_of
 from sumo_eval.scoring.rule import sign_test
 
 CONTACT = 50.0 / 3.6
@@ -63,16 +63,16 @@ def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
         scores = [score for score in evaluation.scores if score.ads == ads]
         interval = scores[0].s_plus_interval if len(scores) == 1 else None
         order.append(RankedAds(ads, None, _mean((it.s_plus, 1.0) for it in scores), interval))
-    return tuple(sorted(order, key=lambda one: 1.0 if one.s_plus is None else -one.s_plus))
+    return tuple(sorted(order, key=lambda ads: 1.0 if ads.s_plus is None else -ads.s_plus))
 
 
 def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
     """Behaviour of one ADS in all scenarios: sums, and means by the weights of the ranking."""
-    parts = findings(evaluation, ads)
-    scores = [one.score for one in parts]
+    parts = findings_of(evaluation, ads)
+    scores = [findings.score for findings in parts]
     by_scenario = {} if evaluation.ranking is None else evaluation.ranking.weights
     weights = [by_scenario.get(score.scenario, 1.0) for score in scores]
-    stands = sum(int(one.stands.sum()) for one in parts)
+    stands = sum(int(findings.stands.sum()) for findings in parts)
 
     def total(field: str) -> int:
         return sum(getattr(score, field) for score in scores)
@@ -88,13 +88,14 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
         avoidable=total("avoidable_collisions"),
         departures=total("departures"),
         stands=stands,
-        slower=sum(int(one.slow.sum()) for one in parts) - stands,
+        slower=sum(int(findings.slow.sum()) for findings in parts) - stands,
         gave_up=total("gave_up"),
         not_evaluated=total("not_evaluated"),
         worst=max(
-            float(one.cases.impact_speed[one.cases.avoidable].max(initial=0.0)) for one in parts
+            float(findings.cases.impact_speed[findings.cases.avoidable].max(initial=0.0))
+            for findings in parts
         ),
-        excess=mean(mean_of(one.beyond, one.cases.exposure) for one in parts) or 0.0,
+        excess=mean(mean_of(findings.beyond, findings.cases.exposure) for findings in parts) or 0.0,
         grade=mean(score.avoidance_grade for score in scores),
         human=mean((score.human_likeness for score in scores), skip_missing=True),
     )
@@ -131,9 +132,9 @@ class HarmBeside(NamedTuple):
 
 def harm_beside(evaluation: Evaluation, first: str, second: str) -> HarmBeside:
     """Compare the avoidable harm of two ADSs case by case."""
-    of_second = {one.score.scenario: one for one in findings(evaluation, second)}
+    of_second = {findings.score.scenario: findings for findings in findings_of(evaluation, second)}
     differences = [np.empty(0)]
-    for own in findings(evaluation, first):
+    for own in findings_of(evaluation, first):
         if (other := of_second.get(own.score.scenario)) is not None:
             points, other_points = point_numbers([own.cases, other.cases])
             # rows of the points that both have
@@ -151,10 +152,10 @@ def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | Non
     """
     for ads in order:
         worst: list[tuple[float, str, CaseResult]] = []
-        for one in findings(evaluation, ads):
-            losses = np.nan_to_num(one.share_lost)
+        for findings in findings_of(evaluation, ads):
+            losses = np.nan_to_num(findings.share_lost)
             if (most := float(losses.max(initial=0.0))) > 0.0:
-                worst += [(most, case.case, case) for case in one.cases[losses == most]]
+                worst += [(most, case.case, case) for case in findings.cases[losses == most]]
         if worst:
             return max(worst)[2]
     return least_human(evaluation, order[0])
@@ -163,9 +164,9 @@ def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | Non
 def least_human(evaluation: Evaluation, ads: str) -> CaseResult | None:
     """The case without a collision in which an ADS is least human-like."""
     least: list[tuple[float, str, CaseResult]] = []
-    for one in findings(evaluation, ads):
-        likeness = np.where(one.cases.collided, np.inf, one.cases.human_likeness)
+    for findings in findings_of(evaluation, ads):
+        likeness = np.where(findings.cases.collided, np.inf, findings.cases.human_likeness)
         lowest = float(np.fmin.reduce(likeness, initial=np.inf))
         if lowest < np.inf:
-            least += [(lowest, case.case, case) for case in one.cases[likeness == lowest]]
+            least += [(lowest, case.case, case) for case in findings.cases[likeness == lowest]]
     return min(least)[2] if least else None

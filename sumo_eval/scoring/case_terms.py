@@ -203,8 +203,8 @@ def missing_bounds(
     worst = _at_worst(cases, terms, missing, method)
     best = _at_best(terms, worst, missing, method)
     extremes = [
-        point_values(one, method)
-        for one in (worst, _without_what_lifts(worst, missing.unsure, method), best)
+        point_values(terms, method)
+        for terms in (worst, _without_what_lifts(worst, missing.unsure, method), best)
     ]
     ordering = (
         "task_share", "avoided_share", "avoided_share_exposure", "avoidance_grade", "regret",
@@ -215,7 +215,7 @@ def missing_bounds(
     moves |= dict.fromkeys(ordering, missing.lost | missing.unsure | missing.unlike)
     bounds = {}
     for name, which in moves.items():
-        ends = [value for one in extremes if (value := one[name]) is not None]
+        ends = [value for values in extremes if (value := values[name]) is not None]
         if ends and which.any():
             bounds[name] = min(ends), max(ends)
     if "c" in bounds or "d" in bounds:

@@ -243,23 +243,23 @@ class Comparison:
     @property
     def pairs(self) -> int:
         """Cases that both runs have."""
-        return sum(one.pairs for one in self.ads)
+        return sum(part.pairs for part in self.ads)
 
     @property
     def identical(self) -> bool:
         """Whether every case of the base has a partner, equal to the last bit."""
-        lost = any(one.lost for one in self.unpaired)
-        return not lost and all(one.identical == one.pairs for one in self.ads)
+        lost = any(group.lost for group in self.unpaired)
+        return not lost and all(part.identical == part.pairs for part in self.ads)
 
     @property
     def worse(self) -> int:
         """Number of cases in which the new run did worse."""
-        return sum(len(one.changed.worse) for one in self.ads)
+        return sum(len(part.changed.worse) for part in self.ads)
 
     @property
     def better(self) -> int:
         """Number of cases in which the new run did better."""
-        return sum(len(one.changed.better) for one in self.ads)
+        return sum(len(part.changed.better) for part in self.ads)
 
 
 def builds_besides(builds: Mapping[str, str], comparison: Comparison | None) -> list[str]:
@@ -268,7 +268,7 @@ def builds_besides(builds: Mapping[str, str], comparison: Comparison | None) -> 
 
     builds: ADS -> its build.
     """
-    listed = {one.what for one in comparison.differences} if comparison else set()
+    listed = {difference.what for difference in comparison.differences} if comparison else set()
     named = [(f"build of {ads}", build) for ads, build in builds.items()]
     return [f"{what}: {build}" for what, build in named if what not in listed]
 
@@ -346,17 +346,17 @@ def _unpaired(
     """Find cases without a partner, first those of the base's ADSs, then those of ADSs that only
     the new run has.
     """
-    by_base = {(one.base_ads, one.scenario): one for one in compared}
+    by_base = {(part.base_ads, part.scenario): part for part in compared}
     for score in base.scores:
         cases = base.cases_of(score.ads, score.scenario)
-        one = by_base.get((score.ads, score.scenario))
-        lost = cases if one is None else one.changed.paired.lost
-        added = 0 if one is None else len(one.changed.paired.added)
+        part = by_base.get((score.ads, score.scenario))
+        lost = cases if part is None else part.changed.paired.lost
+        added = 0 if part is None else len(part.changed.paired.added)
         if len(lost) or added:
             examples = lost[:MOST_EXAMPLES].case.tolist()
             yield Unpaired(score.ads, score.scenario, len(lost), added, len(cases), tuple(examples))
 
-    of_new = {(one.ads, one.scenario) for one in compared}
+    of_new = {(part.ads, part.scenario) for part in compared}
     for score in new.scores:
         if (score.ads, score.scenario) not in of_new:
             added = len(new.cases_of(score.ads, score.scenario))
@@ -501,7 +501,7 @@ def _changes(
     for rise in (likeness, index):
         mark(rise < -settings.less_human_by, "less human", rise)
         mark(rise > settings.less_human_by, "more human", rise)
-    regrets = [excess(one.severity, one.ideal) for one in terms]
+    regrets = [excess(terms.severity, terms.ideal) for terms in terms]
     which = np.flatnonzero(kind >= 0)
     # by kind of change, then the largest first, then by name; the last key counts first
     order = np.lexsort((now.case[which], -np.abs(np.nan_to_num(by[which])), kind[which]))

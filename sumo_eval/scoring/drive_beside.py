@@ -62,8 +62,8 @@ class CaseDrives:
         """The drives as they were recorded."""
         vehicles = store.trajectories(case.case)
         drives = store.driven_at(case.scenario, fact.point, "human", "task_reference")
-        beside = {one.driver: store.trajectory(one.case) for one in drives}
-        humans = tuple(beside[one.driver] for one in drives if one.role == "human")
+        beside = {fact.driver: store.trajectory(fact.case) for fact in drives}
+        humans = tuple(beside[fact.driver] for fact in drives if fact.role == "human")
         return cls(case, vehicles.pop(EGO), vehicles, road, humans, beside)
 
     @property
@@ -79,10 +79,10 @@ def index_again(
 ) -> AnthropomorphicIndex:
     """D_i of one case again from its trajectory and those of the drivers at its point."""
     drives = store.driven_at(fact.scenario, fact.point, "human")
-    job = PointJob(tuple(one.case for one in drives), road, (fact.case,))
+    job = PointJob(tuple(fact.case for fact in drives), road, (fact.case,))
     settings = evaluation.settings.method.anthropomorphic
-    with closing(KeptResults(evaluation.folder)) as kept:
-        (result,) = compute_points(store.path, [job], settings, map, lambda done: None, kept)
+    with closing(KeptResults(evaluation.folder)) as cache:
+        (result,) = compute_points(store.path, [job], settings, map, lambda done: None, cache)
     return result.indexes[fact.case]
 
 
@@ -133,11 +133,15 @@ def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind
     """
     share, ego = scene.case.task_share, scene.ego
     start, beside = logical.placed(scene.case.values).ego, scene.beside.values()
-    clean = [one for one in beside if first_departure(one, logical.road, margin) is None]
+    clean = [
+        trajectory
+        for trajectory in beside
+        if first_departure(trajectory, logical.road, margin) is None
+    ]
     asked = asked_way(start.x, clean)
     if share is None or share >= LOW or scene.case.incident or not asked or not len(asked.places):
         return None
-    drivers = sum(one in scene.drivers for one in clean)
+    drivers = sum(trajectory in scene.drivers for trajectory in clean)
     references = drivers, len(clean) > drivers  # the last two fields
     if start.way is not None and misses(ego, start.way):
         when = float(times_at(ego, np.array([start.way.by]))[0])
@@ -232,7 +236,7 @@ class Furthest(NamedTuple):
 def furthest(scene: CaseDrives) -> Furthest:
     """Where path or speed differ most from the drivers' own spread."""
     ego = scene.ego
-    end = min(float(one.x.max()) for one in (ego, *scene.drivers))
+    end = min(float(trajectory.x.max()) for trajectory in (ego, *scene.drivers))
     # every metre, at least the first place
     places = np.arange(float(ego.x[0]), max(end, float(ego.x[0]) + 1.0))
     speed, y = _furthest(scene, places, "speed"), _furthest(scene, places, "y")
@@ -242,7 +246,7 @@ def furthest(scene: CaseDrives) -> Furthest:
 def _furthest(scene: CaseDrives, places: FloatArray, channel: Literal["speed", "y"]) -> Furthest:
     """Where `channel` differs most, among places x, (n,), m."""
     own = _at_places(scene.ego, places, channel)
-    theirs = np.array([_at_places(one, places, channel) for one in scene.drivers])
+    theirs = np.array([_at_places(driver, places, channel) for driver in scene.drivers])
     spread = np.maximum(theirs.std(axis=0, ddof=1), LEAST_SPREADS[channel])
     away = np.abs(own - theirs.mean(axis=0)) / spread
     worst = int(np.argmax(away))
@@ -265,7 +269,7 @@ def way_of(*drives: Trajectory) -> float:
 
 def mean_speed(drives: Sequence[Trajectory], times: FloatArray) -> FloatArray:
     """Mean speed of drives at times since their start, m/s; nan after the first of them ends."""
-    speeds = [np.interp(times, one.time - one.time[0], one.speed) for one in drives]
-    last = min(one.duration for one in drives)
+    speeds = [np.interp(times, drive.time - drive.time[0], drive.speed) for drive in drives]
+    last = min(drive.duration for drive in drives)
     # 1e-9 s is rounding
     return np.where(times <= last + 1e-9, np.mean(speeds, axis=0), np.nan)

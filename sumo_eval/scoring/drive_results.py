@@ -147,7 +147,7 @@ def drive_results(
         )  # fmt: skip
         for fact in (first, *more):
             key = key_of(common, hash_of(fact.case))
-            data = space.kept.get("drive", key)
+            data = space.cache.get("drive", key)
             if data is None:
                 missing.append(fact)
                 keys[fact.case] = key
@@ -162,7 +162,7 @@ def drive_results(
     new: dict[str, bytes] = {}
     for part in space.spread(partial(_results, space.store.path), parts) if parts else ():
         new |= part
-    space.kept.put(("drive", keys[case], 0, data) for case, data in new.items())
+    space.cache.put(("drive", keys[case], 0, data) for case, data in new.items())
     found = {case: decoded(data, _RECORDS) for case, data in (results | new).items()}
     return {fact.case: found.get(fact.case, _UNDRIVEN) for fact in drives}
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.results import Evaluation, ScenarioResult
-from sumo_eval.scoring.findings import findings, mean_of
+from sumo_eval.scoring.findings import findings_of, mean_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +46,8 @@ class DriverBand:
 
 def driver_bands(evaluation: Evaluation) -> Iterator[DriverBand]:
     """The band of each score whose cases have a D_i."""
-    for one in findings(evaluation):
-        own = one.cases[one.indexed]
+    for findings in findings_of(evaluation):
+        own = findings.cases[findings.indexed]
         if not len(own):
             continue
         low, mean, high = (
@@ -60,7 +60,7 @@ def driver_bands(evaluation: Evaluation) -> Iterator[DriverBand]:
             own.bimodal, own.manoeuvre_share == 0.0,
         )  # fmt: skip
         yield DriverBand(
-            one.score, low, mean, high,
+            findings.score, low, mean, high,
             int(np.sum(own.index < own.human_low)), int(np.isfinite(own.human_mean).sum()),
             (int(known.min()), int(known.max())) if len(known) else (),
             float(recorded / everybody) if everybody else 0.0,

@@ -176,9 +176,9 @@ class Findings:
         """The terms of a case in A."""
         terms, here = self.terms, self.cases.case == case.case
         u, ideal, nothing = terms.severity, terms.ideal, terms.unreacting
-        lost, at_stake = (terms.weight * excess(one, ideal) for one in (u, nothing))
+        lost, at_stake = (terms.weight * excess(severity, ideal) for severity in (u, nothing))
         columns = u, ideal, nothing, lost, at_stake, self.share_lost
-        return Harm(*(float(one[here][0]) for one in columns))
+        return Harm(*(float(column[here][0]) for column in columns))
 
     def part(
         self, case: CaseResult, counted: BoolArray, weights: FloatArray, values: FloatArray
@@ -222,7 +222,7 @@ def mean_of(values: FloatArray, exposure: FloatArray) -> float | None:
     return None if np.isnan(mean) else mean
 
 
-def findings(evaluation: Evaluation, ads: str | None = None) -> list[Findings]:
+def findings_of(evaluation: Evaluation, ads: str | None = None) -> list[Findings]:
     """Findings of every ADS, or of one, in every scenario."""
     scores = (score for score in evaluation.scores if ads in (None, score.ads))
     return [Findings.of(evaluation, score) for score in scores]
@@ -230,7 +230,7 @@ def findings(evaluation: Evaluation, ads: str | None = None) -> list[Findings]:
 
 def unevaluated(evaluation: Evaluation) -> list[CaseTable]:
     """The cases that are missing from a mean, of each ADS in each scenario."""
-    return [one.cases[one.missing] for one in findings(evaluation)]
+    return [findings.cases[findings.missing] for findings in findings_of(evaluation)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,7 +46,9 @@ def sources(*rooms: str) -> str:
         for file in (_PACKAGE / room).rglob(ending)
     ]
     files += [] if rooms else [_PACKAGE / name for name in _FILES]
-    readers = [(one.value, one.dist and one.dist.version) for one in entry_points(group=GROUP)]
+    readers = [
+        (reader.value, reader.dist and reader.dist.version) for reader in entry_points(group=GROUP)
+    ]
     digest = hashlib.blake2b(repr(([version(name) for name in _COMPUTES], readers)).encode())
     for file in sorted(files):
         digest.update(str(file.relative_to(_PACKAGE)).encode() + b"\0" + file.read_bytes())
@@ -127,5 +129,5 @@ def _add_with_named(found: set[Path], file: Path) -> None:
             if other.is_file():
                 _add_with_named(found, other)
             elif file.suffix == ".xosc" and other.is_dir():
-                for one in other.glob("*.xosc"):
-                    _add_with_named(found, one)
+                for path in other.glob("*.xosc"):
+                    _add_with_named(found, path)

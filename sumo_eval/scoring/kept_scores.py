@@ -47,26 +47,29 @@ class Scores:
 
 
 _RECORDS: dict[str, type] = {
-    one.__name__: one
-    for one in (*vars(results).values(), Alone, KeptChunk, Scores)
-    if isinstance(one, type) and is_dataclass(one)
+    kind.__name__: kind
+    for kind in (*vars(results).values(), Alone, KeptChunk, Scores)
+    if isinstance(kind, type) and is_dataclass(kind)
 }
 
 
-def table_of(kept: KeptResults, key: bytes, chunks: Sequence[KeptChunk]) -> CaseTable:
+def table_of(cache: KeptResults, key: bytes, chunks: Sequence[KeptChunk]) -> CaseTable:
     """The rows of a scoring, each column read from the run's folder when it is asked for."""
     return CaseTable(
-        (Chunk(one.scenario, one.ads, one.rows, _reader(kept, key, one.place)) for one in chunks),
+        (
+            Chunk(chunk.scenario, chunk.ads, chunk.rows, _reader(cache, key, chunk.place))
+            for chunk in chunks
+        ),
         key=key,
     )
 
 
-def _reader(kept: KeptResults, key: bytes, place: int) -> Callable[[slice], list[bytes]]:
+def _reader(cache: KeptResults, key: bytes, place: int) -> Callable[[slice], list[bytes]]:
     def columns(places: slice) -> list[bytes]:
         first = place * COLUMNS
-        data = kept.some("rows", key, first + (places.start or 0), first + places.stop)
+        data = cache.some("rows", key, first + (places.start or 0), first + places.stop)
         if not data:
-            raise InputError(f"Rows of {kept.path} are missing: score the run again.")
+            raise InputError(f"Rows of {cache.path} are missing: score the run again.")
         return data
 
     return columns
@@ -75,8 +78,8 @@ def _reader(kept: KeptResults, key: bytes, place: int) -> Callable[[slice], list
 class RowWriter:
     """Takes in the rows of a scoring, some at a time, and gives them back when asked."""
 
-    def __init__(self, kept: KeptResults, key: bytes) -> None:
-        self._kept, self._key = kept, key
+    def __init__(self, cache: KeptResults, key: bytes) -> None:
+        self._cache, self._key = cache, key
         self._chunks: list[KeptChunk] = []
 
     def add(self, rows: Sequence[CaseResult]) -> None:
@@ -84,12 +87,12 @@ class RowWriter:
         if rows:
             chunk = KeptChunk(rows[0].scenario, rows[0].ads, len(rows), len(self._chunks))
             parts = enumerate(encode_rows(rows), chunk.place * COLUMNS)
-            self._kept.put(("rows", self._key, place, data) for place, data in parts)
+            self._cache.put(("rows", self._key, place, data) for place, data in parts)
             self._chunks.append(chunk)
 
     def rows(self, ads: str, scenario: str) -> CaseTable:
         """All rows of one ADS in one scenario so far."""
-        return table_of(self._kept, self._key, self._chunks).part(scenario, ads)
+        return table_of(self._cache, self._key, self._chunks).part(scenario, ads)
 
     def chunks(self, order: Sequence[tuple[str, str]]) -> tuple[KeptChunk, ...]:
         """Chunks of the rows, in this order of (ADS, scenario)."""
@@ -98,9 +101,9 @@ class RowWriter:
         )
 
 
-def kept_scores(kept: KeptResults, key: bytes) -> Scores | None:
+def kept_scores(cache: KeptResults, key: bytes) -> Scores | None:
     """The scores under a key; None where they are not kept."""
-    data = kept.get("evaluation", key)
+    data = cache.get("evaluation", key)
     if data is None:
         return None
     _in_use.add(key)
@@ -108,18 +111,18 @@ def kept_scores(kept: KeptResults, key: bytes) -> Scores | None:
     return found
 
 
-def keep_scores(kept: KeptResults, key: bytes, scores: Scores) -> Scores:
+def keep_scores(cache: KeptResults, key: bytes, scores: Scores) -> Scores:
     """Keep scores whose rows are kept already, and return them as `kept_scores` will.
 
     Deletes the oldest rows of other settings where all of these take more than `_MOST_OF_OTHERS`.
     """
-    kept.put([("evaluation", key, 0, encoded(scores))])
+    cache.put([("evaluation", key, 0, encoded(scores))])
     _in_use.add(key)
     # the newest first, each with the sum of sizes so far
-    others = [pair for pair in reversed(kept.sizes("rows")) if pair[0] not in _in_use]
+    others = [pair for pair in reversed(cache.sizes("rows")) if pair[0] not in _in_use]
     sums = itertools.accumulate(size for _, size in others)
     pairs = zip(others, sums, strict=True)
-    kept.forget([other for (other, _), total in pairs if total > _MOST_OF_OTHERS])
-    found = kept_scores(kept, key)
+    cache.forget([other for (other, _), total in pairs if total > _MOST_OF_OTHERS])
+    found = kept_scores(cache, key)
     assert found is not None, "it was put there just now"
     return found

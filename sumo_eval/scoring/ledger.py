@@ -89,29 +89,33 @@ _NONE: Final[Any] = np.empty(0, dtype=np.intp)  # no rows, and no losses
 _Lines = Iterable[LedgerLine]
 
 
-def ledger_plus(found: Findings) -> Ledger:
+def ledger_plus(findings: Findings) -> Ledger:
     """100 points less what T, A' and (a + b H) / 100 take from S+ = T max(A', 0) (a + b H)."""
-    score, weights = found.score, found.settings.method.score
+    score, weights = findings.score, findings.settings.method.score
     grade = max(score.avoidance_grade or 0.0, 0.0)
     manner = (weights.a + weights.b * (score.human_likeness or 0.0)) / FULL
     losses = product_losses(np.array([[score.task_share or 0.0, grade, manner]]))[0] * FULL
 
-    whole = _line(found, "S+", "the task driven without avoidable harm, as people drive", alone=1.0)
+    whole = _line(
+        findings, "S+", "the task driven without avoidable harm, as people drive", alone=1.0
+    )
     lines = _scaled(FULL, [whole])
     terms = _task_lines, _avoided_lines, _human_lines
     for term, lost in zip(terms, losses.tolist(), strict=True):
-        of_term = list(term(found))
+        of_term = list(term(findings))
         # the scale is points for 1 of T, A or H, so that a term's lines cost its Shapley value
         taken = -math.fsum(line.index for line in of_term)
         lines += _scaled(lost / taken if taken > 0.0 else 0.0, of_term)
     return Ledger("S+", score, tuple(lines))
 
 
-def ledger(found: Findings) -> Ledger:
+def ledger(findings: Findings) -> Ledger:
     """S, Eq. 18: C = 1 and D = 1, less what collisions and the factors of D_i take from them."""
-    points = worth(found.settings.method.score)  # of C = 1 and of D = 1
-    lines = _scaled(points.c, _collision_lines(found)) + _scaled(points.d, _likeness_lines(found))
-    return Ledger("S", found.score, tuple(lines))
+    points = worth(findings.settings.method.score)  # of C = 1 and of D = 1
+    lines = _scaled(points.c, _collision_lines(findings)) + _scaled(
+        points.d, _likeness_lines(findings)
+    )
+    return Ledger("S", findings.score, tuple(lines))
 
 
 def _scaled(scale: float, lines: _Lines) -> list[LedgerLine]:
@@ -120,7 +124,7 @@ def _scaled(scale: float, lines: _Lines) -> list[LedgerLine]:
 
 
 def _line(
-    found: Findings, term: Term, cause: str, places: IntArray = _NONE, *,
+    findings: Findings, term: Term, cause: str, places: IntArray = _NONE, *,
     lost: FloatArray = _NONE, alone: float = 0.0, equation: str = "",
 ) -> LedgerLine:  # fmt: skip
     """A line of cases.
@@ -129,34 +133,34 @@ def _line(
     lost: loss of each in the index, (m,).
     alone: index of a line without cases.
     """
-    entries = found.cases[places]
+    entries = findings.cases[places]
     order = np.lexsort((entries.case, -lost))  # by loss, then by name
     index = math.fsum(-lost) if len(places) else alone
     number = int(np.count_nonzero(lost >= WORTH_COUNTING))
     return LedgerLine(term, cause, index, entries[order], -lost[order], number, equation)
 
 
-def _task_lines(found: Findings) -> _Lines:
+def _task_lines(findings: Findings) -> _Lines:
     """Losses in T, each case by the first cause that applies."""
-    cases = found.cases
-    if found.score.task_share is None:
-        yield _line(found, "T", NOT_COMPUTED, alone=-1.0)
+    cases = findings.cases
+    if findings.score.task_share is None:
+        yield _line(findings, "T", NOT_COMPUTED, alone=-1.0)
         return
     task_shares = cases.task_share
-    lost = np.nan_to_num(found.shares(found.tasked, cases.exposure) * (1.0 - task_shares))
+    lost = np.nan_to_num(findings.shares(findings.tasked, cases.exposure) * (1.0 - task_shares))
     groups = {
         "given up": cases.gave_up,
         "a contact": cases.collided,
         "struck from behind, which ends the drive": cases.struck_from_behind,
         "left the road": cases.departed,
-        "stands where the references drive": found.stands,
+        "stands where the references drive": findings.stands,
         "slower than the slowest reference": lost > 0.0,  # all that are left
     }
-    yield from _first_of(found, "T", groups, lost, task_shares < 1.0 - NOTICEABLE)
+    yield from _first_of(findings, "T", groups, lost, task_shares < 1.0 - NOTICEABLE)
 
 
 def _first_of(
-    found: Findings,
+    findings: Findings,
     term: Term,
     groups: Mapping[str, BoolArray],
     lost: FloatArray,
@@ -173,17 +177,17 @@ def _first_of(
         places = np.flatnonzero(belongs & remaining)
         remaining = remaining & ~belongs
         if len(places):
-            line = _line(found, term, cause, places, lost=lost[places])
+            line = _line(findings, term, cause, places, lost=lost[places])
             yield replace(line, cases=int(np.count_nonzero(counts[places])))
 
 
-def _avoided_lines(found: Findings) -> _Lines:
+def _avoided_lines(findings: Findings) -> _Lines:
     """Losses in A, each case by the first cause that applies."""
-    cases = found.cases
-    if found.score.avoided_share is None:
-        yield _line(found, "A", NOT_COMPUTED, alone=-1.0)
+    cases = findings.cases
+    if findings.score.avoided_share is None:
+        yield _line(findings, "A", NOT_COMPUTED, alone=-1.0)
         return
-    lost = np.nan_to_num(found.share_lost)
+    lost = np.nan_to_num(findings.share_lost)
     groups = {
         # given up after a departure with a larger U: below, in "left the road"
         "given up, which counts as doing nothing": cases.gave_up
@@ -193,32 +197,32 @@ def _avoided_lines(found: Findings) -> _Lines:
         "collisions that the ideal vehicle has too, but softer": cases.unavoidable,
         "left the road": cases.departed,
     }
-    yield from _first_of(found, "A", groups, lost, lost >= WORTH_COUNTING)
+    yield from _first_of(findings, "A", groups, lost, lost >= WORTH_COUNTING)
 
 
-def _human_lines(found: Findings) -> _Lines:
+def _human_lines(findings: Findings) -> _Lines:
     """Losses in H: by incidents, then by the factors of all other cases."""
-    cases, counted = found.cases, found.likened  # counted: with a human-likeness
-    if found.score.human_likeness is None:
-        yield _line(found, "H", NOT_COMPUTED, alone=-1.0)
+    cases, counted = findings.cases, findings.likened  # counted: with a human-likeness
+    if findings.score.human_likeness is None:
+        yield _line(findings, "H", NOT_COMPUTED, alone=-1.0)
         return
-    weights, incident = found.shares(counted, cases.exposure), cases.incident
+    weights, incident = findings.shares(counted, cases.exposure), cases.incident
     hits = np.flatnonzero(counted & incident)
     if len(hits):
         cause = "an avoidable incident in a safe case"
-        yield _line(found, "H", cause, hits, lost=weights[hits])
-    yield from _factor_lines(found, "H", np.flatnonzero(counted & ~incident), weights)
+        yield _line(findings, "H", cause, hits, lost=weights[hits])
+    yield from _factor_lines(findings, "H", np.flatnonzero(counted & ~incident), weights)
 
 
-def _collision_lines(found: Findings) -> _Lines:
+def _collision_lines(findings: Findings) -> _Lines:
     """C = 1, and losses in C by collisions (Eqs. 14-17)."""
     whole = "C = 1, no collision or none worse than the ideal vehicle's"
-    yield _line(found, "C", whole, alone=1.0, equation="17")
-    if found.score.c is None:
-        yield _line(found, "C", NOT_COMPUTED, alone=-1.0, equation="17")
+    yield _line(findings, "C", whole, alone=1.0, equation="17")
+    if findings.score.c is None:
+        yield _line(findings, "C", NOT_COMPUTED, alone=-1.0, equation="17")
         return
-    lost, safe = found.lost_of_c, found.cases.safe
-    ideal_collides = np.nan_to_num(found.cases.ideal_severity) != 0.0
+    lost, safe = findings.lost_of_c, findings.cases.safe
+    ideal_collides = np.nan_to_num(findings.cases.ideal_severity) != 0.0
     groups = (
         ("collisions in the safe zone", safe),
         ("collisions that the ideal vehicle avoids", ~safe & ~ideal_collides),
@@ -228,27 +232,27 @@ def _collision_lines(found: Findings) -> _Lines:
         # nan without a collision, and where Ug is not known: in no group
         places = np.flatnonzero(belongs & np.isfinite(lost))
         if len(places):
-            yield _line(found, "C", cause, places, lost=lost[places], equation="14–17")
+            yield _line(findings, "C", cause, places, lost=lost[places], equation="14–17")
 
 
-def _likeness_lines(found: Findings) -> _Lines:
+def _likeness_lines(findings: Findings) -> _Lines:
     """D = 1, and losses in D by the factors of D_i (Eqs. 11-13)."""
-    cases, whole = found.cases, "D = 1, within the drivers' own spread everywhere"
-    yield _line(found, "D", whole, alone=1.0, equation="13")
-    if found.score.d is None:
+    cases, whole = findings.cases, "D = 1, within the drivers' own spread everywhere"
+    yield _line(findings, "D", whole, alone=1.0, equation="13")
+    if findings.score.d is None:
         hits = np.flatnonzero(cases.voids_index)
         # Without D, S lacks its term (Eq. 18): -1, shared equally by the collisions, because each
         # alone would void D; -1 without cases if there are none.
         each = np.full(len(hits), 1.0 / max(len(hits), 1))
-        yield _line(found, "D", NOT_COMPUTED, hits, lost=each, alone=-1.0, equation="18")
+        yield _line(findings, "D", NOT_COMPUTED, hits, lost=each, alone=-1.0, equation="18")
         return
     indexed = cases.counts_for_index & np.isfinite(cases.index)
-    shares = found.shares(indexed, cases.exposure)
-    yield from _factor_lines(found, "D", np.flatnonzero(indexed), shares)
+    shares = findings.shares(indexed, cases.exposure)
+    yield from _factor_lines(findings, "D", np.flatnonzero(indexed), shares)
 
 
 def _factor_lines(
-    found: Findings, term: Literal["D", "H"], places: IntArray, weights: FloatArray
+    findings: Findings, term: Literal["D", "H"], places: IntArray, weights: FloatArray
 ) -> _Lines:
     """A line for each factor of D_i, or of a case's human-likeness.
 
@@ -257,7 +261,7 @@ def _factor_lines(
     """
     if not len(places):
         return
-    cases = found.cases
+    cases = findings.cases
     factors, equation, likeness = LIKENESS_FACTORS, "", cases.human_likeness
     if term == "D":
         factors, equation, likeness = FACTORS, "11–13", cases.index
@@ -267,9 +271,9 @@ def _factor_lines(
     for column, name in enumerate(factors):
         cause = name if name in ("similarity", "plausibility") else f"{name} factor"
         lost = share * losses[:, column]
-        yield _line(found, term, cause, places, lost=lost, equation=equation)
+        yield _line(findings, term, cause, places, lost=lost, equation=equation)
     # by how much it is below the product of its factors; negative (a gain) if it is above
     rest = share * (values.prod(axis=1) - likeness[places])
     if (np.abs(rest) > ROUNDING).any():
         cause = "the rest, not a product of the factors"
-        yield _line(found, term, cause, places, lost=rest, equation=equation)
+        yield _line(findings, term, cause, places, lost=rest, equation=equation)

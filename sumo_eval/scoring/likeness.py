@@ -145,11 +145,11 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
         some = values[part]
         # zone (1: hazardous, 0: safe) and weight r (Eq. 16), from the cache or computed
         key = key_of("weights", zones_key, some.tobytes())
-        data = space.kept.get("weights", key)
+        data = space.cache.get("weights", key)
         if data is None:
             both = zones.exactly_hazardous(some), collision_weight(some, zones)
             data = np.stack(both).tobytes()
-            space.kept.put([("weights", key, 0, data)])
+            space.cache.put([("weights", key, 0, data)])
         zone, weight = np.frombuffer(data).reshape(2, -1)
         hazardous[numbers[part]], weights[numbers[part]] = zone > 0.0, weight
         done = min(part.stop, len(values))
@@ -276,7 +276,7 @@ def compare_with_people(
         settings.method.anthropomorphic,
         space.spread,
         progress,
-        space.kept,
+        space.cache,
     )
     return DriverComparison(
         compared,

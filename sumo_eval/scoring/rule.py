@@ -169,28 +169,28 @@ class Ends:
         return self.collided | self.departed | self.gave_up | self.not_evaluated | self.missed
 
 
-def both_ends(one: AdsComparison) -> tuple[Ends, Ends]:
+def both_ends(part: AdsComparison) -> tuple[Ends, Ends]:
     """Ends of the paired cases in the base and in the new run."""
-    return Ends.of(one.changed.paired.base), Ends.of(one.changed.paired.new)
+    return Ends.of(part.changed.paired.base), Ends.of(part.changed.paired.new)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Worse:
     """Cases of an ADS in one scenario that are worse in a quantity, the worst first.
 
-    one: comparison of the ADS in the scenario.
+    part: comparison of the ADS in the scenario.
     which: indices of their pairs, (w,).
     before, after: the quantity of all pairs in the base and in the new run, (n,).
     """
 
-    one: AdsComparison
+    part: AdsComparison
     which: Sequence[int]
     before: Column
     after: Column
 
     @classmethod
     def of(
-        cls, one: AdsComparison, flags: BoolArray, by: FloatArray, values: tuple[Column, Column]
+        cls, part: AdsComparison, flags: BoolArray, by: FloatArray, values: tuple[Column, Column]
     ) -> Worse:
         """The pairs with a flag.
 
@@ -198,7 +198,7 @@ class Worse:
         values: `before` and `after`.
         """
         which = np.flatnonzero(flags)
-        return cls(one, which[np.argsort(-by[which], kind="stable")].tolist(), *values)
+        return cls(part, which[np.argsort(-by[which], kind="stable")].tolist(), *values)
 
 
 def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray]:
@@ -240,13 +240,13 @@ def severity_limit(settings: GateSettings, repeats: Repeats, units: tuple[str, s
     return max(least, rule.floors * repeats.floors.get("severity", 0.0))
 
 
-def newly_bad(one: AdsComparison, settings: GateSettings, repeats: Repeats) -> dict[str, Worse]:
+def newly_bad(part: AdsComparison, settings: GateSettings, repeats: Repeats) -> dict[str, Worse]:
     """Part one: the pairs that ended worse, by the names of `worse_ends`, with their U."""
-    base, new = both_ends(one)
-    ends = worse_ends(base, new, severity_limit(settings, repeats, one.units))
+    base, new = both_ends(part)
+    ends = worse_ends(base, new, severity_limit(settings, repeats, part.units))
     values = base.severity, new.severity
     rise = new.severity - base.severity
-    return {name: Worse.of(one, flags, rise, values) for name, flags in ends.items()}
+    return {name: Worse.of(part, flags, rise, values) for name, flags in ends.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -271,7 +271,7 @@ class Tally:
     @property
     def number(self) -> int:
         """W, the worse cases."""
-        return sum(len(one.which) for one in self.worse)
+        return sum(len(worse.which) for worse in self.worse)
 
     @property
     def chance(self) -> float:
@@ -296,8 +296,8 @@ def tally(
     """
     worse, kept = [], 1.0
     better = cases = 0
-    for one in compared:
-        before, after, counts = values_of(one, measure, fill=near)
+    for part in compared:
+        before, after, counts = values_of(part, measure, fill=near)
         by = worsening(before, after, measure)
         limit = tolerance(before, measure, floor) * (1.0 + LAST_DIGIT)
         if near and measure.zone is not None:
@@ -308,12 +308,12 @@ def tally(
         kept = kept_margin(before, after, measure)[flags].min(initial=kept)
         better += int(np.sum(counts & (by < -limit)))
         cases += int(np.sum(counts))
-        worse.append(Worse.of(one, flags, by, (before, after)))
+        worse.append(Worse.of(part, flags, by, (before, after)))
     return Tally(ads, measure, near, tuple(worse), better, cases, kept)
 
 
 def values_of(
-    one: AdsComparison, measure: MeasureSettings, *, fill: bool
+    part: AdsComparison, measure: MeasureSettings, *, fill: bool
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """A quantity of all pairs, (n,) each: in the base, in the new run, and whether it counts.
 
@@ -321,7 +321,7 @@ def values_of(
 
     fill: a missing value becomes the limit of the measure's `zone`.
     """
-    paired, (before, after) = one.changed.paired, one.comparable(measure.quantity)
+    paired, (before, after) = part.changed.paired, part.comparable(measure.quantity)
     if fill and measure.zone is not None:
         before, after = (np.where(np.isnan(it), measure.zone, it) for it in (before, after))
     counts = (paired.base.status == "ok") & (paired.new.status == "ok")
@@ -364,10 +364,10 @@ def can_fail(total: Tally, settings: GateSettings, *, noisy: bool) -> bool:
 def tallies(comparison: Comparison, settings: GateSettings, noise: Noise) -> list[Tally]:
     """Tallies of parts two and three of every ADS: near misses, then shifts."""
     return [
-        tally(ads, [one for one in comparison.ads if one.ads == ads], item,
+        tally(ads, [part for part in comparison.ads if part.ads == ads], item,
               noise.of(ads).floors.get(item.quantity, 0.0), near)
         for near, part in ((True, settings.near_miss), (False, settings.shift))
-        for ads in dict.fromkeys(one.ads for one in comparison.ads)
+        for ads in dict.fromkeys(part.ads for part in comparison.ads)
         for item in (part.measure if part.on else ())
     ]  # fmt: skip
 
@@ -379,14 +379,14 @@ def only_improved(comparison: Comparison, settings: GateSettings) -> bool:
     watched = (*settings.near_miss.measure, *settings.shift.measure)
     measures = [measure for measure in watched if measure.quantity not in TIMED]
     better = False
-    for one in comparison.ads:
-        base, new = both_ends(one)
-        least = 0.0 if one.one_unit else math.inf  # U in two units cannot be compared
+    for part in comparison.ads:
+        base, new = both_ends(part)
+        least = 0.0 if part.one_unit else math.inf  # U in two units cannot be compared
         if any(flags.any() for flags in worse_ends(base, new, least).values()):
             return False
         better |= bool((base.bad & ~new.bad).any())
         for measure in measures:
-            before, after, there = values_of(one, measure, fill=True)
+            before, after, there = values_of(part, measure, fill=True)
             by = worsening(before, after, measure)[there]
             if (by > LAST_DIGIT * np.abs(before[there])).any():  # by more than rounding
                 return False

@@ -29,17 +29,17 @@ def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str
     """
     cases = {
         zone.scenario: [
-            evaluation.cases_of(one.ads, one.scenario)
-            for one in evaluation.scores_in(zone.scenario)
+            evaluation.cases_of(score.ads, score.scenario)
+            for score in evaluation.scores_in(zone.scenario)
         ]
         for zone in evaluation.zones
     }
     most = {name: max(map(len, tables), default=0) for name, tables in cases.items()}
     if sum(len(table) for tables in cases.values() for table in tables) <= MOST_SHOWN:
         return {name: np.arange(number) for name, number in most.items()}
-    order = [one.ads for one in ranked(evaluation)]
+    order = [ads.ads for ads in ranked(evaluation)]
     extremes = worst_case(evaluation, order), least_human(evaluation, order[0])
-    named = {*named, *(one.case for one in extremes if one)}
+    named = {*named, *(case.case for case in extremes if case)}
     quota = max(MOST_SHOWN // max(len(evaluation.scores), 1), 2)
     shown = {}
     for name, tables in cases.items():

@@ -24,7 +24,7 @@ class ScenarioRun:
 
     entry: the scenario in the evaluation.
     severity: U, or what stands for it.
-    kept: earlier results of the run.
+    cache: earlier results of the run.
     spread: `map`, or that of `point_processes`.
     car: the reference car of T, "" where the run holds none.
     outside: numbers of the points outside the support of recorded events.
@@ -37,7 +37,7 @@ class ScenarioRun:
     source: Path
     severity: Severity
     store: Store
-    kept: KeptResults
+    cache: KeptResults
     spread: Spread
     progress: Progress
     car: str

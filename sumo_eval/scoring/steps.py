@@ -60,7 +60,7 @@ class Scoring:
     """A run to be scored: its facts, its settings, and the means to compute.
 
     exposures: what the recording of each scenario noted on its exposure, by scenario.
-    kept: cache of earlier results.
+    cache: earlier results.
     spread: `map`, or one that shares the work among processes.
     """
 
@@ -68,7 +68,7 @@ class Scoring:
     exposures: Mapping[str, Any]
     severity: Severity
     store: Store
-    kept: KeptResults
+    cache: KeptResults
     spread: Spread
     progress: Progress
 
@@ -103,7 +103,7 @@ class Scoring:
         reference = settings.method.task.task_reference
         return ScenarioRun(
             entry, logical, self._points(entry, logical), settings, self.run.source,
-            self.severity, self.store, self.kept, self.spread, self.progress,
+            self.severity, self.store, self.cache, self.spread, self.progress,
             car=reference if recorded_with(self.store, reference) else "",
             outside=frozenset(self.exposures.get(logical.name, {}).get("outside_support", ())),
         )  # fmt: skip
@@ -147,7 +147,7 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
     method = space.method
     # 1  safe and hazardous zones, Eqs. 1-8
     key = zones_key(space.entry, space.settings, space.source)
-    zones = kept_zones(space.logical, method.zones, space.kept, key)
+    zones = kept_zones(space.logical, method.zones, space.cache, key)
     # 2  the ADSs in every concrete scenario
     overview = survey(space, zones, key)
     plausible = plausible_people(space.logical, space.store, method.plausibility)

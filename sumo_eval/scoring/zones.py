@@ -24,12 +24,12 @@ ROOMS_OF_ZONES = ("method", "scenario", "settings")
 """Rooms of this package that a partition comes from."""
 
 
-def zones_of(run: Resolved, kept: KeptResults) -> dict[str, ZonePartition]:
+def zones_of(run: Resolved, cache: KeptResults) -> dict[str, ZonePartition]:
     """The partition of each scenario by its name, kept or computed."""
     settings = run.settings
     return {
         logical.name: kept_zones(
-            logical, settings.method.zones, kept, zones_key(entry, settings, run.source)
+            logical, settings.method.zones, cache, zones_key(entry, settings, run.source)
         )
         for entry, logical in run.entries
     }
@@ -76,5 +76,5 @@ def zones_are_known(settings: EvaluationSettings, source: Path) -> bool:
 
 def find_zones(settings: EvaluationSettings, source: Path, folder: Path) -> None:
     """Compute the partition of every scenario of a run that its folder does not keep yet."""
-    with closing(KeptResults(folder)) as kept:
-        zones_of(Resolved.of(settings, source), kept)
+    with closing(KeptResults(folder)) as cache:
+        zones_of(Resolved.of(settings, source), cache)

@@ -47,9 +47,8 @@ class RunSettings(Checked):
         Literal["all", "critical", "none"],
         About(
             "whose trajectories stay once a run is scored: all; those of points with a collision, "
-            "a drive that could "
-            "not be evaluated, another outcome than the nearest point's, or among an ADS's 100 "
-            "least human-like; none"
+            "a drive that could not be evaluated, another outcome than the nearest point's, or "
+            "among an ADS's 100 least human-like; none"
         ),
     ] = "all"
     incomplete: Annotated[

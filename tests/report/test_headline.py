@@ -11,7 +11,7 @@ from sumo_eval.report.headline import headline, safety_words
 from sumo_eval.results import RankedAds, RankedPair, Ranking
 from sumo_eval.scoring.behaviour import behaviour_of, harm_beside
 from sumo_eval.scoring.failure_groups import failure_kinds
-from sumo_eval.scoring.findings import findings
+from sumo_eval.scoring.findings import findings_of
 from sumo_eval.scoring.ledger import ledger_plus
 
 NAME = builders.SCENARIOS[1]
@@ -91,7 +91,7 @@ def test_alarm_and_ledger_count_the_same_standing_cases(evaluation):
             for case, share in zip(clean(evaluation, builders.CALM), shares, strict=True)
         ],
     )
-    (found,) = findings(odd)
+    (found,) = findings_of(odd)
     lines = {line.cause: line.cases for line in ledger_plus(found).lines}
     assert (
         lines["stands where the references drive"] == behaviour_of(odd, builders.CALM).stands == 2

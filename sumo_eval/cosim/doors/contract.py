@@ -53,8 +53,7 @@ _HINTS = {
     "e.g. "
     'vehicle_type = {"carFollowModel": "IDM"}',
     r"[Vv]ehicle '.*' is not known": 'the ego\'s id is the argument `ego`, which is "ego"; other '
-    "vehicles come "
-    "and go, see traci.vehicle.getIDList()",
+    "vehicles come and go, see traci.vehicle.getIDList()",
     "no device of type": "no vehicle carries a device of SUMO here; compute in your code what it "
     "would say",
 }
@@ -166,7 +165,9 @@ def _projected(
         findings.append(Finding("note", text, mend))
     longest = max(recording.wall_time for recording in recordings)
     lost = [
-        case for case, one in zip(cases, recordings, strict=True) if one.wall_time > case_timeout
+        case
+        for case, recording in zip(cases, recordings, strict=True)
+        if recording.wall_time > case_timeout
     ]
     pace = sum(recording.wall_time for recording in recordings) / sum(
         max(recording.simulated_time, settings.step) for recording in recordings
@@ -210,16 +211,20 @@ def _ends(cases: Sequence[ConcreteScenario], recordings: Sequence[Recording]) ->
     """
     # cases and their recordings by cause; "": no fault
     alike = defaultdict[str, list[tuple[ConcreteScenario, Recording]]](list)
-    for case, one in zip(cases, recordings, strict=True):
-        cause = "" if one.error is None else without_numbers(one.error) + one.error_place
-        alike[cause].append((case, one))
+    for case, recording in zip(cases, recordings, strict=True):
+        cause = (
+            ""
+            if recording.error is None
+            else without_numbers(recording.error) + recording.error_place
+        )
+        alike[cause].append((case, recording))
     findings = [
         Finding(
             "ok",
-            f"drives {case.scenario} ({case.label}) to its end: {one.end_reason} at "
-            f"{one.simulated_time:.2f} s",
+            f"drives {case.scenario} ({case.label}) to its end: {recording.end_reason} at "
+            f"{recording.simulated_time:.2f} s",
         )
-        for case, one in alike.pop("", [])
+        for case, recording in alike.pop("", [])
     ]
     return findings + [_fault(*group[0], len(group), len(cases)) for group in alike.values()]
 

@@ -144,8 +144,7 @@ class ServedSimulation:
                 now = self.simulation.getTime() - self.simulation.getDeltaT()
                 raise ControllerError(
                     f"The ADS's program gave `{EGO}` the {name} {shown[variable]}, seen at "
-                    f"{now:.2f} s; it must be a "
-                    "finite number."
+                    f"{now:.2f} s; it must be a finite number."
                 )
 
     def _wait(self, call: Callable[[], object], limit: float) -> None:
@@ -161,16 +160,14 @@ class ServedSimulation:
             if self._relay.has_asked and not self._relay.has_order:
                 raise ControllerError(
                     "The ADS's program must set its order to 2 after it has connected, before "
-                    "anything else "
-                    "(`setOrder(2)`): it shares the simulation with the harness"
+                    "anything else (`setOrder(2)`): it shares the simulation with the harness"
                 ) from error
             if self._relay.has_left or self._program.process.poll() is not None:
                 raise ControllerError(f"{self._program.ended('connection')}.") from error
             if clock.perf_counter() - asked >= limit:
                 raise ControllerTimeoutError(
                     f"The ADS's program must connect to the port in {_PORT}, set its order to 2 "
-                    "and ask for its steps, "
-                    f"each within {limit:g} s; it was ended."
+                    f"and ask for its steps, each within {limit:g} s; it was ended."
                 ) from None
             raise ControllerError(
                 f"SUMO ended while the ADS's program had its turn: {said(error)}."

@@ -76,9 +76,9 @@ class PrivateServer:
 
     def end(self) -> None:
         """End the process and its connections."""
-        for one in self.sockets:
+        for connection in self.sockets:
             with suppress(OSError):  # it was not connected, or is closed
-                one.shutdown(socket.SHUT_RDWR)  # wakes a thread that waits for it
+                connection.shutdown(socket.SHUT_RDWR)  # wakes a thread that waits for it
         self.process.kill()
         self.process.wait()
         self.sockets[0].close()  # the other one is the relay's to close
@@ -156,6 +156,6 @@ def _into_own_network(report: socket.socket) -> Callable[[], None]:
                 request = struct.pack("16sh14x", b"lo", _UP_AND_RUNNING)
                 fcntl.ioctl(any_socket, _SET_FLAGS, request)
             sockets = [socket.socket() for _ in range(CLIENTS)]
-            socket.send_fds(report, [_WORD], [one.fileno() for one in sockets])
+            socket.send_fds(report, [_WORD], [connection.fileno() for connection in sockets])
 
     return prepare

@@ -181,7 +181,7 @@ def cosimulation(cases: int, rounds: int) -> list[Figures]:
     concretes = logical.concretes(grid[:: max(len(grid) // cases, 1)][:cases])
 
     def alone(ads: Any) -> list[Recording]:
-        return [simulate(one, ads, SETTINGS) for one in concretes]
+        return [simulate(concrete, ads, SETTINGS) for concrete in concretes]
 
     def batched(ads: Any) -> list[Recording]:
         return list(simulate_many(concretes, ads, SETTINGS))
@@ -223,11 +223,13 @@ def _least_seconds(
         tempfile.TemporaryDirectory() as folder,
     ):
         command_lines = []
-        for number, one in enumerate(concretes):
+        for number, concrete in enumerate(concretes):
             files = Path(folder) / str(number)
             files.mkdir()
             command_lines.append(
-                command_line(one, one.simulation(SETTINGS), files, files / "sumo.log", None)
+                command_line(
+                    concrete, concrete.simulation(SETTINGS), files, files / "sumo.log", None
+                )
             )
         for _ in range(rounds):
             for name, way in ways.items():
@@ -246,8 +248,10 @@ def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recordi
         open_store(Path(folder) / "facts.sqlite", create=True) as store,
     ):
         outcomes = [
-            Outcome(Case(number, one, "ads", "careful_driver", "careful_driver"), "ok", recording)
-            for number, (one, recording) in enumerate(zip(concretes, recordings, strict=True))
+            Outcome(
+                Case(number, concrete, "ads", "careful_driver", "careful_driver"), "ok", recording
+            )
+            for number, (concrete, recording) in enumerate(zip(concretes, recordings, strict=True))
         ]
         took = _seconds(lambda: list(map(store.add, outcomes)))
     return "storing recordings", 1e3 * took / len(outcomes), "ms/case"

@@ -33,8 +33,8 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
     width: a key of `style.WIDTHS`.
     Raises InputError where the folder has no history, or the history no such scenario or ADS.
     """
-    with open_history(history) as lines:
-        nights, values = lines.nights(), lines.values()
+    with open_history(history) as database:
+        nights, values = database.nights(), database.values()
     if not values:
         raise InputError(
             f"The history in {history} must have a night before a trend is drawn: it is empty."

@@ -370,7 +370,7 @@ class Conditions:
             )
         return entity.number
 
-    def _of_entity(self, element: Node, one: Entity) -> Truth:
+    def _of_entity(self, element: Node, entity: Entity) -> Truth:
         """A condition on one entity."""
         known = {
             "RelativeDistanceCondition": self._distance, "DistanceCondition": self._distance,
@@ -379,7 +379,7 @@ class Conditions:
             "RelativeSpeedCondition": self._speed,
             "TraveledDistanceCondition": self._travelled,
         }  # fmt: skip
-        number, limit = element.chosen(known, "conditions on an entity")(element, one)
+        number, limit = element.chosen(known, "conditions on an entity")(element, entity)
         default = {
             "TraveledDistanceCondition": "greaterOrEqual", "ReachPositionCondition": "lessOrEqual"
         }.get(element.tag)  # fmt: skip
@@ -448,7 +448,7 @@ class Conditions:
             apart *= constant(scale)
         return apart - bodies if free else apart
 
-    def _scale(self, element: Node, one: Entity) -> float:
+    def _scale(self, element: Node, entity: Entity) -> float:
         """Length that a condition measures for a metre along the road's line.
 
         In the systems `entity` and `lane` it measures along the parallel of that line through the
@@ -461,18 +461,18 @@ class Conditions:
         if not frame.line:
             return 1.0
         turned = sum(0.5 * (it.begin + it.end) * it.length for it in frame.line)
-        left = -frame.way * frame.offset if system == "road" else one.frame.y
+        left = -frame.way * frame.offset if system == "road" else entity.frame.y
         return 1.0 - turned / length_of(frame.line) * left
 
-    def _distance(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
+    def _distance(self, element: Node, entity: Entity) -> tuple[DriveNumber, float]:
         default = "euclidianDistance" if element.tag == "DistanceCondition" else None
         kinds = ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance")
         kind = element.one_of("relativeDistanceType", kinds, default)
         value, other = element.number("value"), self._target(element)
         if kind in ("longitudinal", "lateral"):
             axis = played.X if kind == "longitudinal" else played.Y
-            return self._apart(element, one, other, axis), value
-        return self._straight(element, one, other, value)
+            return self._apart(element, entity, other, axis), value
+        return self._straight(element, entity, other, value)
 
     def _straight(
         self, element: Node, one: Entity, other: Entity | Pose, value: float
@@ -487,9 +487,9 @@ class Conditions:
             x, y = (it.joined(played.LARGER, constant(0.0)) for it in (x, y))
         return x * x + y * y, value * abs(value)
 
-    def _reach(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
+    def _reach(self, element: Node, entity: Entity) -> tuple[DriveNumber, float]:
         tolerance = element.above_zero("tolerance", " m")
-        return self._straight(element, one, self._target(element), tolerance)
+        return self._straight(element, entity, self._target(element), tolerance)
 
     # -- speeds and times --------------------------------------------------------------------------
 
@@ -506,45 +506,45 @@ class Conditions:
         at_start = body.speed * math.cos(body.frame.heading)
         return of_vehicle(played.ALONG, self._number(body, element), at_start)
 
-    def _own(self, element: Node, one: Entity, direction: str) -> DriveNumber:
+    def _own(self, element: Node, entity: Entity, direction: str) -> DriveNumber:
         """The speed of a body in the direction in which it points, m/s."""
-        along, share = self._along(element, one, direction), math.cos(one.frame.heading)
+        along, share = self._along(element, entity, direction), math.cos(entity.frame.heading)
         if abs(share) < _ACROSS:
             raise element.fault("the speed of an entity that crosses the road is not supported")
         return along if math.isclose(share, 1.0) else along * constant(1.0 / share)
 
-    def _headway(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
+    def _headway(self, element: Node, entity: Entity) -> tuple[DriveNumber, float]:
         """gap - value v, m: the sign of time headway minus value, without a division by 0."""
-        speed = self._own(element, one, "relativeDistanceType")
-        gap = self._apart(element, one, self._target(element), played.X)
+        speed = self._own(element, entity, "relativeDistanceType")
+        gap = self._apart(element, entity, self._target(element), played.X)
         return gap - constant(element.number("value")) * speed, 0.0
 
-    def _to_collision(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
+    def _to_collision(self, element: Node, entity: Entity) -> tuple[DriveNumber, float]:
         """gap |dx| - value dx dv, m2: the sign of time to collision minus value.
 
         dx: from this body to the other along the road, m. dv: its speed minus the other's, m/s.
         Where the bodies close in, dx dv is above 0.
         """
         other, value = self._target(element), constant(element.number("value"))
-        speed = self._along(element, one, "relativeDistanceType")
+        speed = self._along(element, entity, "relativeDistanceType")
         if isinstance(other, Entity):
             speed -= self._along(element, other, "relativeDistanceType")
-        ahead = self._ahead(element, one, other, played.X)
-        gap = self._apart(element, one, other, played.X)
+        ahead = self._ahead(element, entity, other, played.X)
+        gap = self._apart(element, entity, other, played.X)
         return gap * abs(ahead) - ahead * speed * value, 0.0
 
-    def _speed(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
+    def _speed(self, element: Node, entity: Entity) -> tuple[DriveNumber, float]:
         if element.tag == "SpeedCondition":
-            speed = self._own(element, one, "direction")
+            speed = self._own(element, entity, "direction")
         else:
-            speed = self._along(element, one, "direction")
+            speed = self._along(element, entity, "direction")
             speed -= self._along(element, self.places.referred(element), "direction")
         return speed, element.number("value")
 
-    def _travelled(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
-        if one.on_map or abs(math.sin(one.frame.heading)) > 1e-9:
+    def _travelled(self, element: Node, entity: Entity) -> tuple[DriveNumber, float]:
+        if entity.on_map or abs(math.sin(entity.frame.heading)) > 1e-9:
             raise element.fault("a distance travelled across the road is not supported as a start")
-        x = self._coordinate(one, played.X, element, free=True)
+        x = self._coordinate(entity, played.X, element, free=True)
         return abs(x - constant(x.start)), element.number("value")
 
 

@@ -170,17 +170,17 @@ def condition_text(program: played.Program, names: Sequence[str]) -> str:
         return "ego" if number == played.EGO else names[number]
 
     stack: list[str] = []
-    for op, one, two, value in program:
+    for op, first, two, value in program:
         if op == played.VALUE:
             stack.append(repr(float(value)))
         elif op == played.TIME:
             stack.append("time")
         elif op in _OF_ONE:
-            stack.append(f"{_OF_ONE[op]}({who(one)})")
+            stack.append(f"{_OF_ONE[op]}({who(first)})")
         elif op in _OF_TWO:
-            stack.append(f"{_OF_TWO[op]}({who(one)}, {who(two)})")
+            stack.append(f"{_OF_TWO[op]}({who(first)}, {who(two)})")
         elif op == played.ENDED:
-            stack.append(f"ended({who(one)}, act{two})")
+            stack.append(f"ended({who(first)}, act{two})")
         elif op in _OF_A_NUMBER:
             stack.append(f"{_OF_A_NUMBER[op]}({stack.pop()})")
         else:

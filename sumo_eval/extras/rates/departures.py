@@ -61,9 +61,8 @@ class SceneDrive(NamedTuple):
             reacts = f"{self.reacted[1]} react, from {self.reacted[0]:.1f} s on"
         most = self.apart.argmax()
         return (
-            f"{self.ads} in {self.scenario} ({self.point}): "
-            f"up to {self.apart[most]:.1f} m, at {self.time[most]:.1f} s; "
-            f"{self.apart[-1]:.1f} m at the end ({self.end}); {reacts}"
+            f"{self.ads} in {self.scenario} ({self.point}): up to {self.apart[most]:.1f} m, at "
+            f"{self.time[most]:.1f} s; {self.apart[-1]:.1f} m at the end ({self.end}); {reacts}"
         )
 
 

@@ -68,7 +68,9 @@ def driver_deviations(
 
     The same driver is left out of all cases at once, because it is the same person.
     """
-    jackknifed = np.isin(cases.case, [case for case, (one, _) in left_out.items() if one.without])
+    jackknifed = np.isin(
+        cases.case, [case for case, (results, _) in left_out.items() if results.without]
+    )
     chosen = [left_out[case] for case in cases.case[jackknifed].tolist()]
     names, weights = sorted({*chain(*(there for _, there in chosen))}), cases.exposure[jackknifed]
     if len(names) < 3 or not weights.any():  # a deviation needs two that stay
@@ -102,10 +104,10 @@ def driver_deviations(
         sum(cases.exposure[part].tolist()) for part in (likened, likened & ~cases.incident)
     )
     index = errors(
-        [(one.everyone, one.without, one.exchanged) for one, _ in chosen], np.ones(len(chosen))
+        [(case.everyone, case.without, case.exchanged) for case, _ in chosen], np.ones(len(chosen))
     )
     likeness = errors(
-        [(one.likeness, one.likeness_without, one.likeness_exchanged) for one, _ in chosen],
+        [(case.likeness, case.likeness_without, case.likeness_exchanged) for case, _ in chosen],
         np.nan_to_num(cases.plausibility[jackknifed]),
     )
     # drivers move H only in cases without an incident: the share of these
@@ -161,7 +163,7 @@ def stratified_deviations(
     """
     n = len(without)
     errors = np.zeros(n + 1)
-    members = {group: np.array([one == group for one in groups]) for group in set(groups)}
+    members = {group: np.array([member == group for member in groups]) for group in set(groups)}
     for inside in members.values():
         size = int(inside.sum())
         if size > 1:

@@ -126,15 +126,15 @@ def score_intervals(
     method: settings of the scores.
     scenario: name of the random streams.
     """
-    sums = [_Sums(one, groups.points, replicates, method) for one in judged]
+    sums = [_Sums(ads, groups.points, replicates, method) for ads in judged]
 
     def done(points: int, of: int) -> None:
         progress(f"{scenario}: resamples for the intervals", points * replicates // of, replicates)
 
     for part in resamples(groups, replicates, seed, ("intervals", scenario), done=done):
-        for of_one in sums:
-            of_one.add(part)
-    return [of_one.intervals(groups, seed, scenario) for of_one in sums]
+        for ads_sums in sums:
+            ads_sums.add(part)
+    return [ads_sums.intervals(groups, seed, scenario) for ads_sums in sums]
 
 
 class _Sums:
@@ -146,13 +146,13 @@ class _Sums:
     points: number of points of the scenario.
     """
 
-    def __init__(self, one: Judged, points: int, replicates: int, method: MethodSettings) -> None:
-        self._one, self._method, self._replicates = one, method, replicates
+    def __init__(self, ads: Judged, points: int, replicates: int, method: MethodSettings) -> None:
+        self._ads, self._method, self._replicates = ads, method, replicates
         # case at each of the points, -1: none
         self._rows = np.full(points, -1)
-        self._rows[one.points] = np.arange(len(one.points))
-        self._exposed = bool(one.terms.exposure.any())  # whether any case has an exposure
-        self._unseen = UnseenCollisions.of(one, method)
+        self._rows[ads.points] = np.arange(len(ads.points))
+        self._exposed = bool(ads.terms.exposure.any())  # whether any case has an exposure
+        self._unseen = UnseenCollisions.of(ads, method)
         # sums with balanced and with drawn counts, (m, terms)
         self._balanced: Any = 0.0
         self._drawn: Any = 0.0
@@ -181,12 +181,12 @@ class _Sums:
         self, rows: IntArray | slice, counts: Counts, hits: Counts
     ) -> dict[str, FloatArray]:
         """The scores of these cases in each replicate; `AskedTerms` note what is to be summed."""
-        terms = self._one.terms.part(rows)
+        terms = self._ads.terms.part(rows)
         return scores_of(terms, counts, self._method, hits, exposed=self._exposed)
 
     def intervals(self, groups: Strata, seed: int, scenario: str) -> ScoreIntervals:
         """The intervals, once all points have been added."""
-        one, method, m = self._one, self._method, self._replicates
+        ads, method, m = self._ads, self._method, self._replicates
         sums = self._balanced.T
         of_scores = len(sums) - len(self._unseen.terms)  # the first sums
         # the sums are known, so no case is asked for its terms
@@ -197,13 +197,13 @@ class _Sums:
             return random_stream(seed, "intervals", *names)
 
         # in each replicate: number of unseen collisions, weight of the one more case
-        unseen = stream("unseen", scenario, one.ads).standard_exponential(m)
+        unseen = stream("unseen", scenario, ads.ads).standard_exponential(m)
         weight = stream("one more", scenario).exponential(ONE_MORE, m)
-        deviates = driver_deviates(one.drivers, seed, m)
+        deviates = driver_deviates(ads.drivers, seed, m)
 
         def with_drivers(scores: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
             """The scores with the drivers' errors of D and H, which stay within 0..1."""
-            index, likeness = deviates @ one.drivers.index, deviates @ one.drivers.likeness
+            index, likeness = deviates @ ads.drivers.index, deviates @ ads.drivers.likeness
             d = np.clip(scores["d"] + index, 0.0, 1.0)
             human = np.clip(scores["human_likeness"] + likeness, 0.0, 1.0)
             return _summed({**scores, "d": d, "human_likeness": human}, method)
@@ -213,9 +213,9 @@ class _Sums:
         worse = dict(better)
         for name, lost in self._unseen.losses(sums[of_scores:], unseen).items():
             worse[name] = better[name] + lost if name in BAD_SIDE_UP else better[name] - lost
-        worse = _with_one_more(worse, better, one.terms, weight, method)
+        worse = _with_one_more(worse, better, ads.terms, weight, method)
 
-        values, freedom = point_values(one.terms, method), _freedom(one, groups)
+        values, freedom = point_values(ads.terms, method), _freedom(ads, groups)
         limits = self._limits(values, worse, better, freedom)
         # the scores themselves in every replicate: what varies then are the drivers alone
         fixed = {
@@ -242,7 +242,7 @@ class _Sums:
         worse, better: their replicates on the bad and on the good side, (m,).
         freedom: degrees of freedom of each score.
         """
-        terms, lost, limits = self._one.terms, dict[str, FloatArray](), {}
+        terms, lost, limits = self._ads.terms, dict[str, FloatArray](), {}
         if not terms.collided.any():
             # no collision was seen: the rule of three gives the losses, without any draw
             whole = np.array([once(len(each)) @ each for each in self._unseen.terms])
@@ -335,11 +335,11 @@ class UnseenCollisions:
     terms: tuple[FloatArray, ...]
 
     @classmethod
-    def of(cls, one: Judged, method: MethodSettings) -> UnseenCollisions:
+    def of(cls, ads: Judged, method: MethodSettings) -> UnseenCollisions:
         """Unseen collisions of an ADS, from all its cases."""
-        terms = one.terms
+        terms = ads.terms
         comparable, stake = _stake(terms)
-        among = comparable & one.hazardous
+        among = comparable & ads.hazardous
         if not among.any():
             among = comparable
         weight, exposure = (
@@ -386,17 +386,17 @@ def _stake(terms: CaseTerms) -> tuple[BoolArray, FloatArray]:
     return comparable, np.where(comparable, stake, 0.0)
 
 
-def _freedom(one: Judged, groups: Strata) -> dict[str, int]:
+def _freedom(ads: Judged, groups: Strata) -> dict[str, int]:
     """Degrees of freedom of each score's error: the number of points with a part in it, less one
     for each group; of C after a collision, the number of collisions less one.
     """
     group = groups.numbers()
 
     def free(part: BoolArray) -> int:
-        places = group[one.points[part]]
+        places = group[ads.points[part]]
         return max(len(places) - len(np.unique(places)), 1)
 
-    terms = one.terms
+    terms = ads.terms
     all_counted = free(terms.counted)
     return {
         **dict.fromkeys(SCORED, all_counted),

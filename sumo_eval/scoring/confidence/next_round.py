@@ -69,7 +69,10 @@ def standing(
     if sampling.aim == "boundary":
         pairs = zip(rows, places, strict=True)
         half = max(
-            (_collided_half_width(case_terms(one, method), points, place) for one, place in pairs),
+            (
+                _collided_half_width(case_terms(cases, method), points, place)
+                for cases, place in pairs
+            ),
             default=0.0,
         )
         width, unit = f"{half:.2g}", " of the space"
@@ -92,31 +95,31 @@ def standing(
 
 
 def further_round(
-    logical: LogicalScenario, sampling: SamplingSettings, points: Sample, done: Evaluation
+    logical: LogicalScenario, sampling: SamplingSettings, points: Sample, evaluation: Evaluation
 ) -> SamplingSettings:
     """The sampling of a scored run with one more round; unchanged if it has come to its end.
 
     points: of all rounds so far.
-    done: the scored run.
+    evaluation: the scored run.
 
     A cell gets the more points, the more its cases differ (Neyman's allocation): in how far they
     move S+, or under the aim "boundary" in whether they collide.
     """
     assert points.stratum is not None
     assert points.stands_for is not None
-    method = done.settings.method
-    scores = done.scores_in(logical.name)
-    rows = [done.cases_of(score.ads, logical.name) for score in scores]
+    method = evaluation.settings.method
+    scores = evaluation.scores_in(logical.name)
+    rows = [evaluation.cases_of(score.ads, logical.name) for score in scores]
     places = [np.arange(len(points.points))] * len(scores)  # every ADS drove every point
     stands = standing(sampling, points, scores, rows, places, method, logical.name)
     if not stands.further:
         return sampling
-    capacity = capacity_of_cells(logical, stands.size, done.settings.seed)
+    capacity = capacity_of_cells(logical, stands.size, evaluation.settings.seed)
     cells = len(capacity)
     variance = np.zeros(cells)
     # A stratum is a cell in a round, round * cells + cell: `% cells` is the cell.
-    for one in rows:
-        terms = case_terms(one, method)
+    for cases in rows:
+        terms = case_terms(cases, method)
         moved = (
             np.where(terms.evaluated, terms.collided.astype(np.float64), 0.0)
             if sampling.aim == "boundary"

@@ -63,7 +63,7 @@ def _terms(run: Run, seed: int) -> FloatArray:
         return np.column_stack(asked.terms)
     order = random_stream(seed, "blocks of scenarios").permutation(n)
     starts = np.arange(BLOCKS) * n // BLOCKS
-    return np.column_stack([np.add.reduceat(one[order], starts) for one in asked.terms])
+    return np.column_stack([np.add.reduceat(term[order], starts) for term in asked.terms])
 
 
 def _scores(run: Run, rows: slice, counts: Counts) -> dict[str, FloatArray]:

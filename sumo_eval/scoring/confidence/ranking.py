@@ -117,11 +117,13 @@ class _Means:
             return None
         weights = np.array(list(self.weights.values()))[:, None]
         return _Spread(
-            worse=self.of(np.nan_to_num(one.worse) for one in intervals),
-            better=weights * np.nan_to_num([one.better for one in intervals]) / weights.sum(),
-            freedom=np.array([one.freedom for one in intervals]),
-            lower=self.of(one.missing[0] for one in intervals),
-            higher=self.of(one.missing[1] for one in intervals),
+            worse=self.of(np.nan_to_num(interval.worse) for interval in intervals),
+            better=weights
+            * np.nan_to_num([interval.better for interval in intervals])
+            / weights.sum(),
+            freedom=np.array([interval.freedom for interval in intervals]),
+            lower=self.of(interval.missing[0] for interval in intervals),
+            higher=self.of(interval.missing[1] for interval in intervals),
         )
 
 

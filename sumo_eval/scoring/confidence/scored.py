@@ -75,15 +75,15 @@ def with_intervals(
         scores[0].scenario,
         progress=progress,
     )
-    for number, one in zip(judged, computed, strict=True):
+    for number, interval in zip(judged, computed, strict=True):
         value, ends = scores[number].s_plus, scores[number].s_plus_interval
         if value is not None and ends is not None:
-            one = replace(one, missing=(ends[0] - value, ends[1] - value))
-        intervals[number] = one
+            interval = replace(interval, missing=(ends[0] - value, ends[1] - value))
+        intervals[number] = interval
     most = score_of(1.0, 1.0, settings.method.score).total or 0.0
     return [
-        score if one is None else _joined(score, one, most)
-        for score, one in zip(scores, intervals, strict=True)
+        score if interval is None else _joined(score, interval, most)
+        for score, interval in zip(scores, intervals, strict=True)
     ], intervals
 
 

@@ -41,9 +41,8 @@ def read(path: Path) -> Samples:
     """The recordings of a file."""
     if path.suffix == ".pb":
         raise InputError(
-            f"{path} is a CommonRoad scenario in its binary format (.pb), which is not read: "
-            "write it as XML with commonroad-io, CommonRoadFileWriter(..., "
-            "file_format=FileFormat.XML)."
+            f"{path} is a CommonRoad scenario in its binary format (.pb), which is not read: write "
+            "it as XML with commonroad-io, CommonRoadFileWriter(..., file_format=FileFormat.XML)."
         )
     parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
     with reading_xml(path):
