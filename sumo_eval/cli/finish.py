@@ -44,9 +44,9 @@ def show_scores(evaluation: Evaluation, everything: bool = False) -> None:
     from sumo_eval.report.headline import headline
     from sumo_eval.report.score_table import WIDTH, WORDS, score_lines
 
-    said = headline(evaluation)
-    say(f"{question}: {answer}" for question, answer in said.answers)
-    say((f"! {ads}: {words}." for ads, words in said.alarms), fg="red")
+    first_words = headline(evaluation)
+    say(f"{question}: {answer}" for question, answer in first_words.answers)
+    say((f"! {ads}: {words}." for ads, words in first_words.alarms), fg="red")
     width = shutil.get_terminal_size((WIDTH, 24)).columns
     show(("", *score_lines(evaluation, width, everything), ""))
     say((WORDS, citation(evaluation)))  # WORDS: what the columns mean

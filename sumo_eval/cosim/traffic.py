@@ -176,8 +176,8 @@ class Traffic(Stage):
             return
         if not count:
             return
-        told = world.tell[:count]
-        number = told[:, 0].astype(np.intp)
+        received = world.tell[:count]
+        number = received[:, 0].astype(np.intp)
 
         now, before = (world.egos, world.others), (world.egos["before"], world.others["before"])
 
@@ -189,7 +189,7 @@ class Traffic(Stage):
         # of each: y of its front and its speed along the road at the step's end, and the position
         # of its front along the lane at the step's start
         if self._bent:
-            s, y, along = told[:, 5:].T
+            s, y, along = received[:, 5:].T
             heading = of_all(now, "heading")
             names = (self._flat[n] for n in number.tolist())
             # m/s, that each received last; of one that received none, this step's
@@ -197,7 +197,7 @@ class Traffic(Stage):
             # SUMO moves it by the mean of the speed that it received last and this one
             begin = s - 0.5 * (np.array(last) + along) * self._step
         else:
-            y, angle, speed = told[:, 2:5].T
+            y, angle, speed = received[:, 2:5].T
             heading = (STRAIGHT - angle) / DEGREES
             along = speed * np.cos(heading)
             begin = of_all(before, "x") + half * np.cos(of_all(before, "heading"))
@@ -208,7 +208,7 @@ class Traffic(Stage):
         over_line = world.settings.seen_over_line
         shadow_lane = self._shadow_lanes(of_all(now, "y"), across, lane, over_line)
         shadow_lane[~(on_lanes & self._has_shadow[number])] = -1
-        for vehicle, *motion in told[~on_lanes, :5].tolist():
+        for vehicle, *motion in received[~on_lanes, :5].tolist():
             self._move(int(vehicle), *motion)
             self._hide_shadow(int(vehicle))
         along, speed_before = np.maximum(along, 0.0), of_all(before, "speed")

@@ -146,7 +146,7 @@ class World:
         self.left: dict[int, Alone] = {}
         self.released: set[int] = set()  # cases whose driver has been released
         self.latencies = Latencies(n)
-        vehicles = [its.vehicle for its in self.each]
+        vehicles = [case.vehicle for case in self.each]
         alike = vehicles.count(vehicles[0]) == n
         self.scenario = np.concatenate([
             described(cases[0].road, vehicle, settings)
@@ -220,12 +220,12 @@ class World:
         """
         # quiet: SUMO moves by itself those that only keep their speed
         steps, quiet = self.steps + 1, as_read and self.timed and not len(self.line)
-        told = self._run(
+        count = self._run(
             move_rows, self.cast, self.clips, self.tell, self.scenario, self.line, steps,
             closely * (1 + quiet),  # 0, 1 or 2, as in `move_rows`
         )  # fmt: skip
         now = steps * self.settings.step
-        return self.let_leave(now, told, as_read) if self.may_leave(now) else (told, ())
+        return self.let_leave(now, count, as_read) if self.may_leave(now) else (count, ())
 
     def keep_commands(self) -> None:
         """Keep what moved the egos in this step, from which `no_return` drives a contact again."""
@@ -257,11 +257,11 @@ class World:
         self.none_leaves_before = now + (self._end_of_lanes - near) / FASTEST - self.settings.step
         return now > self.none_leaves_before
 
-    def let_leave(self, now: float, told: int, as_read: bool) -> tuple[int, Sequence[int]]:
+    def let_leave(self, now: float, count: int, as_read: bool) -> tuple[int, Sequence[int]]:
         """Remove the vehicles that come to the end of their lanes in the step that ends `now`, s;
         the number of rows of `tell` without them, and their numbers in `tell`.
 
-        told: number of rows of `tell`.
+        count: number of rows of `tell`.
         as_read: SUMO itself reports when those that it moves are gone.
         """
         others, road, half = self.others, self.cases[0].road, 0.5 * self.others["length"]
@@ -279,7 +279,7 @@ class World:
             self.note(int(self.rows[row]), "actor_left_the_network", now, now)
 
         numbers = rows * (1 + gone.shape[1]) + 1 + actors  # as in `tell`: each row's ego first
-        kept = self.tell[:told][~np.isin(self.tell[:told, 0], numbers)]
+        kept = self.tell[:count][~np.isin(self.tell[:count, 0], numbers)]
         self.tell[: len(kept)] = kept
         return len(kept), numbers.tolist()
 

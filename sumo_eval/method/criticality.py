@@ -256,8 +256,8 @@ def ideal_impact_speed(
     # gap closed on a ramp that lasts until equal speeds, and the share of it that is there
     needed = 2.0 / 3.0 * closing * np.sqrt(2.0 * closing * ramp / strength)
     plenty = np.ones(np.broadcast(left, needed).shape)
-    there = np.maximum(left, 0.0)
-    share = np.divide(there, needed, out=plenty, where=there < needed)
+    free_gap = np.maximum(left, 0.0)
+    share = np.divide(free_gap, needed, out=plenty, where=free_gap < needed)
     at_root = closing * (1.0 - 4.0 * np.sin(np.arcsin(share) / 3.0) ** 2)
     on_ramp = np.where(share < 1.0, at_root, 0.0)
 

@@ -315,10 +315,10 @@ def _across(slender: Sequence[float]) -> tuple[IntArray, FloatArray, FloatArray]
     most = counts.max()
     nodes = [chebyshev.chebpts1(count) for count in counts.tolist()]
     places, finer = np.zeros((len(counts), most)), np.zeros((len(counts) + 1, most, most))
-    for level, here in enumerate(nodes):
-        places[level, : len(here)] = here
-        series = _to_series(here)
+    for level, positions in enumerate(nodes):
+        places[level, : len(positions)] = positions
+        series = _to_series(positions)
         if level + 1 < len(nodes):
-            series = chebyshev.chebvander(nodes[level + 1], len(here) - 1) @ series
-        finer[level + 1, : len(here), : len(series)] = series.T
+            series = chebyshev.chebvander(nodes[level + 1], len(positions) - 1) @ series
+        finer[level + 1, : len(positions), : len(series)] = series.T
     return counts, places, finer

@@ -535,8 +535,8 @@ class Store:
 
     def driven_at(self, scenario: str, point: int, *roles: Role) -> list[Fact]:
         """Drives of roles at a point that ended well and whose trajectories are there."""
-        here = range(point, point + 1)
-        drives = chain.from_iterable(self.facts_at(here, role, scenario) for role in roles)
+        points = range(point, point + 1)
+        drives = chain.from_iterable(self.facts_at(points, role, scenario) for role in roles)
         return [it for it in drives if it.status == "ok" and not self.is_discarded(it.case)]
 
     def fact(self, case: str) -> Fact | None:

@@ -53,18 +53,18 @@ def driving_words(
         return gave_up
     scene = CaseDrives.of(case, fact, store, logical.road)
     margin = evaluation.settings.method.task.road_margin
-    said = [*_incident(scene, fact), *task_words(scene, logical, margin)]
+    remarks = [*_incident(scene, fact), *task_words(scene, logical, margin)]
 
     if case.zone == "safe" and not case.incident:
         people = plausible_people(logical, store, evaluation.settings.method.plausibility).people
-        said += likeness_words(scene, people)
+        remarks += likeness_words(scene, people)
     calm = (
         "It drove as the drivers did, without harm."
         if scene.drivers
         else "It had no contact and stayed on the road."
     )
-    sentences = [words for words, _ in said] or [calm]
-    moment = said[0][1] if said else None
+    sentences = [words for words, _ in remarks] or [calm]
+    moment = remarks[0][1] if remarks else None
     command = (
         f"sumo-eval replay {shlex.quote(str(evaluation.folder))} {shlex.quote(case.case)} --open"
     )
@@ -112,20 +112,20 @@ def task_words(scene: CaseDrives, logical: LogicalScenario, margin: float) -> _S
 
     margin: `road_margin`, m.
     """
-    found = behind(scene, logical, margin)
-    if found is None:
+    delay = behind(scene, logical, margin)
+    if delay is None:
         return
-    references = (found.drivers, count(found.drivers, "driver")), (found.car, "the reference car")
-    who = " and ".join(words for number, words in references if number)
-    way, time = f"{found.way:z.0f} m", f"{found.time:z.1f} s"
-    short = f"{way} of {found.of:z.0f} m, from {time} on; {who} drove on."
+    references = (delay.drivers, count(delay.drivers, "driver")), (delay.car, "the reference car")
+    reference_words = " and ".join(words for number, words in references if number)
+    way, time = f"{delay.way:z.0f} m", f"{delay.time:z.1f} s"
+    short = f"{way} of {delay.of:z.0f} m, from {time} on; {reference_words} drove on."
     words = {
         "missed": f"Missed the lane change that was due after {way}.",
         "stood": f"Stood after {short}",
         "short": f"Came no further than {short}",
-        "late": f"Needed {time} for {way}; the slowest of {who} needed {found.of:z.1f} s.",
+        "late": f"Needed {time} for {way}; the slowest of {reference_words} needed {delay.of:z.1f} s.",
     }
-    yield words[found.what], found.time
+    yield words[delay.what], delay.time
 
 
 def likeness_words(scene: CaseDrives, people: Quantiles) -> _Said:
@@ -148,32 +148,38 @@ def _extreme(scene: CaseDrives, people: Quantiles) -> tuple[str, float]:
     """The extreme that few people reach: its value and time, the event nearest to it, and how many
     people do so.
     """
-    found = rarest_extreme(scene, people)
-    words, value = EXTREME_WORDS[found.name]
-    done = f"{words.format(value.format(found.value))} at {found.time:z.1f} s"
-    if found.event is not None:
-        order = "after" if found.time >= found.event.time else "before"
-        away = abs(found.time - found.event.time)
-        done += f", {away:z.1f} s {order} `{found.event.actor}` {found.event.what}"
+    extreme = rarest_extreme(scene, people)
+    words, value = EXTREME_WORDS[extreme.name]
+    reached = f"{words.format(value.format(extreme.value))} at {extreme.time:z.1f} s"
+    if extreme.event is not None:
+        order = "after" if extreme.time >= extreme.event.time else "before"
+        away = abs(extreme.time - extreme.event.time)
+        reached += f", {away:z.1f} s {order} `{extreme.event.actor}` {extreme.event.what}"
     most = "none of the recorded people does"
-    if found.share > 0.0:
+    if extreme.share > 0.0:
         # one significant digit
-        most = f"{percent(float(f'{found.share:z.1g}'))} of people do"
-    side = "below" if found.usual < found.value else "above"
+        most = f"{percent(float(f'{extreme.share:z.1g}'))} of people do"
+    side = "below" if extreme.usual < extreme.value else "above"
     source = f"({people.people} people, {people.source})"
-    beside = f"half of them stay {side} {value.format(found.usual)} {source}"
-    return f"{done}; {most}, {beside}.", found.time
+    beside = f"half of them stay {side} {value.format(extreme.usual)} {source}"
+    return f"{reached}; {most}, {beside}.", extreme.time
 
 
 def _unlike(scene: CaseDrives) -> tuple[str, float]:
     """Words on where path or speed differ most from the drivers' own spread."""
-    found, drivers = furthest(scene), count(len(scene.drivers), "driver")
-    at = f"At {found.time:z.1f} s it"
-    if found.channel == "speed":
-        own, low, high = (f"{3.6 * it:z.0f}" for it in (found.own, found.least, found.most))
-        return f"{at} drove {own} km/h where {drivers} drove {low} to {high} km/h.", found.time
-    side, away = "left" if found.own > found.mean else "right", abs(found.own - found.mean)
-    return f"{at} was {away:z.1f} m further {side} than {drivers} in the mean.", found.time
+    difference, drivers = furthest(scene), count(len(scene.drivers), "driver")
+    at = f"At {difference.time:z.1f} s it"
+    if difference.channel == "speed":
+        own, low, high = (
+            f"{3.6 * it:z.0f}" for it in (difference.own, difference.least, difference.most)
+        )
+        return f"{at} drove {own} km/h where {drivers} drove {low} to {high} km/h.", difference.time
+    away = difference.own - difference.mean
+    side = "left" if away > 0.0 else "right"
+    return (
+        f"{at} was {abs(away):z.1f} m further {side} than {drivers} in the mean.",
+        difference.time,
+    )
 
 
 def picture(scene: CaseDrives, moment: float | None) -> list[str]:

@@ -97,9 +97,9 @@ def evidence_of(evaluation: Evaluation) -> Evidence:
 
 def write_evidence(evaluation: Evaluation, out: Path) -> tuple[Path, Path]:
     """Write `evidence.html` and `evidence.json` into a folder and return their paths."""
-    found = evidence_of(evaluation)
-    page = template("evidence.html.j2").render(found=found)
-    content = {"format_version": FORMAT_VERSION, **asdict(found)}
+    evidence = evidence_of(evaluation)
+    page = template("evidence.html.j2").render(evidence=evidence)
+    content = {"format_version": FORMAT_VERSION, **asdict(evidence)}
     html = write_page(out / PAGE, page, "The file")
     return html, write_json(out / PLAIN, content, "The file")
 

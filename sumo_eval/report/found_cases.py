@@ -9,9 +9,9 @@ from sumo_eval.report.words import count, one_line
 from sumo_eval.text import point_words
 
 
-def nearest_cases(found: Iterable[tuple[CaseTable, CaseTable]]) -> Iterator[str]:
+def nearest_cases(groups: Iterable[tuple[CaseTable, CaseTable]]) -> Iterator[str]:
     """Lines on the nearest cases of each ADS, as `nearest` gives them."""
-    for cases, near in found:
+    for cases, near in groups:
         first = cases[0]
         yield f"{one_line(first.ads)} in {first.scenario}, {count(len(cases), 'case')}:"
         for case in near:

@@ -45,14 +45,14 @@ def headline(evaluation: Evaluation) -> Headline:
     if len(order) > 1:
         questions = ("Safest", "Most human", "Best by S+")
     # without a ranking: `run.only` names different points for the ADSs
-    said = 3 * ("not known: the ADSs drove different points.",)
+    texts = 3 * ("not known: the ADSs drove different points.",)
     if evaluation.ranking is not None:
-        said = (
+        texts = (
             _safest(evaluation, behaviours),
             _most_human(behaviours),
             _best(evaluation.ranking, order),
         )
-    answers = tuple(zip(questions, said, strict=True))
+    answers = tuple(zip(questions, texts, strict=True))
     alarmed = tuple(
         (behaviour.ads, words)
         for behaviour in behaviours
@@ -61,35 +61,44 @@ def headline(evaluation: Evaluation) -> Headline:
     return Headline(tuple(zip(order, behaviours, strict=True)), answers, alarmed)
 
 
-def alarms(found: Behaviour) -> list[str]:
+def alarms(behaviour: Behaviour) -> list[str]:
     """Findings on an ADS that need a look, the gravest first; empty for an ADS without any."""
-    given_up = ", those given up among them" if found.gave_up else ""
-    said = (
-        (found.departures, f"left the road in {count(found.departures, 'case')}"),
-        (found.gave_up, f"gave up {count(found.gave_up, 'case')}"),
-        (found.avoidable, count(found.avoidable, "avoidable collision")),
-        (found.stands, f"stands in {count(found.stands, 'safe case')} where drivers drive on"),
-        (found.slower, f"slower than the slowest driver in {count(found.slower, 'safe case')}"),
-        (found.not_evaluated, f"{count(found.not_evaluated, 'case')} not evaluated{given_up}"),
+    given_up = ", those given up among them" if behaviour.gave_up else ""
+    causes = (
+        (behaviour.departures, f"left the road in {count(behaviour.departures, 'case')}"),
+        (behaviour.gave_up, f"gave up {count(behaviour.gave_up, 'case')}"),
+        (behaviour.avoidable, count(behaviour.avoidable, "avoidable collision")),
+        (
+            behaviour.stands,
+            f"stands in {count(behaviour.stands, 'safe case')} where drivers drive on",
+        ),
+        (
+            behaviour.slower,
+            f"slower than the slowest driver in {count(behaviour.slower, 'safe case')}",
+        ),
+        (
+            behaviour.not_evaluated,
+            f"{count(behaviour.not_evaluated, 'case')} not evaluated{given_up}",
+        ),
     )
-    return [words for number_of, words in said if number_of]
+    return [words for number_of, words in causes if number_of]
 
 
-def safety_words(evaluation: Evaluation, found: Behaviour) -> str:
+def safety_words(evaluation: Evaluation, behaviour: Behaviour) -> str:
     """`3 avoidable collisions in 192 cases, worst 43 km/h`, and how much excess impact speed that
     is.
     """
-    hit = found.avoidable > 0
-    hits = count(found.avoidable, "avoidable collision") if hit else "no avoidable collision"
-    hits += f" in {count(found.cases, 'case')}"
-    hits += f", worst {3.6 * found.worst:z.0f} km/h" if found.worst else ""
-    if not found.excess > 0.0 or not evaluation.settings.method.collision.regret_unit:
+    hit = behaviour.avoidable > 0
+    hits = count(behaviour.avoidable, "avoidable collision") if hit else "no avoidable collision"
+    hits += f" in {count(behaviour.cases, 'case')}"
+    hits += f", worst {3.6 * behaviour.worst:z.0f} km/h" if behaviour.worst else ""
+    if not behaviour.excess > 0.0 or not evaluation.settings.method.collision.regret_unit:
         return hits
     spaces = {score.scenario for score in evaluation.scores}
     grids = "this grid" if len(spaces) == 1 else "these grids"
-    often = f"one 50 km/h contact every {1.0 / found.contacts:z.0f} cases"
-    if found.contacts > SELDOM:
-        often = f"{found.contacts:z.1f} contacts at 50 km/h a case"
+    often = f"one 50 km/h contact every {1.0 / behaviour.contacts:z.0f} cases"
+    if behaviour.contacts > SELDOM:
+        often = f"{behaviour.contacts:z.1f} contacts at 50 km/h a case"
     speed = (
         "; as much excess impact speed"
         if hit

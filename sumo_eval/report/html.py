@@ -89,14 +89,14 @@ def _context(
     in_page = shown_cases(
         evaluation, [change.case for gate in beside.gates for change in gate.worst]
     )
-    told = told_cases(evaluation, in_page)
-    cases_of_page = {name: [case for case, _ in cases] for name, cases in told.items()}
+    cases_of = told_cases(evaluation, in_page)
+    cases_of_page = {name: [case for case, _ in cases] for name, cases in cases_of.items()}
     with ThreadPoolExecutor(1) as thread:
         sent = thread.submit(sent_drives, evaluation.folder / FACTS, cases_of_page)
         # `page_data` waits for the drives only when it needs them
         contents = {section.name: section.content(evaluation, beside) for section in SECTIONS}
         shared = _shared(evaluation, partitions, beside, in_page)
-        data = page_data(evaluation, partitions, told, sent.result)
+        data = page_data(evaluation, partitions, cases_of, sent.result)
     return {
         **shared,
         # numbers of points: with trajectories, also with those of their drivers, all

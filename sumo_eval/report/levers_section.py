@@ -26,18 +26,18 @@ MOST_CHANGES = 4  # changes of the outcome that are named after the first one; J
 
 def levers_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
     """Content of templates/sections/levers.html.j2; None where no levers were searched."""
-    found = beside.levers
-    if found is None:
+    levers = beside.levers
+    if levers is None:
         return None
-    fact = found.fact
+    fact = levers.fact
     return {
-        "found": found,
+        "found": levers,
         "title": f"{fact.driver} in {fact.scenario} at {point_words(fact.values)}",
         "address": f"#case:{case_key(fact.case)}",
         "ends": ends_words(fact.collision),
         "cause": cause_words(cause_of_contact(fact)) if fact.collision else "",
         "command": shlex.join(["sumo-eval", "whatif", str(evaluation.folder), fact.case]),
-        "bars": [_bar(answer, fact.collision) for answer in found.answers],
+        "bars": [_bar(answer, fact.collision) for answer in levers.answers],
     }
 
 

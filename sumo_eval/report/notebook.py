@@ -27,13 +27,13 @@ def html_table(evaluation: Evaluation) -> str:
         f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in _cells(score).values())}</tr>"
         for score in evaluation.scores
     )
-    said = headline(evaluation)
+    first_words = headline(evaluation)
     above = "<br>".join(
-        f"<b>{escape(question)}:</b> {escape(answer)}" for question, answer in said.answers
+        f"<b>{escape(question)}:</b> {escape(answer)}" for question, answer in first_words.answers
     )
     alarms = "".join(
         f'<br><span style="color:#b00">{escape(ads)}: {escape(words)}</span>'
-        for ads, words in said.alarms
+        for ads, words in first_words.alarms
     )
     words = WORDS, citation(evaluation), *closing_lines(evaluation)
     lines = "<br>".join(map(escape, (*words, f"The report is {evaluation.folder / REPORT}")))

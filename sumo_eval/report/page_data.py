@@ -147,7 +147,7 @@ def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> dict[
     for group in groups:
         of_ads.setdefault(group.ads, []).append(group)
     listed = [group for own in of_ads.values() for group in own[:MOST_GROUPS]]
-    told = [
+    entries = [
         {
             "ads": group.ads, "kind": group.kind, "words": _group_words(group, logical),
             "ranges": group.ranges, "size": len(group.places),
@@ -155,7 +155,7 @@ def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> dict[
         }
         for group in listed
     ]  # fmt: skip
-    return {"groups": told, "moreGroups": len(groups) - len(listed)}
+    return {"groups": entries, "moreGroups": len(groups) - len(listed)}
 
 
 def _group_words(group: FailureGroup, logical: LogicalScenario) -> str:
@@ -164,8 +164,8 @@ def _group_words(group: FailureGroup, logical: LogicalScenario) -> str:
         f"{name} {low:z.4g}{'' if low == high else f' to {high:z.4g}'}{suffixes[name]}"
         for name, (low, high) in group.ranges.items()
     )
-    there = f"{group.alike} of all {count(group.inside, 'case')} there"
-    words = "the only case there" if group.inside == 1 else there
+    share = f"{group.alike} of all {count(group.inside, 'case')} there"
+    words = "the only case there" if group.inside == 1 else share
     return f"{where or 'anywhere in the space'}: {words}"
 
 

@@ -81,15 +81,15 @@ def recorded(run: Path, key: str) -> Fact:
 
     Raises InputError if it has none, or its trajectories were discarded.
     """
-    found = known_case(run, key)
+    fact = known_case(run, key)
     with open_store(run / FACTS) as store:
         if store.is_discarded(key):
             raise store.no_trajectory(key)
         if not store.trajectories(key):
             raise InputError(
-                f"Case `{key}` has no recording to replay: {found.error or found.status}."
+                f"Case `{key}` has no recording to replay: {fact.error or fact.status}."
             )
-    return found
+    return fact
 
 
 def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> dict[str, Any]:

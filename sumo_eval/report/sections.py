@@ -150,15 +150,15 @@ def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
     }
 
 
-def _ledger(found: Ledger) -> dict[str, Any]:
+def _ledger(ledger: Ledger) -> dict[str, Any]:
     return {
-        "of": found,
-        "sentences": ledger_sentences(found),
+        "of": ledger,
+        "sentences": ledger_sentences(ledger),
         "lines": [
-            (line, cause_of(line, found.score), list(line.worst(MOST_LEDGER_CASES)))
-            for line in found.lines
+            (line, cause_of(line, ledger.score), list(line.worst(MOST_LEDGER_CASES)))
+            for line in ledger.lines
         ],
-        "words": ledger_words(found, 1),
+        "words": ledger_words(ledger, 1),
     }
 
 

@@ -98,12 +98,12 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
         points = _points_of(store, cases_of)
         while True:
             embedded = worth_embedding(cases_of, points, store, runs)
-            found = {
+            scenarios = {
                 name: _drives(name, store, embedded, of_cases) for name, of_cases in points.items()
             }
-            size = sum(drives.size for drives in found.values())
+            size = sum(drives.size for drives in scenarios.values())
             if size <= MOST_BYTES or not embedded.points:
-                return SentDrives(embedded, found)
+                return SentDrives(embedded, scenarios)
             # as many as fit by what these really took, less 5 %, so that the next choice fits
             runs = int(runs * 0.95 * MOST_BYTES / size)
 
@@ -117,15 +117,15 @@ def _drives(scenario: str, store: Store, embedded: Embedded, points: Mapping[str
         at: drives for at, drives, _ in store.drivers_at_points(scenario) if at in shown
     }
     for case, number in points.items():
-        here = (scenario, number) in embedded.points
-        recorded = store.trajectories(case) if here else {}
+        is_embedded = (scenario, number) in embedded.points
+        recorded = store.trajectories(case) if is_embedded else {}
         vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
         trajectories += recorded.values()
         fact = store.fact(case) if EGO in recorded else None
         rows.append({
             "point": number,
             # a drive that never began has no trajectories to miss; a discarded one has lost them
-            "embedded": here and (bool(recorded) or not store.is_discarded(case)),
+            "embedded": is_embedded and (bool(recorded) or not store.is_discarded(case)),
             "vehicles": vehicles,
             "contact": fact and contact_of(fact, recorded[EGO]),
             "drivers": driver_counts.get(number, 0),
@@ -210,7 +210,7 @@ def _points_of(
     """
     # -1 keeps a case's place in the order until its point is read
     points = {
-        name: dict.fromkeys((case.case for case in its), -1) for name, its in cases_of.items()
+        name: dict.fromkeys((case.case for case in cases), -1) for name, cases in cases_of.items()
     }
     for name, own in points.items():
         own |= {case: at for case, at, _ in store.names("ads", name) if case in own}

@@ -26,8 +26,8 @@ WIDE = 20.0  # points of S+: an interval wider than this tells little
 
 def summary_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
     """Content of templates/sections/summary.html.j2."""
-    said, comparison = headline(evaluation), beside.comparison
-    order = [ads for ads, _ in said.order]
+    first_words, comparison = headline(evaluation), beside.comparison
+    order = [ads for ads, _ in first_words.order]
     scenarios = [zone.scenario for zone in evaluation.zones]
     ends = [ads.interval or (0.0, np.inf) for ads in order]
     digits = 0 if any(high - low > WIDE for low, high in ends) else 1
@@ -54,11 +54,11 @@ def summary_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
         "failed": bool(bad),
         "failures": [(beside.since.get(gate.name, ""), gate) for gate in bad],
         "beside": notes,
-        "answers": said.answers,
-        "alarms": said.alarms,
+        "answers": first_words.answers,
+        "alarms": first_words.alarms,
         "worst": first_case(evaluation, beside),
         "looks": [*changes, *_looks(evaluation, worst, order[0].ads)],
-        "rows": [_row(evaluation, *pair, scenarios, digits) for pair in said.order],
+        "rows": [_row(evaluation, *pair, scenarios, digits) for pair in first_words.order],
         "scenarios": scenarios,
     }
 

@@ -389,8 +389,8 @@ def ledger_words(account: Ledger, digits: int) -> str:
 
 
 def _ledger_lines(account: Ledger) -> list[str]:
-    who = f"{one_line(account.score.ads)} in {account.score.scenario}"
-    lines = [f"{who}: {ledger_words(account, 2)}"]
+    subject = f"{one_line(account.score.ads)} in {account.score.scenario}"
+    lines = [f"{subject}: {ledger_words(account, 2)}"]
     for line in account.lines:
         cases = f", {count(line.cases, 'case')}" if line.entries else ""
         equation = f"Eq. {line.equation}: " if line.equation else ""

@@ -428,19 +428,19 @@ def missing_term(name: str, reason: str) -> str:
 def explain_a(findings: Findings) -> str:
     """Explanation of A."""
     score = findings.score
-    said = collisions_sentence(score)
+    sentence = collisions_sentence(score)
     if score.avoided_share is None:
-        return f"{said} {missing_term('A', 'no case could be evaluated')}"
+        return f"{sentence} {missing_term('A', 'no case could be evaluated')}"
     unit = findings.settings.method.collision.regret_unit
     regret = "" if score.regret is None else f"; the regret is {number(score.regret, 3)}{unit}"
     if score.avoided_share == 1.0:
-        return f"{said} A = A' = 1: no incident is harder than the ideal vehicle's{regret}."
+        return f"{sentence} A = A' = 1: no incident is harder than the ideal vehicle's{regret}."
     below = ": worse than doing nothing, and S+ takes 0" if score.avoided_share < 0.0 else ""
     grade = number(score.avoidance_grade, 3)
     losses = np.nan_to_num(findings.share_lost)
     worst = int(np.argmax(losses))
     return (
-        f"{said} A = {number(score.avoided_share, 3)}, A' = {grade}{below}{regret}."
+        f"{sentence} A = {number(score.avoided_share, 3)}, A' = {grade}{below}{regret}."
         + _most_from("A", findings.cases[worst], float(losses[worst]), 1.0 - score.avoided_share)
     )
 
@@ -465,9 +465,11 @@ def explain_h(findings: Findings) -> str:
     means = findings.likeness_means
     limit = f", {_limit(means, '{}')}" if means else ""
     counted = count(int(np.count_nonzero(likened)), "safe case")
-    said = f"H = {number(score.human_likeness, 3)}: mean over {counted}{limit}."
+    sentence = f"H = {number(score.human_likeness, 3)}: mean over {counted}{limit}."
     counts = "counts" if hits == 1 else "count"
-    return said + (f" {count(hits, 'case')} with an avoidable incident {counts} 0." if hits else "")
+    return sentence + (
+        f" {count(hits, 'case')} with an avoidable incident {counts} 0." if hits else ""
+    )
 
 
 def explain_s_plus(findings: Findings) -> str:
@@ -544,14 +546,14 @@ def explain_d(findings: Findings) -> str:
         return missing_term("D", reason_without("D", score))
     indexed = int(np.count_nonzero(counted))
     limit = _limit(findings.factor_means, "the {} factor")
-    said = f"D = {score.d:z.3f}: mean over {count(indexed, 'safe case')}, {limit}."
+    sentence = f"D = {score.d:z.3f}: mean over {count(indexed, 'safe case')}, {limit}."
     low = int(np.count_nonzero(counted & (cases.index < 0.1)))
     if 0 < low < indexed:
-        said += f" {low} of them {'scores' if low == 1 else 'score'} below 0.1."
+        sentence += f" {low} of them {'scores' if low == 1 else 'score'} below 0.1."
     notes = cases.index_note[cases.safe]
     if split := sum(any(note.kind == "two_groups" for note in of_case) for of_case in notes):
-        said += f" In {split} of them {TWO_GROUPS}"
-    return said
+        sentence += f" In {split} of them {TWO_GROUPS}"
+    return sentence
 
 
 TWO_GROUPS = (
@@ -754,8 +756,8 @@ def score_note(note: ScoreNote) -> str:
             ]
             return f"With the missing cases counted as worst and as best: {', '.join(parts)}."
         case RequirementMissed(name, text, cases, of):
-            said = f"`{text}`" if name == text else f"{name} (`{text}`)"
-            return f"{cases} of {count(of, 'case')} miss the requirement {said}."
+            words = f"`{text}`" if name == text else f"{name} (`{text}`)"
+            return f"{cases} of {count(of, 'case')} miss the requirement {words}."
 
 
 class GatheredNote(NamedTuple):

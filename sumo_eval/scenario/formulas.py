@@ -135,14 +135,14 @@ class LimitedFormula:
 
         Raises InputError for a value outside its limits.
         """
-        found: float = self.expression.at(known)
+        value: float = self.expression.at(known)
         least, above, endless = self.limits.at_least, self.limits.above, self.limits.endless
-        if least <= found and above < found and (found < math.inf or endless):
-            return found
+        if least <= value and above < value and (value < math.inf or endless):
+            return value
         wanted = "a number" if endless else "finite"
         wanted += f" and at least {least:g}" if least > -math.inf else ""
         wanted += f" and above {above:g}" if above > -math.inf else ""
-        what, got = f"{self.what} = `{self.expression.text}`", f"{found:g} at {point_words(known)}"
+        what, got = f"{self.what} = `{self.expression.text}`", f"{value:g} at {point_words(known)}"
         raise must_be(what, self.owner, wanted, got)
 
 
@@ -227,10 +227,10 @@ class Names:
 @functools.cache
 def _formulas(cls: Any) -> list[tuple[str, Limits]]:
     """The keys of a table's class that are formulas, with their limits."""
-    found = []
+    formulas = []
     for key, hint in hints_of(cls).items():
         # `Annotated[base, *marks]`, or `base` alone; a formula is `str | float`, also `| None`
         base, *marks = get_args(hint) if hasattr(hint, "__metadata__") else (hint,)
         if {str, float} <= set(get_args(base)):
-            found.append((key, next((mark for mark in marks if isinstance(mark, Limits)), ANY)))
-    return found
+            formulas.append((key, next((mark for mark in marks if isinstance(mark, Limits)), ANY)))
+    return formulas

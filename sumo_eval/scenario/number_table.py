@@ -57,10 +57,10 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
     header, factors = [], {}
     for title in titles:
         name, factor = title, 1.0
-        found = _WITH_UNIT.fullmatch(title)
-        if found and found[1] in units:
-            name = found[1]
-            factor = factor_to(units[name], found[2], f"column {shown(title)} of {owner}")
+        match = _WITH_UNIT.fullmatch(title)
+        if match and match[1] in units:
+            name = match[1]
+            factor = factor_to(units[name], match[2], f"column {shown(title)} of {owner}")
         header.append(name)
         factors[name] = factor
     if missing := [name for name in units if name not in header]:

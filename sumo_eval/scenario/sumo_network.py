@@ -219,19 +219,19 @@ def _laid(lanes: _Lanes) -> tuple[RigidMotion, dict[str, int]]:
 
 def _spans(
     edges: Sequence[str],
-    there: Sequence[set[int]],
+    lanes_of: Sequence[set[int]],
     along: Sequence[float],
     owner: str,
 ) -> tuple[LaneSpan, ...]:
     """Spans of outermost lanes that do not exist throughout.
 
-    there, along: the second and the third part of a `_Course`.
+    lanes_of, along: the second and the third part of a `_Course`.
     """
-    count = max(set().union(*there)) + 1
+    count = max(set().union(*lanes_of)) + 1
     spans = []
     for lane in sorted({0, count - 1}):
         # numbers of the edges that have it
-        with_lane = [number for number, places in enumerate(there) if lane in places]
+        with_lane = [number for number, places in enumerate(lanes_of) if lane in places]
         if len(with_lane) == len(edges):
             continue
         first, last = with_lane[0], with_lane[-1]
@@ -245,7 +245,7 @@ def _spans(
         spans.append(LaneSpan(lane, begin, end))
 
     throughout = set(range(count)) - {span.lane for span in spans}
-    for name, places in zip(edges, there, strict=True):
+    for name, places in zip(edges, lanes_of, strict=True):
         if missing := throughout - places:
             must = "as wide as the road, except the outermost lane of each side"
             raise must_be(

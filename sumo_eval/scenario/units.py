@@ -69,14 +69,14 @@ def in_own_unit(value: float, factor: float) -> float:
 
 def refuse_unit(formula: str | float, owner: str) -> None:
     """Refuse a number with a unit where a formula should be: `30 km/h`."""
-    found = _WITH_UNIT.fullmatch(str(formula))
-    if not found:
+    match = _WITH_UNIT.fullmatch(str(formula))
+    if not match:
         return
-    own, factor = _CONVERSIONS.get(found[2].lower(), (spelt(found[2]), 1.0))
+    own, factor = _CONVERSIONS.get(match[2].lower(), (spelt(match[2]), 1.0))
     if own in KNOWN:
         raise InputError(
             f"{owner} must be a number without a unit, got {formula}: as {own} write "
-            f"{factor * float(found[1]):.6g}."
+            f"{factor * float(match[1]):.6g}."
         )
 
 

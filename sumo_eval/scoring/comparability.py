@@ -45,19 +45,19 @@ class Difference:
 
 def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
     """Everything that differs except the ADSs' behaviour; deciding differences first."""
-    found = []
+    differences = []
     # both runs have the same parts, in the same order
     for (decides, old), (_, now) in zip(_parts(base), _parts(new), strict=True):
         for key in old | now:
             before, after = old.get(key, ABSENT), now.get(key, ABSENT)
             if before != after:
-                found.append(Difference(key, before, after, decides))
-    return tuple(sorted(found, key=lambda item: not item.decides))
+                differences.append(Difference(key, before, after, decides))
+    return tuple(sorted(differences, key=lambda item: not item.decides))
 
 
-def refuse_unless_comparable(found: tuple[Difference, ...]) -> None:
+def refuse_unless_comparable(differing: tuple[Difference, ...]) -> None:
     """Raise InputError when something decides, naming all of it."""
-    deciding = [item.words for item in found if item.decides]
+    deciding = [item.words for item in differing if item.decides]
     if deciding:
         raise InputError(
             "The two runs cannot be compared case by case, because not only the ADS differs:\n  "

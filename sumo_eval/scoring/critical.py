@@ -25,7 +25,7 @@ def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[t
     - collided while its case at the nearest other point did not, or the reverse,
     - is among its `LEAST_HUMAN` least human-like cases.
     """
-    found: set[tuple[str, int]] = set()
+    chosen: set[tuple[str, int]] = set()
     for score in evaluation.scores:
         name, logical = score.scenario, evaluation.scenarios[score.scenario]
         cases = evaluation.cases_of(score.ads, name)
@@ -38,5 +38,5 @@ def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[t
             places = logical.to_unit(cases.parameters(logical.names))
             nearest = np.asarray(KDTree(places).query(places, k=2)[1])[:, 1]
             critical |= collided[nearest] != collided
-        found |= {(name, number) for number in points[critical].tolist()}
-    return found
+        chosen |= {(name, number) for number in points[critical].tolist()}
+    return chosen

@@ -135,9 +135,9 @@ def drive_results(
     # these two ends have no drive; a case given up has one, which may leave the road
     driven = [fact for fact in drives if fact.end_reason not in (None, "sim_error")]
     driven.sort(key=lambda fact: fact.point)
-    for number, here in groupby(driven, key=lambda fact: fact.point):
+    for number, facts in groupby(driven, key=lambda fact: fact.point):
         missing, others = [], references_at.get(number, [])
-        first, *more = here
+        first, *more = facts
         concrete = logical.placed(first.values)
         start = concrete.ego
         # a result depends on the point's references and on its own drive
@@ -163,8 +163,8 @@ def drive_results(
     for part in space.spread(partial(_results, space.store.path), parts) if parts else ():
         new |= part
     space.cache.put(("drive", keys[case], 0, data) for case, data in new.items())
-    found = {case: decoded(data, _RECORDS) for case, data in (results | new).items()}
-    return {fact.case: found.get(fact.case, _UNDRIVEN) for fact in drives}
+    records = {case: decoded(data, _RECORDS) for case, data in (results | new).items()}
+    return {fact.case: records.get(fact.case, _UNDRIVEN) for fact in drives}
 
 
 def _results(path: Path, points: Sequence[_Point]) -> dict[str, bytes]:

@@ -174,18 +174,18 @@ class Findings:
 
     def harm(self, case: CaseResult) -> Harm:
         """The terms of a case in A."""
-        terms, here = self.terms, self.cases.case == case.case
+        terms, is_case = self.terms, self.cases.case == case.case
         u, ideal, nothing = terms.severity, terms.ideal, terms.unreacting
         lost, at_stake = (terms.weight * excess(severity, ideal) for severity in (u, nothing))
         columns = u, ideal, nothing, lost, at_stake, self.share_lost
-        return Harm(*(float(column[here][0]) for column in columns))
+        return Harm(*(float(column[is_case][0]) for column in columns))
 
     def part(
         self, case: CaseResult, counted: BoolArray, weights: FloatArray, values: FloatArray
     ) -> Part:
         """The part of a case in a mean of values, (n,), over the cases that are counted."""
-        here, in_mean = self.cases.case == case.case, np.nan_to_num(weights[counted]).tolist()
-        share, value = self.shares(counted, weights)[here], values[here]
+        is_case, in_mean = self.cases.case == case.case, np.nan_to_num(weights[counted]).tolist()
+        share, value = self.shares(counted, weights)[is_case], values[is_case]
         return Part(len(in_mean), math.fsum(in_mean), float(share[0]), float(value[0]))
 
     def shares(self, counted: BoolArray, weights: FloatArray) -> FloatArray:
@@ -256,7 +256,7 @@ def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
         return []
     # fewest recorded drivers of a reference that counts
     fewest = drivers.least if drivers.too_thin == "leave_out" else 1
-    found = []
+    scenarios = []
     for name in dict.fromkeys(score.scenario for score in evaluation.scores):
         cases = evaluation.cases_in(name)
         safe = cases.safe
@@ -267,5 +267,7 @@ def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
         # recorded drivers at each point: the most of its cases, one of each ADS
         most = np.zeros(len(points))
         np.maximum.at(most, place, np.where(people >= fewest, people, 0.0))
-        found.append(PeopleBehind(name, len(points), int(np.count_nonzero(most)), int(most.sum())))
-    return found
+        scenarios.append(
+            PeopleBehind(name, len(points), int(np.count_nonzero(most)), int(most.sum()))
+        )
+    return scenarios

@@ -94,7 +94,7 @@ def _files_of(locator: str, source: Path) -> list[Path]:
     """The file that a locator names, and files that its text names; for Python also all Python
     files of its folder.
     """
-    found: set[Path] = set()
+    paths: set[Path] = set()
     place, colon, _ = locator.rpartition(":")
     if locator.endswith((".toml", ".csv", ".json", ".xml")) or format_of(locator):
         files = [source / locator]
@@ -110,24 +110,24 @@ def _files_of(locator: str, source: Path) -> list[Path]:
             place = origin or place.replace(".", "/") + ".py"
         files = [source / place, *(source / place).parent.glob("*.py")]
     for file in files:
-        _add_with_named(found, file)
-    return sorted(found)
+        _add_with_named(paths, file)
+    return sorted(paths)
 
 
-def _add_with_named(found: set[Path], file: Path) -> None:
+def _add_with_named(paths: set[Path], file: Path) -> None:
     """The file and, in turn, the files in its folder that its text names in quotes; of OpenSCENARIO
     also whole folders.
     """
-    if file in found:
+    if file in paths:
         return
-    found.add(file)
+    paths.add(file)
     if file.suffix not in _WITH_NAMES or not file.is_file() or file.stat().st_size > _LARGEST:
         return
     for name in _QUOTED.findall(file.read_text(encoding="utf-8", errors="replace")):
         with suppress(OSError, ValueError):  # a text that is no name of a file
             other = (file.parent / name).resolve()
             if other.is_file():
-                _add_with_named(found, other)
+                _add_with_named(paths, other)
             elif file.suffix == ".xosc" and other.is_dir():
                 for path in other.glob("*.xosc"):
-                    _add_with_named(found, path)
+                    _add_with_named(paths, path)

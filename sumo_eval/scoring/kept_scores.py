@@ -107,8 +107,8 @@ def kept_scores(cache: KeptResults, key: bytes) -> Scores | None:
     if data is None:
         return None
     _in_use.add(key)
-    found: Scores = decoded(data, _RECORDS)
-    return found
+    scores: Scores = decoded(data, _RECORDS)
+    return scores
 
 
 def keep_scores(cache: KeptResults, key: bytes, scores: Scores) -> Scores:
@@ -123,6 +123,6 @@ def keep_scores(cache: KeptResults, key: bytes, scores: Scores) -> Scores:
     sums = itertools.accumulate(size for _, size in others)
     pairs = zip(others, sums, strict=True)
     cache.forget([other for (other, _), total in pairs if total > _MOST_OF_OTHERS])
-    found = kept_scores(cache, key)
-    assert found is not None, "it was put there just now"
-    return found
+    stored = kept_scores(cache, key)
+    assert stored is not None, "it was put there just now"
+    return stored

@@ -117,16 +117,18 @@ def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
     driven: values of the points, (n, k), nan where no case was driven.
     whole: whether all points of the sample must have been driven.
     """
-    there = ~np.isnan(driven[:, 0])
+    is_driven = ~np.isnan(driven[:, 0])
     spare = len(chosen.points) - len(driven)  # chosen points that were not driven
     if (
         spare >= 0
         and not (whole and spare)
-        and np.array_equal(chosen.points[: len(driven)][there], driven[there])
+        and np.array_equal(chosen.points[: len(driven)][is_driven], driven[is_driven])
     ):
         return chosen
     # a point that was not driven gets the values of the first one that was
-    driven_sample = sample_of(np.where(there[:, None], driven, driven[there][0]), chosen.method)
+    driven_sample = sample_of(
+        np.where(is_driven[:, None], driven, driven[is_driven][0]), chosen.method
+    )
     return driven_sample if len(chosen.points) else replace(driven_sample, notes=chosen.notes)
 
 

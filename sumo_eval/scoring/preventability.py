@@ -72,7 +72,7 @@ def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
     if reference is not None:
         beside = _incidents_at(cases, evaluation.cases_of(reference, score.scenario))
     # texts as long as the longest verdict
-    found = np.full(len(cases), "avoided", dtype=f"U{max(map(len, get_args(Verdict)))}")
+    verdict_of = np.full(len(cases), "avoided", dtype=f"U{max(map(len, get_args(Verdict)))}")
     rules: tuple[tuple[Verdict, BoolArray], ...] = (
         ("better", beside == 1.0),
         ("preventable", _incident(cases)),
@@ -81,8 +81,8 @@ def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
         ("not evaluated", ~cases.counted),
     )
     for verdict, holds in rules:  # of several that hold the last one counts
-        found[holds] = verdict
-    return found
+        verdict_of[holds] = verdict
+    return verdict_of
 
 
 def _incident(cases: CaseTable) -> BoolArray:

@@ -171,7 +171,7 @@ def harm_at(
 
 
 def _reference(
-    who: Literal["ideal", "no_reaction"], fact: Fact, least: float, space: ScenarioRun
+    reference: Literal["ideal", "no_reaction"], fact: Fact, least: float, space: ScenarioRun
 ) -> dict[str, Any]:
     """Fields on the drive of a reference: Ug or U0, 0 where it avoids the contact. If it could not
     be evaluated, U is None and a second field has the reason.
@@ -179,8 +179,8 @@ def _reference(
     least: least U, m/s: that of its departure from the road.
     """
     if fact.status not in EVALUATED:
-        return {f"{who}_severity": None, f"{who}_error": fact.error or fact.status}
-    return {f"{who}_severity": max(_severity(fact, space) or 0.0, least)}
+        return {f"{reference}_severity": None, f"{reference}_error": fact.error or fact.status}
+    return {f"{reference}_severity": max(_severity(fact, space) or 0.0, least)}
 
 
 def _of_departure(departure: Departure | None, case: str, space: ScenarioRun) -> float:
@@ -367,13 +367,13 @@ def _number(flags: BoolArray) -> int:
 
 def _references_missing(cases: CaseTable) -> Iterator[ReferenceMissing]:
     """Notes on cases whose references could not be evaluated, the most frequent reason first."""
-    for who in ("ideal", "no_reaction"):
-        reasons = getattr(cases, f"{who}_error")
+    for reference in ("ideal", "no_reaction"):
+        reasons = getattr(cases, f"{reference}_error")
         alike: dict[str, list[int]] = {}
         for place in np.flatnonzero(reasons != "").tolist():
             alike.setdefault(without_numbers(str(reasons[place])), []).append(place)
         for first, *more in sorted(alike.values(), key=len, reverse=True):
-            yield ReferenceMissing(who, str(reasons[first]), 1 + len(more), cases[first].case)
+            yield ReferenceMissing(reference, str(reasons[first]), 1 + len(more), cases[first].case)
 
 
 def _without_mean(safe: int, voiding: int, with_value: int, *, people: bool) -> NotComputed:

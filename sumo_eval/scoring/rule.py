@@ -386,9 +386,9 @@ def only_improved(comparison: Comparison, settings: GateSettings) -> bool:
             return False
         better |= bool((base.bad & ~new.bad).any())
         for measure in measures:
-            before, after, there = values_of(part, measure, fill=True)
-            by = worsening(before, after, measure)[there]
-            if (by > LAST_DIGIT * np.abs(before[there])).any():  # by more than rounding
+            before, after, counts = values_of(part, measure, fill=True)
+            by = worsening(before, after, measure)[counts]
+            if (by > LAST_DIGIT * np.abs(before[counts])).any():  # by more than rounding
                 return False
-            better |= bool((-by > tolerance(before[there], measure)).any())
+            better |= bool((-by > tolerance(before[counts], measure)).any())
     return better

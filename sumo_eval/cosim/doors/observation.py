@@ -658,16 +658,16 @@ def _hidden(me_x: FloatArray, x: FloatArray, y: FloatArray, width: FloatArray) -
     return np.asarray((nearer & (shared > _COVERED * width[:, None])).any(axis=1))
 
 
-def present(others: FloatArray, there: FloatArray) -> FloatArray:
+def present(others: FloatArray, is_present: FloatArray) -> FloatArray:
     """Numbers of actors, with x nan of those that have left the road.
 
     others: (n, m, k).
-    there: 0 of an actor that has left, (n, m).
+    is_present: 0 of an actor that has left, (n, m).
     """
-    if there.all():
+    if is_present.all():
         return others
     others = others.copy()
-    others[there == 0, 0] = math.nan
+    others[is_present == 0, 0] = math.nan
     return others
 
 

@@ -193,9 +193,9 @@ def _no_such_lane(call: str, name: str, given: Mapping[str, object]) -> Breach |
                 "laneIndex", given, -1 if call == "moveToXY" else 0, _lanes(name) - 1
             )
         if call == "changeLaneRelative":
-            here = libsumo.vehicle.getLaneIndex(name)
-            if here >= 0:
-                return _no_such_index("indexOffset", given, -here, _lanes(name) - 1 - here)
+            current = libsumo.vehicle.getLaneIndex(name)
+            if current >= 0:
+                return _no_such_index("indexOffset", given, -current, _lanes(name) - 1 - current)
         if call == "moveTo" and isinstance(given.get("laneID"), str):
             lane, place = str(given["laneID"]), finite_number(given.get("pos"), truth=True)
             if lane not in libsumo.lane.getIDList():

@@ -43,17 +43,17 @@ def bench(small: bool, only: tuple[str, ...], cases: int, file: Path | None) -> 
     from sumo_eval.extras.bench.costs import benchmark
     from sumo_eval.report.page import write_json
 
-    found = benchmark(
+    results = benchmark(
         cases=8 if small else cases,
         rounds=1 if small else 3,
         parts=only or PARTS,
         progress=lambda part: tell(f"measuring: {part}", err=True),
     )
     if file is not None:
-        plain = {**found, "rows": [row._asdict() for row in found["rows"]]}
+        plain = {**results, "rows": [row._asdict() for row in results["rows"]]}
         write_json(file, plain, "The figures")
-    machine = ", ".join(f"{name} {value}" for name, value in found["machine"].items())
+    machine = ", ".join(f"{name} {value}" for name, value in results["machine"].items())
     tell(machine)
-    for row in found["rows"]:
+    for row in results["rows"]:
         ratio = "" if row.ratio is None else f"  {row.ratio:z.2f} x {row.ratio_of}"
         tell(f"{row.group:<14} {row.what:<62} {row.value:z10.3g} {row.unit:<8}{ratio}")

@@ -39,11 +39,11 @@ class Collection:
         Raises InputError where none are there.
         """
         for folder in self.folders:
-            found = sorted((copy / folder).glob(self.pattern))
-            if found:
+            files = sorted((copy / folder).glob(self.pattern))
+            if files:
                 for pattern in self.extra:
-                    found += sorted((copy / folder).glob(pattern))
-                return found
+                    files += sorted((copy / folder).glob(pattern))
+                return files
         raise must_be(
             "`folder`",
             f"the catalogue ({self.source})",
@@ -104,16 +104,16 @@ def _of_collection(entry: ScenarioSettings, folder: Path) -> list[ScenarioSettin
         source = COLLECTIONS[entry.use].source
         raise InputError(f"Catalogue `{entry.use}` must have a `folder`: your copy of {source}.")
     copy = (folder / entry.folder).resolve()
-    found: list[ScenarioSettings] = []
+    entries: list[ScenarioSettings] = []
     refused: dict[str, str] = {}
     for file in COLLECTIONS[entry.use].files(copy):
         try:
-            found += [replace(entry, use=use, folder=None) for use, _ in uses_of(file, str(file))]
+            entries += [replace(entry, use=use, folder=None) for use, _ in uses_of(file, str(file))]
         except InputError as error:
             refused[file.name] = str(error)
-    if not found:
+    if not entries:
         raise InputError(
             f"No file of catalogue `{entry.use}` in {copy} plays; the first: "
             f"{next(iter(refused.values()))}"
         )
-    return [replace(found[0], not_played=refused), *found[1:]]
+    return [replace(entries[0], not_played=refused), *entries[1:]]

@@ -56,24 +56,24 @@ def described(read: Read) -> Iterator[str]:
     points = concrete_points(read) if playing else ()
     first = next((point for point, why in points if why is None), None)
     if first is not None:
-        found = concrete(read, first)
+        case = concrete(read, first)
         yield "  at the first point:" if first else "  its scene:"
         yield (
-            f"    the ego at x = {found.ego.x:.3f} m, y = {found.ego.y:.3f} m with "
-            f"{found.ego.speed:.3f} m/s"
+            f"    the ego at x = {case.ego.x:.3f} m, y = {case.ego.y:.3f} m with "
+            f"{case.ego.speed:.3f} m/s"
         )
-        for actor in found.actors:
+        for actor in case.actors:
             yield from _of(actor)
 
 
-def listed(name: str, found: Sequence[Path]) -> Iterator[str]:
+def listed(name: str, paths: Sequence[Path]) -> Iterator[str]:
     """A line for each road of each file of a catalogue: its points and how many play, or why none
     does. Then their sums.
 
-    found: the files.
+    paths: the files.
     """
     points = playing = files = 0
-    for file in found:
+    for file in paths:
         try:
             reads = [read for _, read in uses_of(file, file.name)]
         except InputError as error:
@@ -82,14 +82,14 @@ def listed(name: str, found: Sequence[Path]) -> Iterator[str]:
         files += 1
         for read in reads:
             count, reasons = _counted(read)
-            size, told = read.space.size, f"{count} of {read.space.size} points play"
+            size, words = read.space.size, f"{count} of {read.space.size} points play"
             points += size
             playing += size if count is None else count
             if count is None:
-                told = f"{size} points, tried along each axis"
+                words = f"{size} points, tried along each axis"
             why = "; ".join(f"{it} {why}" for why, it in [*reasons.items()][:_SHOWN])
-            yield f"{read.logical.name}: {told}{why and '; not: '}{why}"
-    yield f"{name}: {files} of {len(found)} files play, {playing} of {points} points"
+            yield f"{read.logical.name}: {words}{why and '; not: '}{why}"
+    yield f"{name}: {files} of {len(paths)} files play, {playing} of {points} points"
 
 
 def _counted(read: Read) -> tuple[int | None, dict[str, int]]:

@@ -224,7 +224,7 @@ class Conditions:
         if all(group.known for group in live):
             if after.known:
                 return Moment(min(self._later(after, group, trigger).time for group in live))
-            found = min(live, key=lambda group: (group.time, -group.until))
+            begin = min(live, key=lambda group: (group.time, -group.until))
         # 2. all are conditions on the drive: one of them must hold
         elif len(live) > 1 and any(group.known or group.time > 0.0 for group in live):
             raise trigger.fault(
@@ -233,8 +233,8 @@ class Conditions:
             )
         else:
             program = _joined([group.program for group in live], played.OR)
-            found = replace(live[0], program=program, past=all(group.past for group in live))
-        return replace(self._later(after, found, trigger), past=True)
+            begin = replace(live[0], program=program, past=all(group.past for group in live))
+        return replace(self._later(after, begin, trigger), past=True)
 
     def _later(self, one: Moment, two: Moment, element: Node) -> Moment:
         """The later of two moments: when both conditions hold, or both times have come.
@@ -352,11 +352,11 @@ class Conditions:
         if not names:
             raise triggering.fault("it must name an entity")
         condition = element.child("EntityCondition").only()
-        found = [self._of_entity(condition, self.places.entity(it, triggering)) for it in names]
+        truths = [self._of_entity(condition, self.places.entity(it, triggering)) for it in names]
         both, either = (played.AND, played.OR) if every else (played.OR, played.AND)
-        holds = _joined([it.holds for it in found], both)
-        fails = _joined([it.fails for it in found], either)
-        start = (all if every else any)(it.start for it in found)
+        holds = _joined([it.holds for it in truths], both)
+        fails = _joined([it.fails for it in truths], either)
+        start = (all if every else any)(it.start for it in truths)
         if edge == "falling" or (edge == "risingOrFalling" and start):
             holds, fails, start = fails, holds, not start
         if edge == "none" or not start:

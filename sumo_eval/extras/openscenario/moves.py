@@ -394,21 +394,21 @@ class Moves:
 
         apart, gap: as in `_apart`.
         """
-        own, its = entity.number, other.number
+        own, target_number = entity.number, other.number
         # a move that changes nothing remembers that the action has begun
         self._add(entity, begin, Act(played.COSINE, 0.0, AT_ONCE), 0.0)
         follows = entity.ended()
 
-        x, ahead = of_vehicle(played.X, own), of_vehicle(played.X, its) + constant(apart)
-        speed, target = (of_vehicle(played.ALONG, it) for it in (own, its))
+        x, ahead = of_vehicle(played.X, own), of_vehicle(played.X, target_number) + constant(apart)
+        speed, target = (of_vehicle(played.ALONG, it) for it in (own, target_number))
         behind = constant(gap / self.frame.ground(entity.frame)) * (target if gap < 0.0 else speed)
         # the larger of both differences must be below `_THERE`
         off = abs(ahead - behind - x).joined(played.LARGER, abs(target - speed))
         ends = (*off.program, *constant(_THERE).program, operation(played.BELOW))
-        there = (*follows, *ends, operation(played.AND))
-        entity.acts.append(Act(played.KEEP, program=there))
+        has_both = (*follows, *ends, operation(played.AND))
+        entity.acts.append(Act(played.KEEP, program=has_both))
         # KEEP has no end that a condition could read: a second move remembers its begin
-        return self._add(entity, Moment(0.0, there), Act(played.COSINE, 0.0, AT_ONCE), NEVER)
+        return self._add(entity, Moment(0.0, has_both), Act(played.COSINE, 0.0, AT_ONCE), NEVER)
 
     # -- lateral moves -----------------------------------------------------------------------------
 

@@ -192,10 +192,10 @@ class Node:
         """An attribute as text, worked out."""
         if default is not None and self.get(name) is None:
             return default
-        found = self.worked_out(self.attribute(name))
-        if isinstance(found, str):
-            return found
-        return str(int(found)) if found.is_integer() else repr(found)
+        value = self.worked_out(self.attribute(name))
+        if isinstance(value, str):
+            return value
+        return str(int(value)) if value.is_integer() else repr(value)
 
     def number(self, name: str, default: float | None = None) -> float:
         """An attribute as a finite number, worked out."""
@@ -207,10 +207,10 @@ class Node:
                 f"`{name}` must be in m/s, got {written}, which by its name is in km/h: "
                 f"${{{written} / 3.6}}"
             )
-        found = self.worked_out(written)
-        value = number_of(found)
+        result = self.worked_out(written)
+        value = number_of(result)
         if value is None or not math.isfinite(value):
-            is_what = "" if found == written else f", which is {shown(found)}"
+            is_what = "" if result == written else f", which is {shown(result)}"
             raise self.fault(f"`{name}` must be a finite number, got {shown(written)}{is_what}")
         return value
 
@@ -237,10 +237,10 @@ class Node:
 
     def flag(self, name: str) -> bool:
         """An attribute that is true or false; false where it is missing."""
-        found = self.text(name, "false")
-        if found not in _BOOLEAN:
-            raise self.fault(f"`{name}` must be true or false, got {shown(found)}")
-        return _BOOLEAN[found]
+        text = self.text(name, "false")
+        if text not in _BOOLEAN:
+            raise self.fault(f"`{name}` must be true or false, got {shown(text)}")
+        return _BOOLEAN[text]
 
     def compared(self, one: Value, two: Value, default: str | None = None) -> bool:
         """Whether its attribute `rule`, such as `lessThan`, holds between two values.
@@ -248,10 +248,10 @@ class Node:
         Texts can only be equal or not. default: the rule where it has none.
         """
         rule = self.one_of("rule", RULES, default)
-        found = holds(rule, one, two)
-        if found is None:
+        truth = holds(rule, one, two)
+        if truth is None:
             raise self.fault(f"`{rule}` must compare numbers, got {shown(one)} and {shown(two)}")
-        return found
+        return truth
 
     # -- what is known in it -----------------------------------------------------------------------
 

@@ -44,17 +44,17 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
             "whole space plays from "
             'the OpenSCENARIO file itself: `use = "FILE.xosc"`.'
         )
-    there = concrete(read, point)
-    for what, holds in _unsaid(there).items():
+    case = concrete(read, point)
+    for what, holds in _unsaid(case).items():
         if holds:
             raise InputError(
-                f"A scenario file has no words for {what} of {there.scenario}: it plays from the "
+                f"A scenario file has no words for {what} of {case.scenario}: it plays from the "
                 "OpenSCENARIO file itself."
             )
-    label, body = point_words(point), there.ego_body
-    names = _names(there.actors)
+    label, body = point_words(point), case.ego_body
+    names = _names(case.actors)
     ends = {
-        "x": there.road.length, "time": there.time_limit, "standstill": there.standstill_time,
+        "x": case.road.length, "time": case.time_limit, "standstill": case.standstill_time,
     }  # fmt: skip
     return {
         "name": re.sub(r"\W", "_", read.logical.name),
@@ -67,27 +67,27 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
                        "about": "nothing: this is one case"}],
         "sample": [{"name": "the_case", "points": [[0.0]]}],
         "default_sample": "the_case",
-        "road": _road(there.road),
+        "road": _road(case.road),
         "end": {key: value for key, value in ends.items() if value is not None},
         # a number of the parameter, too, because a file must use each of its parameters
-        "ego": {"speed": f"{there.ego.speed!r} + 0 * {ONLY}", "x": there.ego.x, "y": there.ego.y}
+        "ego": {"speed": f"{case.ego.speed!r} + 0 * {ONLY}", "x": case.ego.x, "y": case.ego.y}
                | ({} if body is None else {"length": body.length, "width": body.width}),
         "vehicle": [_vehicle(actor, name, names) for actor,
-            name in zip(there.actors, names, strict=True)],
+            name in zip(case.actors, names, strict=True)],
     }  # fmt: skip
 
 
-def _unsaid(there: ConcreteScenario) -> dict[str, bool]:
+def _unsaid(case: ConcreteScenario) -> dict[str, bool]:
     """For each thing that a scenario file cannot say, whether the case has it.
 
     Cases that `sumo-eval export` wrote can have these.
     """
-    road, ego = there.road, there.ego
+    road, ego = case.road, case.ego
     return {
         "the lanes, which are not the same throughout,": road.shaped or road.network is not None,
         "the start of the ego": ego != Start(ego.x, ego.y, ego.speed),
-        "actors that SUMO drives": any(actor.model for actor in there.actors),
-        "the conditions": bool(there.changes),
+        "actors that SUMO drives": any(actor.model for actor in case.actors),
+        "the conditions": bool(case.changes),
     }
 
 
@@ -125,37 +125,37 @@ def _piece(piece: Piece) -> dict[str, float]:
 
 def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> dict[str, Any]:
     x, y, heading = actor.on_map or (actor.start.x, actor.start.y, actor.heading)
-    found: dict[str, Any] = {
+    table: dict[str, Any] = {
         "name": name, "speed": actor.start.speed, "x": x, "y": y, "body": actor.body,
         "length": actor.length, "width": actor.width, "slides": actor.slides,
         "on_map": actor.on_map is not None,
     }  # fmt: skip
     if actor.lively:
-        found["heading"] = math.degrees(heading)
+        table["heading"] = math.degrees(heading)
     # without `concrete.keeps_on`, the last one, which never begins
     begin = [act for act in actor.acts if math.isfinite(act.begin)]
-    found["manoeuvre"] = [_act(act, f"act{k}", names) for k, act in enumerate(begin)]
-    return found
+    table["manoeuvre"] = [_act(act, f"act{k}", names) for k, act in enumerate(begin)]
+    return table
 
 
 def _act(act: played.Act, name: str, names: Sequence[str]) -> dict[str, Any]:
-    found: dict[str, Any] = {"name": name, "begin": act.begin}
+    table: dict[str, Any] = {"name": name, "begin": act.begin}
     if act.program:
-        found["when"] = condition_text(act.program, names)
+        table["when"] = condition_text(act.program, names)
     match act.kind:
         case played.KEEP:
-            return {"do": "keep_speed", **found}
+            return {"do": "keep_speed", **table}
         case played.COSINE:
-            found |= {"duration": act.duration, "offset": act.offset}
-            return {"do": "change_lane_cosine", **found}
+            table |= {"duration": act.duration, "offset": act.offset}
+            return {"do": "change_lane_cosine", **table}
         case played.SPEED if act.timed:
-            return {"do": "brake", **found, "deceleration": act.acceleration}
+            return {"do": "brake", **table, "deceleration": act.acceleration}
         case played.SPEED if math.isfinite(act.acceleration):
-            found |= {"speed": act.speed, "acceleration": act.acceleration}
-            return {"do": "accelerate", **found}
+            table |= {"speed": act.speed, "acceleration": act.acceleration}
+            return {"do": "accelerate", **table}
         case played.BY_TIME:
             times, speeds = zip(*act.table, strict=True)
-            return {"do": "speed_profile", **found, "times": list(times), "speeds": list(speeds)}
+            return {"do": "speed_profile", **table, "times": list(times), "speeds": list(speeds)}
     raise InputError(
         f"A scenario file has no words for move {name}: kind {act.kind} of what was read."
     )

@@ -66,10 +66,10 @@ def boundary(
     out = out or out_folder.default(scenario, ads)
     out_folder.ready(out)
     with Progress(at_most=True) as progress:
-        found = find_boundary(
+        boundary = find_boundary(
             logical, ads, setup, budget=budget, tolerance=tolerance, seed=seed,
             watch=lambda done, total: progress(f"{logical.name}: {ads}", done, total),
         )  # fmt: skip
-    say(sentences(found, held))
-    say(map(str, write_boundary(found, out, held)))
-    sys.exit(NOT_EVALUATED if found.not_evaluated else DONE)
+    say(sentences(boundary, held))
+    say(map(str, write_boundary(boundary, out, held)))
+    sys.exit(NOT_EVALUATED if boundary.not_evaluated else DONE)

@@ -28,8 +28,8 @@ def qualify(out: Path) -> None:
 
     out_folder.ready(out)
     with Progress() as progress:
-        found = qualified.qualify(table.all_checks(), progress)
-    written = qualified.write_qualification(found, out)
-    say(qualified.lines(found))
+        qualification = qualified.qualify(table.all_checks(), progress)
+    written = qualified.write_qualification(qualification, out)
+    say(qualified.lines(qualification))
     say(map(str, written))
-    sys.exit(GATE_FAILED if found.failed else DONE)
+    sys.exit(GATE_FAILED if qualification.failed else DONE)

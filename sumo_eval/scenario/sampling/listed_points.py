@@ -47,8 +47,8 @@ def from_function(logical: LogicalScenario, request: Request, locator: str) -> D
         kind = type(function).__name__
         raise must_be(f"Sampler `{locator}`", f"scenario `{logical.name}`", "a function", kind)
     try:
-        found = function(logical, count, request.stream(logical, locator))
-        points = np.asarray(found, float)
+        chosen = function(logical, count, request.stream(logical, locator))
+        points = np.asarray(chosen, float)
     except KeyboardInterrupt:
         raise
     except BaseException as error:

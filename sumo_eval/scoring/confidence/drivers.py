@@ -72,7 +72,8 @@ def driver_deviations(
         cases.case, [case for case, (results, _) in left_out.items() if results.without]
     )
     chosen = [left_out[case] for case in cases.case[jackknifed].tolist()]
-    names, weights = sorted({*chain(*(there for _, there in chosen))}), cases.exposure[jackknifed]
+    weights = cases.exposure[jackknifed]
+    names = sorted({*chain(*(drivers for _, drivers in chosen))})
     if len(names) < 3 or not weights.any():  # a deviation needs two that stay
         return NO_DEVIATIONS
     groups = [_group(name, settings, seed) for name in names]
@@ -90,8 +91,8 @@ def driver_deviations(
         # a row for each driver: every case without it; where a case does not have it, all drivers
         without = [
             [
-                fewer[there.index(name)] if name in there else everyone
-                for (everyone, fewer, _), (_, there) in zip(values, chosen, strict=True)
+                fewer[drivers.index(name)] if name in drivers else everyone
+                for (everyone, fewer, _), (_, drivers) in zip(values, chosen, strict=True)
             ]
             for name in names
         ]

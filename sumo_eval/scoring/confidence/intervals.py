@@ -160,9 +160,9 @@ class _Sums:
     def add(self, part: Resampled) -> None:
         """Add the cases at some of the points."""
         counts, drawn, rows = part.counts, part.drawn, self._rows[part.places]
-        there = rows >= 0
-        if not there.all():
-            counts, drawn, rows = counts[:, there], drawn[:, there], rows[there]
+        has_case = rows >= 0
+        if not has_case.all():
+            counts, drawn, rows = counts[:, has_case], drawn[:, has_case], rows[has_case]
         asked, hits = self._asked(rows)
         self._balanced += counts @ np.column_stack(asked)
         self._drawn += drawn @ np.column_stack(hits)

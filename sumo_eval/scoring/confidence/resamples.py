@@ -108,12 +108,12 @@ def _sort_along_widest(order: IntArray, sizes: IntArray, unit: FloatArray) -> No
     """
     firsts = np.cumsum(sizes) - sizes
     for size in np.unique(sizes[sizes >= SMALLEST]).tolist():
-        here = firsts[sizes == size][:, None] + np.arange(size)
-        rows = order[here]
+        places = firsts[sizes == size][:, None] + np.arange(size)
+        rows = order[places]
         points = unit[rows]
         axis = np.argmax(np.ptp(points, axis=1), axis=1)
         along = np.take_along_axis(points, axis[:, None, None], axis=2)[:, :, 0]
-        order[here] = np.take_along_axis(rows, np.argsort(along, axis=1, kind="stable"), axis=1)
+        order[places] = np.take_along_axis(rows, np.argsort(along, axis=1, kind="stable"), axis=1)
 
 
 def same_sizes(groups: Strata) -> list[tuple[int, IntArray]]:
@@ -292,8 +292,8 @@ def _draws(
         # whole lists from `first` on, as many as one block holds
         last = int(np.searchsorted(ends, first + most, side="right"))
         if (end := int(ends[last - 1]) if last else 0) > first:
-            here = ends[int(np.searchsorted(ends, first, side="right")) : last] - first
-            groups = Strata(np.arange(end - first), here)
+            list_ends = ends[int(np.searchsorted(ends, first, side="right")) : last] - first
+            groups = Strata(np.arange(end - first), list_ends)
             yield lists.order[first:end], draw_counts(groups, replicates, stream())
             number, first = number + 1, end
             continue

@@ -87,18 +87,18 @@ def with_intervals(
     ], intervals
 
 
-def _joined(score: ScenarioResult, found: ScoreIntervals, most_of_s: float) -> ScenarioResult:
+def _joined(score: ScenarioResult, intervals: ScoreIntervals, most_of_s: float) -> ScenarioResult:
     """A result whose intervals have both sources.
 
     score: the result; its intervals are what missing cases leave open.
-    found: intervals by the sample, of the cases that are there.
+    intervals: intervals by the sample, of the cases that are there.
     most_of_s: largest value of S.
 
     Each end is the one that missing cases allow, moved further by the distance of the sample's end
     from the score, but not out of the score's range.
     """
     ends: dict[str, Any] = {}
-    for name, (low, high) in found.limits.items():
+    for name, (low, high) in intervals.limits.items():
         value = getattr(score, name)
         worst, best = getattr(score, f"{name}_interval") or (value, value)
         least, most = WITHIN.get(name, (0.0, most_of_s))
@@ -107,5 +107,5 @@ def _joined(score: ScenarioResult, found: ScoreIntervals, most_of_s: float) -> S
             float(max(worst - (value - low), min(least, worst))),
             float(min(best + (high - value), max(most, best))),
         )
-    sources = {name: dict(parts) for name, parts in found.sources.items()}
+    sources = {name: dict(parts) for name, parts in intervals.sources.items()}
     return replace(score, **ends, half_widths_by_source=sources)

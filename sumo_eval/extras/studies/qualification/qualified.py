@@ -62,10 +62,10 @@ class CheckResult(NamedTuple):
         """The check in `qualification.json`; a number that is not finite becomes its name: JSON has
         no nan.
         """
-        found = self.found
-        if isinstance(found, float) and not math.isfinite(found):
-            found = str(found)
-        entry = {"found": found, "passed": self.passed, "error": self.error}
+        answer = self.found
+        if isinstance(answer, float) and not math.isfinite(answer):
+            answer = str(answer)
+        entry = {"found": answer, "passed": self.passed, "error": self.error}
         entry |= self.check._asdict()
         return {name: entry[name] for name in ENTRIES}
 
@@ -145,9 +145,9 @@ def shown(value: Answer | None) -> str:
     return next(text for text in texts if len(text) <= 9)
 
 
-def lines(found: Qualification) -> Iterator[str]:
+def lines(qualification: Qualification) -> Iterator[str]:
     """The results for a terminal of 80 columns: a table for each kind, then why checks failed."""
-    for kind, results in found.kinds:
+    for kind, results in qualification.kinds:
         yield kind
         yield _HEAD
         for result in results:
@@ -155,21 +155,22 @@ def lines(found: Qualification) -> Iterator[str]:
             bound = "" if isinstance(check.expected, str) else f"{check.bound:.2g}"
             row = f"{shown(check.expected):>9} {shown(result.found)[:9]:>9} {bound:>7} {check.unit}"
             yield f"{'ok' if result.passed else 'FAIL':<4} {check.name:<40} {row}".rstrip()
-    for check, answer, error in found.failed:
+    for check, answer, error in qualification.failed:
         why = error or f"expected {shown(check.expected)}, found {shown(answer)}"
         yield f"FAIL  {check.name}: {why}"
-    total = len(found.findings)
-    verdict = "NOT qualified." if found.failed else "qualified on this machine."
-    passed = total - len(found.failed)
+    total = len(qualification.findings)
+    verdict = "NOT qualified." if qualification.failed else "qualified on this machine."
+    passed = total - len(qualification.failed)
     yield f"{passed} of {total} checks passed: this installation is {verdict}"
 
 
-def write_qualification(found: Qualification, folder: Path) -> tuple[Path, Path]:
+def write_qualification(qualification: Qualification, folder: Path) -> tuple[Path, Path]:
     """Write `qualification.html` and `qualification.json` into a folder and return their paths."""
     page, plain = folder / "qualification.html", folder / "qualification.json"
     text = template("qualification.html.j2").render(
-        found=found, kinds=found.kinds, purpose=PURPOSE, domain=DOMAIN, limits=LIMITS, shown=shown,
+        qualification=qualification, kinds=qualification.kinds, purpose=PURPOSE, domain=DOMAIN,
+        limits=LIMITS, shown=shown,
     )  # fmt: skip
     write_page(page, text, "The qualification")
-    write_json(plain, found.plain(), "The qualification")
+    write_json(plain, qualification.plain(), "The qualification")
     return page, plain
