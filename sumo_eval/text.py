@@ -30,38 +30,40 @@ _LEFT_OUT = "[{} characters left out]"
 _MARK_ROOM = 40  # characters of `_LEFT_OUT` with its number and what stands around it
 _UNFIT = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f"  # controls, escape among them; tab and line feed are kept
-    "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"  # what turns the direction of writing
-    # line ends of Unicode's own, no characters, halves of characters
+    "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"  # marks that turn the direction of writing
+    # line ends of Unicode, byte order mark, noncharacters, surrogates
     "\u2028\u2029\ufeff\ufffe\uffff\ud800-\udfff]"
 )
-# address of an object, another one in each process; the `>` is optional, so that the search reads a
-# text only once
+# address of an object; the `>` is optional, so that the search reads a text only once
 _ADDRESS = re.compile(r"(?: at 0x[0-9A-Fa-f]+)+(>?)")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 
 def clean(text: str, most: int = SENTENCE, *, lines: bool = False) -> str:
-    """Text from outside with what harms replaced visibly, by its number in hexadecimal, at most
-    `most` characters long.
+    """Text from outside, at most `most` characters, with harmful ones replaced by their number in
+    hexadecimal.
 
-    What is longer says how many characters are left out: behind its beginning, with `lines` between
-    beginning and end. Without `lines` it becomes one line. Addresses of objects are left out: they
-    differ between processes. Cleaning what is clean changes nothing.
+    lines: keep the lines, and of a longer text the beginning and the end. Else make one line, and
+        keep the beginning.
+
+    A text that is cut says how many characters are left out. Addresses of objects are left out:
+    they differ between processes. Cleaning a clean text changes nothing.
     """
     # by `str`'s own methods: a text may be of a user's class
     length = str.__len__(text)
-    end = most if lines else 0  # characters of the end that are kept
-    if length <= most + end:
+    # of a very long text only a head and a tail are read: more than is kept
+    tail_length = most if lines else 0
+    if length <= most + tail_length:
         fit, left_out = _replaced(text, lines=lines), 0
-    else:  # what is cut anyway is not looked through
+    else:
         head = str.__getitem__(text, slice(0, most))
-        tail = str.__getitem__(text, slice(length - end, length))
+        tail = str.__getitem__(text, slice(length - tail_length, length))
         fit = _replaced(head, lines=lines) + _replaced(tail, lines=lines)
-        left_out = length - most - end
+        left_out = length - most - tail_length
     if len(fit) <= most and not left_out:
         return fit
-    room = max(most - _MARK_ROOM, 0)
+    room = max(most - _MARK_ROOM, 0)  # of `most`, beside the words on what is left out
     if not lines:
         return f"{fit[:room].rstrip()} … {_LEFT_OUT.format(left_out + len(fit) - room)}"
     half = room // 2
@@ -89,6 +91,7 @@ def last_lines(log: str, most: int) -> str:
 def _replaced(text: str, *, lines: bool) -> str:
     plain = str.replace(text, "\r\n", "\n")
     plain = plain.replace("\r", "\n") if lines else " ".join(plain.split("\n"))
+    # ` at 0x7f…>` becomes `>`; an address without `>` is no object's
     plain = _ADDRESS.sub(lambda match: match[1] or match[0], plain)
     return _UNFIT.sub(lambda match: ascii(match.group())[1:-1], plain)
 
@@ -159,7 +162,7 @@ def cell(value: Any) -> Any:
 
     Text that a spreadsheet would run as a formula gets a `'` before it.
     """
-    # one that has a quote already gets another, else `from_cell` would take the one it has
+    # `'=1` becomes `''=1`: else `from_cell` would make `=1` of it
     if isinstance(value, str) and value.lstrip("'").startswith(_FORMULA) and not _is_number(value):
         return f"'{value}"
     return value

@@ -24,10 +24,10 @@ SEED = click.option(
 )
 
 
-def _trust(context: click.Context, option: click.Parameter, said: bool) -> None:
+def _trust(context: click.Context, option: click.Parameter, trust_all: bool) -> None:
     from sumo_eval.record.trust import trust_what_is_opened
 
-    trust_what_is_opened(said)
+    trust_what_is_opened(trust_all)
 
 
 # gives no argument to its command, as it acts at once

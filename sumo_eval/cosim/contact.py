@@ -39,6 +39,7 @@ def bumper_overlap(ego: Body, other: Body) -> float:
     """Share of the ego's width that the other body covers, seen along the ego's heading, 0..1."""
     across = [_in_frame_of(ego, corner)[1] for corner in other.corners()]
     half = 0.5 * ego.width
+    # ends of the common part, m to the left of the ego's centre
     left, right = min(max(across), half), max(min(across), -half)
     return min(max((left - right) / ego.width, 0.0), 1.0)
 
@@ -58,8 +59,8 @@ def struck_side(ego: Body, other: Body) -> Side:
         "right": 0.5 * ego.width + left,
     }
     nearest = min(depths.values())
-    # at a corner of the ego two faces are touched: their depths differ by as much as both bodies
-    # have grown, at most
+    # at a corner of the ego two faces are touched: both bodies have grown by `_GROWN`, so the
+    # depths of the two differ by at most twice that
     candidates = [side for side, depth in depths.items() if depth <= nearest + 2.0 * _GROWN]
     closing = (other.velocity[0] - ego.velocity[0], other.velocity[1] - ego.velocity[1])
     c, s = math.cos(ego.heading), math.sin(ego.heading)

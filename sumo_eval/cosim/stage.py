@@ -135,7 +135,7 @@ class Stage:
                 calls.setSpeed(name, start.speed)
                 self._told[name] = start.speed
 
-    def closely(self, steps: int) -> bool:
+    def sends(self, steps: int) -> bool:
         """Whether SUMO receives the vehicles in the step after `steps`; else it receives none."""
         return self.asked or self.compares(steps)
 

@@ -204,7 +204,7 @@ def stop_rows(egos: Records, others: Records, samples: FloatArray, row: int, bac
 @rows
 def move_rows(
     cast: Cast, clips: Records, tell: FloatArray, scenario: Records, line: Records, steps: int,
-    closely: int,
+    to_sumo: int,
 ) -> int:  # fmt: skip
     """Move all vehicles by one step; return how many rows of `tell` there are.
 
@@ -213,16 +213,16 @@ def move_rows(
         x and y along and across the road, dx/dt.
     line: knots of the road's line; none: it is straight.
     steps: of the world, this one included.
-    closely: 0: SUMO receives nothing, 1: all, 2: egos, and actors that it cannot move by itself.
+    to_sumo: 0: SUMO receives nothing, 1: all, 2: egos, and actors that it cannot move by itself.
     """
-    count = _move_egos(cast, clips, tell, scenario, line, closely)
+    count = _move_egos(cast, clips, tell, scenario, line, to_sumo)
     play_actors(cast, steps, scenario[0].step, line)
-    return _tell_actors(cast, tell, scenario, line, steps, count, closely)
+    return _tell_actors(cast, tell, scenario, line, steps, count, to_sumo)
 
 
 @kernel
 def _move_egos(
-    cast: Cast, clips: Records, tell: FloatArray, scenario: Records, line: Records, closely: int
+    cast: Cast, clips: Records, tell: FloatArray, scenario: Records, line: Records, to_sumo: int
 ) -> int:
     """Move the egos by one step as commanded, and copy all vehicles' motion to `before`; return how
     many rows of `tell` there are.
@@ -260,7 +260,7 @@ def _move_egos(
             turned = ego.heading != 0.0 or before.heading != 0.0
             if len(line) or turned or ego.speed != before.speed:
                 ego.stale = 1
-            if closely and ego.stale:
+            if to_sumo and ego.stale:
                 ego.stale = 0
                 along = ego.speed * math.cos(ego.heading) / (1.0 - place[3] * ego.y)
                 count = _tell(tell, count, i * (1 + len(others[i])), ego, line, along)
@@ -502,7 +502,7 @@ def _at_work(other: Any, play: Any, acts: Any, now: float, scenario: Any) -> boo
 @kernel
 def _tell_actors(
     cast: Cast, tell: FloatArray, scenario: Records, line: Records, steps: int, count: int,
-    closely: int,
+    to_sumo: int,
 ) -> int:  # fmt: skip
     """Put the actors on the map, and append their rows to `tell`; return how many rows there are
     then.
@@ -522,9 +522,9 @@ def _tell_actors(
             if play.model or other.present == 0:
                 continue
             inner = put_on_map(other, line)
-            if closely == 2 and not _at_work(other, play, acts[i][j], now, scenario[0]):
+            if to_sumo == 2 and not _at_work(other, play, acts[i][j], now, scenario[0]):
                 other.told = 0
-            elif closely:
+            elif to_sumo:
                 other.told = 2
                 along = (
                     other.speed * math.cos(other.heading) - other.across * math.sin(other.heading)

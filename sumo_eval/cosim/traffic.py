@@ -150,7 +150,7 @@ class Traffic(Stage):
         if not self.as_read:
             world.egos["stale"] = 1
 
-    def closely(self, steps: int) -> bool:
+    def sends(self, steps: int) -> bool:
         """Whether SUMO receives everything: vehicles that react see all at every step."""
         return True
 

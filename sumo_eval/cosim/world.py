@@ -84,7 +84,8 @@ _ARRIVED = 0.101  # m; SUMO removes a vehicle whose front is nearer to the end o
 def described(road: Road, vehicle: VehicleSettings, settings: SimulationSettings) -> Records:
     """Two `SCENARIO` records for all rows with this road and vehicle.
 
-    They differ in `step`: the second has a cycle of decisions there (`records.CYCLE`).
+    They differ in `step`: the first has the time step, the second the cycle of decisions
+    (`records.CYCLE`), in whole steps.
     """
     records = np.zeros(2, SCENARIO)
     for name in ("length", "right_edge", "left_edge", "lane_width", "lanes", "bent", "shaped"):
@@ -117,7 +118,7 @@ class World:
     each: settings of each case.
     placed: `MODEL`, `SUMO` or `PLANT`: what moves the egos.
     egos (n,), others (n, m): the vehicles' records.
-    tell: rows that SUMO receives in this step.
+    tell: what SUMO receives in this step, a row for each vehicle, as in `move_rows`.
     shown: x, y, angle and speed of the actors as SUMO shows them, (n, m, 4).
     going: number of cases that have not ended.
     left: reason why a case has left its batch.
@@ -162,13 +163,15 @@ class World:
         self.seen = np.zeros((n, m), MOVER)
         self.shown = np.zeros((n, m, 4))
         self.tell = np.zeros((n * (1 + m), 8))  # as in `move_rows`
-        self._sampled, self._room = 1, 64  # samples taken of a vehicle, at most; room for as many
+        self._sampled = 1  # samples taken of a vehicle, at most
+        self._room = 64  # samples that the arrays have room for
         self.samples = np.zeros((n, 1 + m, self._room, len(CHANNELS)))
         self._batched = "batched" if placed == SUMO and n > 1 else ""  # `Recording.batched`
         models = placed == MODEL and settings.plant is None  # the vehicle model moves all egos
         self._numbers = numbers_of(self.egos)
-        # what moved the egos, in each step: indices among an ego's numbers, and their values
-        self._kept = np.r_[COMMAND] if models else np.array(MOTION)
+        # what moved the egos in each step, (n, steps, values); `_command_columns` are its columns
+        # of `_numbers`
+        self._command_columns = np.r_[COMMAND] if models else np.array(MOTION)
         self._commands = np.zeros((n, self._room, 2 if models else 6))
         self._codes: dict[Any, Any] = {}  # the rules of a step as machine code for these arrays
         # whether SUMO's models drive actors; whether the actors' motion depends on time alone;
@@ -211,18 +214,18 @@ class World:
         )
         self.cast = Cast(self.egos, self.others, *self.players)
 
-    def move(self, *, closely: bool, as_read: bool = False) -> tuple[int, Sequence[int]]:
+    def move(self, *, to_sumo: bool, as_read: bool = False) -> tuple[int, Sequence[int]]:
         """Move all vehicles to the end of the coming step; return the number of rows of `tell`, and
         the numbers of the vehicles that have left.
 
-        closely: SUMO receives the vehicles in this step.
-        as_read: the actors are where SUMO shows them.
+        to_sumo: whether SUMO receives the vehicles in this step.
+        as_read: whether the actors are where SUMO shows them.
         """
-        # quiet: SUMO moves by itself those that only keep their speed
+        # quiet: SUMO need not receive actors that only keep their speed, as it moves them itself
         steps, quiet = self.steps + 1, as_read and self.timed and not len(self.line)
         count = self._run(
             move_rows, self.cast, self.clips, self.tell, self.scenario, self.line, steps,
-            closely * (1 + quiet),  # 0, 1 or 2, as in `move_rows`
+            to_sumo * (1 + quiet),  # 0, 1 or 2, as in `move_rows`
         )  # fmt: skip
         now = steps * self.settings.step
         return self.let_leave(now, count, as_read) if self.may_leave(now) else (count, ())
@@ -232,7 +235,7 @@ class World:
         if self.steps >= self._commands.shape[1]:
             self._commands = np.concatenate([self._commands, np.zeros_like(self._commands)], 1)
         # `take`: indexing a single row by a list takes seven times as long
-        self._numbers.take(self._kept, 1, self._commands[:, self.steps], "clip")
+        self._numbers.take(self._command_columns, 1, self._commands[:, self.steps], "clip")
 
     def see(self, *, sampling: bool = False, as_read: bool = False) -> int:
         """Take in what SUMO shows at the end of the step; the number of cases that ended."""
@@ -300,6 +303,7 @@ class World:
     def note(self, case: int, what: str, requested: float, applied: float, **values: float) -> None:
         """Count a clip that no kernel counts, and keep its worst instance.
 
+        requested, applied: the two numbers of the clip; their meaning depends on `what`.
         values: `count`, and `first`, the first time, s, where they are not 1 and now.
         """
         notes = self.notes[case]
@@ -318,7 +322,7 @@ class World:
         self.places[case] = self.places.get(case) or place
 
     def touched(self, counts: Mapping[str, int], ignored: Mapping[str, str]) -> None:
-        """Record how often the ADS of a single case changed what is not its own.
+        """Record how often the ADS of a case alone changed other things than its ego.
 
         counts: by name of the clip.
         ignored: TraCI call -> why SUMO ignored it, for the log.
@@ -413,7 +417,7 @@ class World:
             self.note(case, "handed_over", first, last, count=len(begins), first=first)
 
     def _in_its_lane_for(self, row: int) -> float:
-        """Time for which the ego's centre has been in its present lane, s."""
+        """Time since the ego's centre entered its present lane, s."""
         count, width = int(self.egos["samples"][row]), float(self.scenario["road"]["lane_width"][0])
         time, y = self.samples[row, 0, :count, 0], self.samples[row, 0, :count, 2]
         # a lane's number: y = 0 is the middle of lane 0

@@ -82,14 +82,18 @@ def _without_cases(new: Evaluation, settings: GateSettings) -> Iterator[GateResu
 def _judge(
     limit: LimitSettings, score: ScenarioResult, part: AdsComparison | None, confidence: float
 ) -> Iterator[GateResult]:
-    """Every bound of a limit on a number of an ADS in a scenario."""
-    quantity, none = limit.quantity, "there is no base to compare with"
+    """Every bound of a limit on a number of an ADS in a scenario.
+
+    part: comparison of the ADS in the scenario; None without a base.
+    """
+    quantity, why = limit.quantity, "there is no base to compare with"
     result = partial(GateResult, quantity, score.ads, score.scenario)
-    baseless = partial(result, None, f"{quantity}: {none}", reason=none)
+    without_base = partial(result, None, f"{quantity}: {why}", reason=why)
+    # the number: of changed cases, or of the new run alone
     if quantity not in _CHANGES:
         value = getattr(score, SCORES[quantity][0] if quantity in SCORES else quantity)
     elif part is None:
-        yield baseless(threshold=limit.at_most)
+        yield without_base(threshold=limit.at_most)
         return
     else:
         value = float(len(part.changed.of(_CHANGES[quantity])))
@@ -97,8 +101,9 @@ def _judge(
     for bound, sign, words in ((limit.at_least, 1.0, "least"), (limit.at_most, -1.0, "most")):
         if bound is None:
             continue
-        stated = "not computed" if value is None or np.isnan(value) else _number(quantity, value)
-        sentence = f"{quantity} is {stated}; it must be at {words} {bound:g}"
+        got = "not computed" if value is None or np.isnan(value) else _number(quantity, value)
+        sentence = f"{quantity} is {got}; it must be at {words} {bound:g}"
+        # beyond the bound by no more than the tolerance, a share of the bound
         ok = value is not None and sign * (value - bound) >= -limit.tolerance * max(1.0, abs(bound))
         keys, worst = ((), ()) if ok or value is None else _worst(quantity, part)
         if keys:
@@ -112,7 +117,7 @@ def _judge(
         if bound is None:
             continue
         if part is None:
-            yield baseless(value=value)
+            yield without_base(value=value)
         else:
             yield _judge_change(limit, score, part, (bound, unit), confidence)
 
@@ -124,7 +129,10 @@ def _judge_change(
     bound: tuple[float, str],
     confidence: float,
 ) -> GateResult:
-    """A bound on how much worse a number may become, and its unit, ` %` of the base's value."""
+    """Compare with the base: a number may become worse only so much.
+
+    bound: how much worse, and its unit: ` %` of the base's value, or empty.
+    """
     quantity, (most, unit) = limit.quantity, bound
     result = partial(GateResult, quantity, score.ads, score.scenario)
     if quantity in part.quantities:
@@ -145,7 +153,7 @@ def _judge_change(
     allowed = abs(change.base) * most / 100.0 if unit else most
     slack = limit.tolerance * max(1.0, abs(change.base))
     excused = limit.only_if_certain and not change.certain
-    ok = sign * (change.base - change.new) <= allowed + slack or excused
+    ok = excused or sign * (change.base - change.new) <= allowed + slack
     worst = () if ok else _worst(quantity, part)[1]
     keys = tuple(change.case for change in worst)
     sentence = _change_words(limit, change, bound, confidence)
@@ -186,8 +194,9 @@ def _why_missing(quantity: str, score: ScenarioResult) -> str:
 def _worst(
     quantity: str, part: AdsComparison | None
 ) -> tuple[tuple[str, ...], tuple[CaseChange, ...]]:
-    """Keys of the cases that a limit on a change is about; the worst of them, else of all that got
-    worse.
+    """Keys of the cases that a quantity counts; and the worst of these, with their changes.
+
+    A quantity that counts no cases has no keys, and the worst of all cases that got worse.
     """
     if part is None:
         return (), ()
@@ -212,20 +221,21 @@ def _judge_cases(
 ) -> Iterator[GateResult]:
     """Every bound of a limit on a column of cases.csv, in every case of the new run by itself."""
     cases = new.cases_of(score.ads, score.scenario)
-    of_u = dict.fromkeys(OF_U, ("U", new.settings.method.collision.unit))
-    _, unit = (WORDS | of_u).get(limit.quantity, ("", ""))
+    _, unit = WORDS.get(limit.quantity, ("", ""))
+    if limit.quantity in OF_U:
+        unit = new.settings.method.collision.unit
     name = "index" if limit.quantity == "d_i" else limit.quantity
     after, before = getattr(cases, name).astype(np.float64), np.full(len(cases), np.nan)
     if part is not None:
         before[part.changed.paired.new_rows] = part.comparable(name)[0]
     for beyond, scale, words in _column_bounds(limit, before, after, unit):
-        # bounds on a change have the base's values as their scale, others the bound itself
-        own, valued = scale is not before, int(np.isfinite(beyond).sum())
+        # own: a bound on the new run's values alone; one on a change has the base's as its scale
+        own, number = scale is not before, int(np.isfinite(beyond).sum())
         result = partial(GateResult, limit.quantity, score.ads, score.scenario, own=own)
-        if valued:
+        if number:
             bad = np.flatnonzero(beyond > limit.tolerance * np.maximum(1.0, np.abs(scale)))
             worst = bad[np.argsort(-beyond[bad], kind="stable")]
-            where = f"{words} in {len(bad)} of {count(valued, 'case')}"
+            where = f"{words} in {len(bad)} of {count(number, 'case')}"
             yield result(
                 not len(bad), f"{limit.quantity} is {where}", float(len(bad)), None,
                 tuple(cases.case[worst[:MOST_KEYS]].tolist()),
@@ -249,9 +259,10 @@ def _judge_cases(
 def _column_bounds(
     limit: LimitSettings, before: FloatArray, after: FloatArray, unit: str
 ) -> Iterator[tuple[FloatArray, FloatArray | float, str]]:
-    """Bounds on a column: how far each case is beyond it, (n,); what the tolerance is a share of;
-    words.
+    """Bounds on a column, each as (beyond, scale, words).
 
+    beyond: how far each case is beyond the bound, (n,).
+    scale: what the tolerance is a share of.
     before, after: values of the base and of the new run, (n,), nan where there is none.
     """
     worse = before - after if limit.quantity in HIGHER_COLUMNS else after - before

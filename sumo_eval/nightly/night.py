@@ -1,12 +1,12 @@
 """One night: evaluate, compare with the last good night, write what people and machines read, add a
 line of history.
 
-DIR/nights/<time>/ is a night, DIR/history.sqlite the history. A night is there once the history has
-its line, which is written last and in one transaction, so nothing half done is ever compared. The
-history also notes which nights began: the folder of one that began and has no line is what a killed
-night left. The next start continues it with `--resume`, and else removes the folder, unless its run
-is complete; it reports either. A folder is removed only if the history lists it as a night of its
-own.
+DIR/nights/<time>/ is the folder of a night, DIR/history.sqlite the history.
+
+A night counts once the history has its line. The line is written last, in one transaction, so no
+unfinished night is ever compared. The history also notes which nights began: one that began and has
+no line was killed. The next start with `--resume` continues it. Any other start removes its folder,
+unless its run is complete. Both are reported. A folder is removed only if the history lists it as its own.
 """
 
 from __future__ import annotations
@@ -91,11 +91,11 @@ def run_night(
     read_evaluation(evaluation)
     _refuse_without_history(history)
     with _only_one(history), open_history(history, create=True) as database:
-        # the newest of these that had begun to record, if nothing came after it
+        # the night to continue: the newest stopped one that had begun to record
         nights = reversed(database.stopped_last() if resume else ())
         stopped = next((name for name in nights if is_run(history / NIGHTS / name)), None)
         notes = _clear_away(history, database, stopped)
-        _room(history, database, stopped)
+        _refuse_without_room(history, database, stopped)
         clock = time.monotonic()
         folder = history / NIGHTS / (stopped or _begin(history, database, notes, resume))
         resume = bool(stopped)
@@ -216,7 +216,7 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
         if (isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)) or getattr(
             error, "sqlite_errorcode", None
         ) == sqlite3.SQLITE_FULL:
-            # what fills a full disk must not stay there until tomorrow
+            # this night's cases must not keep the disk full until tomorrow
             shutil.rmtree(folder, ignore_errors=True)
             rest = "Its recorded cases were removed."
         raise InputError(
@@ -248,7 +248,7 @@ def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet)
 
 
 def _only_one(history: Path) -> AbstractContextManager[None]:
-    """The right to add a night to a history."""
+    """Lock of a history: only its holder may add a night."""
     words = f"process {os.getpid()} since {datetime.now(UTC).isoformat(timespec='seconds')}"
     return held(
         history / LOCK,
@@ -259,8 +259,8 @@ def _only_one(history: Path) -> AbstractContextManager[None]:
 
 
 def _refuse_without_history(history: Path) -> None:
-    """Raise InputError for nights without their history: in a new one none of them would be
-    known.
+    """Raise InputError for folders of nights without a history: a new history would know none of
+    them.
     """
     nights = sorted((history / NIGHTS).glob("*"))
     if nights and not is_begun(history):
@@ -349,7 +349,7 @@ def _line(evaluation: Evaluation, name: str, folder: str, status: int, verdict: 
     )
 
 
-def _room(history: Path, database: History, stopped: str | None) -> None:
+def _refuse_without_room(history: Path, database: History, stopped: str | None) -> None:
     """Refuse to begin what would fill the disk.
 
     stopped: a night that continues, whose files are there already.

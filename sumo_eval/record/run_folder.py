@@ -25,7 +25,7 @@ from sumo_eval.record.lock import held
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.sealed import read_sealed, sealed
 from sumo_eval.record.store import FORMAT_VERSION, Store
-from sumo_eval.record.trust import code_of, give, is_remembered, refuse_foreign_code
+from sumo_eval.record.trust import code_of, is_remembered, refuse_foreign_code, trust_code
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import EvaluationSettings, SimulationSettings
@@ -213,7 +213,7 @@ def give_what_is_own(*runs: Path) -> bool:
         with suppress(InputError, OSError):  # reported when the run is opened
             settings, source = read_evaluation(run / EVALUATION), source_of(run)
             if is_remembered(run, settings, source):
-                give(settings, source)
+                trust_code(settings, source)
                 own.append(run)
     return len(own) == len(runs)
 

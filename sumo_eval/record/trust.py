@@ -26,8 +26,8 @@ Code = tuple[str, str, str]
 folder where that is looked for; no folder for a locator with an absolute path.
 """
 
-_given: set[Code] = set()  # trusted in this process
-_asked = False  # whether the user has given `--trust`
+_trusted: set[Code] = set()  # in this process
+_trust_all = False  # whether the user has given `--trust`
 
 
 def code_of(settings: EvaluationSettings, source: Path, *, driving: bool = True) -> set[Code]:
@@ -58,18 +58,18 @@ def code_of(settings: EvaluationSettings, source: Path, *, driving: bool = True)
     return {_code(what, name, source) for what, name in named}
 
 
-def give(settings: EvaluationSettings, source: Path) -> None:
+def trust_code(settings: EvaluationSettings, source: Path) -> None:
     """Trust the code of an evaluation in this process: the user gave or recorded it."""
-    _given.update(code_of(settings, source))
+    _trusted.update(code_of(settings, source))
 
 
-def trust_what_is_opened(said: bool) -> None:
-    """Trust every run that is opened from now on.
+def trust_what_is_opened(trust_all: bool) -> None:
+    """Trust every run that is opened from now on, or only those that are known.
 
-    said: whether the user has given `--trust`.
+    trust_all: whether the user has given `--trust`.
     """
-    global _asked
-    _asked = said
+    global _trust_all
+    _trust_all = trust_all
 
 
 def remember(run: Path, settings: EvaluationSettings, source: Path) -> None:
@@ -80,13 +80,13 @@ def remember(run: Path, settings: EvaluationSettings, source: Path) -> None:
     code = code_of(settings, source)
     if not code:
         return
-    _given.update(code)
+    _trusted.update(code)
     note = _note(run)
     try:
         note.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        half = note.with_name(f"{note.name}.{os.getpid()}")
-        half.write_text(_hash(code), encoding="ascii")
-        half.replace(note)
+        part = note.with_name(f"{note.name}.{os.getpid()}")  # so that no half note is ever read
+        part.write_text(_hash(code), encoding="ascii")
+        part.replace(note)
     except OSError:  # only this process trusts it; a later one asks the user for `--trust`
         pass
 
@@ -110,14 +110,14 @@ def refuse_foreign_code(
     driving: whether its ADSs will drive.
     """
     code = code_of(settings, source, driving=driving)
-    if code <= _given:
+    if code <= _trusted:
         return
-    if _asked:
+    if _trust_all:
         remember(run, settings, source)
     elif is_remembered(run, settings, source):
-        give(settings, source)  # another run that is opened may name the same code
-    if not code <= _given:
-        what, locator, _ = min(code - _given)
+        trust_code(settings, source)  # another run that is opened may name the same code
+    if not code <= _trusted:
+        what, locator, _ = min(code - _trusted)
         raise InputError(
             f"Run {run} names code, the {what} `{clean(locator)}` with paths from "
             f"{clean(str(source))}, and is not known as recorded by you on this machine. If that "

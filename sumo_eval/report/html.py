@@ -24,7 +24,7 @@ from sumo_eval.report.density import density_maps
 from sumo_eval.report.gate_result import failed
 from sumo_eval.report.packing import packed_json
 from sumo_eval.report.page import REPORT, template, write_page
-from sumo_eval.report.page_data import gathered_words, map_words, page_data, told_cases
+from sumo_eval.report.page_data import embedded_cases, gathered_words, map_words, page_data
 from sumo_eval.report.sections import SECTIONS, Beside, change_content
 from sumo_eval.report.sent_drives import sent_drives
 from sumo_eval.report.words import (
@@ -89,17 +89,17 @@ def _context(
     in_page = shown_cases(
         evaluation, [change.case for gate in beside.gates for change in gate.worst]
     )
-    cases_of = told_cases(evaluation, in_page)
-    cases_of_page = {name: [case for case, _ in cases] for name, cases in cases_of.items()}
+    embedded = embedded_cases(evaluation, in_page)
+    cases_of_page = {name: [case for case, _ in rows] for name, rows in embedded.items()}
     with ThreadPoolExecutor(1) as thread:
         sent = thread.submit(sent_drives, evaluation.folder / FACTS, cases_of_page)
         # `page_data` waits for the drives only when it needs them
         contents = {section.name: section.content(evaluation, beside) for section in SECTIONS}
         shared = _shared(evaluation, partitions, beside, in_page)
-        data = page_data(evaluation, partitions, cases_of, sent.result)
+        data = page_data(evaluation, partitions, embedded, sent.result)
     return {
         **shared,
-        # numbers of points: with trajectories, also with those of their drivers, all
+        # numbers of points: with trajectories in the page, with those of drivers too, in all
         "embedded": {
             "points": data["embedded"],
             "drivers": data["embeddedDrivers"],

@@ -40,16 +40,16 @@ MOST_GROUPS = 12  # of failures of an ADS in a scenario
 def page_data(
     evaluation: Evaluation,
     partitions: Mapping[str, ZonePartition],
-    told: Mapping[str, Sequence[Told]],
+    embedded: Mapping[str, Sequence[EmbeddedCase]],
     sent_drives: Callable[[], SentDrives],
 ) -> dict[str, Any]:
     """Everything the page draws, as plain JSON values.
 
-    told: the cases of the page, by scenario.
+    embedded: the cases of the page, by scenario.
     sent_drives: gives the drives of the page; called last, because a thread prepares them.
     """
     field = evaluation.settings.method.anthropomorphic.field
-    scenarios = [_scenario(evaluation, partitions[name], cases) for name, cases in told.items()]
+    scenarios = [_scenario(evaluation, partitions[name], cases) for name, cases in embedded.items()]
     sent = sent_drives()
     for scenario in scenarios:
         drives = sent.scenarios[scenario["name"]]
@@ -68,16 +68,18 @@ def page_data(
     }
 
 
-Told = tuple[CaseResult, dict[str, Any]]
-"""A case that the page has, and what is said of it beside its row."""
+EmbeddedCase = tuple[CaseResult, dict[str, Any]]
+"""A case that the page has, and what the page says of it in addition to its row."""
 
 
-def told_cases(evaluation: Evaluation, shown: Mapping[str, IntArray]) -> dict[str, list[Told]]:
+def embedded_cases(
+    evaluation: Evaluation, shown: Mapping[str, IntArray]
+) -> dict[str, list[EmbeddedCase]]:
     """The cases that the page has, by scenario, there ADS by ADS.
 
     shown: which these are, by scenario.
     """
-    told: dict[str, list[Told]] = {zone.scenario: [] for zone in evaluation.zones}
+    embedded: dict[str, list[EmbeddedCase]] = {zone.scenario: [] for zone in evaluation.zones}
     for findings in findings_of(evaluation):
         missing, judged = findings.missing, verdicts(evaluation, findings.score)
         ratios, lost, losses = findings.terms.ratio, findings.lost_of_c, findings.share_lost
@@ -85,18 +87,20 @@ def told_cases(evaluation: Evaluation, shown: Mapping[str, IntArray]) -> dict[st
         places = shown[findings.score.scenario]
         for place in places[places < len(findings.cases)].tolist():
             case = findings.cases[place]
-            beside = {
+            details = {
                 "missing": why_missing(case) if missing[place] else None,
                 "avoided": finite(ratios[place]),
                 "lost": finite(lost[place]),
                 "aLost": finite(losses[place]) if case.collided else None,
                 "verdict": str(judged[place]),
             }
-            told[findings.score.scenario].append((case, beside))
-    return told
+            embedded[findings.score.scenario].append((case, details))
+    return embedded
 
 
-def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]) -> dict[str, Any]:
+def _scenario(
+    evaluation: Evaluation, zones: ZonePartition, embedded: Sequence[EmbeddedCase]
+) -> dict[str, Any]:
     """All that the page has of a scenario, except its drives."""
     logical = zones.logical
     cases = evaluation.cases_in(logical.name)
@@ -104,7 +108,7 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
     telling = telling_slice(view, cases)
     # the maps are for the slice at which the page opens
     drawn = replace(view, fixed=telling or view.fixed)
-    rows = [_case(case, logical.row(case.values)) | beside for case, beside in told]
+    rows = [_case(case, logical.row(case.values)) | beside for case, beside in embedded]
     names_of_ads = [score.ads for score in evaluation.scores_in(logical.name)]
     return {
         "name": logical.name,

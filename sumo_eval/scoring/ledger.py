@@ -85,7 +85,7 @@ class Ledger:
         return 0.0 if abs(total) < ROUNDING else total
 
 
-_NONE: Final[Any] = np.empty(0, dtype=np.intp)  # no rows, and no losses
+_NO_CASES: Final[Any] = np.empty(0, dtype=np.intp)  # neither rows nor losses
 _Lines = Iterable[LedgerLine]
 
 
@@ -124,14 +124,14 @@ def _scaled(scale: float, lines: _Lines) -> list[LedgerLine]:
 
 
 def _line(
-    findings: Findings, term: Term, cause: str, places: IntArray = _NONE, *,
-    lost: FloatArray = _NONE, alone: float = 0.0, equation: str = "",
+    findings: Findings, term: Term, cause: str, places: IntArray = _NO_CASES, *,
+    lost: FloatArray = _NO_CASES, alone: float = 0.0, equation: str = "",
 ) -> LedgerLine:  # fmt: skip
     """A line of cases.
 
     places: rows of its cases, (m,).
     lost: loss of each in the index, (m,).
-    alone: index of a line without cases.
+    alone: what a line without cases adds to the index.
     """
     entries = findings.cases[places]
     order = np.lexsort((entries.case, -lost))  # by loss, then by name
@@ -241,8 +241,8 @@ def _likeness_lines(findings: Findings) -> _Lines:
     yield _line(findings, "D", whole, alone=1.0, equation="13")
     if findings.score.d is None:
         hits = np.flatnonzero(cases.voids_index)
-        # Without D, S lacks its term (Eq. 18): -1, shared equally by the collisions, because each
-        # alone would void D; -1 without cases if there are none.
+        # Without D, S lacks its whole term (Eq. 18), so the lines add -1. The collisions share it
+        # equally, because each alone would void D. Without any, it is a line without cases.
         each = np.full(len(hits), 1.0 / max(len(hits), 1))
         yield _line(findings, "D", NOT_COMPUTED, hits, lost=each, alone=-1.0, equation="18")
         return
@@ -272,7 +272,7 @@ def _factor_lines(
         cause = name if name in ("similarity", "plausibility") else f"{name} factor"
         lost = share * losses[:, column]
         yield _line(findings, term, cause, places, lost=lost, equation=equation)
-    # by how much it is below the product of its factors; negative (a gain) if it is above
+    # by how much a value is below the product of its factors; negative (a gain) if it is above
     rest = share * (values.prod(axis=1) - likeness[places])
     if (np.abs(rest) > ROUNDING).any():
         cause = "the rest, not a product of the factors"

@@ -60,9 +60,10 @@ class StarDistance(NamedTuple):
 
 
 def star_distance(zones: ZonePartition, row: FloatArray, weight: float) -> StarDistance:
-    """The ray from x* through a point (k,).
+    """The ray from x* through a point.
 
-    weight: its r.
+    row: the point's values, (k,).
+    weight: r of the point (Eq. 16).
     """
     logical, star = zones.logical, zones.most_dangerous[int(zones.nearest_zone(row))]
     away = float(np.linalg.norm(logical.to_unit(row) - logical.to_unit(logical.row(star))))

@@ -56,8 +56,8 @@ def own(tmp_path_factory):
 @pytest.fixture
 def another_process(monkeypatch):
     """What another process of the same user knows."""
-    monkeypatch.setattr(trust, "_given", set())
-    monkeypatch.setattr(trust, "_asked", False)
+    monkeypatch.setattr(trust, "_trusted", set())
+    monkeypatch.setattr(trust, "_trust_all", False)
 
 
 @pytest.fixture
@@ -190,7 +190,7 @@ def test_own_run_that_names_other_code_now_is_refused(own, tmp_path, name, anoth
 def test_trust_is_asked_once(foreign, monkeypatch):
     assert said("score", foreign / "run")[0] == 2
     assert said("score", foreign / "run", "--trust")[0] == 0
-    monkeypatch.setattr(trust, "_given", set())
+    monkeypatch.setattr(trust, "_trusted", set())
     assert said("score", foreign / "run")[0] == 0
 
 
@@ -199,7 +199,7 @@ def test_code_that_the_evaluation_names_is_the_users(foreign, tmp_path):
     base = tmp_path / "base"
     shutil.copytree(foreign / "run", base)
     sumo_eval.evaluate(foreign / "source" / "evaluation.toml", tmp_path / "new")
-    trust._given.clear()
+    trust._trusted.clear()
     status, words = said("compare", base, tmp_path / "new")
     assert status == 0, words
 

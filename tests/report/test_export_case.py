@@ -480,7 +480,7 @@ def test_paths_of_people_and_exposure_stay_what_they_were(run, tmp_path, monkeyp
     text = text.replace('severity = "severity"', 'severity = "harm.py:loss"')
     assert 'cases = "tests"' in text
     (folder / "evaluation.toml").write_text(text)
-    monkeypatch.setattr("sumo_eval.record.trust._asked", True)  # as `--trust` does
+    monkeypatch.setattr("sumo_eval.record.trust._trust_all", True)  # as `--trust` does
     path = next(
         p
         for p in export_case(folder, "cut_in-0001-draws", tmp_path / "out").paths

@@ -226,7 +226,7 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan, tm
 
 
 def test_an_evaluation_with_people_finds_the_files_of_its_run(plan, tmp_path, monkeypatch):
-    monkeypatch.setattr("sumo_eval.record.trust._asked", True)  # as `--trust` does
+    monkeypatch.setattr("sumo_eval.record.trust._trust_all", True)  # as `--trust` does
     run = tmp_path / "run"
     shutil.copytree(plan.run, run)
     text = (run / "evaluation.toml").read_text()

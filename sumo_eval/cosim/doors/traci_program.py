@@ -57,8 +57,7 @@ _SETTINGS = {
         ("width", "WIDTH"),
     )
 }  # fmt: skip
-"""Settings of the ego that SUMO takes silently even if they are nan or infinite, and shows
-afterwards: the number of each as a variable of TraCI."""
+"""Settings of the ego -> their TraCI variables. SUMO accepts nan and infinity for these silently."""
 
 
 @dataclass(slots=True)
@@ -66,7 +65,8 @@ class TraciProgram(Adapter):
     """A program that is a TraCI client of its own; it is not called, it acts while SUMO waits for
     it.
 
-    options: of its entry; `vehicle_type`, the ego's vType as a table, is all that there is.
+    log: output of the program, once it has ended.
+    options: of its entry in the evaluation; only `vehicle_type`, the ego's vType as a table.
     """
 
     command: tuple[str, ...]
@@ -125,8 +125,9 @@ class ServedSimulation:
         self.FatalTraCIError = FatalTraCIError
 
     def begin(self) -> None:
-        """Be the first of two clients and insert the vehicles, which moves nothing; SUMO waits
-        until both are there.
+        """Become the first of two clients, and insert the vehicles by a step in which none moves.
+
+        SUMO answers only when both clients are connected.
         """
         self._wait(lambda: self._connection.setOrder(1), START_TIMEOUT)
         self._wait(self._connection.simulationStep, START_TIMEOUT)
@@ -136,8 +137,8 @@ class ServedSimulation:
     def simulationStep(self) -> None:  # noqa: N802 - TraCI's name
         """Ask for a step, which SUMO takes when the program has asked for one too."""
         self._wait(self._connection.simulationStep, self._step_timeout)
-        # the program writes past the harness, which sees what has become of the ego's settings
-        shown = self.vehicle.getSubscriptionResults(EGO)  # has come with the answer to the step
+        # the program writes to SUMO directly, so its values can only be checked afterwards
+        shown = self.vehicle.getSubscriptionResults(EGO)  # came with the answer to the step
         for name, variable in _SETTINGS.items():
             if not math.isfinite(shown.get(variable, 0.0)):
                 # SUMO's clock is one step ahead
@@ -148,10 +149,10 @@ class ServedSimulation:
                 )
 
     def _wait(self, call: Callable[[], object], limit: float) -> None:
-        """The program's turn: SUMO answers when it is over.
-
-        A connection that waited too long reports itself closed.
+        """Send a request, and wait at most `limit` s for SUMO's answer: it comes after the
+        program's turn.
         """
+        # traci reports a timeout as a closed connection, so the time decides what happened
         self._connection._socket.settimeout(None if limit == math.inf else limit)
         asked = clock.perf_counter()
         try:
@@ -231,20 +232,20 @@ def _variables(port: int) -> dict[str, str]:
 
 
 def _hang_up(program: ChildProgram, relay: Relay) -> None:
-    """Wait no longer for a program that has ended without connecting: else SUMO would wait for it
-    for ever, and this process for SUMO.
+    """Stop listening when the program ends: SUMO would wait for ever for one that never connected,
+    and this process for SUMO.
     """
     program.process.wait()
     relay.end()
 
 
 def _connect(server: PrivateServer, logs: tuple[Path, ...]) -> Any:
-    """The harness's connection, when the server has begun and both of its clients are connected."""
+    """The harness's connection. Both clients connect as soon as the server listens."""
     until = clock.monotonic() + START_TIMEOUT
     while True:
         try:
             server.connect()
-            return _over(server.sockets[0])
+            return _traci_connection(server.sockets[0])
         except OSError as error:
             if server.process.poll() is not None or clock.monotonic() > until:
                 raise SimulationError(
@@ -254,9 +255,11 @@ def _connect(server: PrivateServer, logs: tuple[Path, ...]) -> Any:
                 server.process.wait(_BETWEEN_TRIES)
 
 
-def _over(connected: socket.socket) -> Any:
-    """A TraCI connection over a socket that is connected already; its class makes and connects one
-    of its own.
+def _traci_connection(connected: socket.socket) -> Any:
+    """A TraCI connection over a connected socket.
+
+    The class only makes a socket of its own: it connects that to a listener here, then it is
+    replaced.
     """
     import traci.connection
     import traci.main  # makes the domains that a connection has

@@ -38,8 +38,8 @@ class Catalogs:
         return catalogs
 
     def entry(self, reference: Node) -> Node:
-        """The entry that a <CatalogReference> names, with the values that its parameters have
-        there.
+        """The entry that a <CatalogReference> names, with the values that the reference gives to
+        its parameters.
         """
         name, entry = reference.text("catalogName"), reference.text("entryName")
         catalogs = self._all
@@ -64,12 +64,12 @@ class Catalogs:
         # (catalog, entry) of the references that led here: the same one again is a circle
         if (name, entry) in reference.entries:
             raise reference.fault(f"entry `{entry}` of catalog `{name}` refers to itself")
-        given = {
+        assigned = {
             it.attribute("parameterRef").removeprefix("$"): it.worked_out(it.attribute("value"))
             for it in reference.all("ParameterAssignments/ParameterAssignment")
         }
         # the entry with these parameters, and the constraints that they break
-        part, broken = named[0].declared(given)
+        part, broken = named[0].declared(assigned)
         if broken:
             raise reference.fault(f"a value that it gives breaks a constraint: {broken[0]}")
         return replace(part, entries=(*reference.entries, (name, entry)))

@@ -22,8 +22,9 @@ from sumo_eval.scenario.road.table import bend_name
 from sumo_eval.scenario.trigger import OF_ONE, OF_TWO
 from sumo_eval.text import point_words
 
-_OF_ONE = {op: name for name, op in OF_ONE.items()}
-_OF_TWO = {op: name for name, op in OF_TWO.items()}
+# the words of scenario files for the operations of programs
+_OF_ONE = {op: name for name, op in OF_ONE.items()}  # of a participant
+_OF_TWO = {op: name for name, op in OF_TWO.items()}  # of two participants
 _JOINED = {
     played.ADD: "+", played.SUBTRACT: "-", played.MULTIPLY: "*", played.DIVIDE: "/",
     played.BELOW: "<", played.AT_MOST: "<=", played.AND: "and", played.OR: "or",
@@ -35,7 +36,8 @@ _OF_NUMBERS = {played.SMALLER: "min", played.LARGER: "max"}
 def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
     """The content of the scenario file for one point of an OpenSCENARIO file.
 
-    Raises InputError where `point` leaves parameters open, or a scenario file cannot say it all.
+    Raises InputError where `point` leaves parameters open, and for a case that a scenario file
+    cannot express.
     """
     missing = [axis.name for axis in read.space.axes if axis.name not in point]
     if missing:
@@ -45,8 +47,8 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
             'the OpenSCENARIO file itself: `use = "FILE.xosc"`.'
         )
     case = concrete(read, point)
-    for what, holds in _unsaid(case).items():
-        if holds:
+    for what, occurs in _inexpressible(case).items():
+        if occurs:
             raise InputError(
                 f"A scenario file has no words for {what} of {case.scenario}: it plays from the "
                 "OpenSCENARIO file itself."
@@ -72,13 +74,13 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
         # a number of the parameter, too, because a file must use each of its parameters
         "ego": {"speed": f"{case.ego.speed!r} + 0 * {ONLY}", "x": case.ego.x, "y": case.ego.y}
                | ({} if body is None else {"length": body.length, "width": body.width}),
-        "vehicle": [_vehicle(actor, name, names) for actor,
-            name in zip(case.actors, names, strict=True)],
+        "vehicle": [_vehicle(actor, name, names)
+                    for actor, name in zip(case.actors, names, strict=True)],
     }  # fmt: skip
 
 
-def _unsaid(case: ConcreteScenario) -> dict[str, bool]:
-    """For each thing that a scenario file cannot say, whether the case has it.
+def _inexpressible(case: ConcreteScenario) -> dict[str, bool]:
+    """For each thing that a scenario file cannot express, whether the case has it.
 
     Cases that `sumo-eval export` wrote can have these.
     """
@@ -109,7 +111,8 @@ def _names(actors: Sequence[Actor]) -> list[str]:
 
 def _road(road: Road) -> dict[str, Any]:
     name = road.name
-    for named in (False, True):  # reading a scenario file adds the curves to the road's name
+    # without the ending that tells the curves: reading the scenario file adds it again
+    for named in (False, True):
         name = name.removesuffix(bend_name(road.line, named=named))
     return {
         "name": name, "lanes": road.lanes, "lane_width": road.lane_width,
@@ -119,8 +122,9 @@ def _road(road: Road) -> dict[str, Any]:
 
 def _piece(piece: Piece) -> dict[str, float]:
     keys = ("radius",) if piece.begin == piece.end else ("begin_radius", "end_radius")
-    values = zip(keys, (piece.begin, piece.end), strict=False)
-    return {"length": piece.length} | {key: 1.0 / value for key, value in values if value}
+    curvatures = zip(keys, (piece.begin, piece.end), strict=False)  # 1/m
+    # a straight end has no radius
+    return {"length": piece.length} | {key: 1.0 / value for key, value in curvatures if value}
 
 
 def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> dict[str, Any]:
@@ -132,9 +136,9 @@ def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> dict[str, Any]:
     }  # fmt: skip
     if actor.lively:
         table["heading"] = math.degrees(heading)
-    # without `concrete.keeps_on`, the last one, which never begins
-    begin = [act for act in actor.acts if math.isfinite(act.begin)]
-    table["manoeuvre"] = [_act(act, f"act{k}", names) for k, act in enumerate(begin)]
+    # the last act, `concrete.keeps_on`, never begins
+    acts = [act for act in actor.acts if math.isfinite(act.begin)]
+    table["manoeuvre"] = [_act(act, f"act{k}", names) for k, act in enumerate(acts)]
     return table
 
 
@@ -162,25 +166,27 @@ def _act(act: played.Act, name: str, names: Sequence[str]) -> dict[str, Any]:
 
 
 def condition_text(program: played.Program, names: Sequence[str]) -> str:
-    """The condition that a program of `scenario.played` works out, in the language of scenario
+    """The condition that a program of `scenario.played` computes, in the language of scenario
     files.
+
+    names: of the actors.
     """
 
-    def who(number: int) -> str:
+    def participant(number: int) -> str:
         return "ego" if number == played.EGO else names[number]
 
-    stack: list[str] = []
-    for op, first, two, value in program:
+    stack: list[str] = []  # texts of the values on the program's stack
+    for op, first, second, value in program:
         if op == played.VALUE:
             stack.append(repr(float(value)))
         elif op == played.TIME:
             stack.append("time")
         elif op in _OF_ONE:
-            stack.append(f"{_OF_ONE[op]}({who(first)})")
+            stack.append(f"{_OF_ONE[op]}({participant(first)})")
         elif op in _OF_TWO:
-            stack.append(f"{_OF_TWO[op]}({who(first)}, {who(two)})")
+            stack.append(f"{_OF_TWO[op]}({participant(first)}, {participant(second)})")
         elif op == played.ENDED:
-            stack.append(f"ended({who(first)}, act{two})")
+            stack.append(f"ended({participant(first)}, act{second})")
         elif op in _OF_A_NUMBER:
             stack.append(f"{_OF_A_NUMBER[op]}({stack.pop()})")
         else:

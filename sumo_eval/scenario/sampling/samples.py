@@ -37,7 +37,7 @@ class Sample:
     points: (n, k), those that exist.
     refused: (m, k), those that a constraint of the scenario rules out.
     exposure: (n,), how much each point counts, up to a factor: the scenario's exposure, divided by
-        how much more likely the method was to choose the point.
+        the density of the method's choice, which is 1 everywhere for an even method.
     notes: sentences about what the choice could not do as asked.
     method: its name.
     stands_for, stratum: as in `Drawn`.
@@ -99,7 +99,7 @@ def sample(
     method: a name in METHODS, the name of one of the scenario's own samples, or the locator of a
         function `(space, n, rng) -> points`. None: the grid where levels or steps are given, the
         file where one is given, else the scenario's default.
-    levels, steps: short for a request of no more than these.
+    levels, steps: the same as a request that has only these.
     Raises InputError for an unknown method, for a key that the method does not take, and for what
     makes no points.
     """
@@ -147,7 +147,7 @@ def _refusals(logical: LogicalScenario, refused: FloatArray) -> str:
 
 
 def _rows(values: Any, chosen: BoolArray) -> Any:
-    """These rows of an array; None of None."""
+    """The chosen rows of an array; None if there is no array."""
     return None if values is None else values[chosen]
 
 
