@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 Classes = Mapping[str, type]
-# keys of the JSON objects: of a record its class and its fields; a mapping; an array
-_IS, _OF = "is", "of"
-_MAP, _ARRAY = "map", "array"
+_CLASS, _VALUES = "is", "of"  # keys of the JSON object of a record: its class, its fields' values
+_MAP, _ARRAY = "map", "array"  # the only key of that of a mapping, of an array
 
 
 def encoded(value: object) -> bytes:
@@ -40,8 +39,8 @@ def plain(value: Any) -> Any:
     """
     if is_dataclass(value) and not isinstance(value, type):
         return {
-            _IS: type(value).__name__,
-            _OF: [plain(getattr(value, field.name)) for field in fields(value)],
+            _CLASS: type(value).__name__,
+            _VALUES: [plain(getattr(value, field.name)) for field in fields(value)],
         }
     if isinstance(value, Mapping):
         return {_MAP: [[plain(key), plain(item)] for key, item in value.items()]}
@@ -66,4 +65,4 @@ def record_of(value: Any, classes: Classes) -> Any:
         return np.frombuffer(b64decode(data), dtype=kind).reshape(shape).copy()
     if _MAP in value:
         return {record_of(key, classes): record_of(item, classes) for key, item in value[_MAP]}
-    return classes[value[_IS]](*(record_of(item, classes) for item in value[_OF]))
+    return classes[value[_CLASS]](*(record_of(item, classes) for item in value[_VALUES]))

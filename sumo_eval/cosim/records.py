@@ -83,7 +83,10 @@ ends: 1 if its first lane ends at `by`.
 
 
 def numbers_of(records: Records) -> FloatArray:
-    """The numbers of records, whose fields have eight bytes, in place: of counts only the bits."""
+    """Records as rows of numbers, (..., fields), without a copy: each field has eight bytes.
+
+    A count shows as the number that has its bits.
+    """
     return records.view(np.float64).reshape(*records.shape, records.itemsize // 8)
 
 
@@ -101,14 +104,17 @@ EGO = np.dtype(
 The first fields are those of a `Body`.
 before: at the start of the step.
 next: the state that a plant gave; of an ego that SUMO moves only its speed, m/s along its lane.
-stood: for how long it has stood, s. scripted_until: when the actors' scripts are over, s.
+stood: for how long it has stood, s.
+scripted_until: when the actors' scripts are over, s.
 placed: what moves it: `SUMO`, `MODEL` or `PLANT`.
-stale: 1 if SUMO has not received its last motion; of an ego that SUMO moves: if it does so only
-    since this step.
+stale: 1 if SUMO has not received its last motion; of an ego that SUMO moves: 1 if SUMO began to in
+    this step.
 reason: why the case has ended, a place in `REASONS`; 0: it has not.
-share: of the step at which it touched actor number `struck`.
+struck: number of the actor that it touched.
+share: share of the step that had passed at the contact.
 settled: 1 if its ADS will do nothing new.
-samples: number of its samples. begun: step of the world at which the case began.
+samples: number of its samples.
+begun: step of the world at which the case began.
 slip, yaw_rate: of the dynamic vehicle model, rad and rad/s.
 way: as in `_WAY`."""
 

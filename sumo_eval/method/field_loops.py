@@ -36,7 +36,7 @@ EXP = tuple(
     .coef.tolist()
 )
 QUICK_DISTANCE = 1e15  # m; its square is far within single precision
-QUARTER = np.float32(0.25)
+QUARTER = np.float32(0.25)  # in single precision, so that the guess is, too
 ROOT_OF_TWO = math.sqrt(2.0)
 
 
@@ -54,15 +54,18 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
     k1: decay with distance.
 
     Every inner loop is over the points of a block and becomes vector instructions. A sample more
-    than 1 m away from all points of a block is quick, because it needs no decisions. With u =
-    1/sqrt(r) its field for k1 = 0.5 is u exp(f), f = (k2 v r) u^2, with the vectors v and r. A
-    first `guess` of u is computed in single precision and improved by one Newton step in double
-    precision. The loop holds u / sqrt(2), for which the step has one multiplication less. While it
-    sums one sample's polynomial it computes the next sample's guess: the processor does both at a
+    than 1 m away from all points of a block is quick, because it needs no decisions. For k1 = 0.5
+    its field is exp(f) / sqrt(r), f = k2 (v . r) / r, with the vectors v and r.
+
+    u = 1 / sqrt(2 r) is guessed in single precision, then improved by one Newton step in
+    double precision: u + u (1/4 - r^2 u^4). With the root of 2 in u, the step has one
+    multiplication less. So f = 2 k2 (v . r) u^2, and the field is sqrt(2) u exp(f). While one
+    sample's polynomial is summed, the next sample's u is guessed: the processor does both at a
     time.
     """
     field = np.empty(points.shape[0])
     px, py, total = np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE)
+    # of each point: r^2 to the sample, m2, and the guess of u
     square, guess = np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE, dtype=np.float32)
     quick = np.empty(samples.shape[0], dtype=np.int64)
     for first in range(0, points.shape[0], POINTS_AT_ONCE):
@@ -101,9 +104,9 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
                 square[i] = dx * dx + dy * dy
                 guess[i] = math.sqrt(math.sqrt(QUARTER / np.float32(square[i])))
             for j in range(count):
-                now = quick[j]
-                x, y, weight = samples[now, 0], samples[now, 1], samples[now, 5] * ROOT_OF_TWO
-                along_x, along_y = 2.0 * samples[now, 2], 2.0 * samples[now, 3]
+                row = quick[j]
+                x, y, weight = samples[row, 0], samples[row, 1], samples[row, 5] * ROOT_OF_TWO
+                along_x, along_y = 2.0 * samples[row, 2], 2.0 * samples[row, 3]
                 e0, e1, e2 = weight * EXP[0], weight * EXP[1], weight * EXP[2]
                 e3, e4, e5 = weight * EXP[3], weight * EXP[4], weight * EXP[5]
                 e6, e7, e8 = weight * EXP[6], weight * EXP[7], weight * EXP[8]
@@ -283,11 +286,12 @@ def put_field(
                 value, share = far[box, a, b], shares[a, first:last]
                 for row in range(n):
                     into[row] += value * share[row]
-        # the two last terms of Clenshaw's recurrence, and its result: the field of far samples
+        # Clenshaw's sum of a Chebyshev series is the field of far samples; now, before: the two
+        # last terms of its recurrence
         now, before, interpolated = np.empty(n), np.empty(n), np.empty(n)
         for point in range(k):
             place = across[point, first:last]
-            for row in range(n):  # Clenshaw's sum of a Chebyshev series
+            for row in range(n):
                 now[row], before[row] = series[q - 1, row], 0.0
             for b in range(q - 2, 0, -1):
                 term = series[b]

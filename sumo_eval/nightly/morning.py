@@ -163,8 +163,9 @@ def morning_lines(result: NightResult) -> list[str]:
     lines = [f"{'DIFFERS' if difference.decides else 'differs'}: {one_line(difference.words)}"
              for difference in (comparison.differences if comparison else ())]  # fmt: skip
     lines += [
-        f"no partner: {one_line(group.ads)} in {group.scenario}: {group.lost} of {group.of} cases lost, "
-        f"{group.added} added" + (f" ({', '.join(group.examples)})" if group.examples else "")
+        f"no partner: {one_line(group.ads)} in {group.scenario}: {group.lost} of {group.of} "
+        f"cases lost, {group.added} added"
+        + (f" ({', '.join(group.examples)})" if group.examples else "")
         for group in (comparison.unpaired if comparison else ())
     ]
     since = {name: start.words for name, start in judged.since.items()}

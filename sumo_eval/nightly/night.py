@@ -6,7 +6,8 @@ DIR/nights/<time>/ is the folder of a night, DIR/history.sqlite the history.
 A night counts once the history has its line. The line is written last, in one transaction, so no
 unfinished night is ever compared. The history also notes which nights began: one that began and has
 no line was killed. The next start with `--resume` continues it. Any other start removes its folder,
-unless its run is complete. Both are reported. A folder is removed only if the history lists it as its own.
+unless its run is complete. Both are reported. A folder is removed only if the history lists it as
+its own.
 """
 
 from __future__ import annotations
@@ -109,8 +110,8 @@ def run_night(
             judged = judge_night(history, database, scored, gate, progress)
             notes += [*recorded.notes, *judged.bases.notes]
             notes += [
-                f"{ads} drove {repeats.cases - repeats.alike} of {count(repeats.cases, 'case')} differently "
-                "the second time, so its limits have wider tolerances."
+                f"{ads} drove {repeats.cases - repeats.alike} of {count(repeats.cases, 'case')} "
+                "differently the second time, so its limits have wider tolerances."
                 for ads, repeats in judged.noise.repeats.items()
                 if repeats.noisy
             ]

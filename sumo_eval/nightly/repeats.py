@@ -140,7 +140,7 @@ def bad_again(
     for _ in range(settings.outcome.repeats if bases else 0):
         for case, row in _rerun(evaluation, bases, place).items():
             base, units = bases[case]
-            old, new = (Ends.of(CaseTable.of([case])) for case in (base, row))
+            old, new = (Ends.of(CaseTable.of([it])) for it in (base, row))
             limit = severity_limit(settings, noise.of(row.ads), units)
             bad[case] += any(flags.any() for flags in worse_ends(old, new, limit).values())
     return bad

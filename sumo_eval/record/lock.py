@@ -40,7 +40,8 @@ def held(path: Path, words: str, folder: str, busy: Callable[[str], str]) -> Ite
 def _locked(path: Path, words: str, busy: Callable[[str], str]) -> int:
     """The opened and locked file.
 
-    Its last owner may have removed it between `open` and `_lock`; such a lock keeps no process out.
+    Its last owner may have removed it between `open` and `_lock`. Then another process would make
+    and lock a new file, so this one opens it again.
     """
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)

@@ -116,14 +116,14 @@ def task_words(scene: CaseDrives, logical: LogicalScenario, margin: float) -> _S
     if delay is None:
         return
     references = (delay.drivers, count(delay.drivers, "driver")), (delay.car, "the reference car")
-    reference_words = " and ".join(words for number, words in references if number)
+    names = " and ".join(words for number, words in references if number)
     way, time = f"{delay.way:z.0f} m", f"{delay.time:z.1f} s"
-    short = f"{way} of {delay.of:z.0f} m, from {time} on; {reference_words} drove on."
+    short = f"{way} of {delay.of:z.0f} m, from {time} on; {names} drove on."
     words = {
         "missed": f"Missed the lane change that was due after {way}.",
         "stood": f"Stood after {short}",
         "short": f"Came no further than {short}",
-        "late": f"Needed {time} for {way}; the slowest of {reference_words} needed {delay.of:z.1f} s.",
+        "late": f"Needed {time} for {way}; the slowest of {names} needed {delay.of:z.1f} s.",
     }
     yield words[delay.what], delay.time
 

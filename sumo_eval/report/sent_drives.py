@@ -147,9 +147,9 @@ def worth_embedding(
     """The points whose trajectories travel in the page: all, or as many as `most_runs` allows, the
     most telling first.
 
-    First, without their drivers, the cases that could not be evaluated, then the incidents, the
-    hardest first. Then, as far as there is room, all points in the same order with their drivers;
-    after the incidents come the least human-like cases.
+    The order: cases that could not be evaluated, incidents, the hardest first, then the least
+    human-like cases. First, points up to the last incident get room without their drivers. What is
+    left goes to the drivers, and from there on to points with their drivers, in the same order.
 
     cases_of: those that the page has, by scenario.
     points_of: their points, by case.
@@ -172,19 +172,20 @@ def worth_embedding(
     # trajectories at each point, of the ADSs and of the drivers
     own, humans = (np.array([number[point] for point in order]) for number in runs.values())
     hits = sum(tell >= HIT for tell in tells.values())
-    # of the first points in this order, how many have room without drivers, and with them
+    # the first points in this order that have room without drivers
     alone = int(np.searchsorted(np.cumsum(own[:hits]), most_runs, side="right"))
-    humans[alone:] += own[alone:]
+    # the first that have room with drivers: those of `alone` then need their drivers only
+    further = np.where(np.arange(len(order)) < alone, humans, own + humans)
     left = most_runs - own[:alone].sum()
-    both = int(np.searchsorted(np.cumsum(humans), left, side="right"))
+    both = int(np.searchsorted(np.cumsum(further), left, side="right"))
     return Embedded(frozenset(order[: max(alone, both)]), frozenset(order[:both]))
 
 
 def contact(
     hit: Collision | None, ego: Trajectory | None, last: float | None = None
 ) -> dict[str, Any] | None:
-    """Contact as the replay shows it: time since the recording began, name of the other vehicle,
-    touched side.
+    """Contact as the replay shows it: name of the other vehicle, touched side, and, in s since the
+    recording began, its time and the last moment.
 
     last: the last moment at which full braking avoids it, s.
     """

@@ -66,18 +66,20 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
 
 def _not_computed_lines(scores: Sequence[ScenarioResult]) -> Iterator[str]:
     """Scores that are not computed, with the reason."""
-    alone = [score for score in scores if score.nobody_compared]
+    without_drivers = [score for score in scores if score.nobody_compared]
     for name, field in (("C", "c"), ("D", "d"), ("H", "human_likeness")):
         for score in scores:
             reason = REASON_WITHOUT_C if name == "C" else reason_without(name, score)
-            if getattr(score, field) is not None or (name != "C" and score in alone) or not reason:
+            has_line_below = name != "C" and score in without_drivers
+            if getattr(score, field) is not None or has_line_below or not reason:
                 continue
             line = missing_term(f"{name} of {score.ads} in {score.scenario}", reason)
             # its full stop moves to the end
             yield f"{line[:-1]} of S+." if name == "H" else line
-    if alone:
-        reason = reason_without("H", alone[0])
-        yield f"D and H are not computed in {_names(alone)}: {reason}. They count 0 points."
+    if without_drivers:
+        reason = reason_without("H", without_drivers[0])
+        names = _names(without_drivers)
+        yield f"D and H are not computed in {names}: {reason}. They count 0 points."
     taskless = [score for score in scores if score.task_share is None]
     if taskless:
         yield f"T and S+ are not computed in {_names(taskless)}: {REASON_WITHOUT_T}. Read A' there."
@@ -226,9 +228,7 @@ def change_lines(comparison: Comparison) -> list[str]:
 
 
 def comparison_notes(comparison: Comparison) -> Iterator[str]:
-    """Notes on the ADSs and cases of two runs that are compared, where a reader could assume
-    something else.
-    """
+    """Notes on ADSs and cases that are not compared, or not with their own name or zone."""
     for new, base in comparison.supposed.items():
         yield f"`{new}` is compared with `{base}`: each run has one ADS only."
     for name in comparison.only_new:
@@ -248,8 +248,7 @@ _SEEN = 5e-4
 
 
 def moved_words(item: ChangedCase, unit: str) -> list[str]:
-    """By how much what the change is about moved, and everything else in the case that moves a
-    score.
+    """Differences of a changed case: of U, if its change is about U, and of all that moves a score.
 
     unit: of U.
     """
@@ -366,7 +365,8 @@ def ledger_sentences(account: Ledger) -> list[str]:
     """The lines that cost points, the costliest first: `H lost 6.1 of 50 points: plausibility in 14
     cases.`
     """
-    # points that a term of S can give: its first line, a gain without cases; S+ has 100 points
+    # points that a term of S can give: those of its first line, a gain without cases. T, A and H
+    # have no such line: each can lose all 100 points of S+.
     whole = {
         line.term: line.points for line in account.lines if line.index > 0.0 and not line.entries
     }

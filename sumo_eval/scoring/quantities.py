@@ -65,10 +65,11 @@ class Remarks:
     """Notes on the drives of an ADS in a scenario, collected some drives at a time."""
 
     def __init__(self) -> None:
-        self._blocks: Counter[int] = Counter()  # size of the fixed batch -> drives
-        self._beyond: Counter[str] = Counter()  # why the severity is out of its range -> collisions
-        self._batched: Counter[str] = Counter()  # `Fact.batched` -> drives
-        self._clips: Counter[str] = Counter()  # kind of a clip -> drives
+        # numbers of drives or collisions
+        self._blocks: Counter[int] = Counter()  # by size of the fixed batch
+        self._beyond: Counter[str] = Counter()  # by why the severity is out of its range; "": not
+        self._batched: Counter[str] = Counter()  # by `Fact.batched`
+        self._clips: Counter[str] = Counter()  # by kind of a clip
         self._safe: set[int] = set()  # safe points with a drive of a reference
         self._struck: set[int] = set()  # safe points at which such a drive collides
 
@@ -120,7 +121,6 @@ class Remarks:
         if self._struck:
             yield Counted("references_collide", len(self._struck), len(self._safe))
         yield from reference_notes(cases)
-        # the reason is empty for a collision within the range
         if reasons := sorted((reason, number) for reason, number in self._beyond.items() if reason):
             yield BeyondRange(space.severity.name, tuple(reasons))
 
@@ -307,12 +307,13 @@ def combine(
     c, d = values["c"], values["d"]
     safe, collided, indexed = cases.safe, cases.collided, np.isfinite(cases.index)
     safe_cases, safe_hits = _number(safe), _number(safe & collided)
-    # cases that are missing from a mean; from D only where there may be one
-    lacks, voiding = cases.missing, _number(cases.voids_index)
+    # cases that are missing from a mean; from that of D_i only where it can be computed
+    is_missing, voiding = cases.missing, _number(cases.voids_index)
     if not voiding and people:
-        lacks = lacks | (cases.counts_for_index & ~indexed)
+        is_missing = is_missing | (cases.counts_for_index & ~indexed)
     # their number by zone; + drops zones with 0
-    missing = +Counter[Zone]({"safe": _number(lacks & safe), "hazardous": _number(lacks & ~safe)})
+    in_safe, in_hazardous = _number(is_missing & safe), _number(is_missing & ~safe)
+    missing = +Counter[Zone]({"safe": in_safe, "hazardous": in_hazardous})
     bounds = missing_bounds(cases, terms, values, method, people=people) if missing else {}
     if missing:
         notes.append(CasesMissing(tuple(sorted(missing.items()))))
@@ -380,7 +381,7 @@ def _without_mean(safe: int, voiding: int, with_value: int, *, people: bool) -> 
     """The reason why there is no mean over the safe cases.
 
     safe: number of safe cases.
-    voiding: number of collisions each of which alone voids the mean.
+    voiding: number of collisions, each of which alone voids the mean.
     with_value: number of safe cases with a value.
     """
     if not people:

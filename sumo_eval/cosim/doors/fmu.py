@@ -70,9 +70,9 @@ _TEXTS = ("String", "Binary")
 _TYPES = (*_MADE, *_WHOLE)
 _FATAL = 4  # fmi2Fatal, fmi3Fatal
 AS_IT_STARTS = "start"
-"""In the place of a signal: the input keeps the start value of the FMU.
+"""A mapping to this instead of a signal: the input keeps its start value.
 
-`inputs.*=start`: every input without a signal keeps its start value.
+`inputs.*=start`: every input without a mapping keeps it.
 """
 OBJECTS = (
     "objects_present",
@@ -83,8 +83,8 @@ PLAN = ("plan_time", "plan_x", "plan_y", "plan_heading", "plan_speed")
 """Outputs of an FMU that plans: arrays, or in FMI 2.0 scalars `NAME[1]`, `NAME[2]`, ...; the last
 two may be missing."""
 _OF_A_PLAN = ("plan_count", "plan_number")
-"""Outputs that it may also have: how many of the places are used, and a number that says
-which plan it is."""
+"""Outputs that an FMU that plans may also have: number of places of the arrays that are used, and
+number of the plan: the plan is new when it changes."""
 
 Wired = tuple[Any, str | float]
 """A variable of the FMU, and the name of its signal or its constant (a text variable has only
@@ -125,13 +125,13 @@ class _Fmu:
                 "model exchange": self.description.modelExchange,
                 "scheduled execution": self.description.scheduledExecution,
             }
-            other = " and ".join(kind for kind, found in kinds.items() if found)
+            other = " and ".join(kind for kind, interface in kinds.items() if interface)
             raise InputError(
                 f"FMU `{path.name}` must be one for co-simulation, got one for "
                 f"{other or 'nothing'}."
             )
         self._check_library()
-        # of a variable's unit: what one of it is in SI units
+        # name of a unit -> its size in SI units
         self._factors: dict[Any, float] = {
             unit.name: unit.baseUnit.factor
             for unit in self.description.unitDefinitions
@@ -175,11 +175,12 @@ class _Fmu:
         if rest not in (None, AS_IT_STARTS):
             raise must_be("`inputs.*`", f"FMU `{self.path.name}`", f"`{AS_IT_STARTS}`", rest)
         inputs = [name for name, it in self._variables.items() if it.causality == "input"]
-        given = {**{name: name for name in inputs if name in signals}, **wiring.inputs}
-        given.pop("*", None)
-        wired = [self._wired(name, signal, signals) for name, signal in given.items()]
+        # an input without a mapping takes the signal of its name
+        mapping = {**{name: name for name in inputs if name in signals}, **wiring.inputs}
+        mapping.pop("*", None)
+        wired = [self._wired(name, signal, signals) for name, signal in mapping.items()]
         for name in inputs:
-            if name not in given and rest is None:
+            if name not in mapping and rest is None:
                 raise InputError(
                     f"Input `{name}` of FMU `{self.path.name}` is not a signal; `inputs` must "
                     f"map it. A number is a constant, `{AS_IT_STARTS}` its start value "
@@ -188,15 +189,15 @@ class _Fmu:
                 )
         return [it for it in wired if it is not None]
 
-    def _wired(self, name: str, given: str | float, signals: Sequence[str]) -> Wired | None:
-        """An input and its signal or constant; None where it is left as it starts."""
+    def _wired(self, name: str, value: str | float, signals: Sequence[str]) -> Wired | None:
+        """An input and its signal or constant; None where it keeps its start value."""
         variable = self._variable(name, "inputs")
         owner = f"FMU `{self.path.name}`"
-        if given == AS_IT_STARTS:
+        if value == AS_IT_STARTS:
             return None
         if variable.type in _TEXTS:
-            return variable, given
-        signal = _number(given)
+            return variable, value
+        signal = _number(value)
         if isinstance(signal, float):  # a constant
             if not math.isfinite(signal):
                 raise must_be(f"`{name}`", owner, "finite", signal)
@@ -246,7 +247,7 @@ class _Fmu:
         wired = {}
         for what in lists:
             name = wiring.outputs.get(what, what)
-            places = sorted(
+            places = sorted(  # (2, variable `NAME[2]`)
                 (int(place), variable)
                 for full, variable in self._variables.items()
                 if full.startswith(f"{name}[") and (place := full[len(name) + 1 : -1]).isdecimal()
@@ -314,8 +315,10 @@ class _Fmu:
         """Give the inputs, step from `time` to `time + step`, read the outputs."""
         with self._in_words():
             self._give(self._inputs, signals)
-            done = self._instance.doStep(currentCommunicationPoint=time, communicationStepSize=step)
-        if isinstance(done, tuple) and done[1]:  # of FMI 3
+            flags = self._instance.doStep(
+                currentCommunicationPoint=time, communicationStepSize=step
+            )
+        if isinstance(flags, tuple) and flags[1]:  # FMI 3: `terminateSimulation`
             raise ControllerError(f"FMU `{self.path.name}` asked to end the simulation")
         return self.read(self._outputs)
 
@@ -417,7 +420,7 @@ class _Fmu:
 
 
 def _is_signal(variable: Any, given: Any) -> bool:
-    """Whether a variable is given a signal, by its name, and not a constant."""
+    """Whether a variable receives a signal, by its name, and not a constant."""
     return isinstance(given, str) and variable.type not in _TEXTS
 
 

@@ -57,7 +57,7 @@ _SETTINGS = {
         ("width", "WIDTH"),
     )
 }  # fmt: skip
-"""Settings of the ego -> their TraCI variables. SUMO accepts nan and infinity for these silently."""
+"""Settings of the ego for which SUMO silently accepts nan and infinity -> their TraCI variables."""
 
 
 @dataclass(slots=True)

@@ -26,8 +26,8 @@ from sumo_eval.settings.config import to_toml
 from sumo_eval.trajectory import Trajectory
 
 DRIVES = "drives"  # the folder for `[drivers] cases`
-# least share of the participants who must have driven a point: fewer drivers are no reference
-MOST_OF_THEM = 2.0 / 3.0
+# share of the participants that must have driven a point: fewer drivers are no reference
+LEAST_SHARE = 2.0 / 3.0
 
 
 class DiscardedDrive(NamedTuple):
@@ -49,7 +49,7 @@ class StudyResult(NamedTuple):
     with_drives: number of those whose drives count.
     drives: number of drives that count.
     ratings: number of ratings.
-    drawn: in which ways the road was drawn -> number of drives that count.
+    drawn: how the screen drew the road -> number of drives that count.
     left: drives that do not count.
     files: what was written: folder of drives, ratings, drives left out, evaluation.
     """
@@ -91,9 +91,9 @@ def collect(plan: StudyPlan) -> StudyResult:
                 continue
             file = f"{person.code}/{case.key}.csv"
             _write_drive(drives / file, person.code, drive)
-            way = entry["quality"]["drawn"]
-            if way is not None:
-                drawn[way] += 1
+            how = entry["quality"]["drawn"]
+            if how is not None:
+                drawn[how] += 1
             rows.append({"scenario": case.concrete.scenario, "file": file, **case.concrete.values})
         left += _unfinished(person)
     files = {drives / row["file"] for row in rows}
@@ -186,8 +186,9 @@ def _drive(
 
 
 def _unfinished(person: Participant) -> list[DiscardedDrive]:
-    """Drives on tapes that no step of the journal names: each was ended by its driver, or lost its
-    end with the machine, and was rerun.
+    """Drives on tapes that no step of the journal names.
+
+    Their driver ended them, or they broke off; the participant drove the case again.
     """
     named = {entry.get("tape") for entry in person.done.values()} | {"journal.jsonl"}
     left = []
@@ -207,7 +208,7 @@ def evaluation_of(plan: StudyPlan, people: int) -> str:
     settings = absolute(read_settings(plan.run), Path(read_manifest(plan.run)["source_folder"]))
     drivers = replace(
         settings.drivers, source="recorded", recordings=(), cases=str(plan.folder / DRIVES),
-        least=max(math.ceil(MOST_OF_THEM * people), 2), too_thin="leave_out",
+        least=max(math.ceil(LEAST_SHARE * people), 2), too_thin="leave_out",
     )  # fmt: skip
     # an exposure without recordings of its own used those of the old drivers
     scenarios = tuple(
