@@ -61,24 +61,24 @@ def headline(evaluation: Evaluation) -> Headline:
     return Headline(tuple(zip(order, behaviours, strict=True)), answers, alarmed)
 
 
-def alarms(behaviour: Behaviour) -> list[str]:
+def alarms(counts: Behaviour) -> list[str]:
     """Findings on an ADS that need a look, the gravest first; empty for an ADS without any."""
-    given_up = ", those given up among them" if behaviour.gave_up else ""
+    given_up = ", those given up among them" if counts.gave_up else ""
     causes = (
-        (behaviour.departures, f"left the road in {count(behaviour.departures, 'case')}"),
-        (behaviour.gave_up, f"gave up {count(behaviour.gave_up, 'case')}"),
-        (behaviour.avoidable, count(behaviour.avoidable, "avoidable collision")),
+        (counts.departures, f"left the road in {count(counts.departures, 'case')}"),
+        (counts.gave_up, f"gave up {count(counts.gave_up, 'case')}"),
+        (counts.avoidable, count(counts.avoidable, "avoidable collision")),
         (
-            behaviour.stands,
-            f"stands in {count(behaviour.stands, 'safe case')} where drivers drive on",
+            counts.stands,
+            f"stands in {count(counts.stands, 'safe case')} where drivers drive on",
         ),
         (
-            behaviour.slower,
-            f"slower than the slowest driver in {count(behaviour.slower, 'safe case')}",
+            counts.slower,
+            f"slower than the slowest driver in {count(counts.slower, 'safe case')}",
         ),
         (
-            behaviour.not_evaluated,
-            f"{count(behaviour.not_evaluated, 'case')} not evaluated{given_up}",
+            counts.not_evaluated,
+            f"{count(counts.not_evaluated, 'case')} not evaluated{given_up}",
         ),
     )
     return [words for number_of, words in causes if number_of]

@@ -174,10 +174,10 @@ def worth_embedding(
     hits = sum(tell >= HIT for tell in tells.values())
     # the first points in this order that have room without drivers
     alone = int(np.searchsorted(np.cumsum(own[:hits]), most_runs, side="right"))
-    # the first that have room with drivers: those of `alone` then need their drivers only
-    further = np.where(np.arange(len(order)) < alone, humans, own + humans)
+    # the first that have room with drivers: points of `alone` then need their drivers only
+    humans[alone:] += own[alone:]
     left = most_runs - own[:alone].sum()
-    both = int(np.searchsorted(np.cumsum(further), left, side="right"))
+    both = int(np.searchsorted(np.cumsum(humans), left, side="right"))
     return Embedded(frozenset(order[: max(alone, both)]), frozenset(order[:both]))
 
 

@@ -333,7 +333,8 @@ def _people_words(evaluation: Evaluation) -> str:
     rest = "synthetic drivers fill up" if fills else "the point is left out"
     each = "; ".join(
         f"{people.scenario}: {people.with_people} of "
-        f"{count(people.points, 'safe concrete scenario')}, {count(people.drives, 'recorded drive')}"
+        f"{count(people.points, 'safe concrete scenario')}, "
+        f"{count(people.drives, 'recorded drive')}"
         for people in behind
     )
     return (

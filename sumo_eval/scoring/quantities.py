@@ -312,8 +312,8 @@ def combine(
     if not voiding and people:
         is_missing = is_missing | (cases.counts_for_index & ~indexed)
     # their number by zone; + drops zones with 0
-    in_safe, in_hazardous = _number(is_missing & safe), _number(is_missing & ~safe)
-    missing = +Counter[Zone]({"safe": in_safe, "hazardous": in_hazardous})
+    in_safe = _number(is_missing & safe)
+    missing = +Counter[Zone]({"safe": in_safe, "hazardous": _number(is_missing) - in_safe})
     bounds = missing_bounds(cases, terms, values, method, people=people) if missing else {}
     if missing:
         notes.append(CasesMissing(tuple(sorted(missing.items()))))

@@ -211,20 +211,16 @@ def _ends(cases: Sequence[ConcreteScenario], recordings: Sequence[Recording]) ->
     """
     # cases and their recordings by cause; "": no fault
     alike = defaultdict[str, list[tuple[ConcreteScenario, Recording]]](list)
-    for case, recording in zip(cases, recordings, strict=True):
-        cause = (
-            ""
-            if recording.error is None
-            else without_numbers(recording.error) + recording.error_place
-        )
-        alike[cause].append((case, recording))
+    for case, drive in zip(cases, recordings, strict=True):
+        cause = "" if drive.error is None else without_numbers(drive.error) + drive.error_place
+        alike[cause].append((case, drive))
     findings = [
         Finding(
             "ok",
-            f"drives {case.scenario} ({case.label}) to its end: {recording.end_reason} at "
-            f"{recording.simulated_time:.2f} s",
+            f"drives {case.scenario} ({case.label}) to its end: {drive.end_reason} at "
+            f"{drive.simulated_time:.2f} s",
         )
-        for case, recording in alike.pop("", [])
+        for case, drive in alike.pop("", [])
     ]
     return findings + [_fault(*group[0], len(group), len(cases)) for group in alike.values()]
 
