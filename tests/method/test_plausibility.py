@@ -24,7 +24,7 @@ from sumo_eval.method.plausibility import (
     quantiles_of,
 )
 from sumo_eval.scenario.concrete import smooth_step
-from sumo_eval.trajectory import Collision, Trajectory
+from sumo_eval.trajectory import Trajectory
 
 CALM = {
     "min_ttc": math.inf,
@@ -129,15 +129,6 @@ def test_what_fields_cannot_see_has_no_plausibility():
         drive(np.full(120, 22.0)), {"lead": drive(np.full(120, 22.0), x=4.5 + 0.25 * 22.0)}
     )
     assert plausibility(close, MOTORWAY_PEOPLE) < 0.15
-
-
-def test_a_contact_has_no_gap():
-    ego, lead = drive(np.full(21, 30.0)), drive(np.full(21, 20.0), x=25.5)
-    hit = Collision(
-        2.0, "lead", (30.0, 0.0), (20.0, 0.0), 1.0, "front", (0.0, 0.0, 0.0), (4.5, 0.0, 0.0)
-    )
-    assert extremes_of(ego, {"lead": lead}, hit)["min_ttc"] == 0.0
-    assert plausibility(extremes_of(ego, {"lead": lead}, hit), MOTORWAY_PEOPLE) == 0.0
 
 
 @given(st.sampled_from(list(EXTREMES)), st.floats(0.0, 12.0), st.floats(0.0, 3.0))

@@ -3,61 +3,27 @@
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from refusals import refusal
 
 from sumo_eval.method.score import combined_score, population_scale
 
-index = st.floats(0.0, 1.0)
 
-
-def test_the_score_by_hand():
-    # 60 * 1.25 * 0.4 + 40 * 0.5 * 0.8 = 30 + 16
-    score = combined_score(0.4, 0.8, a=60, b=40, k5=1.25, k6=0.5)
-    assert (score.total, score.c_points, score.d_points) == pytest.approx((46.0, 30.0, 16.0))
-    assert (score.c, score.d) == (0.4, 0.8)
-
-
-def test_the_defaults_are_halves_and_full_marks_are_100():
-    assert combined_score(1.0, 1.0).total == 100.0
-    assert combined_score(0.5, 1.0).total == 75.0
-
-
-def test_without_c_its_term_counts_0_and_reports_it():
-    score = combined_score(None, 0.5)
-    assert (score.total, score.c, score.c_points, score.d_points) == (25.0, None, 0.0, 25.0)
-
-
-def test_without_c_and_d_there_is_no_s_and_never_0_points():
-    assert combined_score(None, None).total is None
-    assert combined_score(0.0, None).total == 0.0
-
-
-def test_without_d_its_term_counts_0_and_reports_it():
-    score = combined_score(0.9, None)
-    assert (score.total, score.d, score.d_points) == (45.0, None, 0.0)
-    assert combined_score(0.9, 0.0).d == 0.0
-
-
-@given(
-    index,
-    index,
-    index,
-    index,
-    st.floats(0.0, 100.0),
-    st.floats(0.1, 3.0),
-    st.floats(0.1, 3.0),
-    index,
+@pytest.mark.parametrize(
+    ("c", "d", "scales", "expected"),
+    [
+        # 60 * 1.25 * 0.4 + 40 * 0.5 * 0.8
+        (0.4, 0.8, {"a": 60, "b": 40, "k5": 1.25, "k6": 0.5}, (46.0, 30.0, 16.0)),
+        (0.5, 1.0, {}, (75.0, 25.0, 50.0)),
+        (None, 0.5, {}, (25.0, 0.0, 25.0)),
+        (0.9, None, {}, (45.0, 45.0, 0.0)),
+        (0.0, None, {}, (0.0, 0.0, 0.0)),
+        (None, None, {}, (None, 0.0, 0.0)),
+    ],
 )
-def test_s_is_linear_in_c_and_d(c, d, other_c, other_d, a, k5, k6, share):
-    scales = {"a": a, "b": 100.0 - a, "k5": k5, "k6": k6}
-    mixed = combined_score(
-        share * c + (1 - share) * other_c, share * d + (1 - share) * other_d, **scales
-    ).total
-    ends = combined_score(c, d, **scales).total, combined_score(other_c, other_d, **scales).total
-    assert mixed == pytest.approx(share * ends[0] + (1 - share) * ends[1], abs=1e-9)
-    assert combined_score(0.0, 0.0, **scales).total == 0.0
+def test_the_score_by_hand(c, d, scales, expected):
+    score = combined_score(c, d, **scales)
+    assert (score.c, score.d, *score[3:]) == pytest.approx((c, d, *expected[1:]))
+    assert score.total == pytest.approx(expected[0])
 
 
 def test_the_population_scale_gives_the_middle_ads_half_of_the_points():

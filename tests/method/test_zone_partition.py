@@ -9,7 +9,7 @@ from refusals import refusal
 from scipy.optimize import minimize
 from scipy.spatial import KDTree
 from twins.spaces import space, two_hills
-from twins.zone_partition import distance_to_change, posterior_mean
+from twins.zone_partition import posterior_mean
 
 from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.criticality import critical_gap, ideal_impact_speed, max_inverse_ttc
@@ -288,19 +288,6 @@ def test_law_a_region_hazardous_for_the_gp_alone_is_not_a_zone():
     assert collision_weight([[100.0]], zones)[0] == pytest.approx(100.0 / 12.0, rel=0.02)
 
 
-def test_a_zone_may_be_safe_on_both_sides():
-    # the crash set of a cut-in is an interval of the gap: |x - 50| + 35 <= 45.102 holds from 39.9
-    # to 60.1
-    band = space([("x", 0.0, 100.0, 5.0)], lambda values: np.abs(values["x"] - 50) + 35)
-    zones = partition(band, QUICK)
-    assert zones.zones == 1
-    x = np.linspace(0, 100, 10_001)[:, None]
-    hazardous = x[zones.hazardous(x), 0]
-    assert (hazardous.min(), hazardous.max()) == pytest.approx((39.9, 60.1), abs=0.5)
-    assert hazardous.size == pytest.approx((hazardous.max() - hazardous.min()) * 100, abs=2)
-    assert zones.most_dangerous[0]["x"] == pytest.approx(50.0, abs=0.01)
-
-
 def test_a_constraint_can_cut_a_zone_in_two():
     def gap(values):
         return 30.0 + 0.0 * values["x"]
@@ -352,20 +339,6 @@ def test_the_worst_point_is_found_in_a_corner_that_no_grid_holds():
     # along the edge 5x + 4y falls with y up to its limit: y = 1.3, x = 2.7 - 1.3*sqrt(2)
     point = partition(corner, QUICK).most_dangerous[0]
     assert (point["x"], point["y"]) == pytest.approx((2.7 - 1.3 * cut, 1.3), abs=1e-6)
-
-
-@pytest.mark.campaign
-def test_boundary_distance_is_what_looking_in_every_direction_finds(hill):
-    points = scattered(hill.logical, 10, seed=5)
-
-    def label(unit):
-        return hill.hazardous(hill.logical.from_unit(unit))
-
-    mine = hill.boundary_distance(points)
-    assert np.array_equal(mine < 0, hill.hazardous(points))
-    assert 2 <= (mine < 0).sum() <= 8
-    for unit, distance in zip(hill.logical.to_unit(points), mine, strict=True):
-        assert abs(distance) == pytest.approx(distance_to_change(unit, label), abs=1e-6)
 
 
 def test_boundary_distance_is_the_least_of_all_distances_to_the_surface(cut_out):
