@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from road_scenes import fresh, mover
 
-from sumo_eval.ads.car_following import Idm
 from sumo_eval.ads.perception import (
     bumper_gap,
     carry_on,
@@ -19,9 +18,7 @@ from sumo_eval.ads.perception import (
     next_ahead,
 )
 from sumo_eval.cosim.records import BODY, MOVER
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.step_rules import show_body
-from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.road.reference_line import knots_of
 
 
@@ -46,26 +43,6 @@ def test_a_turned_body_is_shown_by_its_extents_and_speeds_along_and_across_the_r
         "half_length": 2.0,
                 "half_width": 1.0, "speed": 20.0, "braking": 0.0, "curvature": 0.0}  # fmt: skip
     assert vars(other) == straight
-
-
-def test_a_rule_sees_what_sumo_shows_and_the_harness_records():
-    """Through TraCI and in the loop the same rule drives the same."""
-    concrete = catalogue.load("front_vehicle_cut_out").concrete(
-        ego_speed=20.0, obstacle_speed=5.0, gap=60.0
-    )
-
-    class ThroughTraci:
-        def reset(self, scenario, traci, ego):
-            self.ads = Idm()
-            self.ads.reset(scenario, traci, ego)
-
-        def step(self, traci, ego, time):
-            return self.ads.step(traci, ego, time)
-
-    recording, expected = simulate(concrete, ThroughTraci()), simulate(concrete, "idm")
-    assert recording.end_reason == expected.end_reason
-    assert recording.ego.x == pytest.approx(expected.ego.x, abs=1e-6)
-    assert recording.ego.y == pytest.approx(expected.ego.y, abs=1e-6)
 
 
 def test_gaps_run_from_bumper_to_bumper():

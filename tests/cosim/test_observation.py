@@ -110,13 +110,6 @@ def test_a_function_of_the_observation_or_an_object_with_act_will_do(action):
     }
 
 
-@pytest.mark.parametrize("action", ["brake", None, (1.0, 2.0, 3.0), {"a": 1}])
-def test_an_action_that_is_none_is_the_adss_error(action):
-    found = simulate(case(), lambda observation: action, HALF_SECOND)
-    assert found.end_reason == "ads_error"
-    assert "must be a Command, an acceleration or (acceleration, steering)" in found.error
-
-
 def test_a_policy_receives_road_and_vehicle_not_the_scenario():
     told = []
 

@@ -46,13 +46,16 @@ def test_a_command_is_read_once_a_step():
     )
 
 
-def to_the_left(seen):
-    """20 m/s, 3.5 m to the left within 4 s, after 1 s: a quintic, at rest across at both ends."""
+def _path():
     t = np.arange(0.0, 10.0, 0.25)
     u = np.clip((t - 1.0) / 4.0, 0.0, 1.0)
-    return Plan(
-        t, seen.ego.x + 20.0 * t, seen.ego.y + 3.5 * (10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5)
-    )
+    return t, 3.5 * (10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5)
+
+
+def to_the_left(seen):
+    """20 m/s, 3.5 m to the left within 4 s, after 1 s: a quintic, at rest across at both ends."""
+    t, y = _path()
+    return Plan(t, seen.ego.x + 20.0 * t, seen.ego.y + y)
 
 
 def slower(seen):
@@ -78,12 +81,6 @@ def test_a_lane_change_is_tracked_within_two_centimetres_and_the_worst_error_is_
         abs(y - np.interp(t, *_path())) for t, y in zip(found.ego.time, found.ego.y, strict=True)
     )
     assert worst <= error.applied + 1e-9
-
-
-def _path():
-    t = np.arange(0.0, 10.0, 0.25)
-    u = np.clip((t - 1.0) / 4.0, 0.0, 1.0)
-    return t, 3.5 * (10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5)
 
 
 def test_a_speed_profile_is_tracked_and_the_plans_end_is_on_record():

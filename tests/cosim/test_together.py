@@ -22,29 +22,10 @@ from sumo_eval.scenario import Actor, Start, brake_to_stop, catalogue, constant_
 from sumo_eval.scenario.road.reference_line import arc
 from sumo_eval.scenario.sampling.samples import Request, sample
 from sumo_eval.settings import ConditionSettings, RunSettings, SimulationSettings
-from sumo_eval.trajectory import CHANNELS, Alone
+from sumo_eval.trajectory import Alone, Recording
 
 simulating = importlib.import_module("sumo_eval.cosim.simulation")
 DECIDED = SimulationSettings(end_when_decided=True)
-
-
-def everything(recording):
-    """All of a recording that is no wall time, to the last bit."""
-    vehicles = {"ego": recording.ego, **recording.actors}
-    channels = {
-        name: [getattr(it, channel).tobytes() for channel in CHANNELS]
-        for name, it in vehicles.items()
-    }
-    outcome = repr((recording.end_reason, recording.error, recording.collision, recording.clips))
-    return outcome, channels, [(it.length, it.width) for it in vehicles.values()]
-
-
-def recorded(cases, ads, settings, alone):
-    """What cases driven together record, bit for bit as each of them alone; none is left `alone`."""
-    together = [everything(recording) for recording in simulate_many(cases, ads, settings)]
-    assert not alone
-    assert together == [everything(simulate(concrete, ads, settings)) for concrete in cases]
-    return together
 
 
 def behind(*speeds):
@@ -63,23 +44,6 @@ def alone(monkeypatch):
 
     monkeypatch.setattr(simulating, "simulate", counted)
     return seen
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        pytest.param(SimulationSettings(), id="whole", marks=pytest.mark.campaign),
-        pytest.param(replace(DECIDED, step=0.1), id="decided"),
-    ],
-)
-@pytest.mark.parametrize(
-    ("scenario", "every"),
-    [("cut_in", 191), ("r157_cut_out", 101), ("front_vehicle_braking", 67), ("ncap_ccrb", 11)],
-)
-@pytest.mark.parametrize("ads", ["careful_driver_aeb", "lane_changer", "fsm", "no_reaction"])
-def test_packed_recordings_are_the_unpacked_ones_bit_for_bit(ads, scenario, every, settings, alone):
-    cases = points(scenario, every)
-    recorded(cases, ads, settings, alone)
 
 
 class EasyBraking:
@@ -127,9 +91,12 @@ def test_packed_cases_with_own_changes_are_as_alone(ads, scenarios, share, alone
         request = Request(count=72 // share, seed=1)
         drawn = logical.concretes(sample(logical, "latin_hypercube", request=request).points)
         cases = list(changed(drawn, rng))
-        together = recorded(cases, ads, DECIDED, alone)
+        together = list(simulate_many(cases, ads, DECIDED))
+        assert not alone
+        for concrete, found in zip(cases, together, strict=True):
+            assert found.same_drive(simulate(concrete, ads, DECIDED))
         usual = simulate_many([replace(it, changes=()) for it in cases], ads, DECIDED)
-        different += sum(map(lambda one, two: one != everything(two), together, usual))
+        different += sum(not one.same_drive(two) for one, two in zip(together, usual, strict=True))
         driven += len(cases)
     assert driven >= len(scenarios) * 42 // share
     assert different > 0.2 * driven
@@ -142,9 +109,7 @@ def test_conditions_of_the_run_leave_cases_together(alone):
     own = (("conditions.perception_delay", 0.5), ("conditions.actuation_delay", 0.2))
     changed = [replace(concrete, changes=own) for concrete in cases]
     run = simulate_many(cases, EasyBraking, replace(DECIDED, conditions=conditions))
-    assert list(map(everything, run)) == list(
-        map(everything, simulate_many(changed, EasyBraking, DECIDED))
-    )
+    assert all(map(Recording.same_drive, run, simulate_many(changed, EasyBraking, DECIDED)))
     assert not alone
 
 
@@ -155,15 +120,6 @@ def test_changes_of_the_world_hold_for_references_too():
     assert concrete.without_ads.changes == (("vehicle.friction", 0.3),)
     with refusal(r"conditions\.delay"):
         replace(concrete, changes=(("conditions.delay", 0.5),))
-
-
-@pytest.mark.parametrize("ads", ["ideal_braking", "no_reaction"])
-@pytest.mark.parametrize(
-    "scenario", ["cut_in", "cut_in?lateral_acceleration=1.5", "front_vehicle_cut_out"]
-)
-def test_the_references_are_the_same_bit_for_bit_together_and_alone(scenario, ads, alone):
-    cases = points(scenario, 211)
-    recorded(cases, ads, DECIDED, alone)
 
 
 def test_the_outcome_of_a_decided_case_is_the_one_of_the_whole_case():
@@ -248,7 +204,7 @@ def test_a_faulty_case_costs_only_itself(alone):
     assert "must be a finite number, got nan" in second.error
     assert second.ego.time[-1] == pytest.approx(0.3)  # 6 * 0.05 is a little more than 0.3
     for concrete, found in zip(cases, (first, second, third), strict=True):
-        assert everything(found) == everything(simulate(concrete, Gives(float("nan"), 15.0), SHORT))
+        assert found.same_drive(simulate(concrete, Gives(float("nan"), 15.0), SHORT))
 
 
 @pytest.mark.parametrize(
@@ -258,7 +214,7 @@ def test_what_the_vehicle_cannot_do_is_clipped_and_counted_as_alone(answer, alon
     cases = behind(10.0, 15.0)
     together = list(simulate_many(cases, [Gives(answer, 15.0) for _ in cases], SHORT))
     for concrete, found in zip(cases, together, strict=True):
-        assert everything(found) == everything(simulate(concrete, Gives(answer, 15.0), SHORT))
+        assert found.same_drive(simulate(concrete, Gives(answer, 15.0), SHORT))
     assert not alone
 
 
@@ -289,7 +245,7 @@ def test_every_case_has_a_policy_of_its_own_when_a_class_is_given():
 
     cases = behind(10.0, 15.0)
     for concrete, found in zip(cases, simulate_many(cases, Counts, SHORT), strict=True):
-        assert everything(found) == everything(simulate(concrete, Counts, SHORT))
+        assert found.same_drive(simulate(concrete, Counts, SHORT))
 
 
 class AllAtOnce:
@@ -332,7 +288,7 @@ def test_law_each_policy_over_arrays_drives_its_own_case(alone):
 
     cases, given = [case(lead(50.0))] * 3, [AllAtOnce(), Brakes(), OneByOne()]
     for one, ads in zip(simulate_many(cases, given, SHORT), given, strict=True):
-        assert everything(one) == everything(simulate(cases[0], ads, SHORT))
+        assert one.same_drive(simulate(cases[0], ads, SHORT))
     assert not alone
 
 
@@ -487,7 +443,7 @@ def test_egos_that_steer_and_vehicles_that_turn_are_recorded_as_alone_bit_for_bi
         zip(cases, drivers, together, strict=True)
     ):
         if number % 3 == 0:
-            assert everything(recording) == everything(simulate(concrete, driver))
+            assert recording.same_drive(simulate(concrete, driver))
         reasons.add(recording.end_reason)
     assert reasons >= {"contact", "off_road", "standstill"}
 
@@ -530,7 +486,7 @@ def test_other_vehicles_move_the_same_in_a_batch(name):
     for driver, recording in zip(
         SWAYS, simulate_many(cases, SWAYS, settings, alone=why), strict=True
     ):
-        assert everything(recording) == everything(simulate(SCRIPTS[name], driver, settings))
+        assert recording.same_drive(simulate(SCRIPTS[name], driver, settings))
     assert not why
 
 

@@ -118,19 +118,8 @@ def test_every_call_with_every_number_that_is_none_is_refused(running, domain, c
 
 SILENT = [  # what libsumo takes without a word: measured
     ("setSpeed", (math.nan,), "`speed` = nan", "a finite number"),
-    ("setSpeed", (-math.inf,), "`speed` = -inf", "a finite number"),
-    ("slowDown", (10.0, math.nan), "`duration` = nan", "a finite number"),
     ("slowDown", (10.0, -3.0), "`duration` = -3.0", "within 0..2147483648 s"),
-    ("setMaxSpeed", (math.nan,), "`speed` = nan", "a finite number"),
-    ("setAcceleration", (math.nan, 1.0), "`acceleration` = nan", "a finite number"),
     ("setAcceleration", (1.0, -1.0), "`duration` = -1.0", "within 0..2147483648 s"),
-    ("setTau", (math.nan,), "`tau` = nan", "a finite number"),
-    ("setAccel", (math.nan,), "`accel` = nan", "a finite number"),
-    ("setSpeedFactor", (math.nan,), "`factor` = nan", "a finite number"),
-    ("setMinGap", (math.nan,), "`minGap` = nan", "a finite number"),
-    ("changeSublane", (math.nan,), "`latDist` = nan", "a finite number"),
-    ("setLateralLanePosition", (math.nan,), "`posLat` = nan", "a finite number"),
-    ("setPreviousSpeed", (math.nan,), "`speed` = nan", "a finite number"),
     (
         "setActionStepLength",
         (1e12,),

@@ -11,7 +11,7 @@ from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Model, Road, Start
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import CHANNELS
+from sumo_eval.trajectory import Recording
 
 TWENTY = SimulationSettings(time_limit=12.0)
 ROAD = Road("r", 900.0, 2, 3.5, 300.0)
@@ -33,17 +33,6 @@ def scene(*actors, speed=25.0, y=0.0):
 
 def brakes(observation):
     return -8.0 if observation.time >= 2.0 else 0.0
-
-
-def same(one, two):
-    assert one.error is None
-    assert two.error is None
-    pairs = [(one.ego, two.ego), *((one.actors[name], two.actors[name]) for name in one.actors)]
-    return all(
-        np.array_equal(getattr(a, c), getattr(b, c), equal_nan=True)
-        for a, b in pairs
-        for c in CHANNELS
-    )
 
 
 @pytest.mark.parametrize("model", ["Krauss", "IDM", "EIDM"])
@@ -126,8 +115,9 @@ def test_law_reacting_traffic_has_the_same_bits_in_any_batch():
         alone = [simulate(case, who, TWENTY) for case in cases]
         packed = list(simulate_many(cases, who, TWENTY))
         turned = list(simulate_many(cases[::-1], who, TWENTY))[::-1]
-        assert all(map(same, alone, packed))
-        assert all(map(same, alone, turned))
+        assert not any(it.error for it in alone)
+        assert all(map(Recording.same_drive, alone, packed))
+        assert all(map(Recording.same_drive, alone, turned))
 
 
 def test_law_cases_with_other_numbers_of_vehicles_between_them_have_the_bits_that_they_have_alone(
@@ -155,7 +145,8 @@ def test_law_cases_with_other_numbers_of_vehicles_between_them_have_the_bits_tha
     cases = [few[0], many[0], few[1], many[1], few[2]]
     alone = [simulate(case, "idm", short) for case in cases]
     monkeypatch.setattr(module, "drive", counted)
-    assert all(map(same, alone, simulate_many(cases, "idm", short)))
+    assert not any(it.error for it in alone)
+    assert all(map(Recording.same_drive, alone, simulate_many(cases, "idm", short)))
     assert sorted(sizes) == [2, 3]
 
 
@@ -229,4 +220,10 @@ def test_law_packed_scripts_with_conditions_have_the_bits_of_single_ones():
     logical = scenario_from(content, "t", Path())
     cases = [logical.concrete(v=float(v)) for v in (10, 14, 20, 25, 30)]
     for who in ("idm", "lane_changer", "ideal_braking"):
-        assert all(map(same, [simulate(case, who) for case in cases], simulate_many(cases, who)))
+        assert all(
+            map(
+                Recording.same_drive,
+                [simulate(case, who) for case in cases],
+                simulate_many(cases, who),
+            )
+        )

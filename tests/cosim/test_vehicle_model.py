@@ -98,12 +98,12 @@ def test_releasing_the_brakes_within_a_step_does_not_skip_the_drive_jerk():
 
 
 @pytest.mark.parametrize("step", STEPS)
-def test_drive_rises_with_its_jerk(step):
-    # 0 -> 4 m/s2 at 10 m/s3 takes 0.4 s and brings 4*0.4/2 = 0.8 m/s; distance 10*0.4 + 10*0.4^3/6
-    # = 4.106667 m
-    states, _ = run(driving(10.0), Command(4.0), step, 0.4)
-    assert states[-1].speed == pytest.approx(10.8)
-    assert states[-1].x == pytest.approx(4.1066667)
+@pytest.mark.parametrize("speed", [0.0, 10.0])
+def test_drive_rises_with_its_jerk(step, speed):
+    # 0 -> 4 m/s2 at 10 m/s3 takes 0.4 s and brings 4*0.4/2 = 0.8 m/s; distance v*0.4 + 10*0.4^3/6
+    states, _ = run(driving(speed), Command(4.0), step, 0.4)
+    assert states[-1].speed == pytest.approx(speed + 0.8)
+    assert states[-1].x == pytest.approx(0.4 * speed + 0.1066667)
     accelerations = [state.acceleration for state in states]
     assert max(b - a for a, b in itertools.pairwise(accelerations)) <= 10.0 * step + 1e-12
 
@@ -111,13 +111,6 @@ def test_drive_rises_with_its_jerk(step):
 def test_drive_has_a_limit_and_more_is_recorded():
     state, clips = advance(driving(10.0, 4.0), Command(9.0), CAR, 0.1)
     assert (state.acceleration, clips) == (4.0, (("acceleration", 9.0, 4.0),))
-
-
-@pytest.mark.parametrize("step", STEPS)
-def test_drive_from_a_standstill_starts_from_no_drive(step):
-    # v = 10 t^2/2 until 0.4 s: 0.8 m/s
-    states, _ = run(driving(0.0), Command(4.0), step, 0.4)
-    assert states[-1].speed == pytest.approx(0.8)
 
 
 @pytest.mark.parametrize("step", STEPS)
@@ -163,12 +156,6 @@ def test_a_full_circle_closes():
     end = states[-1]
     assert (end.x, end.y) == (pytest.approx(7.0, abs=1e-9), pytest.approx(-3.0, abs=1e-9))
     assert end.heading == pytest.approx(0.4 + math.tau)
-
-
-def test_positive_steering_turns_left():
-    states, _ = run(driving(5.0), Command(0.0, 0.5), 0.05, 1.0)
-    assert states[-1].y > 0.0
-    assert states[-1].heading > 0.0
 
 
 def test_the_steering_wheel_stops_at_its_end_stop():
@@ -257,22 +244,6 @@ def test_law_acceleration_stays_within_the_limits(state, command, step):
     assert -CAR.max_deceleration - 1e-9 <= after.acceleration <= CAR.max_acceleration + 1e-9
     gained = (after.speed - state.speed) / step
     assert -CAR.max_deceleration - 1e-9 <= gained <= CAR.max_acceleration + 1e-9
-
-
-@given(st.floats(0, 55), st.floats(-9, 4), st.floats(-9, 4), steps)
-def test_law_distance_lies_between_that_of_the_slowest_and_of_the_fastest_speed(
-    speed, acceleration, target, step
-):
-    # sub-steps give the speeds in between, which the end speeds do not when acceleration changes
-    # its sign
-    speeds, a, v = [speed], acceleration, speed
-    for _ in range(20):
-        a, v, _ = drive(v, a, target, CAR, step / 20)
-        speeds.append(v)
-    _, _, distance = drive(speed, acceleration, target, CAR, step)
-    # m/s that the speed can move between two sub-steps
-    room = 0.5 * 60.0 * (step / 20) ** 2 + 9.0 * step / 20
-    assert (min(speeds) - room) * step <= distance <= (max(speeds) + room) * step
 
 
 @given(st.floats(0, 55), st.floats(-9, 4), st.floats(-9, 4))
