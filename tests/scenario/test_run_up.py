@@ -10,11 +10,10 @@ from hypothesis import strategies as st
 from refusals import refusal
 from scenario.test_scenario_file import EXAMPLE
 
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.method.point_criticality import exact_target
 from sumo_eval.scenario import catalogue, constant_lateral, motion
 from sumo_eval.scenario.file import read_scenario
-from sumo_eval.settings import SimulationSettings, ZoneSettings
+from sumo_eval.settings import ZoneSettings
 
 SPEEDS, OFFSETS, BUILD_UPS = st.floats(0.2, 3.0), st.floats(0.1, 6.0), st.floats(0.3, 20.0)
 SIDES = st.sampled_from([1.0, -1.0])
@@ -49,16 +48,6 @@ def test_a_run_up_by_hand():
         -1.5,
         0.0,
     ]
-
-
-def test_a_move_that_ends_within_its_run_up_by_hand():
-    # 0.75 m at 1.5 m/s2: 0.75 t^2 = 0.75 after 1 s, at 1.5 m/s; 3 m/s is never reached
-    move = constant_lateral(begin=0.0, speed=3.0, offset=0.75, acceleration=1.5)
-    assert move.duration == pytest.approx(1.0)
-    assert [motion.lateral_motion(move, t)[0] for t in (0.5, 1.0, 2.0)] == pytest.approx(
-        [0.1875, 0.75, 0.75]
-    )
-    assert [motion.lateral_motion(move, t)[1] for t in (0.5, 1.01)] == [0.75, 0.0]
 
 
 @given(SPEEDS, OFFSETS, BUILD_UPS, SIDES)
@@ -135,40 +124,6 @@ def test_law_the_faster_the_run_up_the_nearer_it_is_to_none():
                     0.5 * speed * rise if time == 0.0 else 0.0
                 )
                 assert abs(other.y(time) - plain.y(time)) <= 1e-9 + speed * rise
-
-
-def test_a_run_up_that_takes_no_time_changes_no_outcome():
-    outcomes = []
-    for row in points(12, 5):
-        values = dict(zip(PLAIN.names, row, strict=True))
-        settings_ = SimulationSettings(end_when_decided=True)
-        plain, run_up = (
-            simulate(each.concrete(**values), "fsm", settings_)
-            for each in (PLAIN, with_run_up(1e9))
-        )
-        assert (plain.collision is None) == (run_up.collision is None)
-        if plain.collision is not None:
-            assert run_up.collision.time == pytest.approx(plain.collision.time, abs=1e-4)
-            assert run_up.collision.relative_speed == pytest.approx(
-                plain.collision.relative_speed, abs=1e-3
-            )
-        outcomes.append(plain.collision is None)
-    assert 0 < sum(outcomes) < len(outcomes)
-
-
-@pytest.mark.parametrize(
-    ("name", "sentence"),
-    [
-        ("cut_in?lateral_acceleration=0", "a finite number of m/s2 above 0, got '0'"),
-        ("cut_in?lateral_acceleration=inf", "a finite number of m/s2 above 0, got 'inf'"),
-        ("cut_in?lateral_acceleration=fast", "a finite number of m/s2"),
-        ("cut_in?lateral_aceleration=1.5", "Did you mean `lateral_acceleration`?"),
-        ("r157_cut_out?lateral_acceleration=1.5", "lateral_acceleration"),
-    ],
-)
-def test_a_run_up_that_is_none_is_refused(name, sentence):
-    with refusal(sentence.replace("?", r"\?")):
-        catalogue.load(name)
 
 
 # --- a scenario of one's own ----------------------------------------------------------------------
