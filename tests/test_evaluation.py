@@ -23,7 +23,7 @@ from sumo_eval.report.html import write_report
 from sumo_eval.report.tables import scores_json, write_tables
 from sumo_eval.report.terminal import closing_lines
 from sumo_eval.report.words import score_note
-from sumo_eval.results import CasesMissing, Counted, DrivesLeftOut, NotComputed, ReferenceMissing
+from sumo_eval.results import CasesMissing, Counted, DrivesLeftOut, ReferenceMissing
 from sumo_eval.settings import (
     AdsSettings,
     DriverSettings,
@@ -66,20 +66,6 @@ def test_the_ideal_vehicle_scores_c_1_where_it_collides_itself(name, tmp_path):
     )
     (score,) = sumo_eval.evaluate(everywhere, tmp_path / "run").scores
     assert (score.c, score.collisions > 0) == (1.0, True)
-
-
-def test_the_ideal_vehicle_scores_c_1_in_every_scenario(done):
-    for scenario in ("front_vehicle_low_speed", "front_vehicle_cut_out"):
-        assert done.score("ideal_braking", scenario).c == 1.0
-
-
-def test_an_ads_that_does_nothing_collides_in_the_safe_zone_and_has_no_d(done):
-    result = done.score("no_reaction", "front_vehicle_low_speed")
-    assert result.d is None
-    assert result.d_points == 0.0
-    assert result.d_reason == NotComputed("collisions", result.safe_collisions)
-    assert result.safe_collisions == result.collisions > 0
-    assert result.c == 0.0, "the ideal vehicle avoids every one of these collisions"
 
 
 def test_the_score_is_eq_18_of_what_is_printed(done):
@@ -130,11 +116,6 @@ def test_no_case_is_lost(done):
             ]
             assert len(rows) == zone.sampled
             assert len({case.case for case in rows}) == len(rows)
-
-
-def test_low_speed_has_no_hazardous_zone_and_cut_out_has_one(done):
-    zones = {zone.scenario: zone.zones for zone in done.zones}
-    assert zones == {"front_vehicle_low_speed": 0, "front_vehicle_cut_out": 1}
 
 
 def test_scoring_again_gives_the_same_numbers_without_a_simulation(done, monkeypatch):
@@ -285,21 +266,6 @@ def test_the_run_folder_holds_what_the_contract_names(done):
     assert {"sumo_eval", "libsumo", "numpy"} <= set(manifest["versions"])
     assert len(list((done.folder / "networks").glob("*.net.xml"))) == 1
     assert len(list((done.folder / "routes").glob("*.rou.xml"))) == 2
-
-
-def test_the_same_configuration_gives_the_same_facts(done, tmp_path):
-    settings = small(("lane_changer",))
-    again = sumo_eval.evaluate(replace(settings, run=RunSettings(workers=1)), tmp_path / "again")
-    with (
-        open_store(done.folder / "facts.sqlite") as first,
-        open_store(again.folder / "facts.sqlite") as second,
-    ):
-        for fact in (*second.facts("ads"), *second.facts("human")):
-            before, after = first.trajectories(fact.case), second.trajectories(fact.case)
-            assert before.keys() == after.keys()
-            for name in before:
-                assert np.array_equal(before[name].x, after[name].x)
-                assert np.array_equal(before[name].y, after[name].y)
 
 
 def test_a_run_folder_is_never_written_over(done):

@@ -124,11 +124,6 @@ def test_what_is_not_a_trajectory_is_refused(arguments, sentence):
         Trajectory(*arguments)
 
 
-def test_an_unknown_steering_angle_may_be_nan():
-    track = Trajectory([0.0, 1.0], [0, 1], [0, 1], steering_wheel_angle=[math.nan, 0.2])
-    assert track.steering_wheel_angle[1] == 0.2
-
-
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_a_trajectory_cannot_be_changed(channel):
     track = Trajectory(TIME, TIME, TIME)

@@ -2,10 +2,18 @@
 
 import numpy as np
 import pytest
-from road_scenes import ROAD, actor, case, cut_outs_at_the_edge, low_speed, safe_cut_outs
+from road_scenes import (
+    ROAD,
+    actor,
+    case,
+    cut_outs_at_the_edge,
+    drawn_cases,
+    low_speed,
+    safe_cut_outs,
+)
 
 from sumo_eval.cosim.simulation import simulate, simulate_many
-from sumo_eval.scenario import Actor, Start, catalogue
+from sumo_eval.scenario import Actor, Start
 
 
 def onset(recording):
@@ -81,9 +89,7 @@ def test_once_the_left_lane_is_free_it_overtakes_after_all():
 
 
 def collisions(name, points):
-    logical = catalogue.load(name)
-    drawn = logical.from_unit(np.random.default_rng(5).random((20 * points, len(logical.names))))
-    cases = list(logical.concretes(drawn[logical.feasible(drawn)][:points]))
+    cases = drawn_cases(name, points, 5)
     return sum(
         recording.collision is not None for recording in simulate_many(cases, "lane_changer")
     )

@@ -5,7 +5,7 @@ import os
 
 import numpy as np
 import pytest
-from road_scenes import ROAD
+from road_scenes import ROAD, drawn_cases
 
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.scenario import catalogue
@@ -144,16 +144,10 @@ def test_the_least_gap_hardly_moves_with_the_step(ads, name, point):
     assert found[0] == pytest.approx(found[1], abs=GRAZE)
 
 
-def drawn(name, count):
-    logical = catalogue.load(name)
-    points = logical.from_unit(np.random.default_rng(21).random((8 * count, len(logical.names))))
-    return list(logical.concretes(points[logical.feasible(points)][:count]))
-
-
 def far_flips(name, ads, count):
     """Points whose outcome at 0.05 s is not that at 0.005 s, and by how much more than a graze one
     run is clear, m."""
-    cases = drawn(name, count)
+    cases = drawn_cases(name, count, 21)
     (coarse, hit, gap), (fine, hit_fine, gap_fine) = (
         outcomes(cases, ads, step) for step in (0.05, 0.005)
     )

@@ -94,12 +94,6 @@ def test_law_facts_of_reacting_traffic_are_the_same_for_two_workers_and_after_a_
     assert sumo_eval.open_run(tmp_path / "half").digest() == first
 
 
-@pytest.mark.campaign
-def test_law_facts_of_reacting_traffic_are_the_same_for_eight_workers(done, tmp_path):
-    eight = sumo_eval.open_run(chased(tmp_path / "eight", 8).folder).digest()
-    assert eight == sumo_eval.open_run(done.folder).digest()
-
-
 STREAM = """
 name = "stream"
 [[scenario]]

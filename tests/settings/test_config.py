@@ -85,6 +85,13 @@ def test_every_mistake_in_a_file_is_named_at_once(tmp_path):
         ('name = "nightly"', "", "`name` in"),
         ("count = 10", "count = 1", "`drivers.count`"),
         ('name = "nightly"', "name = ", "is not valid TOML"),
+        ('name = "mine"', 'name = "~ideal"', "must not begin with `~`"),
+        ('name = "mine"', 'name = ""', "`ads[0].name` in"),
+        (
+            "[drivers]",
+            '[[ads]]\nname = "mine"\ncontroller = "idm"\n[drivers]',
+            "must differ from each other, got 'mine' twice",
+        ),
     ],
 )
 def test_a_wrong_value_is_refused_with_its_path(tmp_path, before, after, sentence):
@@ -100,21 +107,6 @@ def test_a_missing_file_and_a_binary_one_are_refused(tmp_path):
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00\x01")
     with refusal("cannot be read"):
         read_evaluation(tmp_path / "binary.toml")
-
-
-def test_two_ads_of_one_name_are_refused(tmp_path):
-    twice = SMALLEST.replace("[drivers]", '[[ads]]\nname = "mine"\ncontroller = "idm"\n[drivers]')
-    assert "must differ from each other, got 'mine' twice" in message(tmp_path, twice)
-
-
-def test_a_name_that_is_kept_for_the_ideal_vehicle_and_the_drivers_is_refused(tmp_path):
-    assert "must not begin with `~`" in message(
-        tmp_path, SMALLEST.replace('name = "mine"', 'name = "~ideal"')
-    )
-
-
-def test_an_empty_name_is_refused(tmp_path):
-    assert "`ads[0].name` in" in message(tmp_path, SMALLEST.replace('name = "mine"', 'name = ""'))
 
 
 def test_a_change_reaches_the_setting_it_names_and_no_other():
