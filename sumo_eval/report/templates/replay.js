@@ -917,9 +917,12 @@ const sumoReplay = (() => {
       let time = now >= whole - MS ? 0 : now, before = null; // a contact ends a recording, whose times are rounded
       button.textContent = "Pause";
       const tick = (clock) => {
-        time += before === null ? 0 : (clock - before) / 1000 * Number(speed.value);
-        before = clock;
-        if (time < whole && panes.some(({ space }) => space && space.busy())) { // drawing on would only queue up
+        const busy = panes.some(({ space }) => space && space.busy()); // drawing on would only queue up
+        if (before !== null || !busy) { // time passes from the first picture on
+          time += (clock - (before ?? clock)) / 1000 * Number(speed.value);
+          before = clock;
+        }
+        if (time < whole && busy) {
           frame = requestAnimationFrame(tick);
           return undefined;
         }
