@@ -105,7 +105,7 @@ def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | 
     centre, lanes = lane.centre, 2
     if lane.width <= WIDEST:
         centre, lanes = _lanes(ego, road, lane, spot.way)
-    begin, reference = (road.begin, road.line) if spot.way > 0 else road.backward()
+    begin, reference = (road.begin, road.line) if spot.way > 0 else road.begin.backward(road.line)
     origin = begin.moved(0.0, spot.way * centre)
     name = f"{network.path.stem}_{road.name}_{lanes}x{width:g}m_at_{centre:g}m"
     name += "_back" if spot.way < 0 else ""

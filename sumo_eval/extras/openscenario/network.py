@@ -6,16 +6,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.errors import InputError, did_you_mean
 from sumo_eval.extras.openscenario.reading import Node, depends_on
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.road.opendrive import DRIVEN, PROFILES, lane_offset, reference_line
 from sumo_eval.scenario.road.pose import Pose
-from sumo_eval.scenario.road.reference_line import Line, Piece, bends, frame_places, length_of
+from sumo_eval.scenario.road.reference_line import Line, bends, frame_places, length_of
 from sumo_eval.scenario.xml_file import read_xml
 
 WIDEST = 6.0  # m: a wider lane is an area without marks
@@ -49,7 +49,7 @@ def in_frame(pose: Pose, begin: Pose, line: Line, near: float | None = None) -> 
     return Pose(*(float(it) for it in frame_places(line, *at, near)))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class MapRoad:
     """A road of an OpenDRIVE file: where it begins and its reference line.
 
@@ -81,11 +81,6 @@ class MapRoad:
         """s and t of a place on the map, and its heading from the reference line's."""
         return in_frame(pose, self.begin, self.line if self.bent else ())
 
-    def backward(self) -> tuple[Pose, Line]:
-        """The start of the reference line driven from its end, and that line."""
-        line = tuple(Piece(it.length, -it.end, -it.begin) for it in reversed(self.line))
-        return self.pose(self.length, 0.0).moved(0.0, 0.0, math.pi), line
-
     def ahead_in_lane(self, lane: Lane, s: float, length: float) -> float:
         """Length along the reference line, m, of a length along the middle of a lane from s.
 
@@ -105,7 +100,7 @@ class MapRoad:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Network:
     """The roads of a file by id.
 

@@ -131,9 +131,7 @@ def _stretch_or_none(road: Element, owner: str, against: bool) -> ReadRoad | Non
 
 def _meet(before: ReadRoad, begin: Pose) -> bool:
     """Whether a stretch ends at `begin`, within `_MEETS`."""
-    end = before.begin.along(before.line, before.length)
-    turned = math.remainder(end.heading - begin.heading, math.tau)
-    return math.dist(end[:2], begin[:2]) <= _MEETS and abs(turned) <= _MEETS
+    return max(before.begin.along(before.line, before.length).off(begin)) <= _MEETS
 
 
 def _stretch(road: Element, owner: str, *, against: bool) -> ReadRoad:
@@ -143,12 +141,7 @@ def _stretch(road: Element, owner: str, *, against: bool) -> ReadRoad:
         raise must_be("`rule`", owner, "RHT: left-hand traffic is not supported", rule)
     reference, begin = reference_line(road, owner)
     if against:
-        end = begin.along(reference, length_of(reference))
-        begin = end._replace(heading=end.heading + math.pi)
-        # driven backwards, a curve to the left is one to the right
-        reference = tuple(
-            Piece(piece.length, -piece.end, -piece.begin) for piece in reversed(reference)
-        )
+        begin, reference = begin.backward(reference)
     offset, lanes = _driving_lanes(road, owner, length_of(reference), against=against)
     line = beside(reference, offset, owner)
     return ReadRoad(line, *lanes, length_of(line), begin.moved(0.0, offset))
@@ -212,10 +205,8 @@ def _cubic(shape: Element, length: float, owner: str) -> Cubic:
 def _check_joint(pieces: list[Piece], begin: Pose, place: Pose, owner: str) -> None:
     """Each geometry must begin where the ones before it end."""
     s = length_of(pieces)
-    end = begin.along(pieces, s)
-    turned = abs(math.remainder(end.heading - place.heading, math.tau))
-    off, what = math.dist(end[:2], place[:2]), f"The <geometry> at s = {s:g}"
-    _check_near(what, owner, "where the one before it ends", off, turned)
+    off, what = begin.along(pieces, s).off(place), f"The <geometry> at s = {s:g}"
+    _check_near(what, owner, "where the one before it ends", *off)
 
 
 def _check_near(what: str, owner: str, must: str, off: float, turned: float) -> None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from sumo_eval.scenario.road.reference_line import Piece, bends, map_places
+from sumo_eval.scenario.road.reference_line import Line, Piece, bends, length_of, map_places
 
 
 class Pose(NamedTuple):
@@ -28,6 +28,19 @@ class Pose(NamedTuple):
         if not bends(line):
             return self.moved(s, t)
         return self.moved(*(float(it) for it in map_places(tuple(line), s, t)))
+
+    def backward(self, line: Line) -> tuple[Pose, Line]:
+        """Where a line that begins here begins when driven from its end, and that line.
+
+        Driven backwards, a curve to the left is one to the right.
+        """
+        pieces = tuple(Piece(it.length, -it.end, -it.begin) for it in reversed(line))
+        return self.along(line, length_of(line)).moved(0.0, 0.0, math.pi), pieces
+
+    def off(self, other: Pose) -> tuple[float, float]:
+        """Distance to another place, m, and angle between both headings, rad."""
+        turned = math.remainder(self.heading - other.heading, math.tau)
+        return math.dist(self[:2], other[:2]), abs(turned)
 
     def seen_from(self, origin: Pose) -> Pose:
         """The place in the axes of another, `origin`: x ahead of that, y to its left."""
