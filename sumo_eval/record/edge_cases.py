@@ -27,11 +27,8 @@ def edge_cases(logical: LogicalScenario, seed: int) -> list[ConcreteScenario]:
     point is taken twice.
     """
     box = [(item.low, item.high) for item in logical.parameters]
-    corners = (
-        np.array(list(itertools.product(*box)))
-        if len(box) <= _MOST_PARAMETERS
-        else np.empty((0, len(box)))
-    )
+    every = itertools.product(*box) if len(box) <= _MOST_PARAMETERS else ()
+    corners = np.reshape(list(every), (-1, len(box)))
     corners = corners[logical.feasible(corners)]
     points = np.unique(np.concatenate([sample(logical).points, corners]), axis=0)
     risk = np.round(danger(logical, points, ZoneSettings()), 12)  # rounded: equals must stay equal

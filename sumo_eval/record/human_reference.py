@@ -14,7 +14,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from statistics import fmean
@@ -22,6 +22,7 @@ from typing import Any
 
 import sumo_eval.method
 from sumo_eval.coded import decoded, encoded
+from sumo_eval.frozen import frozen
 from sumo_eval.method.anthropomorphic import (
     AnthropomorphicIndex,
     IndexNote,
@@ -44,7 +45,7 @@ _KEPT_AT_ONCE = 32  # new results that are written together; scoring that is sto
 _WORTH_PROCESSES = 160  # fewer drives of human drivers are done sooner than processes start
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PointJob:
     """Requested results at one point.
 
@@ -64,7 +65,7 @@ class PointJob:
     exchanges: tuple[tuple[int, int], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class LeftOut:
     """D_i of a case on coarse slices, compared with different sets of drivers.
 
@@ -97,7 +98,7 @@ class LeftOut:
         )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PointResult:
     """Results at one point, by case; D_i of each driver against all other drivers."""
 
@@ -216,8 +217,9 @@ def method_sources() -> str:
 
 def _looked_up(keys: Mapping[_Name, bytes], cache: KeptResults) -> dict[_Name, bytes]:
     """Those results of a point that are kept, by name; `name[0]` is the kind of result."""
-    results = ((name, cache.get(name[0], key)) for name, key in keys.items())
-    return {name: data for name, data in results if data is not None}
+    return {
+        name: data for name, key in keys.items() if (data := cache.get(name[0], key)) is not None
+    }
 
 
 def _missing(job: PointJob, kept: Collection[_Name]) -> PointJob:

@@ -21,6 +21,7 @@ from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.errors import InputError, StoppedError, check_known, said
+from sumo_eval.frozen import frozen
 from sumo_eval.input_file import hash_of
 from sumo_eval.record.cases import Block, Case, Outcome, Role, Setup
 from sumo_eval.record.claims import NO_USER_CODE, affinity
@@ -52,7 +53,7 @@ REFERENCES: Mapping[Role, str] = {
 for the times of T."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Space:
     """The points of one logical scenario.
 
@@ -83,7 +84,7 @@ class Space:
         return [number for number in self.numbers if not self.hazardous[number]]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Planner:
     """Makes the cases of an evaluation, each with a fingerprint of all that its facts depend on.
 
@@ -233,7 +234,8 @@ def record(
     Raises StoppedError if `stopping` returns true before all cases are recorded; those that are
     done stay recorded.
     """
-    work, drivers = _Work(store, plan.setup, progress, stopping), plan.run.settings.drivers
+    versions, drivers = OneVersion(store.files_read()), plan.run.settings.drivers
+    work = _Work(store, plan.setup, progress, stopping, versions)
     by_space = [stages(space, plan) for space in spaces]
     # the ADSs in all scenarios first, then one role after another
     work.do(list(chain.from_iterable(zip(*by_space, strict=True))))
@@ -248,7 +250,7 @@ def record(
         store.remove(case for case, point, name in cases if point not in safe or name not in names)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class _Stage:
     """Cases of one role in one logical scenario, with the name and total of their progress."""
 
@@ -374,9 +376,7 @@ class _Work:
     setup: Setup
     progress: Progress
     stopping: Stopping
-
-    def __post_init__(self) -> None:
-        self.versions = OneVersion(self.store.files_read())
+    versions: OneVersion
 
     def do(self, stages: Sequence[_Stage]) -> None:
         """Drive the missing cases of all stages in one go, or raise StoppedError."""

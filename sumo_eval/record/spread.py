@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from functools import partial
 from typing import Protocol, TypeVar
 
 from sumo_eval.errors import InputError
@@ -57,23 +56,18 @@ def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]
     with _children(workers) as pool:
         for _ in range(workers):
             pool.submit(prepare)
-        yield partial(_results, pool)
 
+        def results(work: Callable[[Part], Result], parts: Sequence[Part]) -> Iterator[Result]:
+            """Raises InputError if a process of the pool was lost."""
+            try:
+                yield from pool.map(work, parts)
+            except BrokenProcessPool as error:
+                raise InputError(
+                    "A process that computes scores was killed, as happens when memory runs out. "
+                    "Score the run again; `--set run.workers=1` needs the least memory."
+                ) from error
 
-def _results(
-    pool: ProcessPoolExecutor, work: Callable[[Part], Result], parts: Sequence[Part]
-) -> Iterator[Result]:
-    """Results from a pool, in the order of the parts.
-
-    Raises InputError if a process of the pool was lost.
-    """
-    try:
-        yield from pool.map(work, parts)
-    except BrokenProcessPool as error:
-        raise InputError(
-            "A process that computes scores was killed, as happens when memory runs out. Score the "
-            "run again; `--set run.workers=1` needs the least memory."
-        ) from error
+        yield results
 
 
 @contextmanager

@@ -18,13 +18,14 @@ import sqlite3
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from itertools import chain, groupby
 from pathlib import Path
 from sys import intern
 from typing import Any
 
 from sumo_eval.errors import InputError
+from sumo_eval.frozen import frozen
 from sumo_eval.record.cases import Case, Outcome, Role, Status
 from sumo_eval.record.kept import EGO as EGO
 from sumo_eval.record.kept import KeptRecording, keep, unpack
@@ -94,7 +95,7 @@ _UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
 """Errors of reading a damaged file: SQLite's own words about it may hold its bytes."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Fact:
     """One recorded case, without its trajectories.
 
@@ -336,12 +337,10 @@ class Store:
             (size,) = self._first(f"SELECT total(length(data)) {gone}")
             size = self.discarded_size + int(size)
             write(f"DELETE {gone}")
-            for name, value in (
-                (_SEAL, self._sealed()),
-                (_CONTENT, content),
-                (_DISCARDED, str(size)),
-            ):
-                write("INSERT OR REPLACE INTO about VALUES (?,?)", (name, value))
+            self._connection.executemany(
+                "INSERT OR REPLACE INTO about VALUES (?,?)",
+                [(_SEAL, self._sealed()), (_CONTENT, content), (_DISCARDED, str(size))],
+            )
         self._first("VACUUM")  # a file does not shrink by itself
         return cases
 
@@ -548,12 +547,11 @@ class Store:
         """Point, driver, status and whether there was a contact, of a role's cases, by point and
         driver.
         """
-        for point, driver, status, hit in self._read(
+        return self._read(
             "SELECT point, driver, status, collision IS NOT NULL FROM facts WHERE role = ? AND "
             "scenario = ? ORDER BY point, driver",
             (role, scenario),
-        ):
-            yield point, driver, status, bool(hit)
+        )
 
     def drivers_at_points(self, scenario: str) -> Iterator[tuple[int, int, int]]:
         """Point, how many human drives ended well there, and how many of these were recorded."""

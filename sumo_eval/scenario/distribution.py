@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, check_known
+from sumo_eval.frozen import frozen
 from sumo_eval.trajectory import FloatArray
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Distribution:
     """A continuous distribution of scipy.stats.
 
@@ -60,14 +60,14 @@ class Distribution:
 
     def inside(self, low: float, high: float) -> float:
         """Probability of low..high."""
-        frozen = self._frozen()
-        return float(frozen.cdf(high) - frozen.cdf(low))
+        fixed = self._frozen()
+        return float(fixed.cdf(high) - fixed.cdf(low))
 
     def quantile(self, shares: ArrayLike, low: float, high: float) -> FloatArray:
         """Values below which these shares of the probability within low..high lie."""
-        frozen = self._frozen()
-        begin = frozen.cdf(low)
-        values = frozen.ppf(begin + np.asarray(shares, float) * (frozen.cdf(high) - begin))
+        fixed = self._frozen()
+        begin = fixed.cdf(low)
+        values = fixed.ppf(begin + np.asarray(shares, float) * (fixed.cdf(high) - begin))
         return np.asarray(np.clip(values, low, high))
 
     def __str__(self) -> str:

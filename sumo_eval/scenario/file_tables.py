@@ -8,13 +8,14 @@ from __future__ import annotations
 import hashlib
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from annotated_types import MinLen
 
 from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.concrete import CHANGES, Road
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.expression import (
@@ -63,7 +64,7 @@ from sumo_eval.settings.checked import (
 from sumo_eval.text import capitalised
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ParameterTable(Checked):
     """One axis of the space."""
 
@@ -133,7 +134,7 @@ class ParameterTable(Checked):
         return Distribution.of(name, arguments, owner)  # type: ignore[arg-type]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ConstraintTable(Checked):
     """Constraint on the points of the box."""
 
@@ -148,7 +149,7 @@ class ConstraintTable(Checked):
         return Constraint(self.about or f"one where {self.require}", holds, holds.room)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class RoadTable(Checked):
     """A road, written for the scenario, or found in a network of the user's."""
 
@@ -239,7 +240,7 @@ class RoadTable(Checked):
                     spans=shape.spans, crossings=crossings)  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class EndTable(Checked):
     """Further ends of a case, after contact, standstill and leaving the road."""
 
@@ -257,7 +258,7 @@ class EndTable(Checked):
     ] = None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class SampleTable(Checked):
     """Prescribed points: its rows, each repeated at the values in `each`, the rest computed by
     `set`.
@@ -323,7 +324,7 @@ class SampleTable(Checked):
         return NamedSample(self.name, self.about or self.name, tuple(points))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class GivenTable(Checked):
     """Changes to the scenario where an option is given."""
 
@@ -344,13 +345,10 @@ class GivenTable(Checked):
     ] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class OptionTable(Checked):
+@frozen
+class OptionTable(Option):
     """A number that `use` may set: `use = "cut_in?lateral_acceleration=1.5"`."""
 
-    name: Annotated[FilledText, About("name, for expressions and in `use`")]
-    unit: Annotated[FilledText, About("unit; `1` for a share")]
-    about: Annotated[str, About("what it is")] = ""
     default: Annotated[
         float | None, About("its value if `use` does not set it; default: infinite")
     ] = None
@@ -360,7 +358,7 @@ class OptionTable(Checked):
     )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class JointTable(Checked):
     """Exposure of points from recorded events, with the dependence between parameters."""
 
@@ -402,7 +400,7 @@ class JointTable(Checked):
         )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class RecordedTable(Checked):
     """The events of recordings that are this scenario."""
 
@@ -447,7 +445,7 @@ class RecordedTable(Checked):
         )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class RequireTable(Checked):
     """A condition on every drive; cases that miss it are counted next to the scores."""
 
@@ -464,7 +462,7 @@ class RequireTable(Checked):
     about: Annotated[str, About("the same in words")] = ""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ScenarioFile(Checked):
     """A logical scenario file."""
 
@@ -556,7 +554,7 @@ class ScenarioFile(Checked):
             samples=tuple(item.read(names, units) for item in self.sample),
             default_sample=self.default_sample,
             has_drivers=self.people == "drivers",
-            options=tuple(Option(option.name, option.unit, option.about) for option in self.option),
+            options=self.option,
             requirements=Requirements(requirements, definitions) if requirements else None,
             **self._exposure(parameters, names, definitions, folder, constraints),
             **zones,

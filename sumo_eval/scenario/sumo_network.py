@@ -18,7 +18,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ import numpy as np
 from lxml import etree
 
 from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.input_file import LARGEST, hash_of
 from sumo_eval.scenario.concrete import NetworkFile, Road
 from sumo_eval.scenario.road.fitted_line import WITHIN, fitted_line, onto_the_line
@@ -66,7 +67,7 @@ _Course = tuple[Line, list[set[int]], list[float]]
 """
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class _Lane:
     """A lane of an edge.
 
@@ -409,7 +410,8 @@ def _way_through(root: Element, via: str | None) -> list[Point]:
     points: list[Point] = []
     while via is not None and via not in passed:  # a faulty network may lead in a circle
         passed.append(via)
-        points += _shape(root, via)
+        lanes = (it for it in root.iter("lane") if it.get("id") == via)
+        points += next((_points(it.get("shape", "")) for it in lanes), ())
         edge, _, index = via.rpartition("_")
         further = _connections(root, {"from": edge, "fromLane": index})
         via = further[0].get("via") if further else None
@@ -419,13 +421,6 @@ def _way_through(root: Element, via: str | None) -> list[Point]:
 def _connections(root: Element, wanted: dict[str, str]) -> list[Element]:
     """The connections with these attributes."""
     return [it for it in root.iter("connection") if wanted.items() <= set(it.attrib.items())]
-
-
-def _shape(root: Element, name: str) -> tuple[Point, ...]:
-    """The centre line of a lane, by its id; empty without such a lane."""
-    return next(
-        (_points(it.get("shape", "")) for it in root.iter("lane") if it.get("id") == name), ()
-    )
 
 
 # -- a straight road -------------------------------------------------------------------------------

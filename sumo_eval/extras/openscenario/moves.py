@@ -255,7 +255,7 @@ class Moves:
         if rate == 0.0:  # it never reaches the speed
             return Span(begin, NEVER)
         lasts = change / rate
-        act = Act(played.SPEED, 0.0, 0.0, speed, 0.0, rate)
+        act = Act(played.SPEED, speed=speed, acceleration=rate)
         if shape in _STRONGEST and not step:
             # shares of the change after those of the time: `cubic`, `sinusoidal`
             shares = _SHARES * _SHARES * (3.0 - 2.0 * _SHARES)
@@ -296,7 +296,7 @@ class Moves:
             rate = abs(dynamics.number("value"))
             if rate == 0.0:  # it never reaches the speed
                 return Span(begin, NEVER)
-            act = Act(played.SPEED, 0.0, 0.0, speed, 0.0, rate)
+            act = Act(played.SPEED, speed=speed, acceleration=rate)
         entity.pace = speed
         self._add(entity, begin, act, NEVER)
         return Span(begin, NEVER, entity.ended())

@@ -9,15 +9,14 @@ evaluation's seed.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
 from functools import partial
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.errors import InputError, check_known
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.formats import formats
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.adaptive import adaptive
@@ -30,7 +29,7 @@ from sumo_eval.text import capitalised
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Sample:
     """Chosen points of a space, one row each, columns in the order of `logical.parameters`.
 
@@ -59,21 +58,19 @@ def sample_of(points: FloatArray, method: str) -> Sample:
 
 Method = tuple[Callable[[LogicalScenario, Request], Drawn], frozenset[str]]
 """A way to choose points: its function, and the keys of a request that it takes."""
-METHODS: Mapping[str, Method] = MappingProxyType(
-    {
-        "grid": (full_grid, frozenset({"levels", "steps"})),
-        "pairwise": (combinations, frozenset({"levels", "steps"})),
-        "combinations": (combinations, frozenset({"levels", "steps", "strength"})),
-        **{
-            name: (sequence(name), frozenset({"count"}))
-            for name in ("latin_hypercube", "sobol", "halton")
-        },
-        "exposure": (by_exposure, frozenset({"count"})),
-        "exposure_danger": (by_exposure_and_danger, frozenset({"count"})),
-        "adaptive": (adaptive, frozenset({"count", "round", "aim", "until", "rounds"})),
-        "file": (from_csv, frozenset({"file"})),
-    }
-)
+METHODS: Mapping[str, Method] = {
+    "grid": (full_grid, frozenset({"levels", "steps"})),
+    "pairwise": (combinations, frozenset({"levels", "steps"})),
+    "combinations": (combinations, frozenset({"levels", "steps", "strength"})),
+    **{
+        name: (sequence(name), frozenset({"count"}))
+        for name in ("latin_hypercube", "sobol", "halton")
+    },
+    "exposure": (by_exposure, frozenset({"count"})),
+    "exposure_danger": (by_exposure_and_danger, frozenset({"count"})),
+    "adaptive": (adaptive, frozenset({"count", "round", "aim", "until", "rounds"})),
+    "file": (from_csv, frozenset({"file"})),
+}
 """Ways to choose points, by the name they have in an evaluation file, and the keys that each of
 them takes."""
 
