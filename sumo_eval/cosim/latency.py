@@ -17,14 +17,6 @@ STEPS_BETWEEN_TIMINGS = 16
 LATE = 0.99  # quantile of the steps' times that `Latency.late` holds
 
 
-def fixed_work() -> float:
-    """Some ten microseconds of plain Python."""
-    total = 0.0
-    for number in range(200):
-        total += 0.5 * number
-    return total
-
-
 class Latencies:
     """Wall times of the ADS's steps in one simulation, s.
 
@@ -39,9 +31,10 @@ class Latencies:
         self._reference = array("d")
 
     def time_fixed_work(self) -> None:
-        """Time the fixed work once."""
-        began = time.perf_counter()
-        fixed_work()
+        """Time the fixed work once: some ten microseconds of plain Python."""
+        began, total = time.perf_counter(), 0.0
+        for number in range(200):
+            total += 0.5 * number
         self._reference.append(time.perf_counter() - began)
 
     def of(self, case: int) -> Latency:

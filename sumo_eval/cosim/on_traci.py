@@ -55,7 +55,7 @@ from sumo_eval.cosim.step_rules import goes_straight
 from sumo_eval.cosim.sumo.shared_files import suffix
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.cosim.world import World
+from sumo_eval.cosim.world import World, corner
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.road.reference_line import curvatures, frame_places
@@ -344,7 +344,7 @@ class _Hook:
         if self._placed[0] == SUMO:
             self._calls.setSpeedMode(self.ego, EXACT_SPEED_MODE)
             self._placed[0] = MODEL
-            ego["steering"][0] = 0.0
+            corner(ego, self._bend, self._limits)
             if world.steps == 0:
                 world.begin_as_model(self._row)
         self._stale[0] = 1  # SUMO hears of the ego at every step

@@ -356,8 +356,14 @@ def _kind(
         or road.network is not None
         or not concrete.actors
         or not road.right_edge_at(ego.x) <= ego.y <= road.left_edge_at(ego.x)
-        or (manner.hook is not None and not _fits_beside_others(concrete))
     ):
+        return None
+    # in a batch, SUMO finds no lanes that end, no vehicle with a place on the map, and none that
+    # heads against the road
+    alone = road.shaped or any(
+        abs(it.heading) > 0.5 * math.pi or it.on_map is not None for it in concrete.actors
+    )
+    if alone and manner.hook is not None:
         return None
     lively = concrete.actors if concrete.lively else ()
     # what must be equal although each case may change it: for a policy over arrays the vehicle,
@@ -518,16 +524,6 @@ def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
         return min(times, default=math.inf)
     slowest = min((it.speed for it in (ego, *starts) if it.speed > 0.0), default=math.inf)
     return (concrete.road.length - ego.x) / slowest
-
-
-def _fits_beside_others(concrete: ConcreteScenario) -> bool:
-    """Whether SUMO finds the vehicles of a case on the same lanes in a batch as alone.
-
-    Not where lanes end, where an actor has a place on the map, or where it heads against the road.
-    """
-    return not concrete.road.shaped and all(
-        abs(it.heading) <= 0.5 * math.pi and it.on_map is None for it in concrete.actors
-    )
 
 
 _COMPARED: WeakKeyDictionary[Any, int] = WeakKeyDictionary()

@@ -48,7 +48,7 @@ from sumo_eval.cosim.step_rules import (
     read_rows,
     see_rows,
 )
-from sumo_eval.cosim.vehicle_model import count_clip
+from sumo_eval.cosim.vehicle_model import GRAVITY, count_clip
 from sumo_eval.errors import ControllerError
 from sumo_eval.kernels import bound
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Way, departures
@@ -78,6 +78,7 @@ from sumo_eval.trajectory import (
     Trajectory,
 )
 
+_HELD = 0.99  # share of the tyres' grip that an ego uses at most as it begins in a curve
 _ARRIVED = 0.101  # m; SUMO removes a vehicle whose front is nearer to the end of the last lane
 
 
@@ -155,6 +156,9 @@ class World:
         ])  # fmt: skip
         self.line = knots_of(cases[0].road.line)
         self.egos, self.others = _egos(cases, settings.vehicle, placed), _others(cases)
+        if placed == MODEL:
+            limits = self.scenario["vehicle"][::2].view(np.recarray)
+            _put_in_curve(self.egos, cases[0].road, limits)
         self.players = players([case.actors for case in cases])
         self.egos["scripted_until"] = [case.script_end + settings.step for case in cases]
         self._end_of_lanes = cases[0].road.end - _ARRIVED
@@ -194,7 +198,8 @@ class World:
         # the steering wheel in the first sample, nan as long as SUMO moves the ego
         self.samples[row, 0, 0, -1] = 0.0
         if road.bent:
-            _put_in_curve(self.egos[row : row + 1], road, self.settings.vehicle)
+            vehicle = self.each[self.rows[row]].vehicle
+            _put_in_curve(self.egos[row : row + 1], road, vehicle)
             self.egos["samples"][row] = 0
             begin_rows(self.cast, self.seen, self.samples, self.scenario, self.line)
 
@@ -483,8 +488,6 @@ def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: i
     for i, concrete in enumerate(cases):
         if concrete.ego.way is not None:
             write_way(egos[i], concrete.ego.way, concrete.ego.y, concrete.ego.speed)
-    if placed == MODEL:
-        _put_in_curve(egos, cases[0].road, vehicle)
     return egos
 
 
@@ -497,19 +500,39 @@ def write_way(ego: Any, way: Way, y: float, speed: float) -> None:
     ego["way"] = (y, way.offset, way.begin, way.length(speed), way.by, 1, int(way.ends))
 
 
-def _put_in_curve(egos: Records, road: Road, vehicle: VehicleSettings) -> None:
+def _put_in_curve(egos: Records, road: Road, limits: Any) -> None:
     """Turn egos that begin in a curve as if they had driven it before: the rear axle along it, the
     steering wheel turned.
 
     The rear axle is on the circle of the lane's curvature k, the centre is h = wheelbase / 2 ahead.
     So the centre is sqrt(1 / k^2 + h^2) from the circle's centre: further out by
-    k h^2 / (1 + sqrt(1 + (k h)^2)).
+    k h^2 / (1 + sqrt(1 + (k h)^2)). Tyres that slip turn the body further in.
     """
-    of_line, half = curvatures(road.line, egos["x"]), 0.5 * vehicle.wheelbase
-    bend = of_line / (1.0 - of_line * egos["y"])
+    bend, half = corner(egos, curvatures(road.line, egos["x"]), limits), 0.5 * limits.wheelbase
     egos["y"] -= bend * half * half / (1.0 + np.sqrt(1.0 + np.square(bend * half)))
-    egos["heading"] -= np.arctan(bend * half)
-    egos["steering"] = vehicle.steering_ratio * np.arctan(vehicle.wheelbase * bend)
+
+
+def corner(egos: Records, of_line: Any, limits: Any) -> Any:
+    """Turn egos that point along their lane as in a curve driven before, with wheels and tyres;
+    return the curvature of their lane, 1/m.
+
+    of_line: of the road's line, 1/m.
+    limits: `VehicleSettings` or an array of their records.
+
+    Both axles of the dynamic model have one slip angle alpha at the curvature k: v^2 k = mu g
+    tanh(C alpha).
+    """
+    bend, speed = of_line / (1.0 - of_line * egos["y"]), egos["speed"]
+    turn = limits.wheelbase * bend  # tangent of the road wheels' angle
+    alpha = np.arctanh(np.clip(speed * speed * bend / limits.friction / GRAVITY, -_HELD, _HELD))
+    alpha *= limits.dynamic / limits.cornering_stiffness
+    egos["steering"] = limits.steering_ratio * np.arctan(turn)
+    egos["slip"] = turn - turn * limits.front_share - alpha
+    egos["yaw_rate"] = speed * bend
+    turned = alpha - np.arctan(0.5 * turn)
+    egos["heading"] += turned
+    egos["map"]["heading"] += turned
+    return bend
 
 
 def _others(cases: Sequence[ConcreteScenario]) -> Records:

@@ -293,7 +293,7 @@ def _clear_away(history: Path, database: History, resumed: str | None) -> list[s
             continue
         if path.name not in stopped:
             notes.append(f"{path} is not in the history; it was left as it is.")
-        elif _is_complete(path):  # as when an old copy of the history was put back
+        elif _stored(path, "sealed"):  # as when an old copy of the history was put back
             notes.append(
                 f"{path} is a complete run without a line in the history; it was left as it is. To "
                 f"add it: {_importing(history, path)}."
@@ -309,11 +309,11 @@ def _clear_away(history: Path, database: History, resumed: str | None) -> list[s
     return notes
 
 
-def _is_complete(folder: Path) -> bool:
-    """Whether all cases of a run are recorded, whatever stopped the night after that."""
+def _stored(folder: Path, name: str) -> int:
+    """A property of a run's store; 0 where none can be read."""
     with suppress(InputError), closing(Store(folder / FACTS)) as store:
-        return store.sealed
-    return False
+        return int(getattr(store, name))
+    return 0
 
 
 def _removed(folder: Path) -> bool:
@@ -357,7 +357,9 @@ def _refuse_without_room(history: Path, database: History, stopped: str | None) 
     """
     finished = [history / night.folder for night in database.nights() if not night.imported]
     last = next((folder for folder in reversed(finished) if folder.is_dir()), None)
-    needed = FIRST_NIGHT_ROOM if last is None else int(SPARE * (_size(last) + _discarded(last)))
+    needed = FIRST_NIGHT_ROOM
+    if last is not None:
+        needed = int(SPARE * (_size(last) + _stored(last, "discarded_size")))
     if stopped:
         needed -= _size(history / NIGHTS / stopped)
     free = shutil.disk_usage(history).free
@@ -381,13 +383,6 @@ def _discard(evaluation: Evaluation) -> list[str]:
     except (InputError, OSError, sqlite3.Error) as error:
         return [f"The trajectories of this night could not be discarded: {said(error)}."]
     return []
-
-
-def _discarded(folder: Path) -> int:
-    """Bytes of the trajectories that a night held until it was scored."""
-    with suppress(InputError), closing(Store(folder / FACTS)) as store:
-        return store.discarded_size
-    return 0
 
 
 def _prune(history: Path, database: History, keep: int) -> list[str]:

@@ -4,7 +4,6 @@ nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -48,7 +47,9 @@ def write_replay(
         trajectories += [store.trajectory(driver.case) for driver in drivers]
     concrete = logical.concrete(**fact.values)
     if concrete.ego.recorded:
-        trajectories.append(recorded_ego(concrete.ego.recorded))
+        at = np.array(concrete.ego.recorded)
+        times = np.arange(len(at)) * RECORDED_EVERY
+        trajectories.append(Trajectory(times, at[:, 0], at[:, 1]))
     ghosts = list(range(first_ghost, len(trajectories)))
     data = {
         "channels": CHANNEL_STEPS,
@@ -65,15 +66,6 @@ def write_replay(
         cause=cause_words(cause_of_contact(fact)) if fact.collision else "",
     )  # fmt: skip
     return write_page(path, page, "The replay")
-
-
-def recorded_ego(places: Sequence[tuple[float, float]]) -> Trajectory:
-    """Trajectory of the vehicle recorded in the ego's place.
-
-    places: as in `Start`.
-    """
-    at = np.array(places)
-    return Trajectory(np.arange(len(at)) * RECORDED_EVERY, at[:, 0], at[:, 1])
 
 
 def recorded(run: Path, key: str) -> Fact:

@@ -1,6 +1,8 @@
 """Shipped ADSs at the wheel of the dynamic vehicle model: where little is asked of tyres, as with
 the kinematic one."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -74,3 +76,15 @@ def test_above_four_tenths_of_g_across_the_kinematic_model_says_in_its_case_that
         recording = driven([concrete], Swerves, model)[0]
         assert recording.end_reason == "off_road"
         assert any(clip.what == "beyond_kinematic" for clip in recording.clips) is says
+
+
+@pytest.mark.parametrize("model", ["kinematic", "dynamic"])
+@pytest.mark.parametrize("begin", [0.0, 2.0])
+def test_held_wheel_keeps_an_ego_on_its_curve(begin, model):
+    # `begin`: until then SUMO moves it
+    concrete = catalogue.load("curve_following").concrete(ego_speed=26.0, lead_speed=20.0)
+    wheel = 16.0 * math.atan(2.7 / 250.0)
+    hook = lambda traci, ego, time: None if time < begin else Command(0.0, wheel)  # noqa: E731
+    (recording,) = driven([concrete], hook, model)
+    assert recording.ego.time[-1] > 5.0
+    assert np.ptp(recording.ego.y) < 0.02

@@ -159,20 +159,23 @@ def fit_exposure(
     least = _EVENTS_A_PARAMETER * k
     if n < least:
         raise must_be("The number of recorded events", "an exposure", f"at least {least}", n)
-    fits = [events, *(train for train, _ in _folds(events))]  # events of each fit below
+    fold = np.arange(n) % FOLDS
+    # for each fold, which is every fifth event, the other events and its own
+    folds = [(events[fold != number], events[fold == number]) for number in range(FOLDS)]
+    fits = [events, *(train for train, _ in folds)]  # events of each fit below
     if any(np.linalg.matrix_rank(part - part.mean(axis=0), tol=_SAME) < k for part in fits):
         raise InputError(
             f"The recorded events of an exposure must vary in each of {', '.join(names)} on its "
             "own; they do not."
         )
     scott = n ** (-1.0 / (k + 4))
-    likelihoods = [_held_out(events, partial(_kde, factor=factor)) for factor in FACTORS]
+    likelihoods = [_held_out(folds, partial(_kde, factor=factor)) for factor in FACTORS]
     best = np.argmax(likelihoods)
     factor = scott if bandwidth == "scott" else FACTORS[best]
     held_out = {
-        "scott": _held_out(events, partial(_kde, factor=scott)),
+        "scott": _held_out(folds, partial(_kde, factor=scott)),
         "cross_validated": likelihoods[best],
-        "single_gaussian": _held_out(events, _gaussian),
+        "single_gaussian": _held_out(folds, _gaussian),
         # over the box of all events: held-out ones are inside, in favour of this comparison
         "uniform": -np.log(np.ptp(events, axis=0)).sum(),
     }
@@ -189,18 +192,13 @@ def unsupported_share(model: RecordedExposure, logical: LogicalScenario) -> floa
     return float(np.mean(~model.supported(possible))) if len(possible) else None
 
 
-def _folds(events: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    """For each fold, which is every fifth event, the other events and its own."""
-    fold = np.arange(len(events)) % FOLDS
-    return [(events[fold != number], events[fold == number]) for number in range(FOLDS)]
-
-
-def _held_out(events: FloatArray, fit: Any) -> float:
+def _held_out(folds: Sequence[tuple[FloatArray, FloatArray]], fit: Any) -> float:
     """Mean log density of each event under a fit without its fold.
 
+    folds: the other events and its own, of each.
     fit: takes events, gives a function for the log density at points.
     """
-    return float(np.concatenate([fit(train)(test) for train, test in _folds(events)]).mean())
+    return float(np.concatenate([fit(train)(test) for train, test in folds]).mean())
 
 
 def _kde(train: FloatArray, factor: float) -> Any:
