@@ -27,6 +27,7 @@ from sumo_eval.cosim.doors.traci_numbers import (
     WHY_IGNORED,
     breach,
     shown,
+    writing_calls,
 )
 from sumo_eval.cosim.sumo import insides
 from sumo_eval.cosim.sumo.insides import libsumo
@@ -35,13 +36,7 @@ from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.errors import ControllerError
 from sumo_eval.scenario.concrete import ConcreteScenario
 
-# first letters of calls that need no guard: they read, or change nothing that drives
 _Call = Callable[..., Any]
-_READS = (
-    "_", "get", "is", "subscribe", "unsubscribe", "addSubscriptionFilter", "could", "wants",
-    "find", "convert", "has",
-    "DOMAIN", "domain", "this", "updateBestLanes", "highlight", "saveState", "writeMessage",
-)  # fmt: skip
 _HARMLESS = ("gui", "poi", "polygon", "route")  # domains in which writing moves no vehicle
 _CLOCK = ("simulationStep", "step", "executeMove")
 _SHARED = (MOTION - {"openGap"}) | {
@@ -335,10 +330,7 @@ def _guarded_domain(guard: Guard, domain: type) -> type:
     """The domain with its writing calls wrapped; reading ones are inherited as they are."""
     wrapped: dict[str, Any] = {}
     name = domain.__name__
-    for call in () if name in _HARMLESS else dir(domain):
-        write = getattr(domain, call)
-        if call.startswith(_READS) or isinstance(write, type) or not callable(write):
-            continue
+    for call, write in writing_calls(domain).items() if name not in _HARMLESS else ():
         if name == "simulation" and call in _CLOCK:
             guarded = _clock_call(guard)
         elif name == "simulation" and call in _RUNNING:

@@ -2,18 +2,21 @@
 
 SUMO takes `setMaxSpeed(nan)`, `changeLane(10**6)` and `slowDown(v, -3)` silently, and what it
 makes of them is not intended. `ARGUMENTS` names the arguments of every call that writes to a
-vehicle or a vehicle type; a test holds it against libsumo, so that a call that a newer libsumo has
-is noticed.
+vehicle or a vehicle type.
 """
 
 from __future__ import annotations
 
+import inspect
 import math
 import numbers
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
+
+from traci._vehicle import VehicleDomain
+from traci._vehicletype import VehicleTypeDomain
 
 from sumo_eval import text
 from sumo_eval.cosim.sumo.insides import libsumo
@@ -28,52 +31,41 @@ _UNSAID = -1073741824
 _NO_NUMBER = re.compile(r"[+-]?(nan(\(\w*\))?|inf(inity)?)", re.IGNORECASE)  # as C++ reads them
 _WORDS = re.compile(r"[\s,;]+")
 
-_SHARED = {
-    "setAccel": "accel", "setActionStepLength": "actionStepLength resetActionOffset",
-    "setApparentDecel": "decel", "setBoardingDuration": "boardingDuration", "setColor": "color",
-    "setDecel": "decel", "setEmergencyDecel": "decel", "setEmissionClass": "clazz",
-    "setHeight": "height", "setImpatience": "impatience",
-    "setImperfection": "imperfection", "setLateralAlignment": "latAlignment", "setLength": "length",
-    "setMass": "mass", "setMaxSpeed": "speed", "setMaxSpeedLat": "speed", "setMinGap": "minGap",
-    "setMinGapLat": "minGapLat", "setParameter": "key value", "setShapeClass": "shapeClass",
-    "setSpeedFactor": "factor", "setTau": "tau", "setVehicleClass": "clazz", "setWidth": "width",
-}  # fmt: skip
-_ADD = (
-    "routeID typeID depart departLane departPos departSpeed arrivalLane arrivalPos arrivalSpeed "
-    "fromTaz toTaz line personCapacity personNumber"
-)
-_STOP = "edgeID pos laneIndex duration flags startPos until"
-_STOP_AT = "stopID duration until flags"
-_VEHICLE = _SHARED | {
-    "add": _ADD, "addFull": _ADD, "addLegacy": "routeID depart pos speed lane typeID",
-    "changeLane": "laneIndex duration", "changeLaneRelative": "indexOffset duration",
-    "changeSublane": "latDist",
-    "changeTarget": "edgeID", "deactivateGapControl": "", "dispatchTaxi": "reservations",
-    "insertStop": f"nextStopIndex {_STOP} teleport", "moveTo": "laneID pos reason",
-    "moveToXY": "edgeID laneIndex x y angle keepRoute matchThreshold",
-    "openGap": "newTimeHeadway newSpaceHeadway duration changeRate maxDecel referenceVehID",
-    "remove": "reason",
-    "replaceStop": f"nextStopIndex {_STOP} teleport", "requestToC": "leadTime", "rerouteEffort": "",
-    "rerouteParkingArea": "parkingAreaID", "rerouteTraveltime": "currentTravelTimes", "resume": "",
-    "setAcceleration": "acceleration duration",
-    "setAdaptedTraveltime": "edgeID time begTime endTime",
-    "setBusStop": _STOP_AT, "setChargingStationStop": _STOP_AT, "setContainerStop": _STOP_AT,
-    "setEffort": "edgeID effort begTime endTime", "setLaneChangeMode": "laneChangeMode",
-    "setLateralLanePosition": "posLat", "setLine": "line", "setParkingAreaStop": _STOP_AT,
-    "setPreviousSpeed": "speed acceleration", "setRoute": "edgeList", "setRouteID": "routeID",
-    "setRoutingMode": "routingMode", "setSignals": "signals", "setSpeed": "speed",
-    "setSpeedMode": "speedMode",
-    "setStop": _STOP, "setStopParameter": "nextStopIndex param value customParam",
-    "setType": "typeID",
-    "setVia": "edgeList", "slowDown": "speed duration",
-}  # fmt: skip
-_TYPE = _SHARED | {"copy": "newTypeID", "setScale": "value", "setSpeedDeviation": "deviation"}
+# first letters of calls that read, or change nothing that drives
+_READS = (
+    "_", "get", "is", "subscribe", "unsubscribe", "addSubscriptionFilter", "could", "wants",
+    "find", "convert", "has",
+    "DOMAIN", "domain", "this", "updateBestLanes", "highlight", "saveState", "writeMessage",
+)  # fmt: skip
 
+
+def writing_calls(domain: type) -> dict[str, Callable[..., Any]]:
+    """The calls of a domain of libsumo that write, by name."""
+    calls = {name: getattr(domain, name) for name in dir(domain) if not name.startswith(_READS)}
+    return {name: it for name, it in calls.items() if callable(it) and not isinstance(it, type)}
+
+
+# of each call: what follows the name of its vehicle. traci has the names, where libsumo's
+# overloaded functions take `*args`
+_PARAMETERS = {
+    domain: {
+        call: list(inspect.signature(getattr(of_traci, call)).parameters.values())[2:]
+        for call in writing_calls(getattr(libsumo, domain))
+    }
+    for domain, of_traci in (("vehicle", VehicleDomain), ("vehicletype", VehicleTypeDomain))
+}
 ARGUMENTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
-    domain: {call: tuple(names.split()) for call, names in calls.items()}
-    for domain, calls in (("vehicle", _VEHICLE), ("vehicletype", _TYPE))
+    domain: {call: tuple(it.name for it in own) for call, own in calls.items()}
+    for domain, calls in _PARAMETERS.items()
 }
 """By domain and call: the arguments after the name of its vehicle, in their order."""
+# call and argument that may be left out
+_OPTIONAL = frozenset(
+    (call, it.name)
+    for call, own in _PARAMETERS["vehicle"].items()
+    for it in own
+    if it.default is not it.empty
+)
 
 MOTION = frozenset(
     {"setSpeed", "slowDown", "setAcceleration", "setPreviousSpeed", "changeLane",
@@ -120,13 +112,6 @@ DURATIONS = frozenset(
         "endTime"}
 )  # fmt: skip
 """Names of arguments that are durations or times, s."""
-# calls that may leave their durations out
-_OPTIONAL = frozenset(
-    {
-        "insertStop", "replaceStop", "setStop", "setAdaptedTraveltime", "setEffort",
-        *(call for call, names in _VEHICLE.items() if names == _STOP_AT),
-    }
-)  # fmt: skip
 _NUMBERS_IN_TEXT = frozenset(
     {"value", "depart", "departPos", "departSpeed", "arrivalPos", "arrivalSpeed"}
 )
@@ -156,7 +141,9 @@ def breach(
         seconds = finite_number(value, truth=True)
         if argument not in DURATIONS or seconds is None:
             continue  # what is not a number, libsumo refuses itself
-        if not (0.0 <= seconds <= LONGEST or (call in _OPTIONAL and seconds == _UNSAID)):
+        if not (
+            0.0 <= seconds <= LONGEST or ((call, argument) in _OPTIONAL and seconds == _UNSAID)
+        ):
             return Breach(argument, value, f"within 0..{LONGEST:.0f} s")
     return _no_such_lane(call, str(name), given) if domain == "vehicle" else None
 
