@@ -227,21 +227,25 @@ def heeding(concrete: ConcreteScenario) -> set[str]:
     return {key for key in exists if exists[key]}
 
 
-def _vehicle_writer(guard: Guard, call: str, write: _Call) -> _Call:
+GUARD = Guard()
+"""The one of a process, as there is one libsumo."""
+
+
+def _vehicle_writer(call: str, write: _Call) -> _Call:
     """A guarded call that writes to a vehicle."""
     moves, ignored, hands_over = call in MOTION, call in IGNORED, call in HANDS_OVER
 
     def guarded(vehID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
         # a vehicle that does not exist: SUMO refuses it, except if the call adds it
-        if vehID != EGO and (vehID in guard.others or call.startswith("add")):
-            guard.note_touched("vehicle", call, vehID)
+        if vehID != EGO and (vehID in GUARD.others or call.startswith("add")):
+            GUARD.note_touched("vehicle", call, vehID)
         if moves and vehID == EGO:
-            guard.moved = True
-        if guard.shared:
-            vehID, args = guard.translate(call, vehID, args, kwargs)  # noqa: N806
-        guard.check("vehicle", call, vehID, args, kwargs)
+            GUARD.moved = True
+        if GUARD.shared:
+            vehID, args = GUARD.translate(call, vehID, args, kwargs)  # noqa: N806
+        GUARD.check("vehicle", call, vehID, args, kwargs)
         if ignored and vehID == EGO:
-            guard.note_asked(call)
+            GUARD.note_asked(call)
         answer = write(vehID, *args, **kwargs)
         # SUMO's model drives the ego from here on: for setSpeed, if the speed is negative
         if (
@@ -249,7 +253,7 @@ def _vehicle_writer(guard: Guard, call: str, write: _Call) -> _Call:
             and vehID == EGO
             and (call != "setSpeed" or min(*args, *kwargs.values(), 0.0) < 0.0)
         ):
-            guard.heeding.add("model")
+            GUARD.heeding.add("model")
         return answer
 
     if call != "setSpeed":
@@ -260,59 +264,55 @@ def _vehicle_writer(guard: Guard, call: str, write: _Call) -> _Call:
         # The usual call: the ego and a speed that needs no check. It takes effect in the next step,
         # so what was read after the last one stays valid.
         if vehID == EGO and type(speed) is float and 0.0 <= speed < math.inf:
-            guard.moved = True
-            return direct(guard.names[vehID], speed)
+            GUARD.moved = True
+            return direct(GUARD.names[vehID], speed)
         return guarded(vehID, speed)
 
     set_speed.__qualname__ = write.__qualname__  # Python names it where an argument is missing
     return set_speed
 
 
-def _type_writer(guard: Guard, call: str, write: _Call) -> _Call:
+def _type_writer(call: str, write: _Call) -> _Call:
     """A guarded call that writes to a vehicle type."""
 
     def guarded(typeID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
-        if guard.shared:
-            guard.leave()
-        if typeID in guard.others and call != "copy":
-            guard.note_touched("vehicletype", call, typeID)
-        guard.check("vehicletype", call, typeID, args, kwargs)
+        if GUARD.shared:
+            GUARD.leave()
+        if typeID in GUARD.others and call != "copy":
+            GUARD.note_touched("vehicletype", call, typeID)
+        GUARD.check("vehicletype", call, typeID, args, kwargs)
         if call in IGNORED and typeID == EGO:
-            guard.note_asked(call)
+            GUARD.note_asked(call)
         return write(typeID, *args, **kwargs)
 
     return guarded
 
 
-def _world_writer(guard: Guard, domain: str, call: str, write: _Call) -> _Call:
+def _world_writer(domain: str, call: str, write: _Call) -> _Call:
     """A guarded call that writes to anything but vehicles and their types."""
 
     def guarded(*args: Any, **kwargs: Any) -> Any:
-        guard.note_touched(domain, call, args[0] if args else "")
-        guard.check(domain, call, "", args, kwargs)
+        GUARD.note_touched(domain, call, args[0] if args else "")
+        GUARD.check(domain, call, "", args, kwargs)
         return write(*args, **kwargs)
 
     return guarded
 
 
-def _clock_call(guard: Guard) -> _Call:
+def _step_clock(*args: Any, **kwargs: Any) -> None:
     """Stand-in of a call that steps SUMO, which it never does."""
-
-    def guarded(*args: Any, **kwargs: Any) -> Any:
-        # the time to step to, s; without one, or with 0, TraCI makes one step
-        until = next((value for value in (*args, *kwargs.values()) if value), None)
-        ahead = guard.step
-        if until is not None:
-            ahead = float(until) - libsumo.simulation.getTime()
-        guard.note_interference(
-            "stepped_the_clock", f"The ADS moved SUMO's clock by {ahead:+.2f} s",
-            "stepping is the harness's (a program with a loop of its own runs as `traci:COMMAND`)",
-        )  # fmt: skip
-
-    return guarded
+    # the time to step to, s; without one, or with 0, TraCI makes one step
+    until = next((value for value in (*args, *kwargs.values()) if value), None)
+    ahead = GUARD.step
+    if until is not None:
+        ahead = float(until) - libsumo.simulation.getTime()
+    GUARD.note_interference(
+        "stepped_the_clock", f"The ADS moved SUMO's clock by {ahead:+.2f} s",
+        "stepping is the harness's (a program with a loop of its own runs as `traci:COMMAND`)",
+    )  # fmt: skip
 
 
-def _running_call(guard: Guard, call: str) -> _Call:
+def _running_call(call: str) -> _Call:
     """Stand-in of a call that starts, loads or closes SUMO, which it never does."""
     closes = call == "close"
     deed = "closed the simulation" if closes else f"called traci.{call}"
@@ -321,61 +321,57 @@ def _running_call(guard: Guard, call: str) -> _Call:
         why += " (a program that starts SUMO itself runs as `traci:COMMAND`)"
 
     def guarded(*args: Any, **kwargs: Any) -> Any:
-        guard.note_interference("started_or_closed", f"The ADS {deed}", why)
+        GUARD.note_interference("started_or_closed", f"The ADS {deed}", why)
 
     return guarded
 
 
-def _guarded_domain(guard: Guard, domain: type) -> type:
+_HARNESS = dict.fromkeys(_CLOCK, _step_clock) | {call: _running_call(call) for call in _RUNNING}
+"""Stand-ins of calls that are the harness's, by their names."""
+
+
+def _guarded_domain(domain: type) -> type:
     """The domain with its writing calls wrapped; reading ones are inherited as they are."""
     wrapped: dict[str, Any] = {}
     name = domain.__name__
     for call, write in writing_calls(domain).items() if name not in _HARMLESS else ():
-        if name == "simulation" and call in _CLOCK:
-            guarded = _clock_call(guard)
-        elif name == "simulation" and call in _RUNNING:
-            guarded = _running_call(guard, call)
+        if name == "simulation" and call in _HARNESS:
+            guarded = _HARNESS[call]
         elif name == "vehicle":
-            guarded = _vehicle_writer(guard, call, write)
+            guarded = _vehicle_writer(call, write)
         elif name == "vehicletype":
-            guarded = _type_writer(guard, call, write)
+            guarded = _type_writer(call, write)
         else:
-            guarded = _world_writer(guard, name, call, write)
+            guarded = _world_writer(name, call, write)
         wrapped[call] = guarded  # hides the call of the parent class
     return type(name, (domain,), wrapped)
 
 
-def _build() -> tuple[ModuleType, Guard]:
-    """A module with all that libsumo has, its writing calls guarded, and their guard."""
-    guard, real = Guard(), sys.modules["traci"]
+def _build() -> ModuleType:
+    """A module with all that libsumo has, its writing calls guarded."""
     module = ModuleType("traci", "The running simulation, as an ADS may use it.")
-    module.__dict__.update(
-        {name: value for name, value in vars(libsumo).items() if not name.startswith("__")}
-    )
+    real, own = sys.modules["traci"], module.__dict__
+    own |= {name: value for name, value in vars(libsumo).items() if not name.startswith("__")}
+    own |= {call: stand_in for call, stand_in in _HARNESS.items() if call in own}
     module.__path__, module.__spec__ = list(real.__path__), real.__spec__
-    domains = [_guarded_domain(guard, domain) for domain in libsumo.DOMAINS]
-    module.__dict__.update({domain.__name__: domain for domain in domains}, DOMAINS=domains)
-    for call in ("simulationStep", "executeMove"):
-        setattr(module, call, _clock_call(guard))
-    for call in ("close", "start", "load", "init"):
-        setattr(module, call, _running_call(guard, call))
+    domains = [_guarded_domain(domain) for domain in libsumo.DOMAINS]
+    own.update({domain.__name__: domain for domain in domains}, DOMAINS=domains)
 
     def add_listener(listener: Any) -> Any:
-        if guard.shared:
-            guard.leave()
-        return guard.listeners.addStepListener(listener)
+        if GUARD.shared:
+            GUARD.leave()
+        return GUARD.listeners.addStepListener(listener)
 
     module.addStepListener = add_listener  # type: ignore[attr-defined]
     # a function, because each case has other `listeners`
     module.removeStepListener = (  # type: ignore[attr-defined]
-        lambda number: guard.listeners.removeStepListener(number)
+        lambda number: GUARD.listeners.removeStepListener(number)
     )
-    return module, guard
+    return module
 
 
-TRACI, GUARD = _build()
-"""One of each in a process, as there is one libsumo: the `traci` that code imported in one case is
-the next case's, too."""
+TRACI = _build()
+"""One in a process: the `traci` that code imported in one case is the next case's, too."""
 
 
 @contextmanager

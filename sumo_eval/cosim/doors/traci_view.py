@@ -16,7 +16,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from types import ModuleType
 from typing import Any
 
-from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, Guard, seen_as_traci
+from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, seen_as_traci
 from sumo_eval.cosim.sumo import insides
 from sumo_eval.cosim.sumo.insides import libsumo
 from sumo_eval.cosim.sumo.sumo_files import EGO
@@ -60,74 +60,74 @@ _OF_MODELS = frozenset(
 one."""
 
 
-def _reading(guard: Guard, read: _Call) -> Any:
+def _reading(read: _Call) -> Any:
     """A call that reads from the row."""
 
     def reading(name: Any, *args: Any, **kwargs: Any) -> Any:
-        names = guard.names
+        names = GUARD.names
         try:
             inside = [names[it] if type(it) is str else it for it in (name, *args)]
             return names.outside(read(*inside, **kwargs))
         except (libsumo.TraCIException, TypeError):
-            guard.leave()  # raises
+            GUARD.leave()  # raises
 
     return reading
 
 
-def _reading_by_name(guard: Guard, read: Callable[[str], Any]) -> Any:
+def _reading_by_name(read: Callable[[str], Any]) -> Any:
     """A call that reads from the row and takes only a name: half the time of `_reading`."""
 
     def reading(name: Any) -> Any:
         try:
-            answer = read(guard.names[name])
+            answer = read(GUARD.names[name])
             # most answers are floats, which hold no name
-            return answer if type(answer) is float else guard.names.outside(answer)
+            return answer if type(answer) is float else GUARD.names.outside(answer)
         except (libsumo.TraCIException, TypeError):
-            guard.leave()  # raises
+            GUARD.leave()  # raises
 
     return reading
 
 
-def _of_ego(guard: Guard, reading: _Call) -> Any:
+def _of_ego(reading: _Call) -> Any:
     """A call that reads from the ego alone."""
 
     def of_ego(*args: Any, **kwargs: Any) -> Any:
         if args[:1] != (EGO,):
-            guard.leave()  # raises
+            GUARD.leave()  # raises
         return reading(*args, **kwargs)
 
     return of_ego
 
 
-def _kept_speed(guard: Guard, reading: _Call) -> Any:
+def _kept_speed(reading: _Call) -> Any:
     """`getSpeed`, answered by what was read after the last step while that is valid."""
 
     def speed(vehID: Any) -> Any:  # noqa: N803 - TraCI's name
         try:
-            return guard.speeds[guard.names[vehID]]
+            return GUARD.speeds[GUARD.names[vehID]]
         except (KeyError, TypeError):
             return reading(vehID)
 
     return speed
 
 
-def _kept_position(guard: Guard, reading: _Call) -> Any:
+def _kept_position(reading: _Call) -> Any:
     """`getPosition`, answered as by `_kept_speed`."""
 
     def position(vehID: Any, *more: Any) -> Any:  # noqa: N803 - TraCI's name
-        name = guard.names[vehID]
+        name = GUARD.names[vehID]
         # a kept position is valid as long as its vehicle has a kept speed (`Guard.begin`)
-        return guard.positions[name] if name in guard.speeds and not more else reading(vehID, *more)
+        return GUARD.positions[name] if name in GUARD.speeds and not more else reading(vehID, *more)
 
     return position
 
 
-def _nearest(guard: Guard, reading: _Call) -> Any:
+def _nearest(reading: _Call) -> Any:
     """`getLeader`; errors, and vehicles of other rows, are left to `reading`."""
     read = insides.direct("getLeader", libsumo.vehicle.getLeader)
 
     def nearest(vehID: Any, dist: Any = 100.0) -> Any:  # noqa: N803 - TraCI's name
-        names = guard.names
+        names = GUARD.names
         try:
             lead, gap = read(names[vehID], dist)
             if lead:
@@ -144,34 +144,34 @@ _QUICK = {"getSpeed": _kept_speed, "getPosition": _kept_position, "getLeader": _
 """Calls that nearly every hook makes at every step."""
 
 
-def _listing(guard: Guard, read: Callable[[], Any]) -> Any:
+def _listing(read: Callable[[], Any]) -> Any:
     """A call that lists a domain's names, in SUMO's order: the alphabet's."""
 
     def listing() -> Any:
-        names = guard.names
+        names = GUARD.names
         # `read` lists the names of all rows; this row's suffix stands in no name of another
         return tuple(sorted(names.outside(it) for it in read() if names.suffix in it))
 
     return listing
 
 
-def _seen(guard: Guard, domain: Any, call: str) -> Any:
+def _seen(domain: Any, call: str) -> Any:
     """Stand-in of a call that reads, in a domain."""
     kind = domain.__name__
     if kind == "vehicle" and call == "getIDList":
-        return _listing(guard, domain.getIDList)
+        return _listing(domain.getIDList)
     if kind in _OF_A_ROW and call.startswith(_READS) and call not in _OF_MANY:
         read = getattr(domain, call)
         by_name = read.__code__.co_argcount == 1  # a static method: its argument is the name
         direct = insides.direct(call, read, kind)
-        reading = _reading_by_name(guard, direct) if by_name else _reading(guard, read)
+        reading = _reading_by_name(direct) if by_name else _reading(read)
         if call in _OF_MODELS and kind in ("vehicle", "vehicletype"):
-            return _of_ego(guard, reading)
-        return _QUICK[call](guard, reading) if kind == "vehicle" and call in _QUICK else reading
-    return lambda *_, **__: guard.leave()  # takes the row out of its batch
+            return _of_ego(reading)
+        return _QUICK[call](reading) if kind == "vehicle" and call in _QUICK else reading
+    return lambda *_, **__: GUARD.leave()  # takes the row out of its batch
 
 
-def _view(guard: Guard) -> list[tuple[Any, str, Any]]:
+def _view() -> list[tuple[Any, str, Any]]:
     """The calls that differ where cases share SUMO: domain, name of the call, its stand-in."""
     view: list[tuple[Any, str, Any]] = []
     for domain in TRACI.DOMAINS:
@@ -182,7 +182,7 @@ def _view(guard: Guard) -> list[tuple[Any, str, Any]]:
             if call.startswith("_") or isinstance(read, type) or not callable(read) or writes:
                 continue
             if domain.__name__ != "simulation" or call not in _OF_ALL_ROWS:
-                view.append((domain, call, _seen(guard, domain, call)))
+                view.append((domain, call, _seen(domain, call)))
     return view
 
 
@@ -225,7 +225,7 @@ def sharing() -> Iterator[None]:
     `GUARD.names` is of; `import libsumo` gives none.
     """
     if not _VIEW:
-        _VIEW.extend(_view(GUARD))
+        _VIEW.extend(_view())
     for domain, call, seen in _VIEW:
         setattr(domain, call, seen)
     try:
