@@ -20,10 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_eval.cosim.actuation import Actuation
-from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.doors.controller import (
     Briefing,
-    PolicyController,
     as_command,
     knows_the_scripts,
 )
@@ -93,22 +91,28 @@ def error_of(call: Callable[..., Any], *arguments: Any) -> BaseException | None:
 class EgoControl:
     """Controls the egos of all rows.
 
+    ads: what drives each case; a policy over arrays is the first one alone.
+    seeds: of each case, of what the conditions leave to chance.
     unguarded: whether the ADS writes to SUMO past the harness. If SUMO then shows a vehicle where
         none can be, that is the ADS's fault.
     """
 
     unguarded = False
 
-    def __init__(self, terms: Terms) -> None:
-        self._terms = terms
+    def __init__(self, ads: Sequence[Any], seeds: Sequence[int], terms: Terms) -> None:
+        self._ads, self._seeds, self._terms = ads, seeds, terms
 
     def begin(self, world: World, stage: Stage) -> None:
-        """Prepare for the first step."""
+        """Prepare for the first step, and take charge of the vehicles."""
         self._traci, self._clock = stage.traci, simulation_time(stage.traci)
+        concrete, settings = world.cases[0], world.settings
+        others = [actor.name for actor in concrete.actors]
+        GUARD.begin(others, settings.step, settings.conditions.interference, heeding(concrete))
+        stage.take_charge(world)
         conditions = [settings.conditions for settings in world.each]
         # notes go to case 0: only a case that is alone has a step budget, which makes them
         self.actuation = Actuation(
-            conditions, world.settings.step, world.egos["command"].dtype, partial(world.note, 0)
+            conditions, settings.step, world.egos["command"].dtype, partial(world.note, 0)
         )
 
     def step(self, world: World, time: float) -> None:
@@ -156,7 +160,7 @@ class EgoControl:
         error = error_of(close)
         if error is None:
             return
-        world.keep_fault(int(world.rows[row]), error, target, self._terms.folder)
+        world.keep_fault(world.case_of(row), error, target, self._terms.folder)
         subject = "The ADS" if fault == "ads_error" else "The vehicle model"
         if REASONS[int(world.egos["reason"][row])] == "contact":  # it stays the reason
             fault = "contact"
@@ -259,15 +263,15 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             error = ControllerError(f"The ADS's program is responsible: {error}")
         break_off(world, error, moved)
     finally:
-        for row in np.flatnonzero(world.egos["live"]).tolist():
+        for row in world.live.tolist():
             _release(world, driver, row)
-    for row in np.flatnonzero(world.egos["live"]).tolist():
+    for row in world.live.tolist():
         world.end(row)
 
 
 def _release(world: World, driver: EgoControl, row: int) -> None:
     """Release the controller of a row, once."""
-    case = int(world.rows[row])
+    case = world.case_of(row)
     if case not in world.released:
         world.released.add(case)
         driver.release(world, row)
@@ -299,7 +303,7 @@ def _end_rows(world: World, driver: EgoControl, stage: Stage) -> None:
     """Keep the recordings of rows that have ended, and drop these rows once they are many."""
     egos = world.egos
     for row in np.flatnonzero((egos["reason"] != 0) & (egos["live"] != 0)).tolist():
-        case = int(world.rows[row])
+        case = world.case_of(row)
         # `move_rows` refused a command that is not finite; it cannot make the message
         if REASONS[int(egos["reason"][row])] == "ads_error" and case not in world.errors:
             acceleration, steering = egos["command"][row].tolist()
@@ -317,7 +321,7 @@ def _end_rows(world: World, driver: EgoControl, stage: Stage) -> None:
         world.end(row)
     if not world.going:
         return
-    rows = np.flatnonzero(world.egos["live"])
+    rows = world.live
     if len(rows) < KEPT * len(world.rows):
         world.keep(rows)
         driver.keep(world, rows)
@@ -365,16 +369,12 @@ def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
 class Rules(EgoControl):
     """Controls egos by rules that are kernels: one object a case, all of one class."""
 
-    def __init__(self, ads: Sequence[Compiled], terms: Terms) -> None:
-        super().__init__(terms)
-        self._ads, self._loop = ads, type(ads[0]).loop
-
     def begin(self, world: World, stage: Stage) -> None:
         """Make the memory of every row."""
         super().begin(world, stage)
-        stage.take_charge(world)
         note_unlimited(world)  # a rule sees the world
-        kind: Any = type(self._ads[0])
+        kind = type(self._ads[0])
+        self._loop = kind.loop
         if knows_the_scripts(self._ads[0]):  # the ideal vehicle of Eq. 17
             self._arrays = kind.foreseeing(self._ads, world.cases, world.each)
         else:
@@ -424,8 +424,10 @@ class Replays(EgoControl):
     The commands were recorded after all delays.
     """
 
-    def __init__(self, replays: Sequence[Replay], terms: Terms) -> None:
-        super().__init__(terms)
+    def begin(self, world: World, stage: Stage) -> None:
+        """Find the strongest braking of each ego, and the steering of those that need it."""
+        super().begin(world, stage)
+        replays = self._ads
         # (n, steps, 6), as in `records.MOTION`; of replays of two columns the first four are 0;
         # the last step, beyond the longest recording, stands for all that follow
         self._commands = np.zeros((len(replays), 1 + max(len(it.commands) for it in replays), 6))
@@ -434,11 +436,6 @@ class Replays(EgoControl):
         # whether the ego was moved by SUMO or a plant
         self._moved = np.array([it.commands.shape[1] > 2 for it in replays])
         self._until = np.array([it.until for it in replays])
-
-    def begin(self, world: World, stage: Stage) -> None:
-        """Find the strongest braking of each ego, and the steering of those that need it."""
-        super().begin(world, stage)
-        stage.take_charge(world)
         self._strongest = np.array([it.vehicle.max_deceleration for it in world.each])
         if world.cases[0].road.bent and self._moved.any():
             self._commands[self._moved, :, -1] = self._steering(world)[self._moved]
@@ -472,19 +469,10 @@ class Policies(EgoControl):
 
     checks = False  # whether `_check` reports a refused call, so `_fail` does not
 
-    def __init__(self, seeds: Sequence[int], terms: Terms) -> None:
-        super().__init__(terms)
-        self._seeds = seeds
-
     def begin(self, world: World, stage: Stage) -> None:
         """Prepare perception, and the executors that carry out plans and speeds."""
         super().begin(world, stage)
         self._road, self._alone = world.cases[0].road, len(world.cases) == 1
-        stage.take_charge(world)
-        GUARD.begin(
-            [actor.name for actor in world.cases[0].actors] if self._alone else (),
-            world.settings.step, world.settings.conditions.interference, heeding(world.cases[0]),
-        )  # fmt: skip
         self._tasks = [task_of(concrete) for concrete in world.cases]
         self._kinds = [kinds_of(concrete) for concrete in world.cases]
         conditions = [settings.conditions for settings in world.each]
@@ -539,7 +527,7 @@ class Policies(EgoControl):
             # a message may end with the time already
             sentence = words if words.endswith(f" {when}.") else str(with_time(error, when))
         for row in rows:
-            world.keep_fault(int(world.rows[row]), error, target, self._terms.folder)
+            world.keep_fault(world.case_of(row), error, target, self._terms.folder)
             if not (self.checks and isinstance(error, RefusedCallError)):
                 world.fail(row, fault, sentence)
 
@@ -563,16 +551,10 @@ class OneEach(Policies):
 
     checks = True
 
-    def __init__(
-        self, policies: Sequence[PolicyController], seeds: Sequence[int], terms: Terms
-    ) -> None:
-        super().__init__(seeds, terms)
-        self._policies = policies
-
     def begin(self, world: World, stage: Stage) -> None:
         """Reset each of them."""
         super().begin(world, stage)
-        for case, policy in enumerate(self._policies):
+        for case, policy in enumerate(self._ads):
             if case in world.errors:
                 continue
             briefing = make_briefing(world.cases[case], world.each[case], self._terms)
@@ -584,7 +566,7 @@ class OneEach(Policies):
         self._brief = self._terms.every == 1 and self.actuation.budget == math.inf
         self._settled = [
             getattr(policy.target, "settled", None) if world.settings.end_when_decided else None
-            for policy in self._policies
+            for policy in self._ads
         ]
 
     def _check(self, world: World, time: float) -> None:
@@ -601,9 +583,9 @@ class OneEach(Policies):
         if self._alone:
             GUARD.heard()  # call the ADS's step listeners, before its policy
         # a single row is live, and need not be looked for
-        for row in np.flatnonzero(world.egos["live"]).tolist() if len(egos) > 1 else (0,):
+        for row in world.live.tolist() if len(egos) > 1 else (0,):
             case = int(world.rows[row])
-            policy, executor = self._policies[case], self._executors[case]
+            policy, executor = self._ads[case], self._executors[case]
             asked = wall_time()
             try:
                 if world.steps % terms.every:  # between two calls
@@ -650,7 +632,7 @@ class OneEach(Policies):
 
     def release(self, world: World, row: int) -> None:
         """Close the row's policy."""
-        policy = self._policies[int(world.rows[row])]
+        policy = self._ads[world.case_of(row)]
         if self._alone:
             self._close_guarded(world, row, policy.close, policy.target)
         else:
@@ -681,34 +663,28 @@ class OverArrays(Policies):
     is part of its input.
     """
 
-    def __init__(self, policy: PolicyController, seeds: Sequence[int], terms: Terms) -> None:
-        super().__init__(seeds, terms)
-        self._policy = policy
-        self._act: Callable[[Any], Any] = policy.act
-
     def begin(self, world: World, stage: Stage) -> None:
         """Reset the policy once for all rows."""
         super().begin(world, stage)
         note_unlimited(world)  # arrays show the world as it is
+        self._policy = self._ads[0]
         self._unreleased = len(world.cases)
         briefing = make_briefing(world.cases[0], world.each[0], self._terms)
-        error = error_of(self._policy.reset, replace(briefing, values=None), TRACI, EGO)
-        if error is not None:
-            self._fail_all(world, error, "in reset")
+        self._call(
+            world, "in reset", self._policy.reset, replace(briefing, values=None), TRACI, EGO
+        )
         decided = world.settings.end_when_decided
         self._settled = getattr(self._policy.target, "settled", None) if decided else None
 
     def step(self, world: World, time: float) -> None:
         """Call the policy once for all rows."""
-        live = np.flatnonzero(world.egos["live"])
+        live = world.live
         seen = Observations(
             time, world.cases[0].road, world.rows[live], world.egos[live], world.seen[live],
             world.others[live], world.cases,
         )  # fmt: skip
         asked = clock.perf_counter()
-        error = error_of(self._command, world, live, seen)
-        if error is not None:
-            self._fail_all(world, error, f"at {time:.2f} s")
+        if not self._call(world, f"at {time:.2f} s", self._command, world, live, seen):
             return
         took = (clock.perf_counter() - asked) / len(live)
         world.latencies.shared.append(took)
@@ -732,7 +708,7 @@ class OverArrays(Policies):
     def _answer(self, seen: Observations, rows: int) -> FloatArray:
         asked = clock.perf_counter()
         try:
-            answer = np.asarray(self._act(seen), float)
+            answer = np.asarray(self._policy.act(seen), float)
             overdue = clock.perf_counter() - asked > self._terms.step_timeout * rows
         except ControllerTimeoutError:  # raised by the watch over the process
             overdue = True
@@ -747,10 +723,13 @@ class OverArrays(Policies):
             )
         return answer
 
-    def _fail_all(self, world: World, error: BaseException, when: str) -> None:
-        self._fail(
-            world, np.flatnonzero(world.egos["live"]).tolist(), error, when, self._policy.target
-        )
+    def _call(self, world: World, when: str, call: Callable[..., Any], *arguments: Any) -> bool:
+        """Call the policy; whether it raised no error, which fails all rows."""
+        error = error_of(call, *arguments)
+        if error is not None:
+            rows = world.live.tolist()
+            self._fail(world, rows, error, when, self._policy.target)
+        return error is None
 
     def release(self, world: World, row: int) -> None:
         """Close the policy when the last row has ended."""

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.controller import Adapter, NativeModel, ObjectController
-from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, SumoNames, heeding
+from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, SumoNames
 from sumo_eval.cosim.impossible import (
     FASTEST,
     JUMP_TOLERANCE,
@@ -78,29 +78,22 @@ class OnTraci(EgoControl):
     In a batch, a row with anything out of the ordinary leaves, and is driven alone.
     """
 
-    def __init__(self, ads: Sequence[Adapter], terms: Terms) -> None:
-        super().__init__(terms)
+    def __init__(self, ads: Sequence[Adapter], seeds: Sequence[int], terms: Terms) -> None:
+        super().__init__(ads, seeds, terms)
         # a proxy: a circle of references would keep a batch's arrays until Python looks for circles
         self._hooks = [_Hook(proxy(self), it, terms) for it in ads]
         self._alone = len(ads) == 1
         self.unguarded = self._hooks[0].waits
 
     def begin(self, world: World, stage: Stage) -> None:
-        """Take charge of the vehicles, and reset the ADSs."""
+        """Reset the ADSs."""
         super().begin(world, stage)
-        concrete, settings = world.cases[0], world.settings
-        others = [actor.name for actor in concrete.actors]
-        GUARD.begin(others, settings.step, settings.conditions.interference, heeding(concrete))
         # moded: an ADS that is alone may have changed the ego's speed mode in any step; in a batch
         # `GUARD` sees every call
         GUARD.shared, GUARD.moded = not self._alone, self._alone
         GUARD.positions, GUARD.speeds = stage.fronts, stage.speeds
         self._stage = stage
         world.egos["next"]["speed"] = world.egos["speed"]
-        stage.take_charge(world)
-        self._begin_each(world, stage)
-
-    def _begin_each(self, world: World, stage: Stage) -> None:
         note_unlimited(world)  # TraCI shows everything
         for case in () if self._alone else world.errors:
             world.leave(case, LEFT_BATCH)

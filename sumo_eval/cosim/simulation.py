@@ -177,19 +177,20 @@ def _control(ads: Sequence[Any], seeds: Sequence[int], terms: Terms) -> EgoContr
 
     ads: what drives each case, all of one kind: baseline (`Compiled`), `Replay` or `Adapter`.
     """
+    kind: type[EgoControl] = OneEach
     if isinstance(ads[0], Compiled):
-        return Rules(ads, terms)
-    if isinstance(ads[0], Replay):
-        return Replays(ads, terms)
-    if not ads[0].is_policy:
-        return OnTraci(ads, terms)
-    if takes_arrays(ads[0].target):
+        kind = Rules
+    elif isinstance(ads[0], Replay):
+        kind = Replays
+    elif not ads[0].is_policy:
+        kind = OnTraci
+    elif takes_arrays(ads[0].target):
+        kind = OverArrays
         if terms.every > 1:
             raise InputError(
                 "A policy over arrays (`batch`) is asked at every step; it takes no `period`."
             )
-        return OverArrays(ads[0], seeds, terms)
-    return OneEach(ads, seeds, terms)
+    return kind(ads, seeds, terms)
 
 
 def _opened(

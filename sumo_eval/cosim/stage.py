@@ -110,7 +110,7 @@ class Stage:
 
     def without(self, world: World) -> None:
         """Continue without the rows that have ended."""
-        self._live = np.flatnonzero(world.egos["live"])
+        self._live = world.live
         self._names: list[str] = []  # of vehicles that are read at once; empty: to be found again
         # (row, index) of the actors that `read` has to read: those of the only row, until
         # `read_at_once` leaves others
@@ -300,7 +300,7 @@ class Stage:
 
     def _note_leaving(self, world: World, row: int, other: int) -> None:
         """Record an actor that left the network; raise ControllerError if the ADS removed it."""
-        case, now = int(world.rows[row]), world.time + self._step
+        case, now = world.case_of(row), world.time + self._step
         actor = world.cases[case].actors[other]
         left_itself = actor.model or self._is_past_the_road(world, row, other)
         if not left_itself and world.each[case].conditions.interference == "refuse":
@@ -355,7 +355,7 @@ class Stage:
         vehicle: 0 the ego, then the actors.
         words: after "SUMO", with {} for the vehicle.
         """
-        actors = world.cases[int(world.rows[row])].actors
+        actors = world.cases[world.case_of(row)].actors
         who = f"vehicle `{actors[vehicle - 1].name}`" if vehicle else "the ego"
         moved = self.asked and self._alone and GUARD.moved and not vehicle
         world.fail(row, "ads_error" if moved else "sim_error", f"SUMO {words.format(who)}")
@@ -364,6 +364,6 @@ class Stage:
         """Remove the vehicles of a case that has ended from its batch."""
         if self._alone:
             return
-        for name in self.names[int(world.rows[row])]:
+        for name in self.names[world.case_of(row)]:
             with suppress(self.traci.TraCIException):  # SUMO may have removed it
                 self.traci.vehicle.remove(name)

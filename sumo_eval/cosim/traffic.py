@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -36,26 +36,6 @@ _TOLERANCE_IN_A_CURVE = 0.1
 _ITS_OWN_SPEED_MODE = 31  # SUMO's default: as its model says
 
 
-class _OnLane(NamedTuple):
-    """A vehicle to be put on a lane.
-
-    number: index of the vehicle in flat order (row by row, the ego first).
-    lane, shadow_lane: of its body and of its shadow; -1: no shadow.
-    begin: position of its front along the lane at the step's start, m.
-    y: position across the road at the step's end, m.
-    along: speed along the road at the step's end, m/s.
-    speed_before: speed at the step's start, m/s.
-    """
-
-    number: int
-    lane: int
-    shadow_lane: int
-    begin: float
-    y: float
-    along: float
-    speed_before: float
-
-
 class Traffic(Stage):
     """The running simulation of the cases of a world in which vehicles react.
 
@@ -66,21 +46,14 @@ class Traffic(Stage):
     # m by which SUMO's position may differ after a step: SUMO moves by the mean of both speeds
     tolerance = 0.05
 
-    def __init__(
-        self, traci: Any, world: World, *, asked: bool = False, as_read: bool = False
-    ) -> None:
-        # whether each vehicle is a pedestrian or a cyclist, of each case, the ego first
-        self._on_foot = [
-            [False, *(actor.body in VULNERABLE for actor in case.actors)] for case in world.cases
-        ]
-        self._handed: set[str] = set()  # vehicles that SUMO has begun to drive within their case
-        super().__init__(traci, world, asked=asked, as_read=as_read)
-
     def keep(self, world: World) -> None:
         """Keep only the rows that the world still has, in its order."""
         cases = world.rows.tolist()
         self._find_reacting(world)
-        self._walks = np.array([walks for case in cases for walks in self._on_foot[case]])
+        # whether each vehicle is a pedestrian or a cyclist
+        self._walks = np.array(
+            [[False, *(it.body in VULNERABLE for it in world.cases[case].actors)] for case in cases]
+        ).ravel()
         self._shadow_of = [
             "" if self.as_read or not has_shadow(world.cases[case], j) else shadow_name(name)
             for case in cases
@@ -88,9 +61,6 @@ class Traffic(Stage):
         ]
         self._has_shadow = np.array(self._shadow_of) != ""
         super().keep(world)
-        self._lanes = [
-            [f"{edge}_{lane}" for lane in range(self._road.lanes)] for edge in self._edge
-        ]
 
     def _number(self, row: Any, actor: Any) -> Any:
         """Index of an actor, or of several, in flat order (row by row, the ego first)."""
@@ -131,7 +101,8 @@ class Traffic(Stage):
             x, y, lane = float(other["x"]), float(other["y"]), int(lanes_at(road, other["y"]))
             ground = float(self._ground_of_lane(x, y)) if self._bent else 1.0
             # SUMO's position is that of the front, in metres of the lane
-            calls.moveTo(name, self._lanes[row][lane], x + 0.5 * float(other["length"]) / ground)
+            half = 0.5 * float(other["length"])
+            calls.moveTo(name, f"{self._edge[row]}_{lane}", x + half / ground)
             calls.setLateralLanePosition(name, y - road.lane_width * lane)
         speed = float(other["speed"]) * math.cos(float(other["heading"]))
         calls.setPreviousSpeed(name, max(speed, 0.0))
@@ -141,6 +112,7 @@ class Traffic(Stage):
     def take_charge(self, world: World) -> None:
         """Take control of the vehicles that SUMO does not drive."""
         super().take_charge(world)
+        self._handed: set[str] = set()  # vehicles that SUMO has begun to drive within their case
         self._shown_shadows: set[str] = set()
         calls = self.calls
         for name in filter(None, self._shadow_of):
@@ -212,10 +184,9 @@ class Traffic(Stage):
             self._move(int(vehicle), *motion)
             self._hide_shadow(int(vehicle))
         along, speed_before = np.maximum(along, 0.0), of_all(before, "speed")
-        # the fields of `_OnLane`
         columns = number, lane, shadow_lane, begin, y, along, speed_before
         for values in zip(*(column[on_lanes].tolist() for column in columns), strict=True):
-            self._put_on_lane(_OnLane(*values))
+            self._put_on_lane(*values)
 
     def _on_lanes_from(
         self, number: IntArray, begin: FloatArray, y: FloatArray, heading: FloatArray
@@ -245,28 +216,36 @@ class Traffic(Stage):
         right = (y - across < width * (lane - 0.5) - over_line) & (lane > 0)
         return np.where(left, lane + 1, np.where(right, lane - 1, -1))
 
-    def _put_on_lane(self, it: _OnLane) -> None:
+    def _put_on_lane(
+        self, number: int, lane: int, shadow_lane: int, begin: float, y: float, along: float,
+        speed_before: float,
+    ) -> None:  # fmt: skip
         """Put a vehicle and its shadow where they are at the step's start, with the speed of its
         end.
-        """
-        name, shadow = self._flat[it.number], self._shadow_of[it.number]
-        if self._bent:
-            self._told[name] = it.along
-        self._put(name, it, it.lane)
-        if it.shadow_lane < 0:
-            self._hide_shadow(it.number)
-            return
-        # a new shadow stood beside the road: else SUMO takes its speed there as the one before
-        if shadow not in self._shown_shadows:
-            self.calls.setPreviousSpeed(shadow, it.speed_before)
-            self._shown_shadows.add(shadow)
-        self._put(shadow, it, it.shadow_lane)
 
-    def _put(self, name: str, it: _OnLane, lane: int) -> None:
-        """Put a body, or its shadow, on a lane."""
-        self.calls.moveTo(name, self._lanes[it.number // self._width][lane], it.begin)
-        self.calls.setLateralLanePosition(name, it.y - self._road.lane_width * lane)
-        self.calls.setSpeed(name, it.along)
+        number: index of the vehicle in flat order (row by row, the ego first).
+        lane, shadow_lane: of its body and of its shadow; -1: no shadow.
+        begin: position of its front along the lane at the step's start, m.
+        y: position across the road at the step's end, m.
+        along: speed along the road at the step's end, m/s.
+        speed_before: speed at the step's start, m/s.
+        """
+        calls, name, shadow = self.calls, self._flat[number], self._shadow_of[number]
+        if self._bent:
+            self._told[name] = along
+        edge, bodies = self._edge[number // self._width], [(name, lane)]
+        if shadow_lane < 0:
+            self._hide_shadow(number)
+        else:
+            bodies.append((shadow, shadow_lane))
+            # a new shadow stood beside the road: else SUMO takes its speed there as the one before
+            if shadow not in self._shown_shadows:
+                calls.setPreviousSpeed(shadow, speed_before)
+                self._shown_shadows.add(shadow)
+        for body, its_lane in bodies:
+            calls.moveTo(body, f"{edge}_{its_lane}", begin)
+            calls.setLateralLanePosition(body, y - self._road.lane_width * its_lane)
+            calls.setSpeed(body, along)
 
     def read(self, world: World) -> None:
         """Take in where SUMO has driven the vehicles that react."""
@@ -290,7 +269,7 @@ class Traffic(Stage):
         for k in np.flatnonzero(gone).tolist():
             others["present"][rows[k], columns[k]] = 0
             now = world.time + world.settings.step
-            world.note(int(world.rows[rows[k]]), "actor_left_the_network", now, now)
+            world.note(world.case_of(rows[k]), "actor_left_the_network", now, now)
         self._take(world, rows[~gone], columns[~gone], shown[~gone])
         world.put_on_map()
 

@@ -284,7 +284,7 @@ class World:
         others["present"][gone] = 0
         rows, actors = np.nonzero(gone)
         for row in rows.tolist():
-            self.note(int(self.rows[row]), "actor_left_the_network", now, now)
+            self.note(self.case_of(row), "actor_left_the_network", now, now)
 
         numbers = rows * (1 + gone.shape[1]) + 1 + actors  # as in `tell`: each row's ego first
         kept = self.tell[:count][~np.isin(self.tell[:count, 0], numbers)]
@@ -304,6 +304,15 @@ class World:
     def time(self) -> float:
         """s since the start of the cases."""
         return float(self.steps * self.settings.step)
+
+    @property
+    def live(self) -> IntArray:
+        """The rows that have not ended."""
+        return np.flatnonzero(self.egos["live"])
+
+    def case_of(self, row: int) -> int:
+        """The index of the case of a row."""
+        return int(self.rows[row])
 
     def note(self, case: int, what: str, requested: float, applied: float, **values: float) -> None:
         """Count a clip that no kernel counts, and keep its worst instance.
@@ -339,12 +348,12 @@ class World:
 
     def leave(self, row: int, why: Alone) -> None:
         """Remove a case from its batch; it restarts alone."""
-        self.left[int(self.rows[row])] = why
+        self.left[self.case_of(row)] = why
         self.egos["reason"][row] = SIM_ERROR
 
     def fail(self, row: int, reason: EndReason, sentence: str) -> None:
         """Mark a case as ended for a reason, with an error message."""
-        case = int(self.rows[row])
+        case = self.case_of(row)
         self.egos["reason"][row] = REASONS.index(reason)
         self.errors[case] = f"{self.errors.get(case, '')} {sentence}".lstrip()
 
@@ -373,7 +382,7 @@ class World:
 
     def end(self, row: int) -> None:
         """Keep the recording and the notes of a case that has ended."""
-        ego, case = self.egos[row], int(self.rows[row])
+        ego, case = self.egos[row], self.case_of(row)
         self.egos["live"][row] = 0
         self.going -= 1
         reason = REASONS[int(ego["reason"])]

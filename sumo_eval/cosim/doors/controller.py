@@ -91,7 +91,7 @@ class Controller(Protocol):
 
 
 class Adapter:
-    """Base of what makes a controller of something else: does nothing.
+    """Base of what makes a controller of something else.
 
     target: the user's own object.
     """
@@ -100,7 +100,9 @@ class Adapter:
     is_policy = False  # whether it is asked by `act`, shown an Observation and nothing else
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Nothing is kept between cases."""
+        """Pass on, when the object has one."""
+        if hasattr(self.target, "reset"):
+            self.target.reset(scenario, traci, ego)
 
     def step(self, traci: Any, ego: str, time: float) -> Any:
         """Does nothing: SUMO's own model or a listener drives."""
@@ -118,11 +120,6 @@ class ObjectController(Adapter):
     """
 
     target: Any
-
-    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Pass on, when the object has one."""
-        if hasattr(self.target, "reset"):
-            self.target.reset(scenario, traci, ego)
 
     def step(self, traci: Any, ego: str, time: float) -> Any:
         """Ask it."""
