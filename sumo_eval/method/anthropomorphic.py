@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
 from sumo_eval.method import score_terms
-from sumo_eval.method.checks import finite, not_negative
+from sumo_eval.method.checks import finite, not_negative, quotient
 from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, everyone, manoeuvre_of, spread
 from sumo_eval.method.operations import count_operations as count_operations  # for users, too
 from sumo_eval.method.operations import most_operations
@@ -295,12 +295,8 @@ def first_samples(drive: Trajectory, number: int) -> Trajectory:
     return Trajectory(*channels, length=drive.length, width=drive.width)
 
 
-class _Slices(NamedTuple):
-    """Slices of a comparison: the arguments of `slice_positions`, m."""
-
-    start: float
-    length: float
-    spacing: float
+_Slices = tuple[float, float, float]
+"""Slices of a comparison: the arguments of `slice_positions`, m."""
 
 
 class _Comparison(NamedTuple):
@@ -388,7 +384,7 @@ def _choice(pairing: Pairing, mode: Mode, vehicles: Sequence[_Vehicle]) -> tuple
     if mode == "mixture":
         choice = chosen(ads.manoeuvre, [driver.manoeuvre for driver in drivers])
     mean_reach = float(np.array([driver.reach for driver in drivers])[choice.members].mean())
-    return choice, _Slices(ads.begin, min(ads.reach, mean_reach), pairing.spacing)
+    return choice, (ads.begin, min(ads.reach, mean_reach), pairing.spacing)
 
 
 def _index(
@@ -567,9 +563,7 @@ def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray
     # samples on both sides of the crossing; where there is none, both are the first sample
     right = np.where(crossed, after, 0)
     left = np.where(crossed, after - 1, 0)
-    share = np.divide(
-        wanted - x[left], x[right] - x[left], out=np.zeros(wanted.shape), where=crossed
-    )
+    share = quotient(wanted - x[left], x[right] - x[left], crossed, 0.0)
     lateral = y[left] + share * (y[right] - y[left])
     return np.where(after == x.size, y[-1], lateral)
 

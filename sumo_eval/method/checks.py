@@ -1,4 +1,4 @@
-"""Checks of numbers that callers give to the functions of this room."""
+"""Checks of numbers that callers give to the functions of this room, and quotients."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray
 
 
 def finite(owner: str, name: str, values: ArrayLike) -> FloatArray:
@@ -37,3 +37,12 @@ def not_negative(
         wanted = "greater than 0" if above_zero else "at least 0"
         raise must_be(f"`{name}`", owner, wanted, float(wrong[0]))
     return array
+
+
+def quotient(
+    dividend: ArrayLike, divisor: ArrayLike, where: BoolArray, otherwise: float = np.inf
+) -> FloatArray:
+    """Dividend over divisor where a condition holds, `otherwise` elsewhere; all broadcast."""
+    result: FloatArray = np.full(np.broadcast(dividend, divisor, where).shape, otherwise)
+    np.divide(dividend, divisor, out=result, where=where)
+    return result

@@ -148,7 +148,7 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
     # box: not before t = 1, which is x_i itself
     ahead = np.where(direction > 0.0, 1.0 - start, start)
     moves = np.abs(direction) > SAME_POINT
-    t_face = np.divide(ahead, np.abs(direction), out=np.full(start.shape, np.inf), where=moves)
+    t_face = checks.quotient(ahead, np.abs(direction), moves)
     t_box = np.maximum(t_face.min(axis=1), 1.0)
 
     def inside(rays: IntArray, t: FloatArray) -> BoolArray:

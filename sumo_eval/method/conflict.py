@@ -272,51 +272,32 @@ def _most_critical(
     others: motion of the actors, (n, m, T, 5), as in `Tracks`.
     egos: x and speed, (n, T, 2).
     horizon: number of looks ahead in which a collision counts.
-    """
-    each = np.array(
-        [
-            _with_actor(placed, others[:, number], number, size, egos, horizon)
-            for number in range(others.shape[1])
-        ]
-    )
-    most: FloatArray = each.max(axis=0)
-    most[:, 2] = each[..., 2].min(axis=0)
-    return most.T
-
-
-def _with_actor(
-    placed: Sequence[ConcreteScenario],
-    track: FloatArray,
-    other: int,
-    size: tuple[float, float],
-    egos: FloatArray,
-    horizon: int,
-) -> FloatArray:
-    """Max ITTC, impact speed and smallest distance of the bodies with number `other`, (n, 3).
-
-    track: motion of that actor, (n, T, 5), as in `Tracks`.
-    egos, horizon: as in `_most_critical`.
 
     An actor that reacts and comes from behind does not count: no braking of the ego averts its
     acts, which SUMO alone knows.
     """
-    # all cases of one scenario have the same actor, at other places
-    actor, ways = placed[0].actors[other], np.zeros(len(placed), _WAY)
+    ways = np.zeros(len(placed), _WAY)
     for i, concrete in enumerate(placed):
         way = concrete.ego.way
         change = 0.0, 0.0, 1.0  # without a lane change; `_ego` divides by the length
         if way is not None:
             change = way.offset, way.begin, way.length(concrete.ego.speed)
-        ways[i] = concrete.ego.y, *change, *size, actor.length, actor.width
-    heading, speed, across = np.moveaxis(track[..., 2:], 2, 0)
-    c, s = np.cos(heading), np.sin(heading)
-    # last the actor's velocity along the road, and to its left
-    motion = np.dstack([track[..., :3], speed * c - across * s, speed * s + across * c])
-    result = np.zeros((len(placed), 3))
-    _search_rows(ways, egos, motion, horizon, result)
-    if actor.model is not None:
-        result[[it.actors[other].start.x < it.ego.x for it in placed]] = 0.0, 0.0, math.inf
-    return result
+        ways[i] = concrete.ego.y, *change, *size, 0.0, 0.0
+    each = np.zeros((others.shape[1], len(placed), 3))
+    # all cases of one scenario have the same actors, at other places
+    for number, (actor, result) in enumerate(zip(placed[0].actors, each, strict=True)):
+        ways["long"], ways["wide"] = actor.length, actor.width
+        place, (heading, speed, across) = np.split(np.moveaxis(others[:, number], 2, 0), [2])
+        c, s = np.cos(heading), np.sin(heading)
+        # last the actor's velocity along the road, and to its left
+        motion = np.dstack([*place, heading, speed * c - across * s, speed * s + across * c])
+        _search_rows(ways, egos, motion, horizon, result)
+        if actor.model is not None:
+            behind = [it.actors[number].start.x < it.ego.x for it in placed]
+            result[behind] = 0.0, 0.0, math.inf
+    most: FloatArray = each.max(axis=0)
+    most[:, 2] = each[..., 2].min(axis=0)
+    return most.T
 
 
 def _begins(concrete: ConcreteScenario, other: int) -> float:

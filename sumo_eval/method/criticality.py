@@ -36,9 +36,7 @@ def time_to_collision(ego_speed: ArrayLike, lead_speed: ArrayLike, gap: ArrayLik
     Raises InputError for numbers that are not finite and for negative speeds.
     """
     inverse = inverse_ttc(ego_speed, lead_speed, gap)
-    return np.asarray(
-        np.divide(1.0, inverse, out=np.full(np.shape(inverse), np.inf), where=inverse > 0.0)
-    )[()]
+    return checks.quotient(1.0, inverse, inverse > 0.0)[()]
 
 
 def inverse_ttc(ego_speed: ArrayLike, lead_speed: ArrayLike, gap: ArrayLike) -> FloatArray:
@@ -51,10 +49,8 @@ def inverse_ttc(ego_speed: ArrayLike, lead_speed: ArrayLike, gap: ArrayLike) -> 
 
     Raises InputError for numbers that are not finite and for negative speeds.
     """
-    closing, distance = np.broadcast_arrays(
-        _closing_speed(ego_speed, lead_speed), _finite("gap", gap)
-    )
-    apart = np.divide(closing, distance, out=np.full(closing.shape, np.inf), where=distance > 0.0)
+    closing, distance = _closing_speed(ego_speed, lead_speed), _finite("gap", gap)
+    apart = checks.quotient(closing, distance, distance > 0.0)
     return np.where(closing > 0.0, apart, 0.0)[()]
 
 
@@ -255,9 +251,8 @@ def ideal_impact_speed(
 
     # gap closed on a ramp that lasts until equal speeds, and the share of it that is there
     needed = 2.0 / 3.0 * closing * np.sqrt(2.0 * closing * ramp / strength)
-    plenty = np.ones(np.broadcast(left, needed).shape)
     free_gap = np.maximum(left, 0.0)
-    share = np.divide(free_gap, needed, out=plenty, where=free_gap < needed)
+    share = checks.quotient(free_gap, needed, free_gap < needed, 1.0)
     at_root = closing * (1.0 - 4.0 * np.sin(np.arcsin(share) / 3.0) ** 2)
     on_ramp = np.where(share < 1.0, at_root, 0.0)
 

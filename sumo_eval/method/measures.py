@@ -14,9 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_eval.method.checks import quotient
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.road.reference_line import curvatures
-from sumo_eval.trajectory import Collision, FloatArray, Trajectories, Trajectory, half_extents
+from sumo_eval.trajectory import (
+    BoolArray,
+    Collision,
+    FloatArray,
+    Trajectories,
+    Trajectory,
+    half_extents,
+)
 
 TOUCH = 1e-3
 """Bodies nearer than this, m, touch: a quotient by a gap this small, in the last sample before a
@@ -290,7 +298,7 @@ def time_to_collision(gap: FloatArray, closing: FloatArray) -> FloatArray:
 
     inf where the ego is not closing, 0 where it touches, nan without a gap.
     """
-    apart = np.divide(gap, closing, out=np.full(gap.shape, np.inf), where=closing > 0.0)
+    apart = quotient(gap, closing, closing > 0.0)
     return np.where(np.isnan(gap), np.nan, np.where((gap < TOUCH) & (closing > 0.0), 0.0, apart))
 
 
@@ -303,8 +311,7 @@ def time_headway(gap: FloatArray, ego_speed: FloatArray) -> FloatArray:
 
     inf where the ego does not move forward, nan without a gap.
     """
-    headway = np.divide(gap, ego_speed, out=np.full(gap.shape, np.inf), where=ego_speed > 0.0)
-    return np.where(np.isnan(gap), np.nan, headway)
+    return np.where(np.isnan(gap), np.nan, quotient(gap, ego_speed, ego_speed > 0.0))
 
 
 def deceleration_to_avoid(gap: FloatArray, closing: FloatArray) -> FloatArray:
@@ -316,8 +323,7 @@ def deceleration_to_avoid(gap: FloatArray, closing: FloatArray) -> FloatArray:
 
     0 where the ego is not closing, inf where it touches, nan without a gap.
     """
-    open_gap = gap >= TOUCH
-    needed = np.divide(closing**2, 2.0 * gap, out=np.full(gap.shape, np.inf), where=open_gap)
+    needed = quotient(closing**2, 2.0 * gap, gap >= TOUCH)
     return np.where(np.isnan(gap), np.nan, np.where(closing > 0.0, needed, 0.0))
 
 
@@ -373,12 +379,12 @@ def conflict_pet(ego: Trajectory, other: Trajectory, collision: Collision | None
     if collision is not None:
         return 0.0
     apart = np.abs(ego.time[:, None] - other.time[None, :])
-    touching = _separation(_poses(ego, ego.time), _poses(other, other.time), ego, other) < 0.0
+    touching = _overlap(ego, ego.time, other, other.time)
     if not touching.any():
         return float("nan")
     i, j = np.unravel_index(int(np.argmin(np.where(touching, apart, np.inf))), apart.shape)
     first, second = (_around(trajectory.time, int(k)) for trajectory, k in ((ego, i), (other, j)))
-    touching = _separation(_poses(ego, first), _poses(other, second), ego, other) < 0.0
+    touching = _overlap(ego, first, other, second)
     return float(np.abs(first[:, None] - second[None, :])[touching].min(initial=float(apart[i, j])))
 
 
@@ -388,28 +394,22 @@ def _around(time: FloatArray, at: int) -> FloatArray:
     return np.linspace(begin, end, max(round((end - begin) / _FINER), 1) + 1)
 
 
-def _poses(trajectory: Trajectory, times: FloatArray) -> FloatArray:
-    """x, y and heading at times within its recording, (n, 3)."""
-    channels = (trajectory.x, trajectory.y, np.unwrap(trajectory.heading))
-    return np.stack([np.interp(times, trajectory.time, channel) for channel in channels], axis=1)
+def _overlap(
+    one: Trajectory, times: FloatArray, other: Trajectory, others: FloatArray
+) -> BoolArray:
+    """Whether two bodies overlap, (n, m).
 
-
-def _separation(
-    first: FloatArray, second: FloatArray, one: Trajectory, other: Trajectory
-) -> FloatArray:
-    """Distance of rectangles, m, (n, m), along the direction of one of their sides in which it is
-    largest; negative where they overlap.
-
-    first, second: x, y and heading of the rectangles, (n, 3) and (m, 3).
-    one, other: whose length and width the first and the second ones have.
+    times, others: at which one of them, (n,), and the other, (m,), is where it is, s, within its
+        recording.
     """
-    dx, dy = (second[None, :, k] - first[:, None, k] for k in (0, 1))
-    turned = second[None, :, 2] - first[:, None, 2]
+    x, y, heading = (it[:, None] for it in _pose(one, times))
+    other_x, other_y, other_heading = _pose(other, others)
+    dx, dy, turned = other_x - x, other_y - y, other_heading - heading
     c, s = np.abs(np.cos(turned)), np.abs(np.sin(turned))
     apart = np.full(turned.shape, -np.inf)
-    for heading, own, far in ((first[:, None, 2], one, other), (second[None, :, 2], other, one)):
+    for direction, own, far in ((heading, one, other), (other_heading, other, one)):
         # along and across the own sides: distance of the centres less half of both reaches
-        ahead, aside = np.cos(heading), np.sin(heading)
+        ahead, aside = np.cos(direction), np.sin(direction)
         along = np.abs(dx * ahead + dy * aside) - 0.5 * (
             own.length + far.length * c + far.width * s
         )
@@ -417,7 +417,13 @@ def _separation(
             own.width + far.length * s + far.width * c
         )
         apart = np.maximum(apart, np.maximum(along, across))
-    return apart
+    return apart < 0.0
+
+
+def _pose(trajectory: Trajectory, times: FloatArray) -> list[FloatArray]:
+    """x, y and heading at times (n,) within its recording."""
+    channels = trajectory.x, trajectory.y, np.unwrap(trajectory.heading)
+    return [np.interp(times, trajectory.time, channel) for channel in channels]
 
 
 def velocity_change(collision: Collision) -> float:

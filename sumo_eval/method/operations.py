@@ -18,6 +18,7 @@ import math
 import numpy as np
 
 from sumo_eval.errors import InputError
+from sumo_eval.method.checks import quotient
 from sumo_eval.method.trajectory_field import SAME_TIME
 from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
@@ -101,7 +102,7 @@ def _wheel_threshold(speed: FloatArray, settings: AnthropomorphicSettings) -> Fl
     lateral = settings.steering_lateral_acceleration
     if lateral is None:
         return np.full(speed.shape, math.radians(settings.steering_threshold_deg))
-    curvature = np.divide(lateral, speed**2, out=np.full(speed.shape, np.inf), where=speed > 0.0)
+    curvature = quotient(lateral, speed**2, speed > 0.0)
     return np.asarray(settings.steering_ratio * np.arctan(settings.wheelbase * curvature))
 
 

@@ -94,13 +94,12 @@ MOTORWAY_PEOPLE: Final = Quantiles(
         "max_lateral_acceleration": (0.933, 0.589, 0.486, 0.458, 0.446, 0.387, 0.338, 0.265, 0.181),
     },
     shares={
-        "min_ttc": (0.00067, *LEVELS),
-        "min_thw": (0.00117, *LEVELS),
-        "max_deceleration": (0.00156, *LEVELS),
-        "max_jerk": (0.00156, *LEVELS),
-        "max_unrest": (0.00156, *LEVELS),
-        "max_lateral_speed": (0.00117, *LEVELS),
-        "max_lateral_acceleration": (0.00156, *LEVELS),
+        name: (least, *LEVELS)
+        for name, least in zip(
+            EXTREMES,
+            (0.00067, 0.00117, 0.00156, 0.00156, 0.00156, 0.00117, 0.00156),
+            strict=True,
+        )
     },
     people=213,
     drives=674,

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sumo_eval.method.checks import quotient
 from sumo_eval.method.conflict import encounter
 from sumo_eval.method.criticality import (
     Profile,
@@ -115,7 +116,7 @@ def squared_time_target(
     inverse, u = np.broadcast_arrays(
         np.asarray(inverse_ttc, float), np.asarray(impact_speed, float)
     )
-    squared = np.divide(1.0, inverse**2, out=np.full(inverse.shape, np.inf), where=inverse > 0.0)
+    squared = quotient(1.0, inverse**2, inverse > 0.0)
     squared = np.where(np.isinf(inverse), -((u / settings.deceleration) ** 2), squared)
     return np.tanh((squared - settings.critical_inverse_ttc**-2) / settings.target_scale)
 

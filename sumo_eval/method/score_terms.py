@@ -19,6 +19,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sumo_eval.method.checks import quotient
 from sumo_eval.settings import ScoreSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -74,7 +75,7 @@ def weighted_mean(values: ArrayLike, weights: ArrayLike, counts: Counts) -> Floa
     weight = np.where(counted, weights, 0.0)
     total = counts @ weight
     terms = counts @ (weight * np.where(counted, values, 0.0))
-    return _ratio(terms, total, np.full(total.shape, np.nan))
+    return quotient(terms, total, total > 0.0, np.nan)
 
 
 def ideal_ratio(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
@@ -206,7 +207,7 @@ def avoided_share(
         np.where(weighs, counts @ (stakes.weight * part), counts @ part)
         for part in (stakes.lost, stakes.at_stake)
     )
-    share = 1.0 - _ratio(numerator, denominator, np.ones(numerator.shape))
+    share = 1.0 - quotient(numerator, denominator, denominator > 0.0, 1.0)
     share = np.where(numerator > 0.0, share, 1.0)
     return np.where(_drawn(stakes.known, counts), share, np.nan)
 
@@ -319,8 +320,3 @@ def grade_slope(avoided: float, sharpness: float) -> float:
 def _drawn(flags: ArrayLike, counts: Counts) -> BoolArray:
     """Whether each sample contains a flagged case, (m,)."""
     return counts @ np.asarray(flags, dtype=float) > 0.0
-
-
-def _ratio(numerator: FloatArray, denominator: FloatArray, otherwise: FloatArray) -> FloatArray:
-    """Numerator over denominator, (m,); `otherwise` where the denominator is 0."""
-    return np.divide(numerator, denominator, out=otherwise, where=denominator > 0.0)

@@ -144,19 +144,6 @@ def prepare() -> None:
     fields.at(rows, np.broadcast_to(across, (len(rows), len(across))), [0])
 
 
-class _BoxedSamples(NamedTuple):
-    """Samples of a trajectory, and their field by boxes.
-
-    samples: as in `far_values`, sorted by x.
-    near: the first and last (exclusive) of those near each of the smallest boxes.
-    far: field of all other samples in each of these boxes, from `far_values`.
-    """
-
-    samples: FloatArray
-    near: IntArray
-    far: FloatArray
-
-
 class SharedFields:
     """The fields of some trajectories on a stretch of road, for many requests.
 
@@ -202,8 +189,7 @@ class SharedFields:
         for place, field in zip(places, fields, strict=True):
             boxed = None if rows is None else self._prepare(place)
             if boxed is not None:
-                k1 = float(self._constants.k1)
-                put_field(rows, boxed.samples, boxed.near, boxed.far, k1, field)
+                put_field(rows, *boxed, float(self._constants.k1), field)
             plainly = ~inside | (boxed is None)
             if plainly.any():
                 drives = [self._trajectories[place]]
@@ -211,20 +197,24 @@ class SharedFields:
                 field[plainly] = plain.reshape(-1, y.shape[1])
         return fields
 
-    def _prepared(self, place: int) -> _BoxedSamples | None:
-        """A trajectory by boxes; None where its field grows too fast with speed for them."""
+    def _prepared(self, place: int) -> tuple[FloatArray, IntArray, FloatArray] | None:
+        """A trajectory by boxes; None where its field grows too fast with speed for them.
+
+        Its samples as in `far_values`, sorted by x; the first and last (exclusive) of those near
+        each of the smallest boxes; and the field of all other samples in each of these boxes.
+        """
         from sumo_eval.method.field_loops import far_values
 
-        constants, boxes = self._constants, _boxes(self._stretch)
+        constants, (grid, west, east) = self._constants, _boxes(self._stretch)
         samples = samples_of(self._trajectories[place], constants.k2, constants.sample_interval)
         if np.abs(samples[:, 4]).max() > LARGEST_EXPONENT:  # column 4: k2 v
             return None
         samples = samples[np.argsort(samples[:, 0], kind="stable")]
-        first = np.searchsorted(samples[:, 0], boxes.west)
-        near = np.column_stack((first, np.searchsorted(samples[:, 0], boxes.east, side="right")))
-        far = far_values(samples, boxes.grid, near, float(constants.k1))
+        first = np.searchsorted(samples[:, 0], west)
+        near = np.column_stack((first, np.searchsorted(samples[:, 0], east, side="right")))
+        far = far_values(samples, grid, near, float(constants.k1))
         smallest = 2**self._stretch.levels  # boxes of the last level
-        return _BoxedSamples(samples, near[-smallest:], far)
+        return samples, near[-smallest:], far
 
 
 def _point_rows(stretch: Stretch, points: FloatArray, rows: IntArray) -> PointRows:
@@ -254,24 +244,15 @@ def _pays(points: int, stretch: Stretch) -> bool:
     # Samples whose terms a node or point takes: at nodes, those that are far from the box, but near
     # its parent; at points, those near the smallest box. Both fill this many lengths of the box.
     near = 1.0 + 2.0 * REACH
-    nodes = NODES * sum(_boxes(stretch).grid.counts.tolist())
+    nodes = NODES * sum(_boxes(stretch)[0].counts.tolist())
     return bool(near * (nodes + points / 2**levels) < points)
 
 
-class _Boxes(NamedTuple):
-    """The boxes of a stretch.
-
-    west, east: x between which a sample is near each box, level after level, m.
-    """
-
-    grid: Grid
-    west: FloatArray
-    east: FloatArray
-
-
 @functools.lru_cache(maxsize=1)
-def _boxes(stretch: Stretch) -> _Boxes:
-    """The boxes of a stretch; those of the last one are kept."""
+def _boxes(stretch: Stretch) -> tuple[Grid, FloatArray, FloatArray]:
+    """The boxes of a stretch, and the x between which a sample is near each box, level after
+    level, m; those of the last one are kept.
+    """
     lengths = [stretch.length / 2**level for level in range(stretch.levels + 1)]
     counts, places, finer = _across([length / stretch.half for length in lengths])
     bounds, across = np.array([stretch.west, stretch.east]), stretch.middle + stretch.half * places
@@ -280,11 +261,8 @@ def _boxes(stretch: Stretch) -> _Boxes:
     length = np.repeat(lengths, boxes)
     number = np.arange(boxes.sum()) - np.repeat(boxes - 1, boxes)
     begin = bounds[0] + length * number
-    return _Boxes(
-        Grid(bounds, *_nodes()[:2], counts, across, finer),
-        begin - REACH * length,
-        begin + (1.0 + REACH) * length,
-    )
+    grid = Grid(bounds, *_nodes()[:2], counts, across, finer)
+    return grid, begin - REACH * length, begin + (1.0 + REACH) * length
 
 
 @functools.cache

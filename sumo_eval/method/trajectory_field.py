@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
-from sumo_eval.method.checks import finite
+from sumo_eval.method.checks import finite, quotient
 from sumo_eval.settings import FieldSettings
 from sumo_eval.trajectory import FloatArray, Trajectory
 
@@ -134,7 +134,7 @@ def _vector_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatArra
     for sample in samples:
         away = points.T - sample[:2, None]
         distance = np.linalg.norm(away, axis=0)
-        unit = np.divide(away, distance, out=np.zeros(away.shape), where=distance > COINCIDENT)
+        unit = quotient(away, distance, distance > COINCIDENT, 0.0)
         magnitude = np.exp(sample[2:4] @ unit) / np.maximum(distance, 1.0) ** k1
         total += sample[5] * magnitude * unit
     return np.asarray(np.linalg.norm(total, axis=0))

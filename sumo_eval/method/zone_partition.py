@@ -91,8 +91,7 @@ class ZonePartition:
 
         Exactly +1 or -1 everywhere if all training points agree.
         """
-        unit = _checked_unit(self.logical, points)
-        return self.surface.value(_rows(unit)).reshape(unit.shape[:-1])
+        return self.surface.value(_checked_unit(self.logical, points))
 
     def hazardous(self, points: ArrayLike) -> BoolArray:
         """Whether y <= 0. Maps and the weights of Eq. 16 use this smooth form of the zones."""
@@ -106,8 +105,9 @@ class ZonePartition:
         This decides the zone of every case that is driven, because the GP may call a point safe at
         which even ideal braking collides.
         """
-        shape = _checked_unit(self.logical, points).shape[:-1]
-        return exactly_hazardous(self.logical, _rows(points), self.settings).reshape(shape)
+        *shape, k = _checked_unit(self.logical, points).shape
+        rows = np.asarray(points, dtype=float).reshape(-1, k)
+        return exactly_hazardous(self.logical, rows, self.settings).reshape(shape)
 
     def largest_inverse_ttc(self, point: FloatArray) -> float:
         """Eqs. 5-6: largest inverse TTC under ideal braking at one point (k,), 1/s."""
@@ -147,8 +147,7 @@ class ZonePartition:
         A point on an edge does, also if rounding has put it beyond the edge by up to 1e-9 of the
         box.
         """
-        unit = _checked_unit(self.logical, points)
-        return _exists(self.logical, _rows(unit)).reshape(unit.shape[:-1])
+        return _exists(self.logical, _checked_unit(self.logical, points))
 
     def boundary_distance(self, points: ArrayLike) -> FloatArray:
         """Distance to the zone boundary y = 0 in the unit box: positive in the safe zone, negative
@@ -160,26 +159,25 @@ class ZonePartition:
         the dense grid (with three parameters 0.05).
         """
         unit = _checked_unit(self.logical, points)
-        rows = _rows(unit)
-        sign = np.where(self.surface.value(rows) <= 0.0, -1.0, 1.0)
+        sign = np.where(self.surface.value(unit) <= 0.0, -1.0, 1.0)
         if not len(self.boundary):
-            return (sign * np.inf).reshape(unit.shape[:-1])
-        distance, nearest = self._boundary_tree.query(rows)
+            return np.asarray(sign * np.inf)
+        distance, nearest = self._boundary_tree.query(unit)
         foot = self.boundary[nearest]
-        # `foot` becomes the boundary point nearest to its row. Each round takes the surface as
-        # linear around `foot`, projects the row onto the plane where that is 0, and moves `foot`
+        # `foot` becomes the boundary point nearest to its point. Each round takes the surface as
+        # linear around `foot`, projects the point onto the plane where that is 0, and moves `foot`
         # half of the way there. Whole steps would diverge where the boundary's radius of curvature
         # is less than the distance.
         for _ in range(60):
             slope = self.surface.gradient(foot)
-            linear_y = self.surface.value(foot) + np.sum(slope * (rows - foot), axis=1)
-            slope_squared = np.maximum(np.sum(slope**2, axis=1), np.finfo(float).tiny)
-            projected = np.clip(rows - (linear_y / slope_squared)[:, None] * slope, 0.0, 1.0)
+            linear_y = self.surface.value(foot) + np.sum(slope * (unit - foot), axis=-1)
+            slope_squared = np.maximum(np.sum(slope**2, axis=-1), np.finfo(float).tiny)
+            projected = np.clip(unit - (linear_y / slope_squared)[..., None] * slope, 0.0, 1.0)
             foot = (foot + projected) / 2.0
-        refined = np.linalg.norm(foot - rows, axis=1)
+        refined = np.linalg.norm(foot - unit, axis=-1)
         settled = (np.abs(self.surface.value(foot)) < EDGE) & _exists(self.logical, foot)
         refined = np.where(settled & (refined <= distance), refined, distance)
-        return np.asarray(sign * refined).reshape(unit.shape[:-1])
+        return np.asarray(sign * refined)
 
 
 def _tree(points: FloatArray) -> Any:
@@ -496,12 +494,6 @@ def _refine(axes: list[list[float]], most: int) -> list[list[float]]:
     ]
 
 
-def _rows(points: ArrayLike) -> FloatArray:
-    """Points (..., k) as (n, k)."""
-    array = np.asarray(points, dtype=float)
-    return array.reshape(-1, array.shape[-1])
-
-
 def _user_points(logical: LogicalScenario, points: ArrayLike) -> FloatArray:
     """Training points of a caller, sorted, each once. Raises InputError as `partition` does."""
     array = np.asarray(points, dtype=float)
@@ -534,12 +526,12 @@ def _checked_unit(logical: LogicalScenario, points: ArrayLike) -> FloatArray:
 
 
 def _exists(logical: LogicalScenario, unit: FloatArray) -> BoolArray:
-    """Whether each unit point (n, k) satisfies the constraints, itself or after a step of `EDGE` up
-    or down along any of the axes.
+    """Whether each unit point (..., k) satisfies the constraints, itself or after a step of `EDGE`
+    up or down along any of the axes.
     """
-    holds = logical.feasible(logical.from_unit(unit))
+    holds = np.asarray(logical.feasible(logical.from_unit(unit)))
     if not holds.all():
-        nudges = EDGE * mesh([[-1.0, 0.0, 1.0]] * unit.shape[1])
+        nudges = EDGE * mesh([[-1.0, 0.0, 1.0]] * unit.shape[-1])
         nudged = np.clip(unit[~holds][:, None, :] + nudges, 0.0, 1.0)
         holds[~holds] = logical.feasible(logical.from_unit(nudged)).any(axis=1)
     return holds

@@ -56,11 +56,13 @@ class Surface:
     coordinates: Callable[[FloatArray], FloatArray] | None = None
 
     def value(self, unit_points: FloatArray) -> FloatArray:
-        """Eq. 8 at points (n, k) of the parameters' unit box: y, (n,)."""
+        """Eq. 8 at points (..., k) of the parameters' unit box: y, (...)."""
         from scipy.spatial.distance import cdist
 
-        y = np.full(len(unit_points), self.level)
-        x = unit_points if self.coordinates is None else self.coordinates(unit_points)
+        *shape, k = unit_points.shape
+        x = unit_points.reshape(-1, k)
+        y = np.full(len(x), self.level)
+        x = x if self.coordinates is None else self.coordinates(x)
         known = self.points / self.length_scales
         size = max(1, 250_000 // max(1, len(known)))  # a block stays in the processor's cache, 2 MB
         for rows in (slice(first, first + size) for first in range(0, len(x), size)):
@@ -70,13 +72,13 @@ class Surface:
             np.exp(exponent, out=exponent)
             exponent *= self.signal_deviation**2
             y[rows] += exponent @ self.weights
-        return y
+        return y.reshape(shape)
 
     def gradient(self, unit_points: FloatArray) -> FloatArray:
-        """Derivative of Eq. 8 by each unit parameter, (n, k), by central differences."""
-        nudges = NUDGE * np.eye(unit_points.shape[1])
+        """Derivative of Eq. 8 by each unit parameter, (..., k), by central differences."""
+        nudges = NUDGE * np.eye(unit_points.shape[-1])
         rises = [self.value(unit_points + step) - self.value(unit_points - step) for step in nudges]
-        return np.stack(rises, axis=1) / (2.0 * NUDGE)
+        return np.stack(rises, axis=-1) / (2.0 * NUDGE)
 
 
 def coordinates(
