@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.errors import InputError, check_known, unknown
@@ -40,8 +41,7 @@ class DrivenPoint:
         return f"{self.scenario.replace('_', ' ')}: {self.words}"
 
 
-@dataclass(frozen=True, slots=True)
-class Asked:
+class Asked(NamedTuple):
     """Request for a figure of a scored run, as the user gave it.
 
     scenario, ads, case: names; None: not given.

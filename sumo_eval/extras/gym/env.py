@@ -55,19 +55,10 @@ def _answers(interface: Interface, actions: Any, count: int) -> Floats:
     return np.asarray(np.eye(interface.width)[index])
 
 
-class _WithEpisodes:
-    """Common part of both environments."""
-
-    episodes: Episodes
-
-    @property
-    def interface(self) -> Interface:
-        """Features and actions; `to_toml()` is the table that `onnx:` needs next to the model."""
-        return self.episodes.interface
-
-
-class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
+class ScenarioEnv(gymnasium.Env[Floats, Floats]):
     """Single cases of a logical scenario; arguments as of `Episodes`.
+
+    interface: features and actions; `to_toml()` is the table that `onnx:` needs next to the model.
 
     `reset(options={"gap": 20.0})` sets parameters and draws the rest; `options={"sampler": f}`
     asks `f(generator)` for a point. `info` has the point (`values`) and, at the end, `end_reason`.
@@ -78,7 +69,8 @@ class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
     def __init__(self, use: str | LogicalScenario, *, render_mode: None = None, **how: Any) -> None:
         self.render_mode = render_mode
         self.episodes = Episodes(use, 1, **how)
-        self.observation_space, self.action_space = _spaces(self.episodes.interface)
+        self.interface = self.episodes.interface
+        self.observation_space, self.action_space = _spaces(self.interface)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -106,8 +98,10 @@ class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
         self.episodes.close()
 
 
-class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
+class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
     """`num_envs` parallel cases of a logical scenario; other arguments as of `Episodes`.
+
+    interface: as of a `ScenarioEnv`.
 
     autoreset_mode: when a finished episode restarts. `NextStep`, gymnasium's usual: the next step
         gives the first observation of the new episode and reward 0. `SameStep`: the step that ends
@@ -121,9 +115,10 @@ class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
     ) -> None:  # fmt: skip
         self.render_mode, self.num_envs = render_mode, num_envs
         self.episodes = Episodes(use, num_envs, **how)
+        self.interface = self.episodes.interface
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self._mode}
-        self.single_observation_space, self.single_action_space = _spaces(self.episodes.interface)
+        self.single_observation_space, self.single_action_space = _spaces(self.interface)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._generators: list[np.random.Generator] = []

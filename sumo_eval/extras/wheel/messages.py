@@ -5,6 +5,7 @@ anything else is a `MessageError`.
 from __future__ import annotations
 
 import json
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
@@ -18,17 +19,18 @@ LARGEST = 8192  # bytes of a message: the answers of a form with a remark
 MOST_A_SECOND = 400  # messages
 REMARK = 1000  # characters of a text that a person types
 
-Count = Annotated[int, Field(strict=True, ge=0, le=1 << 40)]
-Frames = Annotated[int, Field(strict=True, ge=0, le=100_000)]
-Number = Annotated[float, Field(strict=True, ge=-1e6, le=1e6)]
-Pedal = Annotated[float, Field(strict=True, ge=0.0, le=1.0)]
-Steer = Annotated[float, Field(strict=True, ge=-30.0, le=30.0)]
+_strict = partial(Field, strict=True)
+Count = Annotated[int, _strict(ge=0, le=1 << 40)]
+Frames = Annotated[int, _strict(ge=0, le=100_000)]
+Number = Annotated[float, _strict(ge=-1e6, le=1e6)]
+Pedal = Annotated[float, _strict(ge=0.0, le=1.0)]
+Steer = Annotated[float, _strict(ge=-30.0, le=30.0)]
 # `true` alone; Literal[True] would also accept 1
-Wish = Annotated[bool, Field(strict=True, ge=True)]
+Wish = Annotated[bool, _strict(ge=True)]
 Remark = Annotated[str, AfterValidator(lambda text: clean(text, REMARK))]
 Sent = tuple[
-    Count, Annotated[int, Field(strict=True, ge=-1)], Literal["keys", "wheel", "stick"],
-    Annotated[int, Field(strict=True, ge=0, le=EVERY_KEY)], Steer, Pedal, Pedal,
+    Count, Annotated[int, _strict(ge=-1)], Literal["keys", "wheel", "stick"],
+    Annotated[int, _strict(ge=0, le=EVERY_KEY)], Steer, Pedal, Pedal,
 ]  # fmt: skip
 """An input: number, state seen, kind, keys, steer, throttle, brake."""
 
@@ -53,10 +55,8 @@ class Telling(TypedDict):
     frames: Frames
     dropped: Frames
     stepped: Frames
-    latency: Annotated[
-        list[Annotated[float, Field(strict=True, ge=0.0, le=1e9)]], Field(max_length=200)
-    ]
-    resolution: Annotated[float, Field(strict=True, ge=0.0, le=10.0)]
+    latency: Annotated[list[Annotated[float, _strict(ge=0.0, le=1e9)]], Field(max_length=200)]
+    resolution: Annotated[float, _strict(ge=0.0, le=10.0)]
     renderer: Annotated[str, AfterValidator(lambda text: clean(text, 100))]
 
 

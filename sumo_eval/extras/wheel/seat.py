@@ -16,10 +16,9 @@ from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.extras.wheel.hands import RELEASED, Given, Hands
-from sumo_eval.extras.wheel.tape import LeftTheWheelError, Player, Writer, with_quit
+from sumo_eval.extras.wheel.tape import LeftTheWheelError, Player, Writer
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import Recording
+from sumo_eval.settings import SimulationSettings, VehicleSettings
 
 STALL = 0.1  # s that a step may be late before the clock is reset, so that time does not jump
 GLANCE = 0.005  # s between two looks whether a drive on hold may continue
@@ -87,10 +86,10 @@ class Seat:
     """
 
     def __init__(
-        self, desk: Desk, hands: Hands, step: float, writer: Writer,
+        self, desk: Desk, vehicle: VehicleSettings, step: float, writer: Writer,
         post: Callable[[str, Any], None], *, paced: bool = True,
     ) -> None:  # fmt: skip
-        self._desk, self._hands, self._step = desk, hands, step
+        self._desk, self._hands, self._step = desk, Hands(vehicle, step), step
         self._writer, self._post, self._paced = writer, post, paced
         self._tick = 0  # number of the step
         self._start = 0.0  # when step 0 was due, by `perf_counter`; pauses move it
@@ -195,16 +194,6 @@ def state_of(tick: int, answered: int, angle: float, seen: Observation) -> list[
         [ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, angle],
         [[it.number, it.x, it.y, it.heading, it.speed, it.acceleration] for it in actors],
     ]  # fmt: skip
-
-
-def drive_person(
-    concrete: ConcreteScenario, settings: SimulationSettings, desk: Desk, writer: Writer,
-    post: Callable[[str, Any], None], *, paced: bool = True,
-) -> Recording:  # fmt: skip
-    """Let a person drive a concrete scenario; the recording has all that any ADS's has."""
-    hands = Hands(concrete.ego_vehicle(settings.vehicle), settings.step)
-    seat = Seat(desk, hands, settings.step, writer, post, paced=paced)
-    return with_quit(simulate(concrete, seat, settings), seat.left)
 
 
 def warm_up(concrete: ConcreteScenario, settings: SimulationSettings) -> None:

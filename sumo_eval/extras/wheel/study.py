@@ -116,7 +116,11 @@ async def study(window: Window, plan: StudyPlan, tell: Callable[[str], None]) ->
             continue
         wrong = ""
         person = enter(plan, code)
-        ended = await session(window, plan, person)
+        try:
+            ended = await steps_of(window, plan, person)
+        except StopsError:
+            ended = "stopped"
+            person.finish(ended)
         tell(f"{person.code}: {ended}")
         thanks = "Thank you for coming. Please tell the team."
         answer = await window.ask(
@@ -145,23 +149,13 @@ async def asked_of(window: Window, view: dict[str, Any]) -> dict[str, Any]:
     return given
 
 
-async def session(window: Window, plan: StudyPlan, person: Participant) -> str:
+async def steps_of(window: Window, plan: StudyPlan, person: Participant) -> str:
     """Carry out all steps of a participant that are not done yet; return how they ended.
 
-    That is `done`, `no consent`, `practice not passed` or `stopped`. After a stop the same code
-    continues with the first step that is not done.
-    """
-    try:
-        return await steps_of(window, plan, person)
-    except StopsError:
-        person.finish("stopped")
-        return "stopped"
+    That is `done`, `no consent` or `practice not passed`.
 
-
-async def steps_of(window: Window, plan: StudyPlan, person: Participant) -> str:
-    """Carry out all steps as `session` does.
-
-    Raises StopsError where the participant stops.
+    Raises StopsError where the participant stops. The same code then continues with the first step
+    that is not done.
     """
     if "consent" not in person.done:
         freely = "You may stop at any time without giving a reason."

@@ -22,10 +22,11 @@ from contextlib import suppress
 from http import HTTPStatus
 from typing import Any
 
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError, needs_extra, said
 from sumo_eval.extras.wheel.messages import LARGEST, MOST_A_SECOND, MessageError, read
-from sumo_eval.extras.wheel.seat import Desk, drive_person, warm_up
-from sumo_eval.extras.wheel.tape import OWN_WISH, Writer
+from sumo_eval.extras.wheel.seat import Desk, Seat, warm_up
+from sumo_eval.extras.wheel.tape import OWN_WISH, Writer, with_quit
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording
@@ -280,13 +281,11 @@ class Window:
         def post(key: str, value: Any) -> None:
             loop.call_soon_threadsafe(self._post, key, value)
 
-        drive = asyncio.create_task(
-            asyncio.to_thread(
-                drive_person, concrete, settings, self._desk, writer, post, paced=self._paced
-            )
-        )
+        vehicle, step = concrete.ego_vehicle(settings.vehicle), settings.step
+        seat = Seat(self._desk, vehicle, step, writer, post, paced=self._paced)
+        drive = asyncio.create_task(asyncio.to_thread(simulate, concrete, seat, settings))
         try:
-            recording = await asyncio.shield(drive)
+            recording = with_quit(await asyncio.shield(drive), seat.left)
         # Ctrl-C cancels this task, but not the thread that drives, which must end first
         except asyncio.CancelledError:
             self.stop()
