@@ -42,7 +42,7 @@ from sumo_eval.scenario.road.lanes import EVERYWHERE, Crossing, LaneSpan, missin
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import Trajectories
+from sumo_eval.trajectory import FloatArray, Trajectories
 
 VERTEX_INTERVAL = 0.1  # s between the vertices of a trajectory
 HEIGHT = 1.5  # m, of every body: the format needs one, and the package has none
@@ -320,17 +320,18 @@ def _act(concrete: ConcreteScenario, settings: SimulationSettings, recorded: Tra
         VERTEX_INTERVAL,
         settings.time_limit,
         in_python=True,  # a single case is over before machine code is ready
-    )
-    # the motion of a lively actor depends on more than time: it follows its recorded trajectory
-    groups = [
-        _follow(actor.name, _on_the_road(rows, road), road)
-        for actor, rows in zip(actors, scripted.others[0].tolist(), strict=True)
-        if actor.acts and not actor.lively
-    ]
+    ).others[0, :, :, :3]
+    vertices = {}
+    for actor, places in zip(actors, scripted, strict=True):
+        # the motion of a lively actor depends on more than time: it follows its recorded trajectory
+        if actor.acts and not actor.lively:
+            times = VERTEX_INTERVAL * np.arange(len(places))
+            on_road = np.append(places[:, 0] <= road.end, False).argmin()  # until it leaves it
+            vertices[actor.name] = np.column_stack([times, places])[:on_road]
     for name in (EGO, *(actor.name for actor in actors if actor.lively)):
         if path := recorded.get(name):
-            vertices = np.column_stack([path.time, path.x, path.y, path.heading]).tolist()
-            groups.append(_follow(name, vertices, road))
+            vertices[name] = np.column_stack([path.time, path.x, path.y, path.heading])
+    groups = [_follow(name, rows, road) for name, rows in vertices.items()]
     # an act must hold a group, even where no vehicle has a trajectory
     empty = E.ManeuverGroup(
         E.Actors(selectTriggeringEntities="false"), maximumExecutionCount=1, name="nobody"
@@ -338,25 +339,14 @@ def _act(concrete: ConcreteScenario, settings: SimulationSettings, recorded: Tra
     return E.Act(*(groups or [empty]), E.StartTrigger(_after(0.0, "begin")), name="others")
 
 
-def _on_the_road(
-    rows: list[list[float]], road: Road
-) -> Iterator[tuple[float, float, float, float]]:
-    """Time, x, y and heading of a vehicle at every vertex, until it leaves the road.
-
-    rows: as in `Tracks`.
-    """
-    for number, (x, y, heading, *_) in enumerate(rows):
-        if x > road.end:
-            return
-        yield round(number * VERTEX_INTERVAL, 6), x, y, heading
-
-
-def _follow(name: str, vertices: Iterable[tuple[float, float, float, float]], road: Road) -> Any:
+def _follow(name: str, vertices: FloatArray, road: Road) -> Any:
     """A vehicle on one timed trajectory.
 
-    vertices: time, x, y, heading.
+    vertices: rows of time, x, y, heading.
     """
-    line = E.Polyline(*(E.Vertex(_position(road, *pose), time=time) for time, *pose in vertices))
+    line = E.Polyline(
+        *(E.Vertex(_position(road, *pose), time=time) for time, *pose in vertices.tolist())
+    )
     follow = E.FollowTrajectoryAction(
         E.TrajectoryRef(E.Trajectory(E.Shape(line), name=name, closed="false")),
         E.TimeReference(E.Timing(domainAbsoluteRelative="absolute", scale=1, offset=0)),

@@ -9,8 +9,9 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -65,8 +66,7 @@ _UNMOVED = (
 _WALL_CLOCK = ("late_command",)  # clips that differ from run to run by their nature
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
+class Finding(NamedTuple):
     """One point of the contract.
 
     kind: `ok`, `note`, `warn` (works, but look at it) or `FAIL`.
@@ -301,7 +301,7 @@ def _counted(findings: Sequence[Finding]) -> list[Finding]:
     """Findings that hold case by case, and the first of those that do not, with their number."""
     wrong = [finding for finding in findings if finding.kind == "FAIL"]
     count = f"{len(wrong)} of {len(findings)} cases, e.g. " if len(wrong) > 1 else ""
-    first = [replace(finding, text=count + finding.text) for finding in wrong[:1]]
+    first = [finding._replace(text=count + finding.text) for finding in wrong[:1]]
     return [*(finding for finding in findings if finding.kind != "FAIL"), *first]
 
 

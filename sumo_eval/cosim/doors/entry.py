@@ -16,9 +16,8 @@ import shlex
 import sys
 import time as clock
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, unquote_plus
 
 from sumo_eval.errors import InputError, check_known, must_be, said
@@ -36,8 +35,7 @@ _unreported: list[str] = []
 """Sentences on what was loaded."""
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
+class Entry(NamedTuple):
     """The rest of an `[[ads]]` entry.
 
     period: s between two calls; an entry gives it above 0. Without one it is 0: every step.
@@ -46,7 +44,7 @@ class Entry:
     """
 
     period: float = 0.0
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = {}
     batch: bool = True
 
 

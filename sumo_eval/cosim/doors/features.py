@@ -32,7 +32,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.cosim.doors.observation import Observations
+from sumo_eval.cosim.doors.observation import Observations, SeenEgo
 from sumo_eval.errors import InputError, check_known, must_be, unknown
 from sumo_eval.settings.checked import Checked, PositiveOrNone
 from sumo_eval.settings.config import read_checked, to_toml
@@ -41,14 +41,13 @@ Floats = NDArray[Any]
 _Reader = Callable[[Observations, str], Floats]
 ACTIONS = ("acceleration", "steering")
 
-_EGO = ("x", "y", "heading", "speed", "acceleration", "lane", "length", "width")
 _LEAD = ("present", "gap", "relative_speed", "speed", "offset")
 _VEHICLE = (
     "present", "gap", "relative_speed", "offset", "overlaps", "ahead", "speed", "lateral_speed",
     "lane", "length", "width", "x", "y", "vx", "vy", "kind"
 )  # fmt: skip
 NAMES = (
-    "time", "left_edge", "right_edge", "lane_offset", *(f"ego.{name}" for name in _EGO),
+    "time", "left_edge", "right_edge", "lane_offset", *(f"ego.{name}" for name in SeenEgo._fields),
     *(f"lead.{name}" for name in _LEAD), *(f"vehicles.1.{name}" for name in _VEHICLE),
 )  # fmt: skip
 """Names of features; `vehicles.1` is the nearest along the road, `vehicles.2` the next."""
@@ -170,20 +169,22 @@ class Interface(Checked):
             value = read(seen, self.frame)
             # readers give nan or inf for a vehicle that does not exist
             raw[:, column] = np.where(np.isfinite(value), value, absent)
-        scaling = self._scaling
-        np.clip(raw, scaling["low"], scaling["high"], out=raw)
-        return np.asarray((raw - scaling["offset"]) / scaling["scale"], np.float32)
+        offset, scale, *limits = self._scaling
+        np.clip(raw, *limits, out=raw)
+        return np.asarray((raw - offset) / scale, np.float32)
 
     @cached_property
     def _scaling(self) -> Floats:
-        """Scaling of each feature: limited to `low`..`high`, then (value - offset) / scale."""
+        """Offset, scale, low and high of each feature: a value is limited to low..high, and
+        becomes (value - offset) / scale; (4, number of features).
+        """
         rows = []
         for it in self.features:
             if it.low is not None and it.high is not None:
                 rows.append((0.5 * (it.low + it.high), 0.5 * (it.high - it.low), it.low, it.high))
             else:
                 rows.append((it.mean or 0.0, it.deviation or 1.0, -np.inf, np.inf))
-        return np.array(rows, [(name, "f8") for name in ("offset", "scale", "low", "high")])
+        return np.array(rows).T
 
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
@@ -272,7 +273,7 @@ def _reader(name: str) -> _Reader:
     group, _, rest = name.partition(".")
     if name in _UNGROUPED:
         return _UNGROUPED[name]
-    if (group == "ego" and rest in _EGO) or (group == "lead" and rest in _LEAD):
+    if (group == "ego" and rest in SeenEgo._fields) or (group == "lead" and rest in _LEAD):
         return lambda seen, frame: np.asarray(getattr(getattr(seen, group), rest))
     number, _, value = rest.partition(".")
     if group == "vehicles" and number.isdecimal() and int(number) > 0 and value in _VEHICLE:

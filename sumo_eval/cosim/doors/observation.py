@@ -377,14 +377,11 @@ class Observation:
         me, road = self.ego, self.road
         change_from, change_by = self.change or (math.nan, math.nan)
         values = {
-            "time": self.time, "ego_x": me.x, "ego_y": me.y, "ego_heading": me.heading,
-            "ego_speed": me.speed,
-            "ego_acceleration": me.acceleration, "ego_lane": float(me.lane),
-            "left_edge": self.left_edge,
-            "right_edge": self.right_edge, "lane_offset": -self.lanes[me.lane],
-            "curvature": self.curvature,
-            "ego_length": me.length, "ego_width": me.width, "lanes": float(road.lanes),
-            "lane_width": road.lane_width,
+            "time": self.time,
+            **{f"ego_{name}": float(value) for name, value in me._asdict().items()},
+            "left_edge": self.left_edge, "right_edge": self.right_edge,
+            "lane_offset": -self.lanes[me.lane], "curvature": self.curvature,
+            "lanes": float(road.lanes), "lane_width": road.lane_width,
             "speed_limit": road.speed_limit, "road_length": road.length,
             "desired_speed": self.desired_speed,
             "goal_x": self.goal[0], "goal_y": self.goal[1],
@@ -433,10 +430,8 @@ class Observations:
     @cached_property
     def ego(self) -> SimpleNamespace:
         """x, y, heading, speed, acceleration, lane, length, width."""
-        names = ("x", "y", "heading", "speed", "acceleration", "length", "width")
-        return SimpleNamespace(
-            **{name: self._egos[name] for name in names}, lane=lanes_at(self.road, self._egos["y"])
-        )
+        own = {name: self._egos[name] for name in SeenEgo._fields if name != "lane"}
+        return SimpleNamespace(**own, lane=lanes_at(self.road, self._egos["y"]))
 
     @cached_property
     def vehicles(self) -> SimpleNamespace:
@@ -726,11 +721,11 @@ def _place_signals(place: str, it: SeenVehicle | None, me: SeenEgo) -> dict[str,
     it: vehicle there; None: there is none.
     """
     if it is None:
-        values = (0.0, NO_LEAD_GAP, me.speed, 0.0, 0.0, me.x, me.y, me.heading, 0.0, 0.0, 0.0, -1.0)
+        values = {name: getattr(me, name) for name in ("speed", "x", "y", "heading")}
+        values |= {"gap": NO_LEAD_GAP, "kind": -1.0}
     else:
-        values = (1.0, it.gap, it.speed, it.relative_speed, it.offset, it.x, it.y, it.heading,
-            it.acceleration, it.length, it.width, float(KINDS[it.kind]))  # fmt: skip
-    return {f"{place}_{name}": value for name, value in zip(_OF_A_PLACE, values, strict=True)}
+        values = it._asdict() | {"present": 1.0, "kind": float(KINDS[it.kind])}
+    return {f"{place}_{name}": values.get(name, 0.0) for name in _OF_A_PLACE}
 
 
 _OF_A_PLACE = ("present", "gap", "speed", "relative_speed", "offset", "x", "y", "heading",

@@ -24,6 +24,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from traci.connection import FatalTraCIError, TraCIException
+
 from sumo_eval.cosim.doors.child_program import ChildProgram, checked_command
 from sumo_eval.cosim.doors.controller import Adapter, own_vehicle_type
 from sumo_eval.cosim.sumo.insides import libsumo
@@ -101,28 +103,19 @@ def sumo_binary() -> str:
     return path
 
 
+@dataclass
 class ServedSimulation:
     """The harness's connection, in the shape of the libsumo module."""
 
-    def __init__(
-        self,
-        connection: Any,
-        program: ChildProgram,
-        ads: TraciProgram,
-        step_timeout: float,
-        relay: Relay,
-    ) -> None:
-        from traci.connection import FatalTraCIError, TraCIException
+    _connection: Any
+    _program: ChildProgram
+    _ads: TraciProgram
+    _step_timeout: float
+    _relay: Relay
 
-        self._connection = connection
-        self._program = program
-        self._ads = ads
-        self._relay = relay
-        self._step_timeout = step_timeout
-        self.vehicle = connection.vehicle
-        self.simulation = connection.simulation
-        self.TraCIException = TraCIException
-        self.FatalTraCIError = FatalTraCIError
+    def __post_init__(self) -> None:
+        self.vehicle, self.simulation = self._connection.vehicle, self._connection.simulation
+        self.TraCIException, self.FatalTraCIError = TraCIException, FatalTraCIError
 
     def begin(self) -> None:
         """Become the first of two clients, and insert the vehicles by a step in which none moves.

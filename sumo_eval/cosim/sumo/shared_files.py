@@ -13,7 +13,7 @@ A case that is alone has the names that the user knows. `asked`, here: an ADS as
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from sumo_eval.cosim.sumo.sumo_files import EGO, departures, network_xml, vehicle_types
@@ -143,7 +143,13 @@ def shared_routes_xml(
         others.append(
             _element("route", {"id": route, "edges": edge_name(case, count, asked=asked)})
         )
-        for index, (kind, departure) in enumerate(_vehicles(concrete, settings, own_lanes)):
+        vehicle = concrete.simulation(settings).vehicle
+        starts = departures(
+            replace(concrete, road=plain(concrete.road)), vehicle.length,
+            one_lane=not own_lanes and fits_one_lane(concrete),
+        )  # fmt: skip
+        described = zip(vehicle_types(concrete, vehicle), starts, strict=True)
+        for index, (kind, departure) in enumerate(described):
             name = names[case][index]
             type_name = kind.pop("id")
             # switched off: the ego (index 0) unless its ADS asks SUMO, actors without a SUMO model
@@ -162,17 +168,6 @@ def shared_routes_xml(
     return "\n".join(
         ['<?xml version="1.0" encoding="UTF-8"?>', "<routes>", *kinds, *others, "</routes>", ""]
     )
-
-
-def _vehicles(
-    concrete: ConcreteScenario, settings: SimulationSettings, own_lanes: bool
-) -> Iterator[tuple[dict[str, str], dict[str, str]]]:
-    """Attributes of the type and of the departure of each vehicle of a case, the ego's first."""
-    vehicle = concrete.simulation(settings).vehicle
-    one_lane = not own_lanes and fits_one_lane(concrete)
-    plainly = replace(concrete, road=plain(concrete.road))
-    starts = departures(plainly, vehicle.length, one_lane=one_lane)
-    return zip(vehicle_types(concrete, vehicle), starts, strict=True)
 
 
 def _element(tag: str, attributes: Mapping[str, str]) -> str:
