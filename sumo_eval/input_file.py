@@ -88,6 +88,12 @@ def writing(what: str) -> Iterator[None]:
         raise InputError(f"{what} cannot be written: {error}.") from error
 
 
+def sha256(content: str | bytes) -> str:
+    """SHA-256 of a text or of bytes, in hexadecimal."""
+    data = content.encode() if isinstance(content, str) else content
+    return hashlib.sha256(data).hexdigest()
+
+
 def hash_of(path: Path, what: str) -> str:
     """SHA-256 of a regular file of any size, in hexadecimal.
 

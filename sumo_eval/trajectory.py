@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sumo_eval.errors import InputError
+from sumo_eval.frozen import frozen
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -174,7 +175,7 @@ Trajectories = Mapping[str, Trajectory]
 """Trajectories of vehicles by name."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Collision:
     """First contact of the ego's body with another's, located within the step.
 
@@ -214,7 +215,7 @@ applied: time of the contact, s.
 NEVER, UNKNOWN = -1.0, -2.0
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Clip:
     """Note on a drive: requests that a limit changed, or another event that a reader must know.
 
@@ -275,7 +276,7 @@ _WENT_WRONG = ("keeps_state", "together_failed", "pack_lost", "block_lost", "lat
 """Reasons of a batch that failed, or whose results depend on which cases it has."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Alone:
     """Reason why a case has to be driven alone.
 
@@ -312,7 +313,7 @@ class Latency(NamedTuple):
     reference: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Recording:
     """One simulated case: every vehicle's motion, the ego's contact, and why the drive ended.
 
@@ -335,7 +336,7 @@ class Recording:
     clips: tuple[Clip, ...] = ()
     error: str | None = None
     log: str = ""
-    controller_latency: Latency = Latency()  # noqa: RUF009 - frozen
+    controller_latency: Latency = Latency()
     wall_time: float = 0.0
     error_place: str = ""
     batched: str = ""

@@ -4,13 +4,13 @@ these.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
 from typing import Literal
 
 from sumo_eval.frozen import frozen
+from sumo_eval.input_file import sha256
 from sumo_eval.record.kept import KeptRecording
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import PopulationSettings, RunSettings, SimulationSettings
@@ -57,7 +57,7 @@ class Block:
     @classmethod
     def of(cls, first: int, concretes: Sequence[ConcreteScenario]) -> Block:
         """The block of the points from `first` on."""
-        return cls(first, hashlib.sha256(repr(concretes).encode()).hexdigest(), tuple(concretes))
+        return cls(first, sha256(repr(concretes)), tuple(concretes))
 
 
 @frozen

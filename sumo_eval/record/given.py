@@ -7,7 +7,6 @@ children read it: downwards only, and only by the user's own process.
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import sys
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any
 import cloudpickle
 
 from sumo_eval.errors import InputError, said
-from sumo_eval.input_file import writing
+from sumo_eval.input_file import sha256, writing
 from sumo_eval.record.run_folder import GIVEN, refuse_foreign
 from sumo_eval.settings import AdsSettings
 
@@ -40,7 +39,7 @@ def entry_of(ads: Any, run: Path, *, resume: bool) -> AdsSettings:
             "holds in its constructor or in `reset`, or give its locator, `my_ads.py:Name`."
         ) from error
     refuse_foreign(run, resume)
-    file = (run / GIVEN / f"{name}-{hashlib.sha256(data).hexdigest()[:12]}.pickle").resolve()
+    file = (run / GIVEN / f"{name}-{sha256(data)[:12]}.pickle").resolve()
     with writing(f"The run folder {run}"):
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(data)

@@ -11,7 +11,6 @@ that was stopped continues where it was.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -23,6 +22,7 @@ from typing import Any
 import sumo_eval.method
 from sumo_eval.coded import decoded, encoded
 from sumo_eval.frozen import frozen
+from sumo_eval.input_file import sha256
 from sumo_eval.method.anthropomorphic import (
     AnthropomorphicIndex,
     IndexNote,
@@ -212,7 +212,7 @@ def _keys(
 def method_sources() -> str:
     """A hash of the method's own source: results of another version are not reused."""
     files = sorted(Path(sumo_eval.method.__file__).parent.glob("*.py"))
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+    return sha256(b"".join(file.read_bytes() for file in files))
 
 
 def _looked_up(keys: Mapping[_Name, bytes], cache: KeptResults) -> dict[_Name, bytes]:

@@ -5,7 +5,6 @@ reused. `record.recording` makes fingerprints of cases from them.
 from __future__ import annotations
 
 import ast
-import hashlib
 import json
 import os
 import shlex
@@ -20,7 +19,7 @@ from typing import Any
 from sumo_eval.cosim.doors.controller import Adapter, find_controller, takes_arrays
 from sumo_eval.cosim.doors.entry import split_entry
 from sumo_eval.errors import must_be
-from sumo_eval.input_file import hash_of
+from sumo_eval.input_file import hash_of, sha256
 from sumo_eval.record.cases import Case
 from sumo_eval.settings import AdsSettings, DriverSettings, SimulationSettings
 from sumo_eval.settings.locators import load_object
@@ -139,7 +138,7 @@ def with_fingerprint(
     not part of it.
     """
     content = repr((replace(case, fingerprint=""), simulation, identity, harness))
-    return replace(case, fingerprint=hashlib.sha256(content.encode()).hexdigest())
+    return replace(case, fingerprint=sha256(content))
 
 
 def _own_files(module: ModuleType, before: set[str]) -> set[Path]:

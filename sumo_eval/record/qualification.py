@@ -4,14 +4,13 @@ manifest.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError
-from sumo_eval.input_file import read_input
+from sumo_eval.input_file import read_input, sha256
 
 _LARGEST = 10_000_000  # bytes of a file
 
@@ -33,7 +32,7 @@ def read_qualification(named: str, source: Path) -> dict[str, Any]:
         checks = [(str(it["name"]), it["passed"] is True) for it in content["checks"]]
         entry = {
             "file": str(path.resolve()),
-            "sha256": hashlib.sha256(text).hexdigest(),
+            "sha256": sha256(text),
             "created": str(content["created"]),
             "checks": len(checks),
             "failed": [name for name, passed in checks if not passed],

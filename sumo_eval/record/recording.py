@@ -4,7 +4,6 @@ one. `record.facts` records a whole run with it, `record.estimate` times parts o
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections import Counter
@@ -22,7 +21,7 @@ from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.errors import InputError, StoppedError, check_known, said
 from sumo_eval.frozen import frozen
-from sumo_eval.input_file import hash_of
+from sumo_eval.input_file import hash_of, sha256
 from sumo_eval.record.cases import Block, Case, Outcome, Role, Setup
 from sumo_eval.record.claims import NO_USER_CODE, affinity
 from sumo_eval.record.engines import identify, run_batches
@@ -457,6 +456,6 @@ def _own_drives(plan: Planner, number: int, concrete: ConcreteScenario) -> Itera
             )
         case = plan.human(number, concrete, f"driver_{index:02d}")
         # the files that the function has read are unknown: the trajectory stands for them
-        fingerprint = hashlib.sha256(case.fingerprint.encode() + packed(trajectory)).hexdigest()
+        fingerprint = sha256(case.fingerprint.encode() + packed(trajectory))
         case = replace(case, fingerprint=fingerprint)
         yield Outcome(case, "ok", Recording(trajectory, {}, None, "recorded"))

@@ -5,7 +5,6 @@ run opens it here.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import platform
 import re
@@ -19,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError
-from sumo_eval.input_file import writing
+from sumo_eval.input_file import sha256, writing
 from sumo_eval.record.build import builds_of
 from sumo_eval.record.lock import held
 from sumo_eval.record.qualification import read_qualification
@@ -255,9 +254,7 @@ def _manifest(
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "source_folder": str(source),
         **versions_and_machine(_PACKAGES),
-        "sha256": {
-            name: hashlib.sha256(inputs[name].encode()).hexdigest() for name in sorted(inputs)
-        },
+        "sha256": {name: sha256(inputs[name]) for name in sorted(inputs)},
         "builds": builds_of(settings, source),
     }
 

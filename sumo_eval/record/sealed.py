@@ -7,14 +7,13 @@ can also write a hash that fits.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError
-from sumo_eval.input_file import read_input
+from sumo_eval.input_file import read_input, sha256
 from sumo_eval.text import shown
 
 SEAL = "seal"
@@ -57,4 +56,4 @@ def read_sealed(path: Path, version: int | None = None) -> dict[str, Any]:
 
 
 def _hash(content: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    return sha256(json.dumps(content, sort_keys=True))

@@ -26,6 +26,7 @@ from typing import Any
 
 from sumo_eval.errors import InputError
 from sumo_eval.frozen import frozen
+from sumo_eval.input_file import sha256
 from sumo_eval.record.cases import Case, Outcome, Role, Status
 from sumo_eval.record.kept import EGO as EGO
 from sumo_eval.record.kept import KeptRecording, keep, unpack
@@ -633,7 +634,7 @@ class Store:
         if row is None:
             return None
         drives = list(self._read(_DRIVES, (case,))) if whole else []
-        return hashlib.sha256(repr((row, drives)).encode()).hexdigest()
+        return sha256(repr((row, drives)))
 
     def trajectory(self, case: str) -> Trajectory:
         """The ego's recorded trajectory of a case."""

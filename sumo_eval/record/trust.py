@@ -10,12 +10,12 @@ is trusted in every run that this process opens.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shlex
 from pathlib import Path
 
 from sumo_eval.errors import InputError
+from sumo_eval.input_file import sha256
 from sumo_eval.method.severity import CHOICES
 from sumo_eval.scenario.catalogue import is_file
 from sumo_eval.settings import EvaluationSettings
@@ -133,11 +133,11 @@ def _code(what: str, locator: str, source: Path) -> Code:
 
 
 def _hash(code: set[Code]) -> str:
-    return hashlib.sha256(repr(sorted(code)).encode()).hexdigest()
+    return sha256(repr(sorted(code)))
 
 
 def _note(run: Path) -> Path:
     """The file in the user's state folder that holds the hash of a run's code."""
     place = str(run.resolve())
     state = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
-    return Path(state, "sumo_eval", "runs", hashlib.sha256(place.encode()).hexdigest()[:32])
+    return Path(state, "sumo_eval", "runs", sha256(place)[:32])

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
@@ -16,6 +15,7 @@ from annotated_types import MinLen
 
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.frozen import frozen
+from sumo_eval.input_file import sha256
 from sumo_eval.scenario.concrete import CHANGES, Road
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.expression import (
@@ -235,7 +235,7 @@ class RoadTable(Checked):
         if end > shape.length:
             raise must_be("`end.x`", where, f"at most the road's length {shape.length:g} m", end)
         if hashed:
-            name += f"_{hashlib.sha256(repr(hashed).encode()).hexdigest()[:6]}"
+            name += f"_{sha256(repr(hashed))[:6]}"
         return Road(name, end, shape.lanes, shape.lane_width, shape.length - end, line=shape.line,
                     spans=shape.spans, crossings=crossings)  # fmt: skip
 

@@ -10,7 +10,7 @@ import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -24,9 +24,6 @@ from sumo_eval.report.study_page import write_study
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import FloatArray
-
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
 
 FACTORS = (0.5, 2.0)  # of the value with which the run was scored
 _SETTING_OF = {
@@ -217,7 +214,7 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
     )
 
 
-def _chart(chart: Mapping[str, Sequence[SensitivityRow]]) -> go.Figure:
+def _chart(chart: Mapping[str, Sequence[SensitivityRow]]) -> Any:
     """One chart; chart: title of each panel -> its rows, by rising value of the constant."""
     panels = []
     for title, part in chart.items():

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.frozen import frozen
+from sumo_eval.input_file import sha256
 from sumo_eval.scenario.expression import checked_names, number
 from sumo_eval.scenario.road.reference_line import (
     Line,
@@ -124,6 +124,4 @@ def bend_name(line: Sequence[Piece], *, named: bool) -> str:
         return ""
     sharpest = max((value for piece in line for value in (piece.begin, piece.end)), key=abs)
     words = f"_{'left' if sharpest > 0.0 else 'right'}_{tightest(line):g}m"
-    return (
-        words if named else f"{words}_{hashlib.sha256(repr(tuple(line)).encode()).hexdigest()[:6]}"
-    )
+    return words if named else f"{words}_{sha256(repr(tuple(line)))[:6]}"
