@@ -121,7 +121,7 @@ class Pack:
         """Observations of the egos of all rows."""
         world = self.world
         return Observations(
-            world.time,
+            world.egos["time"],  # type: ignore[arg-type]
             world.cases[0].road,
             world.rows,
             world.egos,

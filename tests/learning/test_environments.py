@@ -14,7 +14,7 @@ import sumo_eval.gym
 from sumo_eval.cosim.pack import Pack
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.extras.gym.episodes import Transition
-from sumo_eval.gym import Action, Feature, Interface, usual_reward
+from sumo_eval.gym import Action, Feature, Interface, usual, usual_reward
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import central_point
 from sumo_eval.settings import ConditionSettings, SimulationSettings, VehicleSettings
@@ -117,11 +117,13 @@ def test_a_drive_in_the_environment_is_a_drive_in_sumo(scenario, values):
 
 def test_an_episode_does_not_depend_on_its_company_nor_on_those_before_it():
     settings = SimulationSettings(time_limit=4.0)
+    interface = replace(usual(), features=(*usual().features, Feature("time")))
+    options = {"settings": settings, "interface": interface}
     vector = make_vec(
-        "sumo_eval/cut_in-v0", num_envs=5, settings=settings, autoreset_mode=AutoresetMode.SAME_STEP
+        "sumo_eval/cut_in-v0", num_envs=5, autoreset_mode=AutoresetMode.SAME_STEP, **options
     )
     seen, _ = vector.reset(seed=7)
-    single = gymnasium.make("sumo_eval/cut_in-v0", settings=settings)
+    single = gymnasium.make("sumo_eval/cut_in-v0", **options)
     drawn = np.random.default_rng(3)
     episodes = [{"seen": [seen[row]], "actions": []} for row in range(5)]
     finished = []

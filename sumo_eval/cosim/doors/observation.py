@@ -398,6 +398,7 @@ class Observations:
     """One instant of n cases for a policy that takes arrays: what an `Observation` has, under the
     same names.
 
+    time: (n,) where cases begin one by one, as episodes do.
     number: of each case in its batch, (n,), the same at every step: a policy with memory finds a
         case by it.
     desired_speed: m/s, (n,).
