@@ -12,18 +12,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from sumo_eval.ads.perception import bumper_gap, is_in_sight
+from sumo_eval.ads.perception import bumper_gap
 from sumo_eval.ads.r157 import (
     BRAKES,
     HUMAN_BRAKING,
     HUMAN_JERK,
     SAFETY_MEMORY,
-    SHOWING,
     SIGHTED,
     Brakes,
     braking_loop,
     closing_across,
-    foresee_all,
     lateral_gap,
 )
 from sumo_eval.cosim.compiled import Compiled, check_numbers
@@ -125,26 +123,15 @@ def considered(me: Any, other: Any, lateral_closing: float) -> bool:
 
 
 @kernel
-def fuzzy_demand(scene: Any, after: float) -> float:
-    """Deceleration demanded `after` s from now, if all vehicles continue as now, m/s2.
-
-    scene: as `braking_loop` makes it.
-    """
-    own, known, others = scene[:3]
-    foresee_all(own, known, others, after, scene[3].step)
-    me, demanded = own.then, 0.0
-    for j in range(len(others)):
-        other = others[j]
-        if not is_in_sight(me, others, j, SHOWING) or other.x <= me.x:
-            continue
-        if considered(me, other, closing_across(me, other)):
-            gap = bumper_gap(me, other)
-            critical = critical_fuzzy_safety(
-                gap - own.p.standstill_gap, me.along, other.along, -me.braking, own.p.as_coded == 1
-            )
-            proactive = proactive_fuzzy_safety(gap, me.along, other.along)
-            demanded = max(demanded, demanded_braking(critical, proactive))
-    return demanded
+def fuzzy_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
+    """Deceleration that an actor demands, m/s2. p: parameters of `FuzzySafetyModel`."""
+    if not considered(me, other, closing_across(me, other)):
+        return 0.0
+    gap = bumper_gap(me, other)
+    critical = critical_fuzzy_safety(
+        gap - p.standstill_gap, me.along, other.along, -me.braking, p.as_coded == 1
+    )
+    return demanded_braking(critical, proactive_fuzzy_safety(gap, me.along, other.along))
 
 
 @dataclass(eq=False)
@@ -158,7 +145,7 @@ class FuzzySafetyModel(Compiled):
     as_coded: CFS as the JRC's program has it (`critical_fuzzy_safety`), not as it is printed.
     """
 
-    loop = staticmethod(braking_loop(fuzzy_demand))
+    loop = staticmethod(braking_loop(fuzzy_braking))
     memory, known = SAFETY_MEMORY, SIGHTED
     numbers: ClassVar = [BRAKES, *fields("standstill_gap"), *flags("as_coded")]
     brakes = Brakes(REACTION, HUMAN_BRAKING, HUMAN_JERK)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from sumo_eval.ads.braking import SAFETY_BRAKING, follow_demand
 from sumo_eval.ads.lane_change import lane_kept
-from sumo_eval.ads.perception import bumper_gap, carry_on, take
+from sumo_eval.ads.perception import bumper_gap, carry_on, is_in_sight, take
 from sumo_eval.cosim.compiled import decides, each_row
 from sumo_eval.cosim.records import MOVER, fields, flags
 from sumo_eval.kernels import kernel
@@ -165,14 +165,27 @@ def foresee_all(own: Any, known: Any, later: Any, time: float, step: float) -> N
         foresee(later[j], known[j].sighting, time, step)
 
 
-def braking_loop(demand: Callable[..., float], clocks: int = 2) -> Callable[..., None]:
-    """Loop of a rule that commands the braking that `demand` asks for, and keeps the lane.
+def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable[..., None]:
+    """Loop of a rule that commands the braking that an actor ahead demands, and keeps the lane.
 
-    demand: called with (own, known, later, scenario) and a time after now, s; the deceleration
-        demanded then if all continue as now, m/s2. own: of `SAFETY_MEMORY`, with `BRAKES` in `p`.
+    braking_for: called with the ego, an actor in sight ahead of it, the rule's parameters (with
+        `BRAKES`) and the cycle's `SCENARIO`; the deceleration that this actor demands, m/s2, 0:
+        none.
     clocks: number of `SCENARIO` records that it takes: with 2 it decides once a cycle, which is the
         `step` of the second; with 1 at every step.
     """
+
+    @kernel
+    def demand(scene: Any, after: float) -> float:
+        # the largest of all actors `after` s from now, if all continue as now
+        own, known, later = scene[:3]
+        cycle = scene[3]
+        foresee_all(own, known, later, after, cycle.step)
+        me, demanded = own.then, 0.0
+        for j in range(len(later)):
+            if later[j].x > me.x and is_in_sight(me, later, j, SHOWING):
+                demanded = max(demanded, braking_for(me, later[j], own.p, cycle))
+        return demanded
 
     @kernel
     def rule(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:

@@ -12,15 +12,13 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
-from sumo_eval.ads.perception import is_in_sight, lateral_overlap
+from sumo_eval.ads.perception import lateral_overlap
 from sumo_eval.ads.r157 import (
     BRAKES,
     FOLLOWING_HEADWAY,
     SAFETY_MEMORY,
-    SHOWING,
     SIGHTED,
     braking_loop,
-    foresee_all,
     lateral_gap,
     time_to_collision,
     within_headway,
@@ -69,42 +67,25 @@ def avoidable_ttc(closing_speed: float, granted: Any) -> float:
 
 
 @kernel
-def demands_braking(me: Any, other: Any, p: Any, scenario: Any) -> bool:
-    """Whether braking is demanded for another vehicle.
+def reg157_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
+    """Deceleration that a vehicle in front demands, m/s2: all that is granted, or 0.
 
-    Only for one in front. For one in the path that brakes: at a headway of 2 s or less. For any
-    other one that has intruded into the lane: at the TTC that can just be avoided, or less.
+    For one in the path that brakes: at a headway of 2 s or less. For any other one that has
+    intruded into the lane: at the TTC that can just be avoided, or less.
 
     p: parameters of `Reg157`.
     """
     # m, lateral gap to a vehicle that has just intruded
     intruding = 0.5 * scenario.road.lane_width - me.half_width - INTRUSION
-    if other.x <= me.x or lateral_gap(me, other) > intruding:
-        return False
+    closing, demands = me.along - other.along, False
+    if lateral_gap(me, other) > intruding:
+        return 0.0
     if lateral_overlap(me, other) > 0.0 and other.braking > p.lead_braking and me.along > 0.0:
-        return within_headway(me, other, FOLLOWING_HEADWAY)
-    closing = me.along - other.along
-    if closing <= 0.0:
-        return False
-    critical = avoidable_ttc(closing, p.brakes) + p.margin + p.standstill_gap / closing
-    return bool(time_to_collision(me, other) <= critical)
-
-
-@kernel
-def reg157_demand(scene: Any, after: float) -> float:
-    """Deceleration demanded `after` s from now, if all vehicles continue as now, m/s2.
-
-    scene: as `braking_loop` makes it.
-    """
-    own, known, others = scene[:3]
-    scenario = scene[3]
-    foresee_all(own, known, others, after, scenario.step)
-    for j in range(len(others)):
-        if is_in_sight(own.then, others, j, SHOWING) and demands_braking(
-            own.then, others[j], own.p, scenario
-        ):
-            return float(own.p.brakes.braking)
-    return 0.0
+        demands = within_headway(me, other, FOLLOWING_HEADWAY)
+    elif closing > 0.0:
+        critical = avoidable_ttc(closing, p.brakes) + p.margin + p.standstill_gap / closing
+        demands = time_to_collision(me, other) <= critical
+    return float(p.brakes.braking) if demands else 0.0
 
 
 @dataclass(eq=False)
@@ -120,7 +101,7 @@ class Reg157(Compiled):
         0 m/s.
     """
 
-    loop = staticmethod(braking_loop(reg157_demand))
+    loop = staticmethod(braking_loop(reg157_braking))
     memory, known = SAFETY_MEMORY, SIGHTED
     numbers: ClassVar = [
         ("brakes", [*BRAKES[1], *fields("build_up")]),

@@ -11,18 +11,16 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from sumo_eval.ads.perception import bumper_gap, is_in_sight
+from sumo_eval.ads.perception import bumper_gap
 from sumo_eval.ads.r157 import (
     BRAKES,
     HUMAN_BRAKING,
     HUMAN_JERK,
     SAFETY_MEMORY,
-    SHOWING,
     SIGHTED,
     Brakes,
     braking_loop,
     closing_across,
-    foresee_all,
     lateral_gap,
 )
 from sumo_eval.cosim.compiled import Compiled
@@ -64,25 +62,12 @@ def lateral_safe_distance(lateral_speed: float) -> float:
 
 
 @kernel
-def rss_demand(scene: Any, after: float) -> float:
-    """Deceleration demanded `after` s from now, if all vehicles continue as now, m/s2: that of full
-    braking, or 0. An actor that a nearer one hides does not count.
-
-    scene: the baseline's memory, what it knows of each actor, room for the foreseen actors, and the
-        cycle, as `braking_loop` makes them.
-    """
-    own, known, others = scene[:3]
-    foresee_all(own, known, others, after, scene[3].step)
-    me = own.then
-    for j in range(len(others)):
-        other = others[j]
-        if not is_in_sight(me, others, j, SHOWING) or other.x <= me.x:
-            continue
-        along = longitudinal_safe_distance(me.along, other.along)
-        across = lateral_safe_distance(abs(closing_across(me, other)))
-        if bumper_gap(me, other) < along and lateral_gap(me, other) < across:
-            return HUMAN_BRAKING
-    return 0.0
+def rss_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
+    """Deceleration that an actor ahead demands, m/s2: full braking where it is too close."""
+    along = longitudinal_safe_distance(me.along, other.along)
+    across = lateral_safe_distance(abs(closing_across(me, other)))
+    unsafe = bumper_gap(me, other) < along and lateral_gap(me, other) < across
+    return HUMAN_BRAKING if unsafe else 0.0
 
 
 class ResponsibilitySensitiveSafety(Compiled):
@@ -90,6 +75,6 @@ class ResponsibilitySensitiveSafety(Compiled):
     step.
     """
 
-    loop = staticmethod(braking_loop(rss_demand, clocks=1))
+    loop = staticmethod(braking_loop(rss_braking, clocks=1))
     memory, known, numbers = SAFETY_MEMORY, SIGHTED, [BRAKES]
     brakes = Brakes(RESPONSE, HUMAN_BRAKING, HUMAN_JERK)
