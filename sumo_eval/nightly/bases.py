@@ -7,7 +7,6 @@ from __future__ import annotations
 import json
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,8 +22,7 @@ MOST_DIGITS = 5  # of an age
 NIGHT = "night.json"
 
 
-@dataclass(frozen=True, slots=True)
-class Bases:
+class Bases(NamedTuple):
     """The nights that a night is compared with.
 
     good, accepted: the last good night and the accepted one.

@@ -7,10 +7,9 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass, fields
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 
@@ -72,8 +71,7 @@ CREATE TABLE IF NOT EXISTS builds (night TEXT NOT NULL, ads TEXT NOT NULL, build
 _FIX = "Put a copy of it back, or begin a history in another folder. No night was removed."
 
 
-@dataclass(frozen=True, slots=True)
-class Night:
+class Night(NamedTuple):
     """One line of the history.
 
     night: when it began, UTC, and its folder's name.
@@ -100,8 +98,7 @@ class Night:
         return self.exit_status in GOOD
 
 
-@dataclass(frozen=True, slots=True)
-class Value:
+class Value(NamedTuple):
     """One quantity of one ADS in one logical scenario in one night, None where it was not computed.
 
     run_time is the wall time of the ADS's cases, s.
@@ -114,8 +111,7 @@ class Value:
     value: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class GateLine:
+class GateLine(NamedTuple):
     """One gate of one night.
 
     threshold: the value at which it would fail; None: it has none.
@@ -130,8 +126,7 @@ class GateLine:
     sentence: str
 
 
-@dataclass(frozen=True, slots=True)
-class Accepted:
+class Accepted(NamedTuple):
     """A night accepted as a base.
 
     at: when, UTC.
@@ -151,8 +146,7 @@ class Accepted:
         return f"{self.reason}, until {self.until}" if self.until else self.reason
 
 
-@dataclass(frozen=True, slots=True)
-class ShakyCase:
+class ShakyCase(NamedTuple):
     """A case that was bad in some drives of one build and not in all."""
 
     ads: str
@@ -160,8 +154,7 @@ class ShakyCase:
     point: str
 
 
-@dataclass(frozen=True, slots=True)
-class Build:
+class Build(NamedTuple):
     """The build of an ADS in a night."""
 
     night: str
@@ -205,19 +198,19 @@ class History:
             for score in evaluation.scores
             for quantity, value in _quantities(evaluation, score).items()
         ]
-        columns_of = attrgetter(*(column.name for column in fields(GateLine)[1:]))
+        columns_of = attrgetter(*GateLine._fields[1:])
         with self._connection:
-            self._insert("nights", [astuple(night)])
+            self._insert("nights", [night])
             self._insert("quantities", values)
             self._insert("builds", [(name, *build) for build in builds.items()])
             self._insert("gates", [(name, *columns_of(gate)) for gate in gates])
-            self._insert("shaky", [(name, *astuple(case)) for case in shaky])
-            self._insert("accepted", [] if pin is None else [astuple(pin)])
+            self._insert("shaky", [(name, *case) for case in shaky])
+            self._insert("accepted", [] if pin is None else [pin])
 
     def accept(self, pin: Accepted) -> None:
         """Note that a night is accepted as a base."""
         with self._connection:
-            self._insert("accepted", [astuple(pin)])
+            self._insert("accepted", [pin])
 
     def _insert(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
         for row in rows:
@@ -244,9 +237,9 @@ class History:
         read = self._connection.execute
         if not read("SELECT 1 FROM sqlite_master WHERE name = ?", (table,)).fetchone():
             return []
-        columns = fields(kind)  # type: ignore[arg-type]
-        names = ", ".join(column.name for column in columns)
-        flags = [str(column.type).startswith("bool") for column in columns]
+        columns = get_type_hints(kind)
+        names = ", ".join(columns)
+        flags = [hint in (bool, bool | None) for hint in columns.values()]
         rows = read(f"SELECT {names} FROM {table} ORDER BY rowid")  # noqa: S608
         return [
             kind(

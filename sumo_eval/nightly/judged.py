@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from sumo_eval.nightly.bases import Bases, find_bases, pin_of, pinned_by_itself
 from sumo_eval.nightly.gates import judge
@@ -22,8 +22,7 @@ from sumo_eval.scoring.gate_settings import GateSettings
 from sumo_eval.scoring.rule import Noise, only_improved
 
 
-@dataclass(frozen=True, slots=True)
-class Since:
+class Since(NamedTuple):
     """Since which night a limit has failed without a break, and for how many nights, tonight among
     them.
     """
@@ -37,8 +36,7 @@ class Since:
         return "new" if self.nights == 1 else f"since {self.night}, {count(self.nights, 'night')}"
 
 
-@dataclass(frozen=True, slots=True)
-class JudgedNight:
+class JudgedNight(NamedTuple):
     """A night beside its bases.
 
     gates: each limit once.
@@ -53,7 +51,7 @@ class JudgedNight:
     noise: Noise
     shaky: frozenset[ShakyCase]
     builds: Mapping[str, str]
-    since: Mapping[LimitName, Since] = field(default_factory=dict)
+    since: Mapping[LimitName, Since] = {}
 
 
 def judge_night(
@@ -83,7 +81,7 @@ def judge_night(
         if comparison is bases.pinned:
             name = Path(comparison.base_folder).name
             results = [*judge_rule(comparison, gate, noise), *results]
-            results = [replace(result, against=name) for result in results]
+            results = [result._replace(against=name) for result in results]
         known = {result.name for result in failed(gates)}
         gates += [result for result in failed(results) if result.name not in known]
     since = failing_since(database, gates, evaluation.folder.name)

@@ -8,9 +8,8 @@ import json
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sumo_eval.nightly.bases import NIGHT
 from sumo_eval.nightly.history import Night
@@ -27,8 +26,7 @@ CHAT = "chat.json"
 MOST_IN_CHAT = 5  # failed limits
 
 
-@dataclass(frozen=True, slots=True)
-class NightResult:
+class NightResult(NamedTuple):
     """Result of a night.
 
     notes: sentences on what was cleared away, not compared, or left out.
@@ -67,10 +65,10 @@ def write_night(
         ],
         "pairs": 0 if comparison is None else comparison.pairs,
         "differences": [
-            asdict(difference) for difference in (comparison.differences if comparison else ())
+            difference._asdict() for difference in (comparison.differences if comparison else ())
         ],
-        "unpaired": [asdict(group) for group in (comparison.unpaired if comparison else ())],
-        "repeats": {ads: asdict(repeats) for ads, repeats in judged.noise.repeats.items()},
+        "unpaired": [group._asdict() for group in (comparison.unpaired if comparison else ())],
+        "repeats": {ads: repeats._asdict() for ads, repeats in judged.noise.repeats.items()},
         "builds": dict(judged.builds),
         "notes": list(notes),
     }
@@ -94,7 +92,7 @@ def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
         "since": since.night,
         "nights": since.nights,
         "cases": [
-            asdict(change)
+            change._asdict()
             | {
                 "words": change.words,
                 "replay": ways["again"],

@@ -21,7 +21,6 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -121,8 +120,9 @@ def run_night(
         if failed(judged.gates) or (status and scored.settings.run.incomplete == "gate"):
             status = GATE_FAILED
         result, base = verdict(judged.bases.comparison, judged.gates, scored), judged.bases.good
-        line = replace(
-            _line(scored, folder.name, f"{NIGHTS}/{folder.name}", status, result.sentence),
+        line = _line(
+            scored, folder.name, f"{NIGHTS}/{folder.name}", status, result.sentence
+        )._replace(
             base=None if base is None else base.night,
             wall_time=None if resume else time.monotonic() - clock,
         )
@@ -158,7 +158,7 @@ def _write_results(
         tuple(notes),
     )
     return write_assessed_report(
-        evaluation, replace(beside, levers=_levers(evaluation, beside, progress)), progress=progress
+        evaluation, beside._replace(levers=_levers(evaluation, beside, progress)), progress=progress
     )
 
 

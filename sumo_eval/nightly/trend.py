@@ -6,10 +6,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import cycle, groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -50,8 +49,7 @@ MOST_LABELS = 3  # dates under a chart
 TICKS = 5
 
 
-@dataclass(frozen=True, slots=True)
-class Point:
+class Point(NamedTuple):
     """One night on a chart, in the SVG's own units, what a person reads when pointing at it, and
     its row of the saved table: night, series, value.
     """
@@ -62,8 +60,7 @@ class Point:
     row: tuple[str, str, float]
 
 
-@dataclass(frozen=True, slots=True)
-class TrendLine:
+class TrendLine(NamedTuple):
     """One ADS on a chart.
 
     parts: runs of points; a night in which the quantity was not computed ends one.
@@ -77,8 +74,7 @@ class TrendLine:
     last: str
 
 
-@dataclass(frozen=True, slots=True)
-class TrendChart:
+class TrendChart(NamedTuple):
     """One quantity in one logical scenario.
 
     gates: where each gate of a night fails, and its ADS's colour; a stroke of `half` to both sides.

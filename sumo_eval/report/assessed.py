@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import hashlib
 from contextlib import closing, nullcontext
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,7 +43,7 @@ def write_assessed_report(
             confidence = assess(evaluation, partitions, progress)
             write_confidence(confidence, evaluation.folder)
             write_report(
-                evaluation, partitions, replace(beside or NOTHING_BESIDE, confidence=confidence)
+                evaluation, partitions, (beside or NOTHING_BESIDE)._replace(confidence=confidence)
             )
             if kept is not None and key is not None:
                 kept.put([("report", key, 0, _hash(path, data))])

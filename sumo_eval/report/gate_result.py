@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.scoring.gate_settings import ENDS
@@ -14,8 +14,7 @@ MOST_KEYS = 1_000  # cases that a failed limit names by key
 LimitName = tuple[str, str, str]  # ADS, scenario, quantity
 
 
-@dataclass(frozen=True, slots=True)
-class CaseChange:
+class CaseChange(NamedTuple):
     """A case that a limit names.
 
     point: in words.
@@ -45,8 +44,7 @@ class CaseChange:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class GateResult:
+class GateResult(NamedTuple):
     """One limit applied to one ADS, or to "every ADS", in one logical scenario, or in "all
     scenarios".
 

@@ -5,7 +5,7 @@ must not be missed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from sumo_eval.report.words import (
     REASON_WITHOUT_T,
@@ -23,8 +23,7 @@ MOST_NAMED = 3
 """ADSs that share the first place and are named; the rest is a number."""
 
 
-@dataclass(frozen=True, slots=True)
-class Headline:
+class Headline(NamedTuple):
     """First words of a run.
 
     order: the ADSs in their order, each with its behaviour.

@@ -12,12 +12,11 @@ from array import array
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from shutil import copyfileobj
 from tempfile import SpooledTemporaryFile
-from typing import IO, Literal
+from typing import IO, Literal, NamedTuple
 
 from lxml import etree
 
@@ -47,8 +46,7 @@ JUNIT = "junit.xml"
 TestVerdict = Literal["passed", "failure", "error", "skipped"]
 
 
-@dataclass(frozen=True, slots=True)
-class Test:
+class Test(NamedTuple):
     """One JUnit test.
 
     kind: the machine-readable type of a failure or an error.

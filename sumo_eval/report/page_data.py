@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any
 
 from sumo_eval.cases import CaseResult, CaseTable, IntArray
@@ -61,7 +61,7 @@ def page_data(
         "channels": CHANNEL_STEPS,
         "folder": shlex.quote(str(evaluation.folder)),
         "severityUnit": evaluation.settings.method.collision.unit,
-        "verdicts": {verdict: asdict(look) for verdict, look in LOOKS.items()},
+        "verdicts": {verdict: look._asdict() for verdict, look in LOOKS.items()},
         "embedded": len(sent.embedded.points),
         "embeddedDrivers": len(sent.embedded.with_drivers),
         "scenarios": scenarios,
@@ -107,7 +107,7 @@ def _scenario(
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     telling = telling_slice(view, cases)
     # the maps are for the slice at which the page opens
-    drawn = replace(view, fixed=telling or view.fixed)
+    drawn = view._replace(fixed=telling or view.fixed)
     rows = [_case(case, logical.row(case.values)) | beside for case, beside in embedded]
     names_of_ads = [score.ads for score in evaluation.scores_in(logical.name)]
     return {

@@ -5,16 +5,15 @@ unit and equation.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, is_dataclass
-from typing import Any
+from dataclasses import fields, is_dataclass
+from typing import Any, NamedTuple
 
 from sumo_eval.report.verdict import Beside
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import About, EvaluationSettings, about
 
 
-@dataclass(frozen=True, slots=True)
-class SettingRow:
+class SettingRow(NamedTuple):
     """One setting as the report lists it.
 
     path: its tables and its name, e.g. `method.zones.deceleration`.

@@ -10,10 +10,9 @@ section only where it exists.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.checks import checks_content
@@ -51,8 +50,7 @@ MOST_CHANGED = 200  # cases in the table of changes
 Content = Callable[[Evaluation, Beside], Mapping[str, Any] | None]
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
+class Section(NamedTuple):
     """One section: name of its template and anchor, words in the navigation, and what only it needs
     to know.
 

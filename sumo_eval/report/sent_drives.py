@@ -10,10 +10,9 @@ from __future__ import annotations
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,8 +40,7 @@ Point = tuple[str, int]
 """A concrete scenario: the logical scenario's name and the point's number."""
 
 
-@dataclass(frozen=True, slots=True)
-class Embedded:
+class Embedded(NamedTuple):
     """Points whose trajectories travel in the page.
 
     points: those of the ADSs and of the other vehicles.
@@ -58,8 +56,7 @@ BYTES_OF_A_RUN = 900  # about, of a trajectory (here a "run"); chosen ones are m
 BYTES_BEYOND = 40  # about, of an entry of `beyond` (`encode_trajectories`)
 
 
-@dataclass(frozen=True, slots=True)
-class Drives:
+class Drives(NamedTuple):
     """The recorded drives that travel in a page of one scenario.
 
     trajectories: as the page reads them.
@@ -77,8 +74,7 @@ class Drives:
         return len(self.trajectories["data"]) + BYTES_BEYOND * len(self.trajectories["beyond"])
 
 
-@dataclass(frozen=True, slots=True)
-class SentDrives:
+class SentDrives(NamedTuple):
     """The recorded drives that travel in a page, by scenario."""
 
     embedded: Embedded

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from sumo_eval.report.gate_result import GateResult, LimitName, failed
 from sumo_eval.report.words import count
@@ -20,8 +19,7 @@ if TYPE_CHECKING:
 Word = Literal["first", "same", "no_limit_failed", "worse", "incomplete"]
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+class Verdict(NamedTuple):
     """Verdict on a run.
 
     word: first (no base), same (equal to the bit), no_limit_failed, worse, or incomplete (cases
@@ -32,8 +30,7 @@ class Verdict:
     sentence: str
 
 
-@dataclass(frozen=True, slots=True)
-class Beside:
+class Beside(NamedTuple):
     """Content of a report in addition to the evaluation. A section without its part is left out.
 
     comparison, gates: the change since an earlier run.
@@ -45,7 +42,7 @@ class Beside:
 
     comparison: Comparison | None = None
     gates: tuple[GateResult, ...] = ()
-    since: Mapping[LimitName, str] = field(default_factory=dict)
+    since: Mapping[LimitName, str] = {}
     notes: tuple[str, ...] = ()
     confidence: Confidence | None = None
     levers: CaseLevers | None = None

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -119,8 +118,7 @@ GLOSSARY = {
 """The terms of the report in plain words; what the page explains of a term stands here once."""
 
 
-@dataclass(frozen=True, slots=True)
-class VerdictStyle:
+class VerdictStyle(NamedTuple):
     """Appearance of a verdict: words, the letter in a cell of the map (readable without colour),
     colours.
     """

@@ -6,7 +6,6 @@ Users: `report.headline`, `report.summary`, `scoring.shown_cases`.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +21,7 @@ BY_CHANCE = 0.05
 """Probability of a sign test below which two ADSs count as different."""
 
 
-@dataclass(frozen=True, slots=True)
-class Behaviour:
+class Behaviour(NamedTuple):
     """One ADS in one scenario, or in all scenarios of a run; counts are numbers of cases.
 
     stands, slower: safe cases in which it stands, or is slower, where the references drive.

@@ -7,8 +7,7 @@ InputError unless the user accepts it.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from sumo_eval.errors import InputError
 from sumo_eval.results import Evaluation
@@ -23,8 +22,7 @@ INPUTS = ("networks/", "routes/")  # folders of a run with SUMO's files
 SIMULATORS = ("libsumo", "sumo", "eclipse-sumo")
 
 
-@dataclass(frozen=True, slots=True)
-class Difference:
+class Difference(NamedTuple):
     """A value that differs between two runs.
 
     what: its name.

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Final, Literal, get_args
+from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -40,8 +40,7 @@ _ORDER: Final[tuple[Change, ...]] = get_args(Change)
 WORSE, BETTER = _ORDER[:5], _ORDER[5:]  # the two lines above
 
 
-@dataclass(frozen=True, slots=True)
-class ChangedCase:
+class ChangedCase(NamedTuple):
     """One concrete scenario in which the two runs differ.
 
     by: new minus base of the quantity that the change is about, U (m/s), the case's human-likeness
@@ -54,7 +53,7 @@ class ChangedCase:
     base: CaseResult
     new: CaseResult
     by: float | None
-    moved: Mapping[str, float] = field(default_factory=dict)
+    moved: Mapping[str, float] = {}
 
     @property
     def worse(self) -> bool:
@@ -62,8 +61,7 @@ class ChangedCase:
         return self.change in WORSE
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Paired:
+class Paired(NamedTuple):
     """Cases of an ADS in a logical scenario, paired by their points.
 
     base, new: the n pairs; row i of one and row i of the other are at the same point.
@@ -79,8 +77,7 @@ class Paired:
     added: CaseTable
 
 
-@dataclass(frozen=True, slots=True)
-class Unpaired:
+class Unpaired(NamedTuple):
     """Cases of an ADS in a logical scenario that have no partner.
 
     ads: its name in the base; in the new run where the base has no such ADS.
@@ -150,8 +147,7 @@ class Changes:
         return map(self.__getitem__, range(len(self)))
 
 
-@dataclass(frozen=True, slots=True)
-class QuantityChange:
+class QuantityChange(NamedTuple):
     """A quantity in both runs.
 
     difference: None where the quantity is missing in a run, or has another unit in each.
@@ -176,8 +172,7 @@ class QuantityChange:
         return self.difference == self.low == self.high == 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class AdsComparison:
+class AdsComparison(NamedTuple):
     """Comparison of one ADS of the new run in one logical scenario with its partner in the base.
 
     identical: number of pairs that are equal to the last bit, except for measured times.
@@ -217,8 +212,7 @@ class AdsComparison:
         return before, after
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
+class Comparison(NamedTuple):
     """Comparison of two runs.
 
     confidence: level of the intervals.

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -41,8 +40,7 @@ LEAST_SPREADS = {"speed": 1.0, "y": 0.2}
 """Least standard deviation of the drivers' speed, m/s, and y, m."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CaseDrives:
+class CaseDrives(NamedTuple):
     """Drive of a case, with all drives that it is compared with at its point.
 
     road: the drives are in its coordinates.

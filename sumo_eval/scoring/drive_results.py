@@ -14,6 +14,7 @@ from dataclasses import astuple, dataclass, fields
 from functools import partial
 from itertools import groupby
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -91,8 +92,7 @@ _UNDRIVEN = DriveResult(None, None, False, np.empty(0))
 _RECORDS = {record.__name__: record for record in (DriveResult, Departure)}
 
 
-@dataclass(frozen=True, slots=True)
-class _Point:
+class _Point(NamedTuple):
     """Job: drives at one point.
 
     references: cases of the references' drives, which ended without contact.

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,8 +14,7 @@ from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.findings import findings_of, mean_of
 
 
-@dataclass(frozen=True, slots=True)
-class DriverBand:
+class DriverBand(NamedTuple):
     """D_i of the drivers, over the safe cases in which an ADS has a D_i.
 
     low, mean, high: D_i of the least human driver, mean D_i of all drivers, D_i of the most human

@@ -9,7 +9,7 @@ all cases in these ranges that fail in this way.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,7 @@ NEIGHBOUR_DISTANCE = 1.6
 SPANNED = 0.999  # a group that covers this share of a parameter's driven range does not narrow it
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FailureGroup:
+class FailureGroup(NamedTuple):
     """Cases of one ADS that fail in the same way and are neighbours.
 
     kind: of the failure, in words.

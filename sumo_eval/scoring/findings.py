@@ -40,8 +40,7 @@ NOTICEABLE = 0.01
 """Share of the task by which an ADS is slower than the slowest reference, to be counted as slow."""
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
+class Part(NamedTuple):
     """One case in a mean over cases.
 
     cases: number of cases in the mean.
@@ -82,8 +81,7 @@ class Harm(NamedTuple):
     taken: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Findings:
+class Findings(NamedTuple):
     """One ADS in one scenario: its result, its cases, and the settings that they were scored
     with.
     """

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -70,8 +70,7 @@ class LedgerLine:
         return ((case, lost) for case, lost in pairs if lost < 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Ledger:
+class Ledger(NamedTuple):
     """Ledger of one score of one ADS in one logical scenario."""
 
     name: Literal["S+", "S"]

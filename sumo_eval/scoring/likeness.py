@@ -9,8 +9,8 @@ from __future__ import annotations
 from array import array
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,8 +36,7 @@ _AT_ONCE = 8_192  # points whose zone and weight are computed at a time; 65,536 
 JACKKNIFED = 16  # most cases of an ADS in a scenario for which drivers are left out one by one
 
 
-@dataclass(frozen=True, slots=True)
-class PointReference:
+class PointReference(NamedTuple):
     """The human drivers of one concrete scenario, with the drives that ended well.
 
     cases: names of these drives' cases.
@@ -89,8 +88,7 @@ def _usable(
     return ThinReference(recorded, settings.least, filled), fills and enough
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Survey:
+class Survey(NamedTuple):
     """Summary of a scenario of a run, made before its cases are scored some points at a time.
 
     hazardous: whether each point is hazardous, (points,).
@@ -208,8 +206,7 @@ def _points_of_ads(
     return driven, with_index
 
 
-@dataclass(frozen=True, slots=True)
-class DriverComparison:
+class DriverComparison(NamedTuple):
     """Cases compared with the human drivers at their points.
 
     references: the drivers, by point.

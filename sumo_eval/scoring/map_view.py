@@ -6,7 +6,7 @@ Users: `report/`, `scoring.zone_levels`, `extras/figures/`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,7 @@ GATHERED_PANELS = 6
 SLICE_WORTH_SHOWING = 0.1  # share of the cases; a slice with fewer shows all cases, projected
 
 
-@dataclass(frozen=True, slots=True)
-class View:
+class View(NamedTuple):
     """Parameters that a map of a space shows, each as its column in `names`.
 
     y: None for a space of one parameter, whose map is a strip.

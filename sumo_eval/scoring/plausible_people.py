@@ -5,7 +5,7 @@ Users: `scoring.steps`, `report.driving_words`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,8 +28,7 @@ from sumo_eval.trajectory import Trajectory
 SYNTHETIC = "synthetic"  # what is recorded as the controller of a synthetic driver
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlausiblePeople:
+class PlausiblePeople(NamedTuple):
     """The table of people that the plausibility of a scenario's cases is read from.
 
     notes: who they are, if not those of the default.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import bdtr
@@ -29,8 +29,7 @@ from sumo_eval.scoring.gate_settings import (
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class Repeats:
+class Repeats(NamedTuple):
     """Result of driving cases of an ADS twice with one build.
 
     cases: number of cases that were driven twice.
@@ -40,7 +39,7 @@ class Repeats:
 
     cases: int
     alike: int
-    floors: Mapping[str, float] = field(default_factory=dict)
+    floors: Mapping[str, float] = {}
 
     @property
     def noisy(self) -> bool:
@@ -48,8 +47,7 @@ class Repeats:
         return self.alike < self.cases
 
 
-@dataclass(frozen=True, slots=True)
-class Noise:
+class Noise(NamedTuple):
     """Random variation of the ADSs in a night.
 
     repeats: of each ADS that was driven twice, by its name.
@@ -57,8 +55,8 @@ class Noise:
     shaky: cases that in an earlier night were bad in some drives and not in others.
     """
 
-    repeats: Mapping[str, Repeats] = field(default_factory=dict)
-    bad: Mapping[str, int] = field(default_factory=dict)
+    repeats: Mapping[str, Repeats] = {}
+    bad: Mapping[str, int] = {}
     shaky: frozenset[str] = frozenset()
 
     def of(self, ads: str) -> Repeats:
@@ -134,8 +132,7 @@ def holm(chances: Sequence[tuple[float, float]], level: float) -> list[bool]:
 # --- cases ----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Ends:
+class Ends(NamedTuple):
     """Ends of cases: arrays (n,).
 
     missed: a requirement of the scenario was missed.
@@ -174,8 +171,7 @@ def both_ends(part: AdsComparison) -> tuple[Ends, Ends]:
     return Ends.of(part.changed.paired.base), Ends.of(part.changed.paired.new)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Worse:
+class Worse(NamedTuple):
     """Cases of an ADS in one scenario that are worse in a quantity, the worst first.
 
     part: comparison of the ADS in the scenario.
@@ -249,8 +245,7 @@ def newly_bad(part: AdsComparison, settings: GateSettings, repeats: Repeats) -> 
     return {name: Worse.of(part, flags, rise, values) for name, flags in ends.items()}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Tally:
+class Tally(NamedTuple):
     """Worse and better cases of one ADS in all scenarios by one measure, for the sign test.
 
     near: True: of part two, near misses; False: of part three, shifts.

@@ -4,8 +4,8 @@ need of it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from sumo_eval.method.severity import Severity
 from sumo_eval.record.cases import Role
@@ -18,8 +18,7 @@ from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.settings import EvaluationSettings, MethodSettings, ScenarioSettings
 
 
-@dataclass(frozen=True, slots=True)
-class ScenarioRun:
+class ScenarioRun(NamedTuple):
     """A logical scenario of a run, with its points and the run's facts.
 
     entry: the scenario in the evaluation.

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
@@ -55,8 +55,7 @@ POINTS_AT_ONCE = 512
 """Concrete scenarios whose cases are in memory at a time while a run is scored."""
 
 
-@dataclass(frozen=True, slots=True)
-class Scoring:
+class Scoring(NamedTuple):
     """A run to be scored: its facts, its settings, and the means to compute.
 
     exposures: what the recording of each scenario noted on its exposure, by scenario.

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 from sumo_eval.cases import EVALUATED
 from sumo_eval.errors import InputError, unknown
@@ -62,8 +63,7 @@ class Answer:
         return self.lever.share(self.flips[0].after) if self.flips else float("inf")
 
 
-@dataclass(frozen=True, slots=True)
-class CaseLevers:
+class CaseLevers(NamedTuple):
     """Answers for one case, the lever with the least change first.
 
     fact: the recorded case.

@@ -48,8 +48,8 @@ def test_the_section_has_the_numbers_of_the_assessment(assessed, partitions):
 def test_a_score_without_an_interval_says_why(assessed, partitions):
     evaluation, confidence = assessed
     first, *others = confidence.assessments
-    none = replace(
-        first, intervals={}, risk=None, further=None, reason="fewer than two evaluated cases"
+    none = first._replace(
+        intervals={}, risk=None, further=None, reason="fewer than two evaluated cases"
     )
     beside = Beside(confidence=Confidence((none, *others), confidence.coverage))
     page = write_report(evaluation, partitions, beside).read_text()

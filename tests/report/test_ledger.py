@@ -86,7 +86,7 @@ def test_a_case_that_gains_leaves_the_points_of_its_term(evaluation):
     found = ledger(Findings.of(evaluation, evaluation.score(builders.CALM, builders.SCENARIOS[1])))
     line = next(line for line in found.lines if line.term == "D" and line.entries)
     gain = replace(line, index=0.001)
-    assert sentences(replace(found, lines=(*found.lines, gain))) == sentences(found)
+    assert sentences(found._replace(lines=(*found.lines, gain))) == sentences(found)
 
 
 def scores_with_a_below_zero(evaluation):

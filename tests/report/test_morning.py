@@ -82,7 +82,7 @@ def folder(judged, tmp_path):
     found = tmp_path / "nights" / SECOND
     found.mkdir(parents=True)
     since = {gate.name: Since(SECOND, 1) for gate in failed(judged.gates)}
-    write_night(tmp_path, night(SECOND, 1), "worse", replace(judged, since=since), ())
+    write_night(tmp_path, night(SECOND, 1), "worse", judged._replace(since=since), ())
     return found
 
 
@@ -138,7 +138,7 @@ def test_a_limit_on_own_values_is_not_accepted(alone, judged, folder, evaluation
     gates = own if alone else (*own, *failed(judged.gates))
     since = {gate.name: Since(SECOND, 1) for gate in gates}
     write_night(
-        folder.parents[1], night(SECOND, 1), "worse", replace(judged, gates=gates, since=since), ()
+        folder.parents[1], night(SECOND, 1), "worse", judged._replace(gates=gates, since=since), ()
     )
     with open_history(folder.parents[1], create=True) as lines:
         lines.add(night(SECOND, 1), evaluation, gates)
@@ -155,7 +155,7 @@ def test_a_limit_on_own_values_is_not_accepted(alone, judged, folder, evaluation
 def test_an_annotation_is_one_line_for_github(judged):
     """GitHub decodes `:` and `,` in a title, and not in a message."""
     (gate,) = failed(judged.gates)
-    (line,) = github_annotations([replace(gate, quantity="a: b, c", sentence="d: e, 5 %")])
+    (line,) = github_annotations([gate._replace(quantity="a: b, c", sentence="d: e, 5 %")])
     assert line.startswith(f"::error title=a%3A b%2C c of {builders.CALM}::d: e, 5 %25%0A")
     (line,) = github_annotations(judged.gates)
     head, _, body = line.removeprefix("::").partition("::")
@@ -173,8 +173,8 @@ def test_a_summary_that_cannot_be_written_is_only_said(judged, folder, monkeypat
 def test_new_failures_stand_first_and_of_these_the_gravest_ends(judged):
     (gate,) = failed(judged.gates)
     names = "min_ttc", "departed", "min_gap", "severity", "collided"
-    other, old, near, harder, hit = (replace(gate, quantity=name) for name in names)
-    other = replace(other, passed=True)
+    other, old, near, harder, hit = (gate._replace(quantity=name) for name in names)
+    other = other._replace(passed=True)
     nights = {old.name: 2} | dict.fromkeys((near.name, harder.name, hit.name), 1)
     assert in_order([other, old, near, harder, hit], nights) == (hit, harder, near, old, other)
 

@@ -403,15 +403,15 @@ def test_the_verdict_names_the_run_that_a_limit_failed_beside(evaluation):
     """The base, the accepted night where only that comparison failed, or neither."""
     comparison = compare(evaluation, evaluation, SETTINGS)
     failure = GateResult("min_gap", builders.CALM, EVERYWHERE, False, "nearer")
-    lost = replace(failure, quantity="pairs", against="night")
+    lost = failure._replace(quantity="pairs", against="night")
     folder = evaluation.folder.name
     for gates, words in (
         ([failure], f"WORSE than {folder}: 1 limit failed; outcome"),
         (
-            [replace(failure, against="night")],
+            [failure._replace(against="night")],
             f"WORSE than the accepted night: 1 limit failed; beside {folder} outcome",
         ),
-        ([replace(failure, own=True)], f"NOT GOOD beside {folder}: 1 limit failed; outcome"),
+        ([failure._replace(own=True)], f"NOT GOOD beside {folder}: 1 limit failed; outcome"),
         ([lost], "INCOMPLETE beside the accepted night: nearer"),
     ):
         assert verdict(comparison, gates, evaluation).sentence.startswith(words)

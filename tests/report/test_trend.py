@@ -114,7 +114,7 @@ def test_a_quantity_that_was_not_computed_breaks_the_line_and_a_gate_is_a_stroke
     )
     assert [len(part) for part in chart.lines[0].parts] == [1, 1]
     assert len(chart.gates) == 3
-    two = [*gates, *(replace(gate, threshold=50.0) for gate in gates)]
+    two = [*gates, *(gate._replace(threshold=50.0) for gate in gates)]
     twice = charts(builders.SCENARIOS[0], nights, gap, two)
     assert {len(one.gates) for one in twice if one.title == chart.title} == {6}
     assert all(

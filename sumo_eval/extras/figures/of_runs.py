@@ -107,7 +107,7 @@ def zone_map(asked: Asked) -> Figure:
 def _slice(view: View, zones: ZonePartition, cases: CaseTable) -> tuple[View, str]:
     """The view, moved to the slice with most collisions if it has a choice, and a note on it."""
     chosen = telling_slice(view, cases)  # empty without a choice
-    view = replace(view, fixed=chosen or view.fixed)
+    view = view._replace(fixed=chosen or view.fixed)
     items = ((zones.logical.parameters[column], value) for column, value in view.fixed.items())
     where = ", ".join(f"{item.name} = {value:g}{item.unit_suffix}" for item, value in items)
     if not where:  # the map shows all parameters

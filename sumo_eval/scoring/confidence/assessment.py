@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,8 +38,7 @@ class Risk:
     effective_cases: float
 
 
-@dataclass(frozen=True, slots=True)
-class Assessment:
+class Assessment(NamedTuple):
     """Confidence in one ADS's scores in one scenario.
 
     intervals: of every score that has one, by its name in `ScenarioResult`.
@@ -55,8 +55,7 @@ class Assessment:
     reason: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Confidence:
+class Confidence(NamedTuple):
     """Confidence in all scores of an evaluation.
 
     coverage: of each scenario's space, by name.

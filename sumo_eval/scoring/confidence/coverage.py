@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -19,8 +19,7 @@ COUNTED = 2**15  # number of evenly spread points that stand for the space
 RESOLVED = 0.1  # unit-box lengths within which both sides of the boundary need a case
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PairCoverage:
+class PairCoverage(NamedTuple):
     """Number of cases in each pair of buckets of two parameters.
 
     x, y: names of the parameters.
@@ -32,8 +31,7 @@ class PairCoverage:
     counts: FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SpaceCoverage:
+class SpaceCoverage(NamedTuple):
     """Coverage of one space.
 
     buckets: parameter -> number of its buckets with a case, and of those that are possible.

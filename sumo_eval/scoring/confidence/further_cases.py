@@ -5,7 +5,7 @@ one more case narrows its interval most. `assessment` proposes them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -18,8 +18,7 @@ NEIGHBOURS = 6  # cases beside each one by which the spread there is estimated
 CANDIDATES = 8_192  # evenly spread points among which further ones are chosen
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FurtherCases:
+class FurtherCases(NamedTuple):
     """Proposed cases.
 
     points: (N, k), the one that narrows the interval most first.

@@ -31,7 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri, ndtr, stdtrit
@@ -75,8 +75,7 @@ class Interval:
     level: float = LEVEL
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Judged:
+class Judged(NamedTuple):
     """The n cases of one ADS in one scenario.
 
     points: which of the scenario's points each case is, (n,), none twice.
@@ -91,8 +90,7 @@ class Judged:
     drivers: DriverDeviations
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ScoreIntervals:
+class ScoreIntervals(NamedTuple):
     """The intervals of one ADS in one scenario, and what its rank needs.
 
     limits: low and high of each score that exists, by its name in `ScenarioResult`.
@@ -316,8 +314,7 @@ def _with_one_more(
     return _summed(moved, method)
 
 
-@dataclass(frozen=True, slots=True)
-class UnseenCollisions:
+class UnseenCollisions(NamedTuple):
     """Cost of collisions that an ADS's cases do not show, for its scores.
 
     points: number of hazardous points.

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
@@ -30,8 +31,7 @@ from sumo_eval.trajectory import FloatArray
 ADAPTIVE = "adaptive"
 
 
-@dataclass(frozen=True, slots=True)
-class Standing:
+class Standing(NamedTuple):
     """State of the rounds of an adaptive sample.
 
     rounds: number of rounds so far.

@@ -16,8 +16,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -84,8 +83,7 @@ def rank(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Means:
+class _Means(NamedTuple):
     """Means over the scenarios that weigh and have a task.
 
     weights: above 0, by scenario.
@@ -127,8 +125,7 @@ class _Means:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Spread:
+class _Spread(NamedTuple):
     """Replicates of one ADS's mean S+, or of the difference of two ADSs'.
 
     worse: with one more case, (m,).

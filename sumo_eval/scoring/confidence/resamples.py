@@ -14,9 +14,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,8 +33,7 @@ SMALLEST = 4  # fewest points of a list that is halved
 _FLAT = 1e-9  # unit-box lengths; points that differ by less along a direction have no trend there
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Strata:
+class Strata(NamedTuple):
     """Lists of points; a replicate exchanges the points of a list for each other.
 
     order: indices of all n points, list after list, (n,).
@@ -158,8 +156,7 @@ def _multinomial(
     return drawn
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Balance:
+class Balance(NamedTuple):
     """Makes replicates whose points have the same mean place as all points.
 
     trend: orthonormal basis of the directions that R removes, (n, r).
@@ -225,8 +222,7 @@ class Balance:
         return np.maximum(errors, 0.0, out=errors)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Resampled:
+class Resampled(NamedTuple):
     """Number of times that some of the points occur in each replicate.
 
     places: indices of the points, (k,).

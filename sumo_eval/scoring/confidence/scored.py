@@ -78,7 +78,7 @@ def with_intervals(
     for number, interval in zip(judged, computed, strict=True):
         value, ends = scores[number].s_plus, scores[number].s_plus_interval
         if value is not None and ends is not None:
-            interval = replace(interval, missing=(ends[0] - value, ends[1] - value))
+            interval = interval._replace(missing=(ends[0] - value, ends[1] - value))
         intervals[number] = interval
     most = score_of(1.0, 1.0, settings.method.score).total or 0.0
     return [

@@ -2,7 +2,6 @@
 numbers."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -192,7 +191,7 @@ def test_a_trend_along_a_parameter_is_not_an_error_of_a_sample():
     groups = strata(unit, "sobol")
     one = judged(64, index=unit[:, 1], likeness=unit[:, 1])
     plain, even = (
-        intervals(one, replace(groups, even=each)).limits["human_likeness"] for each in (None, unit)
+        intervals(one, groups._replace(even=each)).limits["human_likeness"] for each in (None, unit)
     )
     assert half(even) < 0.25 * half(plain)
 
@@ -375,7 +374,7 @@ def test_no_digit_depends_on_company_or_order():
         assert found.limits == alone.limits
         assert found.sources == alone.sources
         assert np.array_equal(found.worse, alone.worse)
-    ends, renamed = (intervals(each).limits for each in (other, replace(other, ads="renamed")))
+    ends, renamed = (intervals(each).limits for each in (other, other._replace(ads="renamed")))
     assert renamed["avoided_share"] != ends["avoided_share"], "unseen collisions are an ADS's own"
     assert renamed["s_plus"] == ends["s_plus"], "the one more case is the scenario's"
 
@@ -405,7 +404,7 @@ def test_law_scores_added_up_part_by_part_are_those_of_whole_replicates(how, mon
         index=np.where(safe, random.random(170), np.nan),
         likeness=np.where(safe, random.random(170), np.nan),
     )  # fmt: skip
-    one = replace(one, points=at)
+    one = one._replace(points=at)
     (found,) = score_intervals([one], groups, METHOD, 3, "s", replicates=100)
 
     counts, drawn = np.full((100, 200), np.nan), np.full((100, 200), np.nan)
