@@ -46,54 +46,64 @@ The extras of this package use it too.
 """
 
 TASKS = {
-    "Evaluate": ("run", "score", "merge", "verify"),
-    "Look at a run": ("report", "explain", "whatif", "find", "replay", "plot", "export"),
-    "Compare runs": ("compare", "nightly", "accept", "trend"),
-    "Look into a space": ("scenarios", "partition", "sample", "boundary"),
-    "Drive yourself": ("drive",),
-    "From recordings to rates": ("learn", "campaign"),
-    "People and open constants": ("humans", "calibrate", "sensitivity"),
-    "Believe the tool": ("qualify",),
-    "Write an ADS or a scenario": ("import", "check", "schema", "bench"),
+    "Evaluate": {
+        "run": "evaluate simulate start execute go resume launch",
+        "score": "rescore rank ranking recompute",
+        "merge": "combine join gather shards",
+        "verify": "reproduce repeat again rerun",
+    },
+    "Look at a run": {
+        "report": "html page show open result results",
+        "explain": "why case ledger arithmetic",
+        "whatif": "counterfactual lever margin avoid change",
+        "find": "parameters nearest locate lookup",
+        "replay": "watch view animate animation gui video play",
+        "plot": "figure figures chart svg pdf png picture",
+        "export": "evidence csv parquet table tables dump xosc sumocfg",
+    },
+    "Compare runs": {
+        "compare": "diff gate regression versus",
+        "nightly": "night cron schedule ci",
+        "accept": "approve pin baseline bless",
+        "trend": "history nights",
+    },
+    "Look into a space": {
+        "scenarios": "list catalogue catalog ls",
+        "partition": "zones zone split hazard",
+        "sample": "points draw grid sobol",
+        "boundary": "search edge limit frontier",
+    },
+    "Drive yourself": {
+        "drive": "wheel simulator steer keyboard gamepad study participants",
+    },
+    "From recordings to rates": {
+        "learn": "fit rates distribution",
+        "campaign": "rate crashes kilometre km risk importance",
+    },
+    "People and open constants": {
+        "humans": "people drivers recordings events exposure opinion population",
+        "calibrate": "k5 k6 tune scale",
+        "sensitivity": "k1 k2 constants vary",
+    },
+    "Believe the tool": {
+        "qualify": "credible credibility believe selftest trustworthy",
+    },
+    "Write an ADS or a scenario": {
+        "import": "openscenario convert translate read",
+        "check": "validate lint test contract",
+        "schema": "json editor autocomplete",
+        "bench": "benchmark speed performance profile",
+    },
 }
-"""Sections of the help, with the commands of this package, extras included."""
+"""Sections of the help, with the commands of this package, extras included, and words that a user
+may type instead.
+"""
+
+MEANT = {name: words for names in TASKS.values() for name, words in names.items()}
+"""Words that a user may type instead of a command of this package."""
 
 FURTHER = "From other packages"
 """Section of the help with all other commands."""
-
-MEANT = {
-    "run": "evaluate simulate start execute go resume launch",
-    "score": "rescore rank ranking recompute",
-    "merge": "combine join gather shards",
-    "verify": "reproduce repeat again rerun",
-    "report": "html page show open result results",
-    "explain": "why case ledger arithmetic",
-    "whatif": "counterfactual lever margin avoid change",
-    "find": "parameters nearest locate lookup",
-    "replay": "watch view animate animation gui video play",
-    "plot": "figure figures chart svg pdf png picture",
-    "export": "evidence csv parquet table tables dump xosc sumocfg",
-    "compare": "diff gate regression versus",
-    "nightly": "night cron schedule ci",
-    "accept": "approve pin baseline bless",
-    "trend": "history nights",
-    "scenarios": "list catalogue catalog ls",
-    "partition": "zones zone split hazard",
-    "sample": "points draw grid sobol",
-    "boundary": "search edge limit frontier",
-    "drive": "wheel simulator steer keyboard gamepad study participants",
-    "campaign": "rate crashes kilometre km risk importance",
-    "learn": "fit rates distribution",
-    "humans": "people drivers recordings events exposure opinion population",
-    "calibrate": "k5 k6 tune scale",
-    "sensitivity": "k1 k2 constants vary",
-    "qualify": "credible credibility believe selftest trustworthy",
-    "import": "openscenario convert translate read",
-    "check": "validate lint test contract",
-    "schema": "json editor autocomplete",
-    "bench": "benchmark speed performance profile",
-}
-"""Commands of this package, extras included, and words that a user may type instead."""
 
 
 class _Group(click.Group):
@@ -129,7 +139,7 @@ class _Group(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands by task, each in one line that is not cut."""
-        further = tuple(name for name in commands() if name not in MEANT)
+        further = {name: "" for name in commands() if name not in MEANT}
         for task, names in {**TASKS, FURTHER: further}.items():
             installed = [name for name in names if name in commands()]
             if installed:
