@@ -27,9 +27,6 @@ Zone = Literal["safe", "hazardous"]
 Column = NDArray[Any]
 IntArray = NDArray[np.intp]
 
-# loaded by name: `report/` imports this file, so this file cannot import `report/`
-_CASE_HTML = "sumo_eval.report.notebook:case_html"
-
 EVALUATED = ("ok", "collision", "off_road")
 """Statuses of cases that were evaluated, i.e. whose outcome counts in all scores."""
 OUTCOMES = ("no contact", "collision", "off road", "not evaluated")
@@ -348,7 +345,8 @@ class CaseResult(CaseProperties):
 
     def _repr_html_(self) -> str:
         """The table for a notebook."""
-        return str(load_object(_CASE_HTML, None, "Case")(self))
+        # by name: `report/` imports this file
+        return str(load_object("sumo_eval.report.notebook:case_html", None, "Case")(self))
 
 
 # --- tables ---------------------------------------------------------------------------------------

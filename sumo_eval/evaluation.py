@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from sumo_eval.record.facts import Evaluable, Recorded
 
 
-# loaded by name: `report/` imports this file, so this file cannot import `report/`
-_WRITE_RESULTS = "sumo_eval.report.junit:write_results"
 _NOT_DRIVEN_BY = ("method.", "report.", "run.workers", "run.incomplete")
 """Beginnings of settings on which no recorded fact depends."""
 
@@ -79,7 +77,8 @@ def evaluate(
     record_rounds(run, folder, resume=resume, progress=progress, stopping=stopping)
     done = score(folder, progress=progress, resolved=run)
     discard_trajectories(done)
-    load_object(_WRITE_RESULTS, None, "function")(done)
+    # by name: `report/` imports this file
+    load_object("sumo_eval.report.junit:write_results", None, "function")(done)
     return done
 
 
@@ -149,7 +148,14 @@ def score(
     from there.
     """
     folder = Path(run)
-    settings = _settings_to_score(folder, changes)
+    for change in changes:
+        if "=" in change and not change.strip().startswith(_NOT_DRIVEN_BY):
+            raise InputError(
+                f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts "
+                "depend on it. Only `method`, `report`, `run.workers` and `run.incomplete` can; "
+                "run the evaluation again for the rest."
+            )
+    settings = with_changes(run_folder.read_settings(folder), changes)
     resolved = resolved or Resolved.of(settings, run_folder.source_of(folder))
     if changes:
         refuse_unknown_axes(resolved.scenarios, settings.report)
@@ -188,18 +194,6 @@ def score(
         resolved.scenarios,
         left_out,
     )
-
-
-def _settings_to_score(folder: Path, changes: Sequence[str]) -> EvaluationSettings:
-    """Settings of a run with changes, refused where a recorded fact depends on one."""
-    for change in changes:
-        if "=" in change and not change.strip().startswith(_NOT_DRIVEN_BY):
-            raise InputError(
-                f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts "
-                "depend on it. Only `method`, `report`, `run.workers` and `run.incomplete` can; "
-                "run the evaluation again for the rest."
-            )
-    return with_changes(run_folder.read_settings(folder), changes)
 
 
 def refuse_to_score(folder: Path) -> None:

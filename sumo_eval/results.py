@@ -20,11 +20,6 @@ from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.trajectory import Alone
 
-# loaded by name: `report/` imports this file, so this file cannot import `report/`
-_TABLE_HTML, _PICTURE = "sumo_eval.report.notebook:html_table", "sumo_eval.report.notebook:picture"
-_SCORE_HTML = "sumo_eval.report.notebook:score_html"
-
-
 Bounds = tuple[float, float]
 """Lower and upper end of an interval."""
 
@@ -319,7 +314,8 @@ class ScenarioResult:
 
     def _repr_html_(self) -> str:
         """The table for a notebook."""
-        return str(load_object(_SCORE_HTML, None, "Score")(self))
+        # by name: `report/` imports this file
+        return str(load_object("sumo_eval.report.notebook:score_html", None, "Score")(self))
 
 
 @dataclass(frozen=True, slots=True)
@@ -481,6 +477,10 @@ class Evaluation:
         """The cases of one ADS in one scenario."""
         return self.cases.part(scenario, ads)
 
+    def cases_behind(self, score: ScenarioResult) -> CaseTable:
+        """The cases of which a score is."""
+        return self.cases_of(score.ads, score.scenario)
+
     def cases_in(self, scenario: str) -> CaseTable:
         """The cases of all ADSs in one scenario."""
         return self.cases.part(scenario)
@@ -511,8 +511,8 @@ class Evaluation:
 
     def _repr_html_(self) -> str:
         """The table for a notebook."""
-        return str(load_object(_TABLE_HTML, None, "Table")(self))
+        return str(load_object("sumo_eval.report.notebook:html_table", None, "Table")(self))
 
     def plot(self) -> Any:
         """Draw S+ of every ADS with its interval: a figure of matplotlib (extra `plots`)."""
-        return load_object(_PICTURE, None, "Picture")(self)
+        return load_object("sumo_eval.report.notebook:picture", None, "Picture")(self)

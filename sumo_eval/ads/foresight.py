@@ -78,7 +78,11 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
         actor = track.actor
         ahead = actor.start.x > ego.x
         slower = actor.start.speed * math.cos(actor.heading) < ego.speed
-        caught_up = ahead and slower and _on_the_way(ego, actor, vehicle)
+        # whether it starts with its body in a path that the ego drives
+        lanes = [ego.y] if ego.way is None else [ego.y, ego.y + ego.way.offset]
+        widths = actor.width + vehicle.width
+        on_the_way = min(abs(actor.start.y - y) for y in lanes) < 0.5 * widths
+        caught_up = ahead and slower and on_the_way
         # a slower one ahead is a hazard from the start, and so is one whose motion never changes
         changes = 0.0 if caught_up or math.isinf(first_move) else first_move
         others = [other.shape for other in tracks_ahead if other is not track]
@@ -163,12 +167,6 @@ def _end_at_its_speed(concrete: ConcreteScenario, settings: SimulationSettings) 
     ego = concrete.ego
     to_the_end = (concrete.road.length - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
     return min(settings.time_limit, to_the_end)
-
-
-def _on_the_way(ego: Start, actor: Actor, vehicle: VehicleSettings) -> bool:
-    """Whether another vehicle starts with its body in a path that the ego drives."""
-    lanes = [ego.y] if ego.way is None else [ego.y, ego.y + ego.way.offset]
-    return min(abs(actor.start.y - y) for y in lanes) < 0.5 * (actor.width + vehicle.width)
 
 
 class _Foreseen(NamedTuple):

@@ -15,10 +15,11 @@ from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, Gate
 from sumo_eval.report.words import REASON_WITHOUT_T, count, not_computed, number, reason_without
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
-from sumo_eval.scoring.comparison import AdsComparison, Change, Comparison, QuantityChange
+from sumo_eval.scoring.comparison import AdsComparison, Comparison, QuantityChange
 from sumo_eval.scoring.gate_settings import (
     HIGHER_COLUMNS,
     HIGHER_IS_BETTER,
+    OF_THE_COMPARISON,
     OF_U,
     QUANTITIES,
     GateSettings,
@@ -26,14 +27,6 @@ from sumo_eval.scoring.gate_settings import (
 )
 from sumo_eval.scoring.rule import QUIET, Noise
 from sumo_eval.trajectory import FloatArray
-
-_CHANGES: dict[str, Change] = {
-    "new_collisions": "new collision",
-    "harsher": "harsher",
-    "less_human": "less human",
-    "newly_off_road": "left the road",
-    "newly_not_evaluated": "not evaluated any more",
-}
 
 
 def judge(
@@ -90,13 +83,13 @@ def _judge(
     result = partial(GateResult, quantity, score.ads, score.scenario)
     without_base = partial(result, None, f"{quantity}: {why}", reason=why)
     # the number: of changed cases, or of the new run alone
-    if quantity not in _CHANGES:
+    if quantity not in OF_THE_COMPARISON:
         value = getattr(score, SCORES[quantity][0] if quantity in SCORES else quantity)
     elif part is None:
         yield without_base(threshold=limit.at_most)
         return
     else:
-        value = float(len(part.changed.of(_CHANGES[quantity])))
+        value = float(len(part.changed.of(OF_THE_COMPARISON[quantity])))
 
     for bound, sign, words in ((limit.at_least, 1.0, "least"), (limit.at_most, -1.0, "most")):
         if bound is None:
@@ -111,7 +104,13 @@ def _judge(
             sentence += f": {', '.join(f'{change.case} ({change.point})' for change in worst)}"
             sentence += f" and {count(more, 'other')}" if more > 0 else ""
         yield result(
-            ok, sentence, value, bound, keys[:MOST_KEYS], worst, own=quantity not in _CHANGES
+            ok,
+            sentence,
+            value,
+            bound,
+            keys[:MOST_KEYS],
+            worst,
+            own=quantity not in OF_THE_COMPARISON,
         )
     for bound, unit in ((limit.worse_by, ""), (limit.worse_by_percent, " %")):
         if bound is None:
@@ -200,7 +199,7 @@ def _worst(
     """
     if part is None:
         return (), ()
-    about = part.changed.of(_CHANGES[quantity]) if quantity in _CHANGES else ()
+    about = part.changed.of(OF_THE_COMPARISON[quantity]) if quantity in OF_THE_COMPARISON else ()
     worst = list(islice(about or part.changed.worse, MOST_NAMED))
     return tuple(item.new.case for item in about), tuple(
         end_change(it.base, it.new, part.units) for it in worst
@@ -220,7 +219,7 @@ def _judge_cases(
     limit: LimitSettings, score: ScenarioResult, new: Evaluation, part: AdsComparison | None
 ) -> Iterator[GateResult]:
     """Every bound of a limit on a column of cases.csv, in every case of the new run by itself."""
-    cases = new.cases_of(score.ads, score.scenario)
+    cases = new.cases_behind(score)
     _, unit = WORDS.get(limit.quantity, ("", ""))
     if limit.quantity in OF_U:
         unit = new.settings.method.collision.unit

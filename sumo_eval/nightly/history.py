@@ -356,7 +356,7 @@ def near_misses(cases: CaseTable) -> int:
 
 def _quantities(evaluation: Evaluation, score: ScenarioResult) -> dict[str, float | None]:
     """Quantities of one ADS in one logical scenario that the history keeps."""
-    cases = evaluation.cases_of(score.ads, score.scenario)
+    cases = evaluation.cases_behind(score)
     unit = evaluation.settings.method.collision.regret_unit
     renamed = {} if unit else {"regret": REGRET_OF_LOSSES}
     return {

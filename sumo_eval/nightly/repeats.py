@@ -5,7 +5,7 @@ a case ends badly. For nights.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -135,7 +135,15 @@ def bad_again(
     """Number of bad drives of each newly bad case of a noisy ADS, which is driven
     `settings.outcome.repeats` times more; the first drive counts, too.
     """
-    bases = dict(_newly_bad_rows(comparisons, noise, settings))
+    # key of each such case: its row in the base, and the units of U in the base and in the new run
+    bases = {
+        part.changed.paired.new[pair].case: (part.changed.paired.base[pair], part.units)
+        for comparison in comparisons
+        for part in comparison.ads
+        if noise.of(part.ads).noisy
+        for worse in newly_bad(part, settings, noise.of(part.ads)).values()
+        for pair in worse.which
+    }
     bad = dict.fromkeys(bases, 1)
     for _ in range(settings.outcome.repeats if bases else 0):
         for case, row in _rerun(evaluation, bases, place).items():
@@ -144,20 +152,6 @@ def bad_again(
             limit = severity_limit(settings, noise.of(row.ads), units)
             bad[case] += any(flags.any() for flags in worse_ends(old, new, limit).values())
     return bad
-
-
-def _newly_bad_rows(
-    comparisons: Sequence[Comparison], noise: Noise, settings: GateSettings
-) -> Iterator[tuple[str, tuple[CaseResult, tuple[str, str]]]]:
-    """Key of a newly bad case of a noisy ADS, its row in the base, and the units of U in the base
-    and in the new run.
-    """
-    for comparison in comparisons:
-        for part in comparison.ads:
-            repeats, paired = noise.of(part.ads), part.changed.paired
-            for worse in newly_bad(part, settings, repeats).values() if repeats.noisy else ():
-                for pair in worse.which:
-                    yield paired.new[pair].case, (paired.base[pair], part.units)
 
 
 def shaky_cases(

@@ -4,7 +4,7 @@ cases. For `nightly.gates`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 
 from sumo_eval.cases import CaseResult
@@ -109,46 +109,35 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
         for quantity, worse in newly_bad(part, settings, repeats).items():
             paired = part.changed.paired
             keys = paired.new.case[worse.which].tolist()
-            shaky = [key for key in keys if repeats.noisy and is_shaky(key, settings, noise)]
+            # bad by chance: in too few of tonight's drives of a noisy ADS, or in some before
+            least = settings.outcome.bad_of
+            shaky = [
+                key
+                for key in keys
+                if repeats.noisy and (key in noise.shaky or noise.bad.get(key, least) < least)
+            ]
             by_chance = set(shaky)
             bad = [k for k, key in zip(worse.which, keys, strict=True) if key not in by_chance]
             number = len(bad)
-            limit = f"{severity_limit(settings, repeats, part.units):z.3g}{part.units[1]}"
-            sentence = _outcome_words(quantity, number, limit) + _shaky_words(shaky, noise)
+            cases = count(number, "case")
+            sentence = f"{quantity}: no case"
+            if number and quantity == "severity":
+                limit = f"{severity_limit(settings, repeats, part.units):z.3g}{part.units[1]}"
+                sentence = f"U rose by more than {limit} in {cases}"
+            elif number:
+                sentence = f"{cases} {ENDS[quantity]}, not so in the base"
+            if shaky:
+                named = (f"{key} ({noise.bad.get(key, 1)})" for key in shaky[:MOST_NAMED])
+                sentence += (
+                    "; not failed, because bad in some drives only, tonight (in brackets how many) "
+                    f"or in an earlier night: {', '.join(named)}"
+                )
             yield GateResult(
                 quantity, part.ads, part.scenario, not number, sentence, float(number), 0.0,
                 tuple(paired.new.case[bad[:MOST_KEYS]].tolist()),
                 tuple(end_change(paired.base[k], paired.new[k], part.units)
                       for k in bad[:MOST_NAMED]),
             )  # fmt: skip
-
-
-def is_shaky(case: str, settings: GateSettings, noise: Noise) -> bool:
-    """Whether a newly bad case of a noisy ADS is chance: bad in too few of tonight's drives, or in
-    some before.
-    """
-    return (
-        case in noise.shaky
-        or noise.bad.get(case, settings.outcome.bad_of) < settings.outcome.bad_of
-    )
-
-
-def _outcome_words(quantity: str, number: int, limit: str) -> str:
-    if not number:
-        return f"{quantity}: no case"
-    if quantity == "severity":
-        return f"U rose by more than {limit} in {count(number, 'case')}"
-    return f"{count(number, 'case')} {ENDS[quantity]}, not so in the base"
-
-
-def _shaky_words(shaky: Sequence[str], noise: Noise) -> str:
-    if not shaky:
-        return ""
-    named = ", ".join(f"{case} ({noise.bad.get(case, 1)})" for case in shaky[:MOST_NAMED])
-    return (
-        "; not failed, because bad in some drives only, tonight (in brackets how many) or in an "
-        f"earlier night: {named}"
-    )
 
 
 def end_change(old: CaseResult, now: CaseResult, units: tuple[str, str]) -> CaseChange:

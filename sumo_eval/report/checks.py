@@ -46,7 +46,7 @@ def checked_cases(
     """
     for score in evaluation.scores if scores is None else scores:
         if score.scenario in evaluation.checks:
-            for case in evaluation.cases_of(score.ads, score.scenario):
+            for case in evaluation.cases_behind(score):
                 # None: not evaluated; "": none is missed; both stay as they are
                 text = case.requirements_missed
                 yield CheckedCase(case, text and text.split(SEPARATOR))

@@ -16,6 +16,7 @@ from sumo_eval.report.words import cause_words, count, percent
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.drive_beside import (
+    LOW,
     CaseDrives,
     behind,
     braking_before,
@@ -24,6 +25,7 @@ from sumo_eval.scoring.drive_beside import (
     rarest_extreme,
     way_of,
 )
+from sumo_eval.scoring.findings import LIKENESS_FACTORS
 from sumo_eval.scoring.plausible_people import plausible_people
 from sumo_eval.trajectory import FloatArray
 
@@ -130,18 +132,18 @@ def task_words(scene: CaseDrives, logical: LogicalScenario, margin: float) -> _S
 
 def likeness_words(scene: CaseDrives, people: Quantiles) -> _Said:
     """The factors that lower H, in words, the lowest first."""
-    for name in scene.low_factors:
+    end = scene.ego.duration  # the time of what the whole drive shows
+    factors = [(getattr(scene.case, field), name) for name, field in LIKENESS_FACTORS.items()]
+    for _, name in sorted(it for it in factors if it[0] is not None and it[0] < LOW):
         if name == "plausibility":
             yield _extreme(scene, people)
         elif name == "similarity" and len(scene.drivers) > 1:
             yield _unlike(scene)
         elif name == "operations":
-            words = "Worked wheel and pedals more often than the drivers did."
-            yield words, scene.ego.duration
+            yield "Worked wheel and pedals more often than the drivers did.", end
         elif name == "length":
             gone, theirs = way_of(scene.ego), way_of(*scene.drivers)
-            words = f"Drove {gone:z.0f} m, the drivers {theirs:z.0f} m in the mean."
-            yield words, scene.ego.duration
+            yield f"Drove {gone:z.0f} m, the drivers {theirs:z.0f} m in the mean.", end
 
 
 def _extreme(scene: CaseDrives, people: Quantiles) -> tuple[str, float]:

@@ -106,7 +106,7 @@ def write_evidence(evaluation: Evaluation, out: Path) -> tuple[Path, Path]:
 
 def _claims(evaluation: Evaluation, score: ScenarioResult) -> Iterator[Claim]:
     """The claims about one ADS in one scenario."""
-    cases = evaluation.cases_of(score.ads, score.scenario)
+    cases = evaluation.cases_behind(score)
     about = f"{score.ads} in {score.scenario}"
     yield _complete(about, score, cases)
     assumptions = tuple(_assumptions(evaluation, score))

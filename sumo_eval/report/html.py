@@ -237,8 +237,7 @@ def _left_out(
 ) -> dict[str, Any]:
     """Words and drawings for a scenario of which the page does not hold all cases."""
     tables = {
-        score.ads: evaluation.cases_of(score.ads, score.scenario)
-        for score in evaluation.scores_in(logical.name)
+        score.ads: evaluation.cases_behind(score) for score in evaluation.scores_in(logical.name)
     }
     # an ADS with fewer cases than another lacks the last indices
     in_page = sum(np.count_nonzero(shown < len(cases)) for cases in tables.values())

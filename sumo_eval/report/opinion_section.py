@@ -35,7 +35,18 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
                 "most": f"{_highest(name):g}",
                 "rho": correlations[name],
                 "interval": intervals.get(name),
-                "dots": _dots(rows, name, _highest(name)),
+                # `share`: the score as a share of the highest, 0..1; `row`: of the copied table
+                "dots": [
+                    {
+                        "opinion": row["opinion"],
+                        "share": min(max(score / _highest(name), 0.0), 1.0),
+                        "words": f"{row['ads']} in {row['scenario']}: opinion "
+                        f"{row['opinion']:z.2f}, {name} {score:z.3g}",
+                        "row": (row["scenario"], row["ads"], row["opinion"], score),
+                    }
+                    for row in rows
+                    if (score := row["scores"][name]) is not None
+                ],
             }
             for name in _COMPARED
             if name in correlations
@@ -56,27 +67,3 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
 def _highest(name: str) -> float:
     """Highest value of a score: S and S+ are points, A, H, D and C shares."""
     return 100.0 if name.startswith("S") else 1.0
-
-
-def _dots(rows: list[dict[str, Any]], name: str, highest: float) -> list[dict[str, Any]]:
-    """A dot for each row with this score.
-
-    opinion and share: its place; `share` is the score as a share of the highest, 0..1.
-    words: its tooltip. row: what the page's copied table has of it.
-    """
-    dots = []
-    for row in rows:
-        score, opinion = row["scores"][name], row["opinion"]
-        if score is not None:
-            words = (
-                f"{row['ads']} in {row['scenario']}: opinion {opinion:z.2f}, {name} {score:z.3g}"
-            )
-            dots.append(
-                {
-                    "opinion": opinion,
-                    "share": min(max(score / highest, 0.0), 1.0),
-                    "words": words,
-                    "row": (row["scenario"], row["ads"], opinion, score),
-                }
-            )
-    return dots

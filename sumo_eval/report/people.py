@@ -13,7 +13,7 @@ from sumo_eval.input_file import read_input_text
 from sumo_eval.report.verdict import Beside
 from sumo_eval.report.words import TWO_GROUPS, count, percent
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.driver_bands import DriverBand, below_drivers, driver_bands
+from sumo_eval.scoring.driver_bands import below_drivers, driver_bands
 from sumo_eval.text import capitalised
 
 MOST_WORST = 10  # most cases in the table of the worst
@@ -80,18 +80,16 @@ def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
             # fewest and most drivers of a case; one number where they are equal, `no` without any
             "drivers": f"{'–'.join(dict.fromkeys(map(str, band.drivers))) or 'no'} a case, "
             f"{percent(band.recorded)} recorded",
-            "warnings": _warnings(band),
+            "warnings": [
+                words.format(count(cases, "case"))
+                for words, cases in (
+                    ("Reference too thin in {}.", band.thin),
+                    ("{} outside the support of the recorded exposure.", band.outside),
+                    ("In {} " + TWO_GROUPS, band.bimodal),
+                    ("In {} no driver made the ADS's manoeuvre.", band.unlike),
+                )
+                if cases
+            ],
         }
         for band in driver_bands(evaluation)
     ]  # fmt: skip
-
-
-def _warnings(band: DriverBand) -> list[str]:
-    """A sentence for each limitation of a band that some of its cases have."""
-    limitations = (
-        ("Reference too thin in {}.", band.thin),
-        ("{} outside the support of the recorded exposure.", band.outside),
-        ("In {} " + TWO_GROUPS, band.bimodal),
-        ("In {} no driver made the ADS's manoeuvre.", band.unlike),
-    )
-    return [words.format(count(cases, "case")) for words, cases in limitations if cases]

@@ -91,7 +91,14 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
     """
     runs = MOST_BYTES // BYTES_OF_A_RUN  # trajectories
     with open_store(facts) as store:
-        points = _points_of(store, cases_of)
+        # of each scenario the points by case, in the order given; -1 keeps a case's place in it
+        points = {
+            name: dict.fromkeys((case.case for case in cases), -1)
+            for name, cases in cases_of.items()
+        }
+        # only these are kept of the facts, of which there may be millions
+        for name, own in points.items():
+            own |= {case: at for case, at, _ in store.names("ads", name) if case in own}
         while True:
             embedded = worth_embedding(cases_of, points, store, runs)
             scenarios = {
@@ -196,22 +203,6 @@ def contact(
 def contact_of(fact: Fact, ego: Trajectory) -> dict[str, Any] | None:
     """Contact of a recorded case as the replay shows it."""
     return contact(fact.collision, ego, cause_of_contact(fact).no_return_time)
-
-
-def _points_of(
-    store: Store, cases_of: Mapping[str, Sequence[CaseResult]]
-) -> dict[str, dict[str, int]]:
-    """The points of some cases, by scenario, then by case in the order given.
-
-    Only these are kept of the facts, of which there may be millions.
-    """
-    # -1 keeps a case's place in the order until its point is read
-    points = {
-        name: dict.fromkeys((case.case for case in cases), -1) for name, cases in cases_of.items()
-    }
-    for name, own in points.items():
-        own |= {case: at for case, at, _ in store.names("ads", name) if case in own}
-    return points
 
 
 def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Final, Literal, NamedTuple, get_args
+from typing import Final, NamedTuple, get_args
 
 import numpy as np
 
@@ -27,17 +27,18 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.scoring.comparability import Difference, differences, refuse_unless_comparable
 from sumo_eval.scoring.confidence.paired_differences import COMPARED, Run, paired_differences
-from sumo_eval.scoring.gate_settings import HARSHER_BY, OF_U, TIMED, GateSettings, change_of_u
+from sumo_eval.scoring.gate_settings import (
+    HARSHER_BY,
+    OF_U,
+    TIMED,
+    Change,
+    GateSettings,
+    change_of_u,
+)
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-Change = Literal[
-    "new collision", "left the road", "not evaluated any more", "harsher", "less human",
-    "collision gone", "back on the road", "evaluated again", "softer", "more human",
-]  # fmt: skip
-"""Change of a case: those for the worse, the worst first, then those for the better."""
-
 _ORDER: Final[tuple[Change, ...]] = get_args(Change)
-WORSE, BETTER = _ORDER[:5], _ORDER[5:]  # the two lines above
+WORSE, BETTER = _ORDER[:5], _ORDER[5:]  # the two lines of `Change`
 
 
 class ChangedCase(NamedTuple):
@@ -313,7 +314,7 @@ def side_by_side(
     compared = []
     for score in new.scores:
         if (old := partners.get(score.ads)) is not None:
-            cases = base.cases_of(old, score.scenario), new.cases_of(score.ads, score.scenario)
+            cases = base.cases_of(old, score.scenario), new.cases_behind(score)
             paired = _paired(*cases)
             if len(paired.new_rows):
                 compared.append(_compare_ads(base, new, paired, settings))
@@ -342,7 +343,7 @@ def _unpaired(
     """
     by_base = {(part.base_ads, part.scenario): part for part in compared}
     for score in base.scores:
-        cases = base.cases_of(score.ads, score.scenario)
+        cases = base.cases_behind(score)
         part = by_base.get((score.ads, score.scenario))
         lost = cases if part is None else part.changed.paired.lost
         added = 0 if part is None else len(part.changed.paired.added)
@@ -353,7 +354,7 @@ def _unpaired(
     of_new = {(part.ads, part.scenario) for part in compared}
     for score in new.scores:
         if (score.ads, score.scenario) not in of_new:
-            added = len(new.cases_of(score.ads, score.scenario))
+            added = len(new.cases_behind(score))
             yield Unpaired(score.ads, score.scenario, 0, added, 0, ())
 
 

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from typing import Literal, NamedTuple
@@ -22,7 +23,6 @@ from sumo_eval.record.store import EGO, Fact, Store
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scoring.findings import LIKENESS_FACTORS
 from sumo_eval.trajectory import FloatArray, Trajectories, Trajectory
 
 LOW = 0.99
@@ -63,13 +63,6 @@ class CaseDrives(NamedTuple):
         beside = {fact.driver: store.trajectory(fact.case) for fact in drives}
         humans = tuple(beside[fact.driver] for fact in drives if fact.role == "human")
         return cls(case, vehicles.pop(EGO), vehicles, road, humans, beside)
-
-    @property
-    def low_factors(self) -> list[str]:
-        """Factors of the case's part in H below `LOW`, the lowest first."""
-        factors = {name: getattr(self.case, field) for name, field in LIKENESS_FACTORS.items()}
-        low = [(it, name) for name, it in factors.items() if it is not None and it < LOW]
-        return [name for _, name in sorted(low)]
 
 
 def index_again(
@@ -191,17 +184,16 @@ def rarest_extreme(scene: CaseDrives, people: Quantiles) -> Extreme:
 
 
 def _reached(scene: CaseDrives, name: str, value: float) -> float:
-    """Time at which a drive first reached an extreme, s.
+    """Time at which a drive first reached an extreme, s."""
+    ego = scene.ego
 
-    Bisection finds the least number of first samples that has the extreme; more samples keep it.
-    """
-    ego, low, high = scene.ego, 2, len(scene.ego.time)
-    while low < high:
-        middle = (low + high) // 2
-        part = course_of(first_samples(ego, middle), scene.actors, None, scene.road)
-        has = np.isclose(extremes_of(part)[name], value, rtol=1e-6)
-        low, high = (low, middle) if has else (middle + 1, high)
-    return float(ego.time[low - 1] - ego.time[0])
+    def has(samples: int) -> bool:
+        """Whether the first samples have the extreme; more samples keep it."""
+        part = course_of(first_samples(ego, samples), scene.actors, None, scene.road)
+        return bool(np.isclose(extremes_of(part)[name], value, rtol=1e-6))
+
+    least = bisect_left(range(len(ego.time)), True, lo=2, key=has)
+    return float(ego.time[least - 1] - ego.time[0])
 
 
 def _events(scene: CaseDrives) -> Iterator[Event]:

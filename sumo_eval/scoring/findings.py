@@ -93,7 +93,7 @@ class Findings(NamedTuple):
     @classmethod
     def of(cls, evaluation: Evaluation, score: ScenarioResult) -> Findings:
         """Findings of one result of a run."""
-        return cls(score, evaluation.cases_of(score.ads, score.scenario), evaluation.settings)
+        return cls(score, evaluation.cases_behind(score), evaluation.settings)
 
     @property
     def missing(self) -> BoolArray:

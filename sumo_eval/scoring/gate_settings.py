@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, Literal
 
 from annotated_types import Ge, Le
 
@@ -33,9 +33,18 @@ HIGHER_IS_BETTER: Final = tuple(INDEXES)
 """Scores of which more is better; of every other number of an ADS less is."""
 WITH_INTERVAL: Final = (*HIGHER_IS_BETTER, "regret", "collision_probability")
 """Quantities whose difference between two runs has an interval."""
-OF_THE_COMPARISON: Final = (
-    "new_collisions", "harsher", "less_human", "newly_off_road", "newly_not_evaluated",
-)  # fmt: skip
+Change = Literal[
+    "new collision", "left the road", "not evaluated any more", "harsher", "less human",
+    "collision gone", "back on the road", "evaluated again", "softer", "more human",
+]  # fmt: skip
+"""Change of a case: those for the worse, the worst first, then those for the better."""
+OF_THE_COMPARISON: Final[dict[str, Change]] = {
+    "new_collisions": "new collision",
+    "harsher": "harsher",
+    "less_human": "less human",
+    "newly_off_road": "left the road",
+    "newly_not_evaluated": "not evaluated any more",
+}
 """Quantities that are changes between two runs: numbers of cases."""
 
 QUANTITIES: Final = (

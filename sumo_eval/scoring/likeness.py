@@ -216,9 +216,9 @@ class DriverComparison(NamedTuple):
     """
 
     references: Mapping[int, PointReference]
-    indexes: Mapping[str, AnthropomorphicIndex]
-    bands: Mapping[int, Sequence[float]]
-    left_out: Mapping[str, tuple[LeftOut, Sequence[str]]]
+    indexes: dict[str, AnthropomorphicIndex]
+    bands: dict[int, Sequence[float]]
+    left_out: dict[str, tuple[LeftOut, Sequence[str]]]
 
 
 def compare_with_people(
@@ -277,20 +277,14 @@ def compare_with_people(
         progress,
         space.cache,
     )
-    return DriverComparison(
-        compared,
-        {case: index for result in results for case, index in result.indexes.items()},
-        {
-            point: result.band
-            for point, result in zip(jobs, results, strict=True)
-            if result.band is not None
-        },
-        {
-            case: (without, usable[point].drivers)
-            for point, result in zip(jobs, results, strict=True)
-            for case, without in result.left_out.items()
-        },
-    )
+    found = DriverComparison(compared, {}, {}, {})
+    for point, result in zip(jobs, results, strict=True):
+        found.indexes.update(result.indexes)
+        if result.band is not None:
+            found.bands[point] = result.band
+        for case, without in result.left_out.items():
+            found.left_out[case] = without, usable[point].drivers
+    return found
 
 
 def jackknifed(points: Sequence[int]) -> frozenset[int]:

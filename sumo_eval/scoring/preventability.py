@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from sumo_eval.cases import CaseTable, point_numbers
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.settings import EvaluationSettings
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray
 
 Verdict = Literal["avoided", "better", "preventable", "unpreventable", "undecided", "not evaluated"]
 
@@ -63,14 +63,18 @@ def reference_ads(settings: EvaluationSettings) -> str | None:
 
 def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
     """The verdict on every case of one ADS in one scenario, (n,)."""
-    cases = evaluation.cases_of(score.ads, score.scenario)
+    cases = evaluation.cases_behind(score)
     reference = reference_ads(evaluation.settings)
     # The ideal vehicle drove every point once, so each row has its outcome: 1, 0, nan where it is
     # not known. Its contacts alone count (Ug): it hardly steers, and leaves roads that drivers stay
     # on.
     beside = cases.ideal_collided
     if reference is not None:
-        beside = _incidents_at(cases, evaluation.cases_of(reference, score.scenario))
+        other = evaluation.cases_of(reference, score.scenario)
+        points, other_points = point_numbers([cases, other])
+        incidents = np.full(len(cases) + len(other), np.nan)  # by number of the point
+        incidents[other_points] = np.where(other.counted, _incident(other), np.nan)
+        beside = incidents[points]
     # texts as long as the longest verdict
     verdict_of = np.full(len(cases), "avoided", dtype=f"U{max(map(len, get_args(Verdict)))}")
     rules: tuple[tuple[Verdict, BoolArray], ...] = (
@@ -90,16 +94,6 @@ def _incident(cases: CaseTable) -> BoolArray:
     return np.asarray(cases.incident | cases.off_road)
 
 
-def _incidents_at(cases: CaseTable, reference: CaseTable) -> FloatArray:
-    """Whether the reference had an incident at the point of each case, (n,): 1 or 0, nan without an
-    outcome there.
-    """
-    points, reference_points = point_numbers([cases, reference])
-    incidents = np.full(len(cases) + len(reference), np.nan)  # by number of the point
-    incidents[reference_points] = np.where(reference.counted, _incident(reference), np.nan)
-    return incidents[points]
-
-
 def preventability(evaluation: Evaluation) -> tuple[Preventability, ...]:
     """The counts of every ADS in every logical scenario, in the order of the scores."""
     return tuple(preventability_of(evaluation, score) for score in evaluation.scores)
@@ -107,7 +101,7 @@ def preventability(evaluation: Evaluation) -> tuple[Preventability, ...]:
 
 def preventability_of(evaluation: Evaluation, score: ScenarioResult) -> Preventability:
     """The counts of one ADS in one scenario."""
-    cases = evaluation.cases_of(score.ads, score.scenario)
+    cases = evaluation.cases_behind(score)
     count = Counter(verdicts(evaluation, score).tolist())
     return Preventability(
         ads=score.ads,

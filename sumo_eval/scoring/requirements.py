@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +15,6 @@ from sumo_eval.record.store import EGO, Fact
 from sumo_eval.results import RequirementMissed, ScenarioResult
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scenario.requirement import Requirement
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.trajectory import Collision, FloatArray, Trajectories, Trajectory
 
@@ -51,26 +49,6 @@ def series_of(
     }
 
 
-def series_of_others(
-    asked: Sequence[Requirement], ego: Trajectory, actors: Trajectories
-) -> dict[str, FloatArray]:
-    """Values of other actors for requirements at each sample of the ego, by placeholder; outside
-    an actor's own time its first or last value.
-    """
-    series = {}
-    for requirement in asked:
-        for placeholder, quantity, name in requirement.asks:
-            actor = actors[name]
-            values = {
-                "x": actor.x,
-                "y": actor.y,
-                "speed": actor.speed * np.cos(actor.heading),
-                "lateral_speed": actor.speed * np.sin(actor.heading),
-            }
-            series[placeholder] = np.interp(ego.time, actor.time, values[quantity])
-    return series
-
-
 def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
     """Names of the requirements that a drive misses, as one text.
 
@@ -88,9 +66,17 @@ def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
         # x is the ego's centre, whose arrival at the end of the road ends the drive
         "reached_end": float(ego.x[-1] >= space.logical.road.length),
     }
-    series = series_of(ego, actors, fact.collision, space.logical.road) | series_of_others(
-        required.all, ego, actors
-    )
+    series = series_of(ego, actors, fact.collision, space.logical.road)
+    for placeholder, quantity, name in (asked for each in required.all for asked in each.asks):
+        actor = actors[name]
+        values = {
+            "x": actor.x,
+            "y": actor.y,
+            "speed": actor.speed * np.cos(actor.heading),
+            "lateral_speed": actor.speed * np.sin(actor.heading),
+        }
+        # outside an actor's own time its first or last value
+        series[placeholder] = np.interp(ego.time, actor.time, values[quantity])
     return SEPARATOR.join(each.name for each in required.all if not each.holds(series, known))
 
 

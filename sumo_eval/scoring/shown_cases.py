@@ -29,8 +29,7 @@ def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str
     """
     cases = {
         zone.scenario: [
-            evaluation.cases_of(score.ads, score.scenario)
-            for score in evaluation.scores_in(zone.scenario)
+            evaluation.cases_behind(score) for score in evaluation.scores_in(zone.scenario)
         ]
         for zone in evaluation.zones
     }

@@ -7,14 +7,14 @@ scores, ranking.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from sumo_eval.cases import CaseTable, IntArray
+from sumo_eval.cases import IntArray
 from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.errors import InputError
 from sumo_eval.method.plausibility import Quantiles
@@ -25,7 +25,7 @@ from sumo_eval.record.points import choose_points, kept_zones
 from sumo_eval.record.progress import Progress
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import Fact, Store
-from sumo_eval.results import ScenarioResult, ScoreNote, ZoneResult
+from sumo_eval.results import ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scenario.sampling.samples import Sample, sample_of
@@ -33,7 +33,7 @@ from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.next_round import ADAPTIVE, standing
 from sumo_eval.scoring.confidence.ranking import rank
-from sumo_eval.scoring.confidence.resamples import Strata, of_one_number, strata
+from sumo_eval.scoring.confidence.resamples import of_one_number, strata
 from sumo_eval.scoring.confidence.scored import with_intervals
 from sumo_eval.scoring.drive_results import drive_results, recorded_with
 from sumo_eval.scoring.kept_scores import RowWriter, Scores
@@ -159,10 +159,13 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
         left_out |= compared.left_out
     tables = [rows.rows(ads.name, space.name) for ads in space.settings.ads]
     # 6  C, D and S, Eqs. 13, 17, 18; T, A', H, S+
-    scores = [
-        _combined(space, overview, name, table, remark.notes(name, space, plausible.notes, table))
-        for (name, remark), table in zip(remarks.items(), tables, strict=True)
-    ]
+    scores = []
+    for (name, remark), table in zip(remarks.items(), tables, strict=True):
+        score = combine(
+            name, space.name, table, method, remark.notes(name, space, plausible.notes, table),
+            people=overview.people, task_reference=space.car,
+        )  # fmt: skip
+        scores.append(with_counts(score, table, space.logical))
 
     # intervals, and the summary of the zones
     points = as_driven(space.points, overview.points, whole=not space.settings.run.only)
@@ -171,34 +174,20 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
         driver_deviations(table, left_out, space.settings.drivers, space.settings.seed)
         for table in tables
     ]
+    # points that a resample may exchange for each other
+    if points.stratum is not None:
+        groups = of_one_number(points.stratum)
+    else:
+        groups = strata(space.logical.to_unit(points.points), points.method)
     scores, intervals = with_intervals(
-        scores, tables, places, deviations, _exchangeable(space, points), space.settings,
-        space.progress,
-    )  # fmt: skip
+        scores, tables, places, deviations, groups, space.settings, space.progress
+    )
     described = describe_zones(space.logical, zones, points)
     sentences = [*described.notes, *_on_points(space, points, places)]
     if space.entry.sampling.method == ADAPTIVE:
         stands = standing(space.entry.sampling, points, scores, tables, places, method, space.name)
         sentences.append(stands.sentence)
     return replace(described, notes=tuple(sentences)), list(zip(scores, intervals, strict=True))
-
-
-def _combined(
-    space: ScenarioRun, overview: Survey, ads: str, cases: CaseTable, notes: Iterable[ScoreNote]
-) -> ScenarioResult:
-    """The scores of an ADS from all its cases."""
-    score = combine(
-        ads, space.name, cases, space.method, notes,
-        people=overview.people, task_reference=space.car,
-    )  # fmt: skip
-    return with_counts(score, cases, space.logical)
-
-
-def _exchangeable(space: ScenarioRun, points: Sample) -> Strata:
-    """Groups of points that a resample may exchange for each other."""
-    if points.stratum is not None:
-        return of_one_number(points.stratum)
-    return strata(space.logical.to_unit(points.points), points.method)
 
 
 def _on_points(space: ScenarioRun, points: Sample, places: Sequence[IntArray]) -> Iterator[str]:

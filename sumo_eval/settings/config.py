@@ -121,17 +121,14 @@ def validated(
     where: names the content in errors.
     file: source of the line numbers of mistakes.
     """
-    # mypy does not know that a class can be hashed
-    adapter: TypeAdapter[Settings] = _adapter(kind)  # type: ignore[arg-type]
+    adapter: TypeAdapter[Settings] = _adapter(kind)
     try:
         return adapter.validate_json(json.dumps(content, default=str), strict=True)
     except ValidationError as error:
         raise InputError(mistakes(error, where, kind, file)) from None
 
 
-@functools.cache  # one for all settings takes 0.1 s to make
-def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)
+_adapter: Any = functools.cache(TypeAdapter)  # one for all settings takes 0.1 s to make
 
 
 def check_evaluation(settings: EvaluationSettings, where: str, *, own_ads: bool = True) -> None:

@@ -96,7 +96,7 @@ def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition)
     if risk is None:
         reason = "fewer than two evaluated cases with exposure"
         return Assessment(score.ads, score.scenario, {}, {}, None, None, reason)
-    cases = evaluation.cases_of(score.ads, score.scenario)
+    cases = evaluation.cases_behind(score)
     evaluated = cases[cases.evaluated]
     moved = influence(case_terms(evaluated, settings.method), settings.method)
     points = evaluated.parameters(zones.logical.names)
@@ -140,7 +140,7 @@ def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
 
 def risk_of(evaluation: Evaluation, score: ScenarioResult) -> Risk | None:
     """Risk of an ADS in a scenario; None with fewer than two evaluated cases with exposure."""
-    cases = evaluation.cases_of(score.ads, score.scenario)
+    cases = evaluation.cases_behind(score)
     evaluated = cases[cases.evaluated]
     if len(evaluated) < 2 or not evaluated.exposure.sum() > 0.0:
         return None

@@ -46,27 +46,34 @@ def rank(
     results_of: dict[str, dict[str, ScenarioResult]] = {}
     for score in scores:
         results_of.setdefault(score.ads, {})[score.scenario] = score
-    totals = {}
-    for name, results in results_of.items():
-        total = means.total(results)
-        if total is not None:
-            totals[name] = total
+    totals = {
+        name: total
+        for name, results in results_of.items()
+        if (total := means.total(results)) is not None
+    }
     spreads = {name: means.spread(name, replicates) for name in totals}
     ranked = sorted(totals, key=lambda name: (-totals[name], name))
-    pairs = [
-        _pair((above, below), totals[above] - totals[below], spreads)
-        for above, below in itertools.combinations(ranked, 2)
-    ]
-    apart = {(pair.above, pair.below): pair.told_apart for pair in pairs}
+    pairs = []
+    for above, below in itertools.combinations(ranked, 2):
+        difference, ends = totals[above] - totals[below], None
+        first, second = spreads[above], spreads[below]
+        if first is not None and second is not None:
+            ends = first.less(second).interval(difference)
+        apart = ends is not None and ends[0] > 0.0
+        pairs.append(RankedPair(above, below, difference, ends, apart))
+    told_apart = {(pair.above, pair.below): pair.told_apart for pair in pairs}
     rows, place = [], 1
     for number, name in enumerate(ranked):
-        if number and apart[ranked[number - 1], name]:
+        if number and told_apart[ranked[number - 1], name]:
             place = number + 1
         weighted_results = [results_of[name][scenario] for scenario in means.weights]
+        # of a single scenario that of S+ there, so that ranking and scores agree
+        spread, ends = spreads[name], weighted_results[0].s_plus_interval
+        if len(weighted_results) > 1:
+            ends = None if spread is None else spread.interval(totals[name])
         rows.append(
             RankedAds(
-                name, place, totals[name],
-                _interval(weighted_results, totals[name], spreads[name]),
+                name, place, totals[name], ends,
                 a_points=means.of(score.a_points for score in weighted_results),
                 h_points=means.of(score.h_points for score in weighted_results),
             )
@@ -164,25 +171,3 @@ class _Spread(NamedTuple):
         )
         assert ends is not None  # `_Means` has made all sums finite
         return min(ends[0], value), max(ends[1], value)
-
-
-def _interval(
-    results: Sequence[ScenarioResult], total: float, spread: _Spread | None
-) -> Bounds | None:
-    """The interval of one ADS's mean S+; of a single scenario that of S+ there, so that ranking and
-    scores agree.
-    """
-    if len(results) == 1:
-        return results[0].s_plus_interval
-    return None if spread is None else spread.interval(total)
-
-
-def _pair(
-    names: tuple[str, str], difference: float, spreads: Mapping[str, _Spread | None]
-) -> RankedPair:
-    """The difference of two ADSs' S+ with its interval; told apart where that is above 0."""
-    first, second = (spreads[name] for name in names)
-    if first is None or second is None:
-        return RankedPair(*names, difference, None, False)
-    ends = first.less(second).interval(difference)
-    return RankedPair(*names, difference, ends, ends[0] > 0.0)

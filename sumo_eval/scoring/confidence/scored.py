@@ -65,8 +65,9 @@ def with_intervals(
             at = np.array(places[number], dtype=np.intp)
             judged[number] = Judged(score.ads, terms, at, ~cases.safe, drivers[number])
     intervals: list[ScoreIntervals | None] = [None] * len(scores)
+    joined = list(scores)
     if not judged:
-        return list(scores), intervals
+        return joined, intervals
     computed = score_intervals(
         list(judged.values()),
         groups,
@@ -75,16 +76,13 @@ def with_intervals(
         scores[0].scenario,
         progress=progress,
     )
+    most = score_of(1.0, 1.0, settings.method.score).total or 0.0  # of S
     for number, interval in zip(judged, computed, strict=True):
         value, ends = scores[number].s_plus, scores[number].s_plus_interval
         if value is not None and ends is not None:
             interval = interval._replace(missing=(ends[0] - value, ends[1] - value))
-        intervals[number] = interval
-    most = score_of(1.0, 1.0, settings.method.score).total or 0.0
-    return [
-        score if interval is None else _joined(score, interval, most)
-        for score, interval in zip(scores, intervals, strict=True)
-    ], intervals
+        intervals[number], joined[number] = interval, _joined(scores[number], interval, most)
+    return joined, intervals
 
 
 def _joined(score: ScenarioResult, intervals: ScoreIntervals, most_of_s: float) -> ScenarioResult:
