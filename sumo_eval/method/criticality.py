@@ -74,9 +74,7 @@ def ideal_braking_speed(
     Raises InputError for numbers outside these meanings.
     """
     closing = _closing_speed(ego_speed, lead_speed)
-    braked = _not_negative("deceleration", deceleration, above_zero=True) * _braking_time(
-        time, delay
-    )
+    braked = _strength(deceleration) * _braking_time(time, delay)
     return np.asarray(
         np.asarray(ego_speed, dtype=float) - np.clip(braked, 0.0, np.maximum(closing, 0.0))
     )[()]
@@ -106,7 +104,7 @@ def ideal_braking_gap(
     Raises InputError for numbers outside these meanings.
     """
     closing = _closing_speed(ego_speed, lead_speed)
-    strength = _not_negative("deceleration", deceleration, above_zero=True)
+    strength = _strength(deceleration)
     braking = _braking_time(time, delay)
     before = np.asarray(time) - braking  # s at constant speed
     # s of braking until the speeds are equal, and m/s lost in them; an ego that does not close in
@@ -142,7 +140,7 @@ def max_inverse_ttc(
     Raises InputError for numbers that are not finite, negative speeds or delays, and a deceleration
     not above 0.
     """
-    strength = _not_negative("deceleration", deceleration, above_zero=True)
+    strength = _strength(deceleration)
     rel = _closing_speed(ego_speed, lead_speed)
     left = _finite("gap", gap) - rel * _not_negative("delay", delay)  # when braking begins
     rel, left, strength = np.broadcast_arrays(rel, left, strength)
@@ -175,7 +173,7 @@ def critical_gap(
     Raises InputError for numbers that are not finite, a or k not above 0, and a negative delay.
     """
     closing = np.maximum(_finite("closing_speed", closing_speed), 0.0)
-    strength = _not_negative("deceleration", deceleration, above_zero=True)
+    strength = _strength(deceleration)
     k = _not_negative("critical_inverse_ttc", critical_inverse_ttc, above_zero=True)
     at_onset = closing / k
     in_braking = closing**2 / (2.0 * strength) + strength / (2.0 * k**2)
@@ -204,7 +202,7 @@ def required_gap(
     Raises InputError for numbers that are not finite, am not above 0, and negative times.
     """
     closing = np.maximum(_finite("closing_speed", closing_speed), 0.0)
-    strength = _not_negative("deceleration", deceleration, above_zero=True)
+    strength = _strength(deceleration)
     wait, ramp = _not_negative("delay", delay), _not_negative("build_up", build_up)
     after_ramp = closing - strength * ramp / 2.0
     on_plateau = closing * ramp - strength * ramp**2 / 6.0 + after_ramp**2 / (2.0 * strength)
@@ -239,7 +237,7 @@ def ideal_impact_speed(
 
     Raises InputError for numbers that are not finite, negative speeds or times, and am not above 0.
     """
-    strength = _not_negative("deceleration", deceleration, above_zero=True)
+    strength = _strength(deceleration)
     rel = _closing_speed(ego_speed, lead_speed)
     left = _finite("gap", gap) - rel * _not_negative("delay", delay)  # d
     ramp = _not_negative("build_up", build_up)
@@ -309,7 +307,7 @@ def searched_criticality(
     v0, d0 = column(_not_negative("ego_speed", ego_speed)), column(_finite("gap", gap))
     wait = column(_not_negative("delay", delay))
     begin = column(_not_negative("conflict_begin", conflict_begin))
-    strength = column(_not_negative("deceleration", deceleration, above_zero=True))
+    strength = column(_strength(deceleration))
     lead_speed, lead_distance = lead
     braking_time = v0 / strength
 
@@ -349,6 +347,11 @@ def searched_criticality(
         refined = np.where((closing > 0.0) & (distance > 0.0), closing / distance, 0.0).max(axis=1)
     largest = np.maximum(inverse.max(axis=1), refined)
     return np.where(passed, 0.0, np.where(hit, np.inf, largest)), impact
+
+
+def _strength(deceleration: ArrayLike) -> FloatArray:
+    """The strength of braking, m/s2, checked."""
+    return _not_negative("deceleration", deceleration, above_zero=True)
 
 
 def _closing_speed(ego_speed: ArrayLike, lead_speed: ArrayLike) -> FloatArray:

@@ -34,25 +34,18 @@ def _answers(interface: Interface, actions: Any, count: int) -> Floats:
 
     A choice becomes a score of 1 for it and 0 for the rest.
     """
+    width = interface.width
     if interface.choices is None:
         values = np.asarray(actions, dtype=np.float64)
-        if values.size != count * interface.width:
-            raise must_be(
-                "The actions",
-                "an environment",
-                f"{count} x {interface.width} numbers",
-                values.shape,
-            )
-        return values.reshape(count, -1)
-    index = np.asarray(actions).reshape(count)
-    if index.dtype.kind not in "iu" or not ((index >= 0) & (index < interface.width)).all():
-        raise must_be(
-            "The actions",
-            "an environment",
-            f"whole numbers from 0 to {interface.width - 1}",
-            actions,
-        )
-    return np.asarray(np.eye(interface.width)[index])
+        if values.size == count * width:
+            return values.reshape(count, -1)
+        wanted, given = f"{count} x {width} numbers", values.shape
+    else:
+        index = np.asarray(actions).reshape(count)
+        if index.dtype.kind in "iu" and ((index >= 0) & (index < width)).all():
+            return np.asarray(np.eye(width)[index])
+        wanted, given = f"whole numbers from 0 to {width - 1}", actions
+    raise must_be("The actions", "an environment", wanted, given)
 
 
 class ScenarioEnv(gymnasium.Env[Floats, Floats]):
