@@ -355,7 +355,7 @@ class CaseResult(CaseProperties):
 _RECORDS = {record.__name__: record for record in (ThinReference, IndexNote)}
 _TYPES = {item.name: str(item.type) for item in fields(CaseResult)}
 """Fields of a row and their annotations, as text."""
-_PLACES = {name: place for place, name in enumerate(_TYPES)}
+_PLACES = {name: index for index, name in enumerate(_TYPES)}
 """Fields and their places among the columns; behind the fields each parameter has a column.
 
 The column of `values` holds the names of the parameters.
@@ -431,9 +431,9 @@ def _listed(data: bytes, rows: int) -> tuple[tuple[Any, ...], IntArray]:
 
 
 @lru_cache(256)
-def _array_of(chunk: Chunk, name: str, place: int) -> Column:
+def _array_of(chunk: Chunk, name: str, column: int) -> Column:
     """The column of a chunk at a place, as an array; the last 256 stay in memory."""
-    return _array(name, chunk.columns(slice(place, place + 1))[0], chunk.rows)
+    return _array(name, chunk.columns(slice(column, column + 1))[0], chunk.rows)
 
 
 def _array(name: str, data: bytes, rows: int) -> Column:
@@ -477,8 +477,8 @@ def records_of(chunk: Chunk) -> list[CaseResult]:
     points = [dict(zip(names, point, strict=True)) for point in zip(*parameters, strict=True)]
     points = points or [{} for _ in range(chunk.rows)]  # a scenario without parameters
     columns = (
-        points if name == "values" else _plain(name, data[place], chunk.rows)
-        for name, place in _PLACES.items()
+        points if name == "values" else _plain(name, data[index], chunk.rows)
+        for name, index in _PLACES.items()
     )
     return [CaseResult(*row) for row in zip(*columns, strict=True)]
 
@@ -526,8 +526,8 @@ class CaseTable(CaseProperties):
         for first, chunk in zip(self._starts, self.chunks, strict=False):
             stored = json.loads(chunk.columns(slice(_PLACES["values"], _PLACES["values"] + 1))[0])
             for axis, name in enumerate(names):
-                place = len(_PLACES) + stored.index(name)
-                points[first : first + chunk.rows, axis] = _array_of(chunk, "", place)
+                index = len(_PLACES) + stored.index(name)
+                points[first : first + chunk.rows, axis] = _array_of(chunk, "", index)
         return points if self.rows is None else points[self.rows]
 
     def __getattr__(self, name: str) -> Column:

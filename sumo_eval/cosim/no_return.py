@@ -53,19 +53,19 @@ def with_no_return(
     """The recordings, those with a contact with the clip `NO_RETURN`."""
     marked = list(recordings)
     contacts = {
-        place: _Contact(case, it, it.collision, it.commands)
-        for place, (it, case) in enumerate(zip(recordings, cases, strict=True))
+        index: _Contact(case, it, it.collision, it.commands)
+        for index, (it, case) in enumerate(zip(recordings, cases, strict=True))
         if isinstance(it, Recording) and it.collision is not None and it.commands is not None
     }
-    for place, last in _last_steps(contacts, settings).items():
-        contact = contacts[place]
+    for index, last in _last_steps(contacts, settings).items():
+        contact = contacts[index]
         # the column before the last is the acceleration in both kinds of `Replay`
         braking = np.flatnonzero(contact.commands[:, -2] <= -BRAKES)
         first = round(float(braking[0]) * settings.step, 6) if len(braking) else NEVER
         # `UNKNOWN` and `NEVER` are below 0
         time = last if last < 0.0 else round(last * settings.step, 6)
         clip = Clip(NO_RETURN, 1, time, first, contact.hit.time)
-        marked[place] = replace(contact.recording, clips=(*contact.recording.clips, clip))
+        marked[index] = replace(contact.recording, clips=(*contact.recording.clips, clip))
     return marked
 
 

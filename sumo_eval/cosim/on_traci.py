@@ -411,9 +411,9 @@ class _Hook:
         if self._bent:
             line = self.road.line
             # along and across the road's line, m, and heading relative to it
-            place = tuple(float(it) for it in frame_places(line, x, y, heading, near=last_s))
-            self._bend = float(curvatures(line, place[0]))
-            stretch = 1.0 - self._bend * place[1]
+            pose = tuple(float(it) for it in frame_places(line, x, y, heading, near=last_s))
+            self._bend = float(curvatures(line, pose[0]))
+            stretch = 1.0 - self._bend * pose[1]
             # all of it is checked as motion along the lane
             moved_x, moved_y = math.hypot(moved_x, moved_y) / stretch, 0.0
         self._check_native_motion(moved_x, moved_y, speed, now)
@@ -432,7 +432,7 @@ class _Hook:
                 f"SUMO gave vehicle `{EGO}` the speed {across:g} m/s across at {now:.2f} s."
             )
         if self._bent:
-            x, y, heading = place
+            x, y, heading = pose
             speed *= stretch
         if across:
             speed = math.hypot(speed, across)

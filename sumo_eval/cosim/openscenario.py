@@ -116,7 +116,7 @@ def _left_edge(road: Road, sections: Sequence[tuple[float, float]], aside: float
 def _numbers(road: Road, begin: float, end: float) -> dict[int, int]:
     """The lanes that exist in a section, from the left, and their numbers in the file."""
     lanes = [it for it in reversed(range(road.lanes)) if min(_gone(road.span(it), begin, end)) < 1]
-    return {lane: -1 - place for place, lane in enumerate(lanes)}
+    return {lane: -1 - index for index, lane in enumerate(lanes)}
 
 
 def _section(
@@ -147,9 +147,8 @@ def _gone(span: LaneSpan, begin: float, end: float) -> tuple[float, float]:
     """
     # at either end the lane's edge may turn or jump: take the share just inside, and round it
     inside = 1e-6 * (end - begin)
-    return tuple(
-        float(missing_at(span, place).round(5)) for place in (begin + inside, end - inside)
-    )  # type: ignore[return-value]
+    positions = begin + inside, end - inside
+    return tuple(float(missing_at(span, x).round(5)) for x in positions)  # type: ignore[return-value]
 
 
 def _crossing(road: Road, crossing: Crossing, number: int) -> Any:

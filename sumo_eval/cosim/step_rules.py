@@ -88,10 +88,10 @@ def put_on_map(body: Any, line: Any) -> float:
     """Write a vehicle's place on the map, and that of its front bumper, from its place in the
     frame; return the metres that it drives for each metre of the line.
     """
-    at, place = body.map, to_map(line, body.x, body.y, body.heading)
-    at.x, at.y, at.heading = place[:3]
+    at, pose = body.map, to_map(line, body.x, body.y, body.heading)
+    at.x, at.y, at.heading = pose[:3]
     _put_front(body)
-    return float(1.0 - place[3] * body.y)
+    return float(1.0 - pose[3] * body.y)
 
 
 @kernel
@@ -253,8 +253,8 @@ def _move_egos(
             ego.steering = state.steering
         if ego.placed != SUMO:
             near = before.x + before.speed * step  # where the search along the line begins
-            place = to_frame(line, ego.map.x, ego.map.y, ego.map.heading, near)
-            ego.x, ego.y, ego.heading = place[:3]
+            pose = to_frame(line, ego.map.x, ego.map.y, ego.map.heading, near)
+            ego.x, ego.y, ego.heading = pose[:3]
             _put_front(ego)
             # SUMO continues a straight motion at one speed by itself, but not along a curve
             turned = ego.heading != 0.0 or before.heading != 0.0
@@ -262,7 +262,7 @@ def _move_egos(
                 ego.stale = 1
             if to_sumo and ego.stale:
                 ego.stale = 0
-                along = ego.speed * math.cos(ego.heading) / (1.0 - place[3] * ego.y)
+                along = ego.speed * math.cos(ego.heading) / (1.0 - pose[3] * ego.y)
                 count = _tell(tell, count, i * (1 + len(others[i])), ego, line, along)
         for j in range(len(others[i])):
             other = others[i][j]

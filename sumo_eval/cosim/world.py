@@ -94,8 +94,8 @@ def described(road: Road, vehicle: VehicleSettings, settings: SimulationSettings
     for side, lane in (("right", 0), ("left", road.lanes - 1)):
         span = road.span(lane)
         places = *span.places, span.parted_until, span.parted_from
-        for name, place in zip(PLACES, places, strict=True):
-            records["road"][f"{side}_{name}"] = place
+        for name, x in zip(PLACES, places, strict=True):
+            records["road"][f"{side}_{name}"] = x
     for name, _ in LIMITS:
         records["vehicle"][name] = getattr(vehicle, name)
     step = settings.step

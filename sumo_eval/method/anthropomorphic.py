@@ -223,7 +223,7 @@ def indexes_by_group(
         return [[] for _ in groups]
     vehicles = [_Vehicle.of(trajectory, road, settings) for trajectory in trajectories]
     # fields are wanted on the part of the road where any driver was
-    drivers = [vehicles[place] for pairing in pairings for place in pairing.drivers]
+    drivers = [vehicles[index] for pairing in pairings for index in pairing.drivers]
     stretch = Stretch(
         west=min(driver.begin for driver in drivers),
         east=max(driver.begin + driver.reach for driver in drivers),
@@ -337,9 +337,9 @@ def _indexes(
     }
 
     @cache
-    def centres(place: int, slices: _Slices) -> FloatArray:
+    def centres(index: int, slices: _Slices) -> FloatArray:
         """Centres of a trajectory at slices, (m,), m."""
-        return lateral_position(vehicles[place].on_road, slice_positions(*slices))
+        return lateral_position(vehicles[index].on_road, slice_positions(*slices))
 
     # pairings of an ADS with the same slices share the sample points
     points = {
@@ -348,7 +348,7 @@ def _indexes(
         )
         for (pairing, _), (_, slices) in choices.items()
     }
-    places = sorted({place for pairing in pairings for place in (pairing.ads, *pairing.drivers)})
+    places = sorted({index for pairing in pairings for index in (pairing.ads, *pairing.drivers)})
     # Eq. 9: fields of all trajectories at all sample points, computed together; each (k, m, 7)
     together = np.concatenate(list(points.values()))
     ends = np.cumsum([len(each) for each in points.values()])[:-1]
@@ -360,9 +360,9 @@ def _indexes(
         """D_i of a pairing in a mode."""
         choice, slices = choices[pairing, mode]
         compared = (pairing.ads, *pairing.drivers)
-        ads, *drivers = (vehicles[place] for place in compared)
-        y = np.array([centres(place, slices) for place in compared])
-        field = fields[pairing.ads, slices][[places.index(place) for place in compared]]
+        ads, *drivers = (vehicles[index] for index in compared)
+        y = np.array([centres(index, slices) for index in compared])
+        field = fields[pairing.ads, slices][[places.index(index) for index in compared]]
         return _index(
             _Comparison(ads, drivers, choice, slice_positions(*slices), y, field), road, settings
         )
@@ -379,7 +379,7 @@ def _indexes(
 
 def _choice(pairing: Pairing, mode: Mode, vehicles: Sequence[_Vehicle]) -> tuple[Choice, _Slices]:
     """The drivers that count in a mode, and the slices of the comparison."""
-    ads, drivers = vehicles[pairing.ads], [vehicles[place] for place in pairing.drivers]
+    ads, drivers = vehicles[pairing.ads], [vehicles[index] for index in pairing.drivers]
     choice = everyone(len(drivers))
     if mode == "mixture":
         choice = chosen(ads.manoeuvre, [driver.manoeuvre for driver in drivers])
@@ -441,7 +441,7 @@ def _likeness(pairing: Pairing, vehicles: Sequence[_Vehicle], similarity: float)
 
     similarity: that of mixture mode, computed before.
     """
-    ads, drivers = vehicles[pairing.ads], [vehicles[place] for place in pairing.drivers]
+    ads, drivers = vehicles[pairing.ads], [vehicles[index] for index in pairing.drivers]
     return Likeness(
         _capped_ratio(ads.length, np.mean([driver.length for driver in drivers])),
         operation_tolerance(ads.most_operations, [driver.most_operations for driver in drivers]),

@@ -149,9 +149,9 @@ def crossing_conflict(
         share = apart[after - 1] / (apart[after - 1] - apart[after])
         return float(times[after - 1] + (times[after] - times[after - 1]) * share)
 
-    def reached(place: float) -> float:
+    def reached(position: float) -> float:
         """Time at which the ego's centre is at x = `place`, s."""
-        return (place - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
+        return (position - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
 
     enters = crossed(first) if first else 0.0
     leaves = crossed(last + 1) if last + 1 < len(times) else math.inf

@@ -19,7 +19,7 @@ def _spacing(settings: AnthropomorphicSettings) -> float:
 
 def _all_but_one(places: Sequence[int]) -> list[tuple[int, ...]]:
     """For each place, all other places."""
-    return [tuple(place for place in places if place != without) for without in places]
+    return [tuple(index for index in places if index != without) for without in places]
 
 
 def band_pairings(drivers: Sequence[int], settings: AnthropomorphicSettings) -> list[Pairing]:

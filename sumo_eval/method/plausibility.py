@@ -180,7 +180,7 @@ def quantiles_of(
     for name, side in EXTREMES.items():
         extreme = np.array([drive[name] for drive in drives], dtype=float)
         valid = np.flatnonzero(~np.isnan(extreme))
-        names = [people[place] for place in valid.tolist()]
+        names = [people[index] for index in valid.tolist()]
         drives_of = Counter(names)
         if len(drives_of) < LEAST_PEOPLE:
             continue

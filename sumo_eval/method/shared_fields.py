@@ -186,18 +186,18 @@ class SharedFields:
         if self._by_boxes and inside.any():
             rows = _point_rows(self._stretch, points, np.flatnonzero(inside))
         fields = np.empty((len(places), *y.shape))
-        for place, field in zip(places, fields, strict=True):
-            boxed = None if rows is None else self._prepare(place)
+        for index, field in zip(places, fields, strict=True):
+            boxed = None if rows is None else self._prepare(index)
             if boxed is not None:
                 put_field(rows, *boxed, float(self._constants.k1), field)
             plainly = ~inside | (boxed is None)
             if plainly.any():
-                drives = [self._trajectories[place]]
+                drives = [self._trajectories[index]]
                 plain = trajectory_fields(points[plainly].reshape(-1, 2), drives, self._constants)
                 field[plainly] = plain.reshape(-1, y.shape[1])
         return fields
 
-    def _prepared(self, place: int) -> tuple[FloatArray, IntArray, FloatArray] | None:
+    def _prepared(self, index: int) -> tuple[FloatArray, IntArray, FloatArray] | None:
         """A trajectory by boxes; None where its field grows too fast with speed for them.
 
         Its samples as in `far_values`, sorted by x; the first and last (exclusive) of those near
@@ -206,7 +206,7 @@ class SharedFields:
         from sumo_eval.method.field_loops import far_values
 
         constants, (grid, west, east) = self._constants, _boxes(self._stretch)
-        samples = samples_of(self._trajectories[place], constants.k2, constants.sample_interval)
+        samples = samples_of(self._trajectories[index], constants.k2, constants.sample_interval)
         if np.abs(samples[:, 4]).max() > LARGEST_EXPONENT:  # column 4: k2 v
             return None
         samples = samples[np.argsort(samples[:, 0], kind="stable")]
@@ -227,11 +227,11 @@ def _point_rows(stretch: Stretch, points: FloatArray, rows: IntArray) -> PointRo
     order = rows[np.argsort(points[rows, 0, 0], kind="stable")]
     points = points[order]
     x, y = points[:, 0, 0], points[..., 1]
-    place = (x - stretch.west) / (stretch.length / number)  # in lengths of a box
-    box = np.minimum(place.astype(np.int64), number - 1)
+    position = (x - stretch.west) / (stretch.length / number)  # in lengths of a box
+    box = np.minimum(position.astype(np.int64), number - 1)
     starts = np.searchsorted(box, np.arange(number + 1))
     # the place in its box on -1..1, as a polynomial through the nodes needs it
-    along = chebyshev.chebvander(2.0 * (place - box) - 1.0, NODES - 1) @ _nodes()[2]
+    along = chebyshev.chebvander(2.0 * (position - box) - 1.0, NODES - 1) @ _nodes()[2]
     across = np.ascontiguousarray((y.T - stretch.middle) / stretch.half)
     return PointRows(points, order, starts, np.ascontiguousarray(along.T), across)
 

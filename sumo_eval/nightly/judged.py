@@ -63,10 +63,10 @@ def judge_night(
     addition.
     """
     bases = find_bases(history, database, evaluation, gate)
-    place = history / AGAIN
+    folder = history / AGAIN
     # `bad_again` needs the repeats
-    noise = Noise(repeats_of(evaluation, gate, place, progress) if bases.comparisons else {})
-    bad = bad_again(bases.comparisons, evaluation, noise, gate, place)
+    noise = Noise(repeats_of(evaluation, gate, folder, progress) if bases.comparisons else {})
+    bad = bad_again(bases.comparisons, evaluation, noise, gate, folder)
     noise = Noise(noise.repeats, bad, keys_of(evaluation, database.shaky()))
     accept = shlex.join(["sumo-eval", "accept", str(history), "--reason", "..."])
     gates = list(judge(evaluation, bases.comparison, gate, noise))

@@ -40,12 +40,12 @@ AGAIN = "again"  # folder beside the nights in which cases are driven once more;
 
 
 def repeats_of(
-    evaluation: Evaluation, settings: GateSettings, place: Path, progress: Progress
+    evaluation: Evaluation, settings: GateSettings, folder: Path, progress: Progress
 ) -> dict[str, Repeats]:
     """Drive a sample of each ADS's cases once more. Returns which ADSs repeat, and the noise floors
     of those that do not.
 
-    place: folder for a copy of the run, whose second drives are scored; removed afterwards.
+    folder: for a copy of the run, whose second drives are scored; removed afterwards.
     """
     if not settings.noise.cases:
         return {}
@@ -61,7 +61,7 @@ def repeats_of(
 
     noisy = {ads for ads, equal in alike.items() if not all(equal)}
     keys = {case.key for case in sample if case.driver in noisy}
-    rows = _rerun(evaluation, keys, place) if keys else {}
+    rows = _rerun(evaluation, keys, folder) if keys else {}
     return {
         ads: Repeats(
             len(equal), sum(equal), _floors(evaluation, ads, rows, settings) if ads in noisy else {}
@@ -82,28 +82,28 @@ def _sample(plan: Planner, number: int) -> list[Case]:
         first = end - len(space.numbers)
         places = np.sort(drawn[(drawn >= first) & (drawn < end)] - first)
         cases += plan.ads(
-            replace(space, numbers=[space.numbers[place] for place in places.tolist()])
+            replace(space, numbers=[space.numbers[index] for index in places.tolist()])
         )
     # in the other order: an ADS may carry something over from case to case
     return cases[::-1]
 
 
-def _rerun(evaluation: Evaluation, cases: Collection[str], place: Path) -> dict[str, CaseResult]:
+def _rerun(evaluation: Evaluation, cases: Collection[str], folder: Path) -> dict[str, CaseResult]:
     """Rows of cases from a copy of a run in which they were rerun."""
-    shutil.rmtree(place, ignore_errors=True)
+    shutil.rmtree(folder, ignore_errors=True)
     try:
-        shutil.copytree(evaluation.folder, place)
-        with open_store(place / FACTS, create=True) as store:
+        shutil.copytree(evaluation.folder, folder)
+        with open_store(folder / FACTS, create=True) as store:
             store.unseal()
             store.remove(cases)
-        record_facts(evaluation.resolved, place, resume=True)
+        record_facts(evaluation.resolved, folder, resume=True)
         return {
             row.case: row
-            for row in score(place, resolved=evaluation.resolved).cases
+            for row in score(folder, resolved=evaluation.resolved).cases
             if row.case in cases
         }
     finally:
-        shutil.rmtree(place, ignore_errors=True)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _floors(
@@ -130,7 +130,7 @@ def bad_again(
     evaluation: Evaluation,
     noise: Noise,
     settings: GateSettings,
-    place: Path,
+    folder: Path,
 ) -> dict[str, int]:
     """Number of bad drives of each newly bad case of a noisy ADS, which is driven
     `settings.outcome.repeats` times more; the first drive counts, too.
@@ -146,7 +146,7 @@ def bad_again(
     }
     bad = dict.fromkeys(bases, 1)
     for _ in range(settings.outcome.repeats if bases else 0):
-        for case, row in _rerun(evaluation, bases, place).items():
+        for case, row in _rerun(evaluation, bases, folder).items():
             base, units = bases[case]
             old, new = (Ends.of(CaseTable.of([it])) for it in (base, row))
             limit = severity_limit(settings, noise.of(row.ads), units)

@@ -199,11 +199,11 @@ def _worst(tally: Tally, unit: str) -> Iterator[CaseChange]:
     """The worst cases of all scenarios, with the values before and after."""
     sign = 1.0 if tally.measure.higher_is_better else -1.0
     first = [
-        (sign * float(worse.after[pair] - worse.before[pair]), place, pair)
-        for place, worse in enumerate(tally.worse)
+        (sign * float(worse.after[pair] - worse.before[pair]), index, pair)
+        for index, worse in enumerate(tally.worse)
         for pair in worse.which[:MOST_NAMED]
     ]
-    for _, place, pair in sorted(first)[:MOST_NAMED]:
-        worse = tally.worse[place]
+    for _, index, pair in sorted(first)[:MOST_NAMED]:
+        worse = tally.worse[index]
         case = worse.part.changed.paired.new[pair]
         yield CaseChange.of(case, float(worse.before[pair]), float(worse.after[pair]), unit)

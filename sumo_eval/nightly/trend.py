@@ -121,11 +121,11 @@ def failed_nights(nights: Sequence[Night]) -> list[dict[str, Any]]:
     # a bar of 80 % of the night's part of the axis, in its middle
     return [
         {
-            "x": round(LEFT + step * (place + 0.1), 2),
+            "x": round(LEFT + step * (index + 0.1), 2),
             "width": round(0.8 * step, 2),
             "words": f"{_date(night.night)} failed: {night.verdict}",
         }
-        for place, night in enumerate(nights)
+        for index, night in enumerate(nights)
         if night.exit_status == GATE_FAILED
     ]
 
@@ -181,7 +181,7 @@ def _drawn(
     """
     values = [*series.values(), *(bound for _, _, bound in limits)]
     ticks = _ticks(min(values), max(values), least=1.0 if unit == "cases" else 0.0)
-    at = {night.night: _place(place, len(nights)) for place, night in enumerate(nights)}
+    at = {night.night: _place(index, len(nights)) for index, night in enumerate(nights)}
     colours, dashes = dict(zip(names, cycle(COLOURS))), dict(zip(names, cycle(DASHES)))
 
     def height(value: float) -> float:

@@ -163,7 +163,7 @@ def _users_code_out_of_sight() -> Iterator[None]:
     """
     script, places = sys.modules["__main__"], sys.path[:]
     sys.modules["__main__"] = ModuleType("__main__")
-    sys.path[:] = [place for place in places if place not in FOLDERS]
+    sys.path[:] = [path for path in places if path not in FOLDERS]
     try:
         yield
     finally:

@@ -151,18 +151,18 @@ def compute_points(
     """
     keys = _keys(facts, jobs, settings)
     results = [_looked_up(names, cache) for names in keys]
-    todo = [place for place, names in enumerate(keys) if len(results[place]) < len(names)]
-    missing = [_missing(jobs[place], results[place]) for place in todo]
+    todo = [index for index, names in enumerate(keys) if len(results[index]) < len(names)]
+    missing = [_missing(jobs[index], results[index]) for index in todo]
     parts = [
         (facts, missing[first : first + _CHUNK], settings) for first in range(0, len(todo), _CHUNK)
     ]
     done, new = 0, list[KeptPart]()
     for part in spread(_compute_part, parts) if parts else ():
         for result in part:
-            place = todo[done]
-            results[place] |= result
+            index = todo[done]
+            results[index] |= result
             # `name[0]` is the kind of result; each is the only part of its key, at place 0
-            new += [(name[0], keys[place][name], 0, data) for name, data in result.items()]
+            new += [(name[0], keys[index][name], 0, data) for name, data in result.items()]
             done += 1
         if len(new) >= _KEPT_AT_ONCE or done == len(todo):
             cache.put(new)

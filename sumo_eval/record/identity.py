@@ -201,8 +201,8 @@ def _imported(program: Path, folder: Path) -> set[Path]:
             names |= {f"{node.module or ''}.{name.name}".strip(".") for name in node.names}
     # importing `a.b.c` runs `a` and `a.b` too; each may be a file or a package
     places = {folder.joinpath(*name.split(".")) for name in names}
-    places |= {parent for place in places for parent in place.parents if folder in parent.parents}
-    files = {file for place in places for file in (place.with_suffix(".py"), place / "__init__.py")}
+    places |= {parent for path in places for parent in path.parents if folder in parent.parents}
+    files = {file for path in places for file in (path.with_suffix(".py"), path / "__init__.py")}
     return {file for file in files if file.is_file()}
 
 

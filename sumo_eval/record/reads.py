@@ -102,7 +102,7 @@ class _Watch:
         if flags & os.O_RDWR:  # if its state changes later, `report` notes it as written
             self._open_for_both.setdefault(place, _state(place))
 
-    def read(self, place: str, since: float = math.inf) -> None:
+    def read(self, path: str, since: float = math.inf) -> None:
         """Note the content of a file if it has changed since it was noted.
 
         Pipes and devices are not opened.
@@ -110,51 +110,51 @@ class _Watch:
         since: latest time at which the file can have been read, by the system's clock, s; if it was
             changed later, its content then is `UNKNOWN`.
         """
-        state = _state(place)
-        if place in self._written or self._states.get(place, NEVER) == state:
+        state = _state(path)
+        if path in self._written or self._states.get(path, NEVER) == state:
             return
-        self._states[place] = state
-        digest = content(place, state)
+        self._states[path] = state
+        digest = content(path, state)
         if digest is None:
             return
-        if place.endswith(_PYTHON):
-            self._add_root(os.path.dirname(place))
-            self._add_root(os.path.dirname(os.path.realpath(place)))  # of a link to it
+        if path.endswith(_PYTHON):
+            self._add_root(os.path.dirname(path))
+            self._add_root(os.path.dirname(os.path.realpath(path)))  # of a link to it
         # `state[0]`: time of the last change, ns
-        self._note(place, digest if state is None or state[0] <= since * 1e9 else UNKNOWN)
+        self._note(path, digest if state is None or state[0] <= since * 1e9 else UNKNOWN)
 
-    def write(self, place: str) -> None:
+    def write(self, path: str) -> None:
         """Note that a file is written: its content does not count."""
-        if place not in self._written:
-            self._written.add(place)
+        if path not in self._written:
+            self._written.add(path)
             if len(self._written) <= _MOST_REPORTED:
-                self._note(place, WRITTEN)
+                self._note(path, WRITTEN)
 
     def report(self) -> list[File]:
         """The files that were read since the last report."""
         self._look_at_modules()
-        for place, state in self._open_for_both.items():
-            if _state(place) != state:
-                self.write(place)
+        for path, state in self._open_for_both.items():
+            if _state(path) != state:
+                self.write(path)
         new, self._new = self._new, []
         inside = os.path.join(self.folder, "")
         return [
-            (os.path.relpath(place, self.folder) if place.startswith(inside) else place, digest)
-            for place, digest in new
+            (os.path.relpath(path, self.folder) if path.startswith(inside) else path, digest)
+            for path, digest in new
         ]
 
-    def _note(self, place: str, digest: str) -> None:
-        file = (place, digest)
+    def _note(self, path: str, digest: str) -> None:
+        file = (path, digest)
         if file not in self._known:
             self._known.add(file)
             self._new.append(file)
 
     def _add_root(self, folder: str) -> None:
-        self._roots |= {os.path.join(place, "") for place in (folder, os.path.realpath(folder))}
+        self._roots |= {os.path.join(root, "") for root in (folder, os.path.realpath(folder))}
 
-    def _is_below(self, place: str) -> bool:
+    def _is_below(self, path: str) -> bool:
         roots = tuple(self._roots)
-        return place.startswith(roots) or os.path.realpath(place).startswith(roots)
+        return path.startswith(roots) or os.path.realpath(path).startswith(roots)
 
     def _ignored_folders(self) -> tuple[str, ...]:
         """Folders of files that do not count: installed packages, caches, and the temporary files
@@ -174,14 +174,14 @@ class _Watch:
         self._modules = len(sys.modules)
         for module in list(sys.modules.values()):
             name = getattr(module, "__dict__", {}).get("__file__")
-            place = os.path.abspath(name) if isinstance(name, str) else ""
+            path = os.path.abspath(name) if isinstance(name, str) else ""
             if (
-                place not in self._states
-                and place.endswith(_CODE)
-                and not place.startswith(self._ignored_folders())
-                and os.path.exists(place)  # else it lies in an archive
+                path not in self._states
+                and path.endswith(_CODE)
+                and not path.startswith(self._ignored_folders())
+                and os.path.exists(path)  # else it lies in an archive
             ):
-                self.read(place, _IMPORT_TIME)
+                self.read(path, _IMPORT_TIME)
 
 
 _watch: _Watch | None = None
@@ -245,22 +245,22 @@ def _database(name: str) -> str:
     """Path of the file that sqlite opens for a name or a `file:` address."""
     if not name.startswith("file:"):
         return name
-    place = unquote(name.removeprefix("file:").partition("?")[0])
-    return os.sep + place.lstrip("/") if place.startswith("/") else place
+    path = unquote(name.removeprefix("file:").partition("?")[0])
+    return os.sep + path.lstrip("/") if path.startswith("/") else path
 
 
-def _source(place: str) -> str | None:
+def _source(path: str) -> str | None:
     """The source of a compiled Python file, or the path itself of any other file; None for the
     temporary files from which Python makes compiled ones.
     """
-    folder, name = os.path.split(place)
+    folder, name = os.path.split(path)
     if not name.endswith(".pyc"):
-        return None if os.path.basename(folder) == "__pycache__" or ".pyc." in name else place
+        return None if os.path.basename(folder) == "__pycache__" or ".pyc." in name else path
     try:
-        source = importlib.util.source_from_cache(place)
+        source = importlib.util.source_from_cache(path)
     except ValueError:  # it lies in no `__pycache__`
-        return place
-    return source if os.path.exists(source) else place
+        return path
+    return source if os.path.exists(source) else path
 
 
 def _installed_places() -> tuple[str, ...]:
@@ -271,23 +271,23 @@ def _installed_places() -> tuple[str, ...]:
     places.add(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
     if sys.prefix != sys.base_prefix:
         places.add(sys.prefix)
-    both = places | {os.path.realpath(place) for place in places}
-    return tuple(os.path.join(place, "") for place in sorted(both))
+    both = places | {os.path.realpath(path) for path in places}
+    return tuple(os.path.join(path, "") for path in sorted(both))
 
 
 _INSTALLED = _installed_places()
 
 
-def _state(place: str) -> State:
+def _state(path: str) -> State:
     """State of a file, by which a change of its content is noticed; None: no such file exists."""
     try:
-        status = os.stat(place)
+        status = os.stat(path)
     except (OSError, ValueError):
         return None
     return status.st_mtime_ns, status.st_size, status.st_ino, status.st_mode
 
 
-def content(place: str, state: State) -> str | None:
+def content(path: str, state: State) -> str | None:
     """A hash of a file's content; None for anything that is not a regular file."""
     if state is None:
         return ABSENT
@@ -296,7 +296,7 @@ def content(place: str, state: State) -> str | None:
     if state[1] > _HASHED_WHOLE:
         return f"{state[1]} bytes, {state[0]}"
     try:
-        with open(place, "rb") as file:
+        with open(path, "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         return UNKNOWN
@@ -347,8 +347,8 @@ def changed(read: Iterable[FileOfAds], folder: Path) -> dict[str, list[str]]:
     differing: dict[str, list[str]] = {}
     for locator, path, digest in read:
         if path not in now:
-            place = os.path.join(folder, path)
-            now[path] = content(place, _state(place)) or UNKNOWN
+            file = os.path.join(folder, path)
+            now[path] = content(file, _state(file)) or UNKNOWN
         if digest == UNKNOWN or digest not in (WRITTEN, now[path]):
             differing.setdefault(locator, []).append(path)
     return differing

@@ -126,9 +126,9 @@ def refuse_foreign_code(
 
 
 def _code(what: str, locator: str, source: Path) -> Code:
-    place, _, name = locator.rpartition(":")
-    if place.endswith(".py"):
-        return what, f"{(source / place).resolve()}:{name}", ""
+    module, _, name = locator.rpartition(":")
+    if module.endswith(".py"):
+        return what, f"{(source / module).resolve()}:{name}", ""
     return what, locator, str(source)
 
 
@@ -138,6 +138,6 @@ def _hash(code: set[Code]) -> str:
 
 def _note(run: Path) -> Path:
     """The file in the user's state folder that holds the hash of a run's code."""
-    place = str(run.resolve())
+    path = str(run.resolve())
     state = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
-    return Path(state, "sumo_eval", "runs", sha256(place)[:32])
+    return Path(state, "sumo_eval", "runs", sha256(path)[:32])

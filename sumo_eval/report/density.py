@@ -65,17 +65,17 @@ def _tiles(
             '<rect x="{}" y="{}" width="{}" height="{}" fill="var({})" fill-opacity="{:z.2f}" '
             'data-row="[{:z.6g},{:z.6g},{:z.4g}]"/>'
         ).format(
-            place % TILES * _SIDE,
-            size - _SIDE - place // TILES * _SIDE,
+            index % TILES * _SIDE,
+            size - _SIDE - index // TILES * _SIDE,
             _SIDE,
             _SIDE,
             colour,
-            _FAINTEST + (1.0 - _FAINTEST) * float(shade[place]),
-            middle[0][place % TILES],
-            middle[1][place // TILES],
-            values[place],
+            _FAINTEST + (1.0 - _FAINTEST) * float(shade[index]),
+            middle[0][index % TILES],
+            middle[1][index // TILES],
+            values[index],
         )
-        for place in np.flatnonzero(shade > 0.0).tolist()
+        for index in np.flatnonzero(shade > 0.0).tolist()
     ]
     return Markup(
         '<svg class="density" data-chart="{}" data-head="{}" role="img" aria-label="{}" '

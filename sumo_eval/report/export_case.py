@@ -128,7 +128,9 @@ def _importing(alone: EvaluationSettings, source: Path) -> str:
         alone.scenario[0].use, alone.ads[0].controller, alone.drivers.source,
         alone.method.collision.severity,
     )  # fmt: skip
-    modules = [place for place, colon, _ in (locator.rpartition(":") for locator in named) if colon]
+    modules = [
+        module for module, colon, _ in (locator.rpartition(":") for locator in named) if colon
+    ]
     tops = [module.partition(".")[0] for module in modules if not module.endswith(".py")]
     beside = any(
         (source / f"{top}.py").is_file() or (source / top / "__init__.py").is_file() for top in tops

@@ -284,8 +284,7 @@ def _row(findings: Findings) -> dict[str, Any]:
         "likened_hits": np.count_nonzero(likened & cases.incident),
         "indexed": np.count_nonzero(findings.indexed),
         "collisions": [
-            (cases[place], *(float(column[place]) for column in columns))
-            for place in hits[:MOST_LISTED]
+            (cases[row], *(float(column[row]) for column in columns)) for row in hits[:MOST_LISTED]
         ],
         "more_collisions": max(len(hits) - MOST_LISTED, 0),
     }

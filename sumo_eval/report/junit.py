@@ -293,8 +293,8 @@ def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> Iterator[Te
 
     for cell in sorted(seconds):
         edges = ", ".join(
-            f"{name} {edge[place]:g}..{edge[place + 1]:g}"
-            for name, edge, place in zip(names, edges_of.T, cell, strict=True)
+            f"{name} {edge[index]:g}..{edge[index + 1]:g}"
+            for name, edge, index in zip(names, edges_of.T, cell, strict=True)
         )
         result = partial(Test, edges, seconds=math.fsum(seconds[cell]))
         failures = [test for test in bad[cell] if test.verdict == "failure"]

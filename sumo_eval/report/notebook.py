@@ -84,13 +84,13 @@ def picture(evaluation: Evaluation) -> Any:
     panels = figure.subplots(1, len(scenarios), sharey=True, squeeze=False)[0]
     for panel, scenario in zip(panels, scenarios, strict=True):
         for score in evaluation.scores_in(scenario):  # not of each ADS where `run.only` names cases
-            place = ads.index(score.ads)
+            row = ads.index(score.ads)
             if score.s_plus is None:
-                panel.annotate("not computed", (1.0, place), va="center")
+                panel.annotate("not computed", (1.0, row), va="center")
                 continue
-            panel.barh(place, score.s_plus, color="tab:blue", alpha=0.6)
+            panel.barh(row, score.s_plus, color="tab:blue", alpha=0.6)
             if score.s_plus_interval is not None:
-                panel.plot(score.s_plus_interval, [place, place], color="black")
+                panel.plot(score.s_plus_interval, [row, row], color="black")
         panel.set(title=scenario, xlabel="S+ (line: its interval)", xlim=(0.0, 100.0))
         panel.set_yticks(range(len(ads)), ads)
         if panel is panels[0]:  # all panels share its axis

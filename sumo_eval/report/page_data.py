@@ -85,14 +85,14 @@ def embedded_cases(
         ratios, lost, losses = findings.terms.ratio, findings.lost_of_c, findings.share_lost
         # an ADS with fewer cases than another lacks the last indices
         places = shown[findings.score.scenario]
-        for place in places[places < len(findings.cases)].tolist():
-            case = findings.cases[place]
+        for row in places[places < len(findings.cases)].tolist():
+            case = findings.cases[row]
             details = {
-                "missing": why_missing(case) if missing[place] else None,
-                "avoided": finite(ratios[place]),
-                "lost": finite(lost[place]),
-                "aLost": finite(losses[place]) if case.collided else None,
-                "verdict": str(judged[place]),
+                "missing": why_missing(case) if missing[row] else None,
+                "avoided": finite(ratios[row]),
+                "lost": finite(lost[row]),
+                "aLost": finite(losses[row]) if case.collided else None,
+                "verdict": str(judged[row]),
             }
             embedded[findings.score.scenario].append((case, details))
     return embedded

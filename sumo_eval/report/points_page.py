@@ -55,7 +55,7 @@ def picture(logical: LogicalScenario, points: Sample) -> go.Figure:
     size = 4.0 + 6.0 * np.sqrt(points.exposure / (points.exposure.max(initial=0.0) or 1.0))
     pairs = [(i, j) for j in range(1, k) for i in range(j)] or [(0, 0)]
     for x, y in pairs:
-        place = {"row": max(y, 1), "col": x + 1}
+        cell = {"row": max(y, 1), "col": x + 1}
         for name, rows, colour, symbol, sizes in (
             ("refused", points.refused, REFUSED, "x-thin-open", 5),
             ("chosen", points.points, CHOSEN, "circle", size),
@@ -68,10 +68,10 @@ def picture(logical: LogicalScenario, points: Sample) -> go.Figure:
                 legendgroup=name,
                 showlegend=y < 2 and x == 0,  # of the first pair, (0, 1) or (0, 0), alone
                 marker={"color": colour, "symbol": symbol, "size": sizes, "opacity": 0.75},
-                **place,
+                **cell,
             )
-        figure.update_xaxes(title_text=logical.parameters[x].title, **place)
+        figure.update_xaxes(title_text=logical.parameters[x].title, **cell)
         if k > 1:
-            figure.update_yaxes(title_text=logical.parameters[y].title, **place)
+            figure.update_yaxes(title_text=logical.parameters[y].title, **cell)
     figure.update_layout(height=300 * side + 120)
     return figure

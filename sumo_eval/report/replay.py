@@ -87,7 +87,7 @@ def recorded(run: Path, key: str) -> Fact:
 def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> dict[str, Any]:
     """One drive. Its trajectories are appended; `vehicles` has each vehicle's index in the list."""
     vehicles = store.trajectories(fact.case)
-    places = {name: len(trajectories) + place for place, name in enumerate(vehicles)}
+    places = {name: len(trajectories) + index for index, name in enumerate(vehicles)}
     trajectories += vehicles.values()
     hit = contact_of(fact, vehicles[EGO])
     if hit is not None and fact.collision is not None:

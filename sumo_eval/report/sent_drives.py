@@ -122,7 +122,7 @@ def _drives(scenario: str, store: Store, embedded: Embedded, points: Mapping[str
     for case, number in points.items():
         is_embedded = (scenario, number) in embedded.points
         recorded = store.trajectories(case) if is_embedded else {}
-        vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
+        vehicles = {name: len(trajectories) + index for index, name in enumerate(recorded)}
         trajectories += recorded.values()
         fact = store.fact(case) if EGO in recorded else None
         rows.append({
@@ -252,5 +252,5 @@ def _runs_of_one_value(channel: FloatArray, chosen: BoolArray) -> Iterator[tuple
         enumerate(np.flatnonzero(chosen).tolist()),
         key=lambda pair: (float(channel[pair[1]]), pair[1] - pair[0]),
     ):
-        places = [place for _, place in run]
+        places = [index for _, index in run]
         yield places[0], len(places), value

@@ -243,8 +243,8 @@ def _check(node: ast.expr, text: str, *, condition: bool | None = None) -> None:
     if len(parts) != count if count else len(parts) < 2:
         wanted = f"given {count or 'at least 2'} values"
         raise must_be(f"`{name[:-2]}`", f"expression `{text}`", wanted, len(parts))
-    for place, part in enumerate(parts):
-        of_conditions = name in ("And", "Or", "Not") or (name == "where()" and place == 0)
+    for index, part in enumerate(parts):
+        of_conditions = name in ("And", "Or", "Not") or (name == "where()" and index == 0)
         _check(part, text, condition=of_conditions)
 
 

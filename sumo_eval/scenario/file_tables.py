@@ -520,7 +520,7 @@ class ScenarioFile(Checked):
         follows = any(move.do == "follow" for it in vehicles for move in it.manoeuvre)
         reacts = follows or bool(self.stream)
         road = self.road.read(self.end.x, options, where, folder, reacts=reacts)
-        place = self._place(names, definitions, road)
+        placement = self._place(names, definitions, road)
         constraints = tuple(item.read(names, definitions) for item in self.constraint)
         requirements = tuple(
             requirement(item.name or item.check, item.check, item.about, where, names.known,
@@ -530,11 +530,11 @@ class ScenarioFile(Checked):
         names.distinct((item.name for item in requirements), "requirement")
         self._check_used(names, definitions, requirements)
         # zones by search: there is no closed form of what happens
-        searched = place.lively or road.shaped or self.ego.goal_lane is not None
+        searched = placement.lively or road.shaped or self.ego.goal_lane is not None
         zones: dict[str, Any] = {"notes": ("It declares no zones, so every point counts as safe.",)}
         if self.zone != "none":
             zones = self.zone.read(
-                names, definitions, place, searched=searched or self.zone.conflict
+                names, definitions, placement, searched=searched or self.zone.conflict
             )
         units = {item.name: item.unit for item in parameters}
         names.distinct((item.name for item in self.sample), "sample")
@@ -545,7 +545,7 @@ class ScenarioFile(Checked):
             parameters=parameters,
             constraints=constraints,
             road=road,
-            place=place,
+            place=placement,
             recorded=None if self.recorded is None else self.recorded.read(parameters, where),
             met=self.met,
             ego_body=self.ego.body,

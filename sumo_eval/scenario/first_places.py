@@ -58,8 +58,8 @@ def misplaced(
         paths = [act.table for act in item.acts if act.kind == played.PATH]
         for x, y in itertools.chain(*paths if item.on_map is None else ()):
             if not (0.0 <= x <= end and road.right_edge - reach <= y <= road.left_edge + reach):
-                what, place = f"The path of vehicle `{item.name}`", f"({x:g}, {y:g}) m"
-                yield Misplaced(what, item.name, "on the map", place)
+                what, position = f"The path of vehicle `{item.name}`", f"({x:g}, {y:g}) m"
+                yield Misplaced(what, item.name, "on the map", position)
     boxes = [("ego", ego, *half_sizes(0.0, ego_body.length, ego_body.width))]
     boxes += [(it.name, it.start, *half_sizes(it.heading, it.length, it.width)) for it in actors]
     for (one, a, long, wide), (two, b, long2, wide2) in itertools.combinations(boxes, 2):

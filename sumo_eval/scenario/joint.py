@@ -229,8 +229,8 @@ def _normal_scores(values: FloatArray) -> FloatArray:
     from scipy.special import ndtri
 
     # equal values have one score: the order of the events must not tie parameters together
-    _, place, times = np.unique(values, return_inverse=True, return_counts=True)
-    return np.asarray(ndtri((np.cumsum(times) - 0.5 * times)[place] / len(values)))
+    _, index, times = np.unique(values, return_inverse=True, return_counts=True)
+    return np.asarray(ndtri((np.cumsum(times) - 0.5 * times)[index] / len(values)))
 
 
 def _marginal(

@@ -79,8 +79,8 @@ class Parameter:
     def from_shares(self, shares: FloatArray) -> FloatArray:
         """Values (n,) at shares 0..1 of the range; listed values divide the shares equally."""
         if self.values:
-            place = np.minimum((shares * len(self.values)).astype(np.intp), len(self.values) - 1)
-            return np.array(self.values, float)[place]
+            index = np.minimum((shares * len(self.values)).astype(np.intp), len(self.values) - 1)
+            return np.array(self.values, float)[index]
         return self.rounded(self.low + shares * (self.high - self.low))
 
     def rounded(self, values: FloatArray) -> FloatArray:

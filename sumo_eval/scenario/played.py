@@ -557,9 +557,9 @@ def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
     act: a `FOLLOW`, whose rows of `table` are the positions of the recorded ego. Its `duration` is
         the time from one position to the next, s.
     """
-    place = min(max(time / act.duration, 0.0), act.count - 1.0)  # of the recording, in positions
-    first = min(int(place), act.count - 2)
-    share = place - first
+    position = min(max(time / act.duration, 0.0), act.count - 1.0)  # of the recording, in positions
+    first = min(int(position), act.count - 2)
+    share = position - first
     one, two = table[act.first + first], table[act.first + first + 1]
     dx = x - (one.one + share * (two.one - one.one))
     dy = y - (one.two + share * (two.two - one.two))
@@ -812,8 +812,8 @@ def players(cases: Sequence[Sequence[Any]]) -> Players:
 
     plays = np.array([_play_of(actor) for actor in actors], PLAY).reshape(shape)
     acts, table, program = (
-        records(kind, [rows[place] for rows in lists])
-        for place, kind in enumerate((ACT, TABLE, PROGRAM))
+        records(kind, [rows[column] for rows in lists])
+        for column, kind in enumerate((ACT, TABLE, PROGRAM))
     )
     # a profile needs one piece for each knot, a change of speed two
     pieces = np.zeros((*shape, table.shape[2] + 2), PIECE)

@@ -50,14 +50,14 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
         for number, actor in enumerate(concrete.actors)
         for index, act in enumerate(actor.acts)
     }
-    keeps = {place for place, act in acts.items() if act.kind == played.KEEP}
+    keeps = {index for index, act in acts.items() if act.kind == played.KEEP}
     # Moves that never end: those that keep the speed, and those that never begin. A move that waits
     # for the end of one of them never begins either: repeat until no more follow.
     endless: set[tuple[int, int]] = set()
     while True:
         never = {
-            place
-            for place, act in acts.items()
+            index
+            for index, act in acts.items()
             if act.program and not _may_hold(act.program, ranges, endless)
         }
         if never | keeps <= endless:

@@ -95,13 +95,13 @@ class StreamTable(Checked):
                 "`speed_spread`", owner, f"below `speed` ({wanted:g} m/s)", self.speed_spread
             )
         draws = np.random.Generator(np.random.PCG64(self.seed)).uniform(-1.0, 1.0, (2, MOST + 1))
-        place = end
+        x = end
         # faster, further: each vehicle's speed and distance within their spreads, -1..1
         for count, (faster, further) in enumerate(draws.T.tolist(), 1):
-            if place < begin:
+            if x < begin:
                 break
             speed = wanted + self.speed_spread * faster
-            start = Start(ego.x + place, road.lane_width * self.lane, speed)
+            start = Start(ego.x + x, road.lane_width * self.lane, speed)
             model = sumo_model(self.model, speed, numbers)
             yield Actor(
                 f"{self.name}_{count}",
@@ -112,7 +112,7 @@ class StreamTable(Checked):
                 body=self.body,
                 model=model,
             )
-            place -= mean * (1.0 + self.spacing_spread * further)
+            x -= mean * (1.0 + self.spacing_spread * further)
 
 
 def sumo_model(name: str, desired: float, numbers: Mapping[str, float]) -> Model:

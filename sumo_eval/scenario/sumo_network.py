@@ -447,8 +447,8 @@ def _move(element: Element, to_axis: RigidMotion) -> None:
         if text := element.get(key):
             element.set(key, _text([to_axis(point) for point in _points(text)]))
     if element.tag == "junction" and element.get("x"):
-        place = to_axis((float(element.get("x", "0")), float(element.get("y", "0"))))
-        for key, value in zip("xy", place, strict=True):
+        position = to_axis((float(element.get("x", "0")), float(element.get("y", "0"))))
+        for key, value in zip("xy", position, strict=True):
             element.set(key, f"{value:.4f}")
 
 

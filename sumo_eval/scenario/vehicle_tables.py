@@ -469,7 +469,7 @@ class VehicleTable(Checked):
         check_vehicle_name(f"a vehicle of {names.where}", self.name)
         what = f"vehicle `{self.name}`"
         owner = capitalised(f"{what} of {names.where}")
-        if sum(place is not None for place in (self.gap, self.gap_behind, self.x)) != 1:
+        if sum(position is not None for position in (self.gap, self.gap_behind, self.x)) != 1:
             raise InputError(f"{owner} must have either gap, gap_behind or x.")
         names.distinct((move.name for move in self.manoeuvre if move.name), "manoeuvre", owner)
         moves = [move.read(what, names, road) for move in self.manoeuvre]

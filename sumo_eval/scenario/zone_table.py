@@ -50,7 +50,7 @@ class ZoneTable(Checked):
     ] = None
 
     def read(
-        self, names: Names, definitions: Definitions, place: Placement, *, searched: bool
+        self, names: Names, definitions: Definitions, placement: Placement, *, searched: bool
     ) -> dict[str, Any]:
         """`margin`, `search` or `approach` of the logical scenario, and its `zone_coordinates`.
 
@@ -81,7 +81,7 @@ class ZoneTable(Checked):
             self._refuse(": what a vehicle does that is played is searched as it is", names.where)
             delay = Value(Formulas.of(definitions, numbers["delay"]))
             return parts | {"search": Search(number, delay, self.conflict)}
-        obstacle = place.vehicles[number]
+        obstacle = placement.vehicles[number]
         if self.gap is None and obstacle.table.gap is None:
             raise InputError(
                 f"[zone] of {names.where} must have a `gap`: vehicle `{self.obstacle}` starts at "
@@ -91,7 +91,7 @@ class ZoneTable(Checked):
             move.numbers["deceleration"] for move in obstacle.moves if move.table.do == "brake"
         ]
         approach = Formulas.of(  # in the order of the fields of `Approach`
-            definitions, place.numbers["speed"], obstacle.numbers["speed"],
+            definitions, placement.numbers["speed"], obstacle.numbers["speed"],
             numbers.get("gap") or obstacle.numbers["gap"], numbers["delay"],
             *(brakes[:1] or [Expression("0.0")]),
             numbers["conflict_begin"],

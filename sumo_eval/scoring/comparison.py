@@ -134,11 +134,11 @@ class Changes:
     def __len__(self) -> int:
         return len(self.kinds)
 
-    def __getitem__(self, place: int) -> ChangedCase:
-        pair, by = int(self.which[place]), float(self.by[place])
-        moved = {name: float(values[place]) for name, values in self.moved.items()}
+    def __getitem__(self, index: int) -> ChangedCase:
+        pair, by = int(self.which[index]), float(self.by[index])
+        moved = {name: float(values[index]) for name, values in self.moved.items()}
         return ChangedCase(
-            _ORDER[int(self.kinds[place])],
+            _ORDER[int(self.kinds[index])],
             self.paired.base[pair],
             self.paired.new[pair],
             None if math.isnan(by) else by,

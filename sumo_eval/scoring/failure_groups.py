@@ -92,7 +92,7 @@ def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGr
                         ads, words[kind], places[members], ranges, alike, int(inside.sum())
                     )
                 )
-    rank = {kind.split()[0]: place for place, kind in enumerate(GRAVEST_FIRST)}
+    rank = {kind.split()[0]: index for index, kind in enumerate(GRAVEST_FIRST)}
     groups.sort(key=lambda it: (rank[it.kind.split()[0]], it.kind, -len(it.places)))
     return groups
 

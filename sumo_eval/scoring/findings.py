@@ -261,10 +261,10 @@ def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
         if not safe.any():
             continue
         people = np.nan_to_num(cases.recorded_drivers[safe])
-        points, place = np.unique(point_numbers([cases])[0][safe], return_inverse=True)
+        points, group = np.unique(point_numbers([cases])[0][safe], return_inverse=True)
         # recorded drivers at each point: the most of its cases, one of each ADS
         most = np.zeros(len(points))
-        np.maximum.at(most, place, np.where(people >= fewest, people, 0.0))
+        np.maximum.at(most, group, np.where(people >= fewest, people, 0.0))
         scenarios.append(
             PeopleBehind(name, len(points), int(np.count_nonzero(most)), int(most.sum()))
         )

@@ -95,20 +95,20 @@ def _files_of(locator: str, source: Path) -> list[Path]:
     files of its folder.
     """
     paths: set[Path] = set()
-    place, colon, _ = locator.rpartition(":")
+    module, colon, _ = locator.rpartition(":")
     if locator.endswith((".toml", ".csv", ".json", ".xml")) or format_of(locator):
         files = [source / locator]
     elif not colon:
         return []  # one that ships
     else:
-        if not place.endswith(".py"):
+        if not module.endswith(".py"):
             spec = None
             # it may lie beside the evaluation, and is looked for there
             with suppress(ImportError, ValueError):
-                spec = importlib.util.find_spec(place)
+                spec = importlib.util.find_spec(module)
             origin = spec.origin if spec is not None else None
-            place = origin or place.replace(".", "/") + ".py"
-        files = [source / place, *(source / place).parent.glob("*.py")]
+            module = origin or module.replace(".", "/") + ".py"
+        files = [source / module, *(source / module).parent.glob("*.py")]
     for file in files:
         _add_with_named(paths, file)
     return sorted(paths)

@@ -290,7 +290,7 @@ def compare_with_people(
 def jackknifed(points: Sequence[int]) -> frozenset[int]:
     """At most `JACKKNIFED` of the points, evenly chosen."""
     places = np.linspace(0, len(points) - 1, min(JACKKNIFED, len(points)))
-    return frozenset(points[round(place)] for place in places)
+    return frozenset(points[round(index)] for index in places)
 
 
 def beside_people(

@@ -371,8 +371,8 @@ def _references_missing(cases: CaseTable) -> Iterator[ReferenceMissing]:
     for reference in ("ideal", "no_reaction"):
         reasons = getattr(cases, f"{reference}_error")
         alike: dict[str, list[int]] = {}
-        for place in np.flatnonzero(reasons != "").tolist():
-            alike.setdefault(without_numbers(str(reasons[place])), []).append(place)
+        for row in np.flatnonzero(reasons != "").tolist():
+            alike.setdefault(without_numbers(str(reasons[row])), []).append(row)
         for first, *more in sorted(alike.values(), key=len, reverse=True):
             yield ReferenceMissing(reference, str(reasons[first]), 1 + len(more), cases[first].case)
 

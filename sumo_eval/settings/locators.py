@@ -26,16 +26,16 @@ def load_object(locator: str, folder: Path | None, kind: str) -> Any:
     folder: where paths start and modules are looked for; None: the current one, and none.
     kind: of the object, for errors, e.g. `ADS`.
     """
-    place, colon, name = locator.rpartition(":")
+    module, colon, name = locator.rpartition(":")
     owner = f"{kind} `{locator}`"
-    if not colon or not place or not name:
+    if not colon or not module or not name:
         raise InputError(f"{owner} must have the form `package.module:name` or `file.py:name`.")
-    load = _load_file if place.endswith(".py") else _load_module
-    value: Any = load(place, folder, owner)
+    load = _load_file if module.endswith(".py") else _load_module
+    value: Any = load(module, folder, owner)
     for part in name.split("."):
         if not hasattr(value, part):
             public = [item for item in dir(value) if not item.startswith("_")]
-            raise InputError(f"{owner}: `{place}` has no `{name}`.{did_you_mean(part, public)}")
+            raise InputError(f"{owner}: `{module}` has no `{name}`.{did_you_mean(part, public)}")
         value = getattr(value, part)
     return value
 
@@ -55,8 +55,8 @@ def _load_module(name: str, folder: Path | None, owner: str) -> ModuleType:
         raise InputError(f"{owner}: importing `{name}` failed: {said(error)}.") from error
 
 
-def _load_file(place: str, folder: Path | None, owner: str) -> ModuleType:
-    path = ((folder or Path()) / place).resolve()
+def _load_file(file: str, folder: Path | None, owner: str) -> ModuleType:
+    path = ((folder or Path()) / file).resolve()
     if not path.exists():
         raise InputError(f"{owner}: there is no file {path}.")
     try:

@@ -121,7 +121,7 @@ def first_values(
 def _evenly(values: Sequence[float]) -> list[float]:
     """At most `VALUES` of the values, evenly spread, both ends among them."""
     places = np.linspace(0, len(values) - 1, min(VALUES, len(values)))
-    return [values[place] for place in np.round(places).astype(int).tolist()]
+    return [values[index] for index in np.round(places).astype(int).tolist()]
 
 
 def moved(

@@ -44,8 +44,8 @@ def checked_command(command: str, folder: Path | None, scheme: str) -> tuple[str
         raise InputError(f"{owner} needs a system with process groups (Linux, macOS).")
     program = words[0]
     # joined as text: a `Path` drops the `./` that keeps `which` from searching
-    place = os.path.join(folder or ".", program) if os.sep in program else program
-    if shutil.which(place, path=search_path()) is None:
+    path = os.path.join(folder or ".", program) if os.sep in program else program
+    if shutil.which(path, path=search_path()) is None:
         raise InputError(f"{owner}: there is no program `{program}` that can be run.")
     return words
 

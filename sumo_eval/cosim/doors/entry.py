@@ -109,10 +109,10 @@ def made_absolute(locator: str, folder: Path) -> str:
             query = re.sub(r"(?<=features=)[^&]+", lambda table: str(folder / table[0]), query)
         return f"{scheme}:{folder / file}{mark}{query}"
     # `path.py:Class`, or `module:Class` of a file in the folder; else of an installed module
-    place, _, name = locator.rpartition(":")
-    if place.isidentifier() and (folder / f"{place}.py").is_file():
-        place = f"{place}.py"
-    return f"{folder / place}:{name}" if place.endswith(".py") else locator
+    module, _, name = locator.rpartition(":")
+    if module.isidentifier() and (folder / f"{module}.py").is_file():
+        module = f"{module}.py"
+    return f"{folder / module}:{name}" if module.endswith(".py") else locator
 
 
 def _value(text: str) -> Any:

@@ -277,8 +277,8 @@ def _reader(name: str) -> _Reader:
         return lambda seen, frame: np.asarray(getattr(getattr(seen, group), rest))
     number, _, value = rest.partition(".")
     if group == "vehicles" and number.isdecimal() and int(number) > 0 and value in _VEHICLE:
-        place = int(number) - 1
-        return lambda seen, frame: _of_vehicle(seen, frame, place, value)
+        index = int(number) - 1
+        return lambda seen, frame: _of_vehicle(seen, frame, index, value)
     raise unknown("feature", name, NAMES)
 
 
@@ -291,17 +291,17 @@ _UNGROUPED: Mapping[str, _Reader] = {
 """Readers of features whose name has no point."""
 
 
-def _of_vehicle(seen: Observations, frame: str, place: int, what: str) -> Floats:
+def _of_vehicle(seen: Observations, frame: str, index: int, what: str) -> Floats:
     """A value of one vehicle of each case, (n,); nan where there is none.
 
-    place: 0 for the nearest vehicle along the road, 1 for the next.
+    index: 0 for the nearest vehicle along the road, 1 for the next.
     what: name of the value, one of `_VEHICLE`.
     """
     nearest = seen.nearest
-    if place >= nearest.shape[1]:
+    if index >= nearest.shape[1]:
         return np.full(len(nearest), 0.0 if what == "present" else np.nan)
     vehicles, ego = seen.vehicles, seen.ego
-    at = np.arange(len(nearest)), nearest[:, place]  # row and column of the vehicle in each case
+    at = np.arange(len(nearest)), nearest[:, index]  # row and column of the vehicle in each case
     exists = np.isfinite(vehicles.gap[at])
     if what == "present":
         return np.asarray(exists, float)

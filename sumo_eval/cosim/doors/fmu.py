@@ -248,9 +248,9 @@ class _Fmu:
         for what in lists:
             name = wiring.outputs.get(what, what)
             places = sorted(  # (2, variable `NAME[2]`)
-                (int(place), variable)
+                (int(index), variable)
                 for full, variable in self._variables.items()
-                if full.startswith(f"{name}[") and (place := full[len(name) + 1 : -1]).isdecimal()
+                if full.startswith(f"{name}[") and (index := full[len(name) + 1 : -1]).isdecimal()
             )
             if name in self._variables:
                 wired[what] = [self._variable(name, "outputs")]
@@ -269,7 +269,7 @@ class _Fmu:
         Places of an array count from 0. A variable that is itself called `name[2]` comes first.
         """
         plain, bracket, rest = name.partition("[")
-        place = rest.rstrip("]")
+        index = rest.rstrip("]")
         variable = self._variable(name if name in self._variables else plain, "outputs")
         if variable.type in _TEXTS:
             raise must_be(
@@ -285,14 +285,14 @@ class _Fmu:
                 )
             return variable, 0
         size = _count(variable) or 1
-        if not place.isdecimal() or int(place) >= size:
+        if not index.isdecimal() or int(index) >= size:
             raise must_be(
                 f"The output `{name}`",
                 f"FMU `{self.path.name}`",
                 f"within its {size} values",
-                place,
+                index,
             )
-        return variable, int(place)
+        return variable, int(index)
 
     def load(self) -> None:
         """Load the library and make an instance."""
@@ -326,8 +326,8 @@ class _Fmu:
         """The outputs of these names, all of them finite."""
         outputs = {}
         for what in names:
-            variable, place = self._outputs[what]
-            outputs[what] = float(self._values([variable])[place]) * self._factor(variable)
+            variable, index = self._outputs[what]
+            outputs[what] = float(self._values([variable])[index]) * self._factor(variable)
         if not all(map(math.isfinite, outputs.values())):
             raise ControllerError(f"FMU `{self.path.name}` must give finite numbers, got {outputs}")
         return outputs
@@ -559,10 +559,10 @@ class FmuPlant:
             raise SimulationError(f"The vehicle model: {error}.") from error
         self._time += step
         offset, turn = self._offset
-        place = _turned(outputs, turn) + offset
+        position = _turned(outputs, turn) + offset
         return EgoState(
-            x=place.real,
-            y=place.imag,
+            x=position.real,
+            y=position.imag,
             heading=outputs["heading"] + turn,
             speed=outputs["speed"],
             acceleration=outputs.get("acceleration", (outputs["speed"] - state.speed) / step),

@@ -131,8 +131,8 @@ def breach(
     """The meaningless part of a call that writes to `name`; None: there is none."""
     names = ARGUMENTS.get(domain, {}).get(call, ())
     given = {
-        names[place] if place < len(names) else f"argument {place + 2}": each
-        for place, each in enumerate(args)
+        names[index] if index < len(names) else f"argument {index + 2}": each
+        for index, each in enumerate(args)
     }
     given |= kwargs
     for argument, value in given.items():
@@ -184,12 +184,14 @@ def _no_such_lane(call: str, name: str, given: Mapping[str, object]) -> Breach |
             if current >= 0:
                 return _no_such_index("indexOffset", given, -current, _lanes(name) - 1 - current)
         if call == "moveTo" and isinstance(given.get("laneID"), str):
-            lane, place = str(given["laneID"]), finite_number(given.get("pos"), truth=True)
+            lane, position = str(given["laneID"]), finite_number(given.get("pos"), truth=True)
             if lane not in libsumo.lane.getIDList():
                 return Breach("laneID", lane, "the id of a lane of the network")
             length = libsumo.lane.getLength(lane)
-            if place is not None and not 0.0 <= place <= length:
-                return Breach("pos", place, f"within 0..{length:g} m, the length of lane `{lane}`")
+            if position is not None and not 0.0 <= position <= length:
+                return Breach(
+                    "pos", position, f"within 0..{length:g} m, the length of lane `{lane}`"
+                )
     except libsumo.TraCIException:  # an unknown name: the call itself reports it
         return None
     return None

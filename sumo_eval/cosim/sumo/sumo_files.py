@@ -167,8 +167,8 @@ def network_xml(road: Road) -> str:
         node: _joints(*pair) for node, *pair in zip(nodes[1:-1], parts, parts[1:], strict=False)
     }
     junctions = [
-        _junction(road, name, place, edges, len(joints.get(name, ())))
-        for name, place in positions.items()
+        _junction(road, name, position, edges, len(joints.get(name, ())))
+        for name, position in positions.items()
     ]
     connections = [
         E.connection({"from": edge, "to": next_edge, "fromLane": str(lane),
@@ -233,15 +233,15 @@ def _lane(road: Road, name: str, index: int, length: float, width: float, shape:
 
 
 def _junction(
-    road: Road, name: str, place: tuple[float, float], edges: Sequence[Any], links: int
+    road: Road, name: str, position: tuple[float, float], edges: Sequence[Any], links: int
 ) -> Any:
     """A node of the network: a line across the road where edges end.
 
-    place: x and y, m.
+    position: x and y, m.
     edges: all of the network.
     links: number of lanes that continue; none of them gives way to another.
     """
-    x, y = _place(road, *place).split(",")
+    x, y = _place(road, *position).split(",")
     no_link = "0" * links  # a bit for each
     borders = [road.right_edge, road.left_edge]
     if name == "begin":  # the shape goes from left to right there
@@ -251,7 +251,7 @@ def _junction(
         id=name, type="priority" if links else "dead_end", x=x, y=y,
         incLanes=" ".join(lane.get("id") for it in edges if it.get("to") == name for lane in it),
         intLanes="",
-        shape=" ".join(_place(road, place[0], border) for border in borders),
+        shape=" ".join(_place(road, position[0], border) for border in borders),
     )  # fmt: skip
 
 

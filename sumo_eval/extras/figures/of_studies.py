@@ -41,9 +41,9 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
         )
     scenarios = list(dict.fromkeys(value.scenario for value in values))
     all_ads = list(dict.fromkeys(value.ads for value in values))
-    place = scenarios[0] if scenario is None else scenario
+    chosen = scenarios[0] if scenario is None else scenario
     names = all_ads if ads is None else [ads]
-    check_known("scenario", scenarios, place)
+    check_known("scenario", scenarios, chosen)
     check_known("ADS", all_ads, *names)
 
     number_of = {night.night: number for number, night in enumerate(nights)}  # x of each night
@@ -54,7 +54,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
             continue
         marks = []
         for name in names:
-            own = [v for v in values if (v.ads, v.scenario, v.quantity) == (name, place, quantity)]
+            own = [v for v in values if (v.ads, v.scenario, v.quantity) == (name, chosen, quantity)]
             x = [number_of[value.night] for value in own]
             y = np.array([value.value for value in own], float)  # None becomes nan
             # with `all_ads` an ADS looks the same alone and among the rest
@@ -65,7 +65,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
     panels[-1] = replace(panels[-1], x="night (grey: one that failed)")
 
     height = 0.35 if width == "column" else 0.17  # of a panel, as a share of its width
-    figure = on_paper(panels, width, height, words=place.replace("_", " "))
+    figure = on_paper(panels, width, height, words=chosen.replace("_", " "))
     dates = [night.night[:10] for night in nights]
     for ax in figure.axes:
         ax.set_xticks(range(len(nights)), dates, rotation=45, ha="right")

@@ -162,8 +162,8 @@ def look_of(ads: str, names: Sequence[str]) -> tuple[str, str, Any]:
 
     names: of all ADSs, among which it must be told apart.
     """
-    place = list(names).index(ads) % len(COLOURS)
-    return COLOURS[place], MARKERS[place], LINES[place]
+    index = list(names).index(ads) % len(COLOURS)
+    return COLOURS[index], MARKERS[index], LINES[index]
 
 
 def label(name: str, unit: str) -> str:

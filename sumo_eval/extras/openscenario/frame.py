@@ -151,17 +151,17 @@ def _turning(ego: Entity, road: MapRoad, width: float, network: str, course: Map
     """
     spot = ego.placed()
     origin = road.pose(0.0, spot.t)
-    place = spot.pose.seen_from(origin)
-    if road.bent or abs(place.y) > ON or abs(place.heading) > SAME:
+    pose = spot.pose.seen_from(origin)
+    if road.bent or abs(pose.y) > ON or abs(pose.heading) > SAME:
         raise ego.element.fault("an ego that turns must begin along a straight road")
     if ego.offset != 0.0:
         raise ego.element.fault("the body of an ego that turns must lie over its axle's middle")
     line = course.pieces
-    if place.x > ON:
+    if pose.x > ON:
         # a straight piece leads from the road's beginning to the path, which may begin straight
         first, *rest = line
         straight = not bends([first])
-        lead = Piece(place.x + first.length if straight else place.x)
+        lead = Piece(pose.x + first.length if straight else pose.x)
         line = (lead, *(rest if straight else line))
     name = f"{network}_{road.name}_turn_{tightest(line):g}m"
     return Frame(origin, line, 1, width, length_of(line), name, spot.t, road.name, turns=True)

@@ -374,7 +374,7 @@ class Places:
         begin, total = self.spot(first), length_of(pieces)
         x, y, _ = map_places(pieces, np.linspace(0.0, total, math.ceil(total / _FINE) + 1), 0.0)
         points = tuple(
-            begin.pose.moved(*place)[:2] for place in zip(x.tolist(), y.tolist(), strict=True)
+            begin.pose.moved(*point)[:2] for point in zip(x.tolist(), y.tolist(), strict=True)
         )
         return MapPath(points, (), begin, pieces)
 

@@ -99,7 +99,7 @@ def read(text: object) -> dict[str, Any]:
         return dict(_MESSAGE.validate_python(value))
     except ValidationError as error:
         fault = error.errors()[0]
-        place = clean(".".join(map(str, fault["loc"])), 40)
+        key = clean(".".join(map(str, fault["loc"])), 40)
         raise MessageError(
-            f"A message must be one of the page's; `{place}`: {fault['msg']}."
+            f"A message must be one of the page's; `{key}`: {fault['msg']}."
         ) from None

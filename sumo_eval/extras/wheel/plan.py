@@ -118,7 +118,7 @@ class StudyPlan(NamedTuple):
     def order(self, number: int) -> list[StudyCase]:
         """The cases in the order in which participant `number` (0, 1, ...) drives them."""
         rows = balanced_orders(len(self.cases))
-        return [self.cases[place] for place in rows[number % len(rows)]]
+        return [self.cases[index] for index in rows[number % len(rows)]]
 
     def ratings(self, code: str) -> list[tuple[StudyCase, str]]:
         """The replays that a participant rates, in a random order of their own: case and ADS."""
@@ -130,8 +130,8 @@ class StudyPlan(NamedTuple):
                     if case.concrete.scenario == scenario and ads in case.ads]  # fmt: skip
                 # in the order of the cases: a participant who continues gets the same replays
                 chosen = draw.permutation(len(driven))[: self.settings.replays]
-                replays += [(driven[place], ads) for place in sorted(chosen)]
-        return [replays[place] for place in draw.permutation(len(replays))]
+                replays += [(driven[index], ads) for index in sorted(chosen)]
+        return [replays[index] for index in draw.permutation(len(replays))]
 
 
 def balanced_orders(n: int) -> list[list[int]]:
@@ -143,7 +143,7 @@ def balanced_orders(n: int) -> list[list[int]]:
     """
     # 0, 1, -1, 2, -2, ...
     first = [step // 2 + 1 if step % 2 else -(step // 2) for step in range(n)]
-    rows = [[(place + shift) % n for place in first] for shift in range(n)]
+    rows = [[(index + shift) % n for index in first] for shift in range(n)]
     return rows if n % 2 == 0 else rows + [row[::-1] for row in rows]
 
 
@@ -168,7 +168,7 @@ def read_study(path: Path) -> StudyPlan:
     safe = [key for key in drives if key in safe_keys]
     count = min(settings.count, len(safe))
     # evenly over the list: some of every scenario
-    keys = settings.cases or [safe[place * len(safe) // count] for place in range(count)]
+    keys = settings.cases or [safe[index * len(safe) // count] for index in range(count)]
     check_known("ADS of the run", names, *settings.ads)
     check_known("case of the run", drives, *keys)
     if len(set(keys)) < len(keys):

@@ -171,17 +171,17 @@ async def steps_of(window: Window, plan: StudyPlan, person: Participant) -> str:
     if not await practised(window, plan, person):
         return "practice not passed"
     count = len(plan.cases)
-    for place, case in enumerate(plan.order(person.number)):
+    for number, case in enumerate(plan.order(person.number)):
         if f"drive:{case.key}" in person.done:
             continue
-        if place and place % plan.settings.break_after == 0:
-            done = f"{place} of {count} drives are done. Continue when you like."
+        if number and number % plan.settings.break_after == 0:
+            done = f"{number} of {count} drives are done. Continue when you like."
             await asked_of(window, sheet("Time for a break", done, buttons=[CONTINUE]))
-        await own_drive(window, plan, person, case, f"Drive {place + 1} of {count}")
+        await own_drive(window, plan, person, case, f"Drive {number + 1} of {count}")
     replays = plan.ratings(person.code)
-    for place, (case, ads) in enumerate(replays):
+    for number, (case, ads) in enumerate(replays):
         if f"rate:{case.key}:{ads}" not in person.done:
-            title = f"Drive {place + 1} of {len(replays)} to rate"
+            title = f"Drive {number + 1} of {len(replays)} to rate"
             await rate(window, plan, person, case, ads, title)
     if "done" not in person.done:
         person.finish("done")

@@ -150,20 +150,20 @@ def spans_of(
         for key, possible in (
             ("ramp_until", table.begin is None), ("ramp_from", table.end is None)
         ):  # fmt: skip
-            place = getattr(table, key)
-            if place is None:
+            x = getattr(table, key)
+            if x is None:
                 continue
             if not possible:
                 side = "begins with" if key == "ramp_until" else "continues to the end of"
                 raise InputError(
                     f"{capitalised(owner)} has a `{key}`, so it must be one that {side} the road."
                 )
-            if not first < place < min(end, length):
+            if not first < x < min(end, length):
                 raise must_be(
                     f"`{key}`",
                     owner,
                     f"within {first:g}..{min(end, length):g} m, where the lane is",
-                    place,
+                    x,
                 )
         until = -math.inf if table.ramp_until is None else table.ramp_until
         onwards = math.inf if table.ramp_from is None else table.ramp_from

@@ -167,10 +167,10 @@ def reference_line(road: Element, owner: str) -> tuple[Line, Pose]:
     pieces: list[Piece] = []
     begin = None
     for geometry in road.iterfind("planView/geometry"):
-        place = Pose(*(_number(geometry, name, owner) for name in ("x", "y", "hdg")))
+        pose = Pose(*(_number(geometry, name, owner) for name in ("x", "y", "hdg")))
         if begin is None:
-            begin = place
-        _check_joint(pieces, begin, place, owner)
+            begin = pose
+        _check_joint(pieces, begin, pose, owner)
         # an empty <geometry> stands for its shape, and is refused below as none that is supported
         shape = next(geometry.iterfind("*"), geometry)
         kind = str(shape.tag)
@@ -202,10 +202,10 @@ def _cubic(shape: Element, length: float, owner: str) -> Cubic:
     return Cubic(along, left, kinds[kind])
 
 
-def _check_joint(pieces: list[Piece], begin: Pose, place: Pose, owner: str) -> None:
+def _check_joint(pieces: list[Piece], begin: Pose, pose: Pose, owner: str) -> None:
     """Each geometry must begin where the ones before it end."""
     s = length_of(pieces)
-    off, what = begin.along(pieces, s).off(place), f"The <geometry> at s = {s:g}"
+    off, what = begin.along(pieces, s).off(pose), f"The <geometry> at s = {s:g}"
     _check_near(what, owner, "where the one before it ends", *off)
 
 

@@ -57,8 +57,8 @@ def line_of(
     Raises InputError for one that cannot be driven.
     """
     pieces = []
-    for place, table in enumerate(tables, 1):
-        owner = f"piece {place} of the road of {where}"
+    for index, table in enumerate(tables, 1):
+        owner = f"piece {index} of the road of {where}"
         ends = table.begin_radius, table.end_radius
         if table.radius is not None:
             if ends != (None, None):

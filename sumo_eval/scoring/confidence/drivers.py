@@ -137,9 +137,9 @@ def exchanges(
         _overtakes(index, seed, settings.population) for index in range(settings.count)
     )
     rounded_up = overtakers > settings.count * settings.population.overtake_share
-    leave = [place for place, group in enumerate(groups) if group == rounded_up]
-    stay = [place for place, group in enumerate(groups) if group != rounded_up]
-    return tuple((place, stay[turn % len(stay)]) for turn, place in enumerate(leave))
+    leave = [index for index, group in enumerate(groups) if group == rounded_up]
+    stay = [index for index, group in enumerate(groups) if group != rounded_up]
+    return tuple((index, stay[turn % len(stay)]) for turn, index in enumerate(leave))
 
 
 def stratified_deviations(

@@ -19,7 +19,7 @@ ORDER = 2  # the harness is the first client
 
 # without this folder and this module, the import finds the library, and leaves it in
 # `sys.modules`, from where the script's own `import traci` takes it
-sys.path[:] = [place for place in sys.path if os.path.abspath(place) != HERE]
+sys.path[:] = [folder for folder in sys.path if os.path.abspath(folder) != HERE]
 del sys.modules["traci"]
 real = importlib.import_module("traci")
 main = importlib.import_module("traci.main")

@@ -35,7 +35,7 @@ def read_tables(path: Path, *columns: Sequence[str]) -> list[pd.DataFrame]:
     require(stem != path.name, path, "must be called NN_tracks.csv, beside its NN_tracksMeta.csv")
     names = "tracks", "tracksMeta", "recordingMeta"
     paths = [path.with_name(f"{stem}_{name}.csv") for name in names]
-    tables = [read_table(place, needed) for place, needed in zip(paths, columns, strict=True)]
+    tables = [read_table(file, needed) for file, needed in zip(paths, columns, strict=True)]
     # all needed columns, and lonAcceleration if it is there
     checked_numbers(tables[0], sorted({"lonAcceleration", *columns[0]} & {*tables[0]}), path)
     key = columns[1][0]

@@ -233,10 +233,10 @@ def closed_forms() -> Rows:
 # --- equations ------------------------------------------------------------------------------------
 
 
-def _field(*place: float) -> float:
+def _field(*point: float) -> float:
     """Field strength at (x, y), m, of a single sample: a vehicle at (0, 0), at 20 m/s along x."""
     return float(
-        trajectory_field([place], Trajectory([0.0], [0.0], [0.0], heading=[0.0], speed=[20.0]))[0]
+        trajectory_field([point], Trajectory([0.0], [0.0], [0.0], heading=[0.0], speed=[20.0]))[0]
     )
 
 
