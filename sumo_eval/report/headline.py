@@ -67,18 +67,9 @@ def alarms(counts: Behaviour) -> list[str]:
         (counts.departures, f"left the road in {count(counts.departures, 'case')}"),
         (counts.gave_up, f"gave up {count(counts.gave_up, 'case')}"),
         (counts.avoidable, count(counts.avoidable, "avoidable collision")),
-        (
-            counts.stands,
-            f"stands in {count(counts.stands, 'safe case')} where drivers drive on",
-        ),
-        (
-            counts.slower,
-            f"slower than the slowest driver in {count(counts.slower, 'safe case')}",
-        ),
-        (
-            counts.not_evaluated,
-            f"{count(counts.not_evaluated, 'case')} not evaluated{given_up}",
-        ),
+        (counts.stands, f"stands in {count(counts.stands, 'safe case')} where drivers drive on"),
+        (counts.slower, f"slower than the slowest driver in {count(counts.slower, 'safe case')}"),
+        (counts.not_evaluated, f"{count(counts.not_evaluated, 'case')} not evaluated{given_up}"),
     )
     return [words for number_of, words in causes if number_of]
 

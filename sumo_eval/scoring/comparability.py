@@ -43,14 +43,14 @@ class Difference(NamedTuple):
 
 def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
     """Everything that differs except the ADSs' behaviour; deciding differences first."""
-    differences = []
+    items = []
     # both runs have the same parts, in the same order
     for (decides, old), (_, now) in zip(_parts(base), _parts(new), strict=True):
         for key in old | now:
             before, after = old.get(key, ABSENT), now.get(key, ABSENT)
             if before != after:
-                differences.append(Difference(key, before, after, decides))
-    return tuple(sorted(differences, key=lambda item: not item.decides))
+                items.append(Difference(key, before, after, decides))
+    return tuple(sorted(items, key=lambda item: not item.decides))
 
 
 def refuse_unless_comparable(differing: tuple[Difference, ...]) -> None:
