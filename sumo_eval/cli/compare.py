@@ -65,7 +65,7 @@ def compare(
     from sumo_eval.report.assessed import write_assessed_report
     from sumo_eval.report.gate_result import failed
     from sumo_eval.report.junit import comparison_suites, write_junit
-    from sumo_eval.report.sections import Beside
+    from sumo_eval.report.sections import Additions
     from sumo_eval.report.terminal import comparison_lines
     from sumo_eval.scoring.comparison import compare as compare_runs
     from sumo_eval.scoring.gate_settings import read_gate
@@ -87,9 +87,9 @@ def compare(
     if page is not None:
         from sumo_eval.report.html import write_comparison
 
-        tell(f"The page is {write_comparison(after, Beside(comparison, gates), page)}")
+        tell(f"The page is {write_comparison(after, Additions(comparison, gates), page)}")
     if with_report:
-        tell(f"The report is {write_assessed_report(after, Beside(comparison, gates))}")
+        tell(f"The report is {write_assessed_report(after, Additions(comparison, gates))}")
     leave(after, GATE_FAILED if failed(gates) else DONE)
 
 

@@ -54,7 +54,7 @@ class Actuation:
         return True
 
     def pass_on(
-        self, commands: NDArray[np.void], cases: Any, now: int, *, given: bool = True
+        self, commands: NDArray[np.void], cases: Any, now: int, *, has_new: bool = True
     ) -> None:
         """Replace commands of cases, (n,), by those that arrive in step `now`.
 
@@ -62,11 +62,11 @@ class Actuation:
             array then holds the last ones by itself.
         cases: their indices.
         now: number of the step.
-        given: whether there are new commands; else the last ones hold.
+        has_new: whether there are new commands; else the last ones hold.
         """
         slots = len(self._given)  # of the ring: the longest delay in steps, and the present step
         if slots == 1 and self.budget == math.inf:
             return
-        new = commands if given else self._given[(now - 1) % slots, cases]
+        new = commands if has_new else self._given[(now - 1) % slots, cases]
         self._given[now % slots, cases] = new
         commands[:] = self._given[(now - self._steps[cases]) % slots, cases]

@@ -138,7 +138,7 @@ class EgoControl:
             commands hold.
         """
         self.actuation.pass_on(
-            world.egos["command"], world.rows, world.steps, given=not self.actuation.late(took)
+            world.egos["command"], world.rows, world.steps, has_new=not self.actuation.late(took)
         )
         if self._terms.plant is not None:
             advance_plant(self._terms.plant, world, Command(*world.egos["command"][0].tolist()))
@@ -239,7 +239,7 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
                 if stage.compares(world.steps):
                     stage.compare(world)
             except stage.traci.TraCIException as error:
-                if not stage.asked:  # no ADS may ask SUMO
+                if not stage.ads_asks:  # no ADS may ask SUMO
                     raise
                 raise ControllerError(  # the ADS has removed a vehicle by TraCI
                     f"After the ADS's step at {world.time:.2f} s SUMO cannot move the ego: "
@@ -386,13 +386,13 @@ class Rules(EgoControl):
 
     def step(self, world: World, time: float) -> None:
         """Call the kernel once for all rows."""
-        asked = clock.perf_counter()
+        started = clock.perf_counter()
         arguments = (world.egos, world.seen, *self._arrays, world.scenario, time)
         # machine code is for arrays of one layout: find it again after `World.keep` replaced them
         if self._egos is not world.egos:
             self._code, self._egos = bound(self._loop, *arguments), world.egos
         self._code(*arguments)
-        took = (clock.perf_counter() - asked) / world.going
+        took = (clock.perf_counter() - started) / world.going
         world.latencies.shared.append(took)
         self._pass_on(world, took)
 
@@ -586,7 +586,7 @@ class OneEach(Policies):
         for row in world.live.tolist() if len(egos) > 1 else (0,):
             case = int(world.rows[row])
             policy, executor = self._ads[case], self._executors[case]
-            asked = wall_time()
+            started = wall_time()
             try:
                 if world.steps % terms.every:  # between two calls
                     command = executor.command(None, egos[row], time)
@@ -606,10 +606,10 @@ class OneEach(Policies):
                 else:
                     # None: the plan that is in force still holds
                     wanted = None if action is None and executor.holds_plan else as_command(action)
-                    late = self.actuation.late(wall_time() - asked)
+                    late = self.actuation.late(wall_time() - started)
                     command = executor.command(wanted, egos[row], time, late=late)
                     answer = command.acceleration, command.steering
-                took = wall_time() - asked
+                took = wall_time() - started
                 if took > terms.step_timeout:
                     raise ControllerTimeoutError(
                         f"The ADS must answer within {terms.step_timeout:g} s, took longer"
@@ -617,7 +617,7 @@ class OneEach(Policies):
             except KeyboardInterrupt:
                 raise
             except BaseException as error:  # noqa: BLE001 - passed to `_fail`
-                world.latencies.own[case].append(wall_time() - asked)
+                world.latencies.own[case].append(wall_time() - started)
                 self._fail(world, [row], error, f"at {time:.2f} s", policy.target)
                 continue
             world.latencies.own[case].append(took)
@@ -683,10 +683,10 @@ class OverArrays(Policies):
             time, world.cases[0].road, world.rows[live], world.egos[live], world.seen[live],
             world.others[live], world.cases,
         )  # fmt: skip
-        asked = clock.perf_counter()
+        started = clock.perf_counter()
         if not self._call(world, f"at {time:.2f} s", self._command, world, live, seen):
             return
-        took = (clock.perf_counter() - asked) / len(live)
+        took = (clock.perf_counter() - started) / len(live)
         world.latencies.shared.append(took)
         self._pass_on(world, took)
 
@@ -706,10 +706,10 @@ class OverArrays(Policies):
         self._commands[live, : answer.shape[1]] = answer
 
     def _answer(self, seen: Observations, rows: int) -> FloatArray:
-        asked = clock.perf_counter()
+        started = clock.perf_counter()
         try:
             answer = np.asarray(self._policy.act(seen), float)
-            overdue = clock.perf_counter() - asked > self._terms.step_timeout * rows
+            overdue = clock.perf_counter() - started > self._terms.step_timeout * rows
         except ControllerTimeoutError:  # raised by the watch over the process
             overdue = True
         if overdue:

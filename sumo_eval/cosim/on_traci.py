@@ -262,17 +262,17 @@ class _Hook:
 
         Calls by which the ADS lets SUMO move it are not delayed: a note records that.
         """
-        due, given = self._mine["command"], command is not None
+        due, has_new = self._mine["command"], command is not None
         if command is not None:
             due[0] = command.acceleration, command.steering
         elif took is not None:
             world.note(self._case, "actuation_not_delayed", self._delay, 0.0)
-        self._driver.actuation.pass_on(due, [self._case], world.steps, given=given)
-        return Command(*due[0].tolist()) if given else None
+        self._driver.actuation.pass_on(due, [self._case], world.steps, has_new=has_new)
+        return Command(*due[0].tolist()) if has_new else None
 
     def _ask(self, time: float) -> tuple[Command | None, float]:
         """The answer of the ADS as a command, after its listeners, and its wall time, s."""
-        answer, asked = None, perf_counter()
+        answer, started = None, perf_counter()
         GUARD.moved = False
         try:
             if not GUARD.shared:
@@ -283,7 +283,7 @@ class _Hook:
         except BaseException as error:  # noqa: BLE001 - `_blamed` raises it, put in words
             self._blamed(error, f"at {time:.2f} s", time)
         finally:
-            took = perf_counter() - asked
+            took = perf_counter() - started
             if self.waits:
                 took += self.ads.took  # type: ignore[attr-defined]
             self._latencies.append(took)

@@ -147,8 +147,9 @@ def _gone(span: LaneSpan, begin: float, end: float) -> tuple[float, float]:
     """
     # at either end the lane's edge may turn or jump: take the share just inside, and round it
     inside = 1e-6 * (end - begin)
-    positions = begin + inside, end - inside
-    return tuple(float(missing_at(span, x).round(5)) for x in positions)  # type: ignore[return-value]
+    return tuple(
+        float(missing_at(span, position).round(5)) for position in (begin + inside, end - inside)
+    )  # type: ignore[return-value]
 
 
 def _crossing(road: Road, crossing: Crossing, number: int) -> Any:

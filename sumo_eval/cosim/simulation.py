@@ -143,7 +143,7 @@ def simulate(
     try:
         with _opened(concrete, settings, ads, step_timeout, on_traci) as traci, seen_as_traci():
             stage = Traffic if world.reacts else Stage
-            drive(world, driver, stage(traci, world, asked=not is_rule, as_read=on_traci))
+            drive(world, driver, stage(traci, world, ads_asks=not is_rule, as_read=on_traci))
     # raised while the simulation is opened: `drive` turns its own errors into end reasons
     except (ControllerError, SimulationError) as error:
         break_off(world, error)
@@ -570,20 +570,20 @@ def _together(
 ) -> list[Recording | Alone]:
     """The recording of each case, or why it has to be driven alone."""
     began = clock.perf_counter()
-    asks = isinstance(driver, OnTraci)
+    ads_asks = isinstance(driver, OnTraci)
     texts = (
-        shared_network_xml(cases, asked=asks),
-        shared_routes_xml(cases, settings, asked=asks),
+        shared_network_xml(cases, ads_asks=ads_asks),
+        shared_routes_xml(cases, settings, ads_asks=ads_asks),
     )
     try:
-        world = World(cases, settings, SUMO if asks else MODEL)
+        world = World(cases, settings, SUMO if ads_asks else MODEL)
         with (
             running(*texts, settings, collisions="none") as traci,
-            sharing() if asks else seen_as_traci(_Refused("traci")),
+            sharing() if ads_asks else seen_as_traci(_Refused("traci")),
             _rare_garbage_collection(),
         ):
             stage = Traffic if world.reacts else Stage
-            drive(world, driver, stage(traci, world, asked=asks, as_read=asks))
+            drive(world, driver, stage(traci, world, ads_asks=ads_asks, as_read=ads_asks))
     # any error: the cases can still be driven alone. The log gets the traceback
     except Exception as error:  # noqa: BLE001
         _LOG.error(

@@ -53,19 +53,19 @@ def joined(egos: Any, others: Any, name: str) -> FloatArray:
 class Stage:
     """The running simulation of the cases of a world.
 
-    asked: an ADS may ask SUMO, which receives everything at every step.
+    ads_asks: an ADS may ask SUMO, which receives everything at every step.
     as_read: the actors are as SUMO shows them in every respect, whatever their scripts say.
     """
 
     tolerance = 1e-3  # m, between the vehicle model and SUMO
 
     def __init__(
-        self, traci: Any, world: World, *, asked: bool = False, as_read: bool = False
+        self, traci: Any, world: World, *, ads_asks: bool = False, as_read: bool = False
     ) -> None:
-        self.traci, self.asked, self.as_read = traci, asked, as_read
+        self.traci, self.ads_asks, self.as_read = traci, ads_asks, as_read
         self.calls = vehicles(traci)
         self.step = simulation_step(traci)
-        self.names = vehicle_names(world.cases, asked=asked)
+        self.names = vehicle_names(world.cases, ads_asks=ads_asks)
         count, road = len(world.cases), world.cases[0].road
         self._alone = count == 1
         self._bent, self._road, self._step = road.bent, road, world.settings.step
@@ -79,7 +79,7 @@ class Stage:
         finds_lane = road.network is not None or as_read
         any_edge = finds_lane and self._alone
         self._edges = [
-            "" if any_edge else edge_name(case, count, asked=asked) for case in range(count)
+            "" if any_edge else edge_name(case, count, ads_asks=ads_asks) for case in range(count)
         ]
         self._lane = -1 if finds_lane else 0  # -1: SUMO looks for it
         # `keepRoute` of moveToXY
@@ -137,7 +137,7 @@ class Stage:
 
     def sends(self, steps: int) -> bool:
         """Whether SUMO receives the vehicles in the step after `steps`; else it receives none."""
-        return self.asked or self.compares(steps)
+        return self.ads_asks or self.compares(steps)
 
     def compares(self, steps: int) -> bool:
         """Whether SUMO and the world are compared in the step after `steps`: in the first and every
@@ -357,7 +357,7 @@ class Stage:
         """
         actors = world.cases[world.case_of(row)].actors
         who = f"vehicle `{actors[vehicle - 1].name}`" if vehicle else "the ego"
-        moved = self.asked and self._alone and GUARD.moved and not vehicle
+        moved = self.ads_asks and self._alone and GUARD.moved and not vehicle
         world.fail(row, "ads_error" if moved else "sim_error", f"SUMO {words.format(who)}")
 
     def remove(self, world: World, row: int) -> None:

@@ -39,8 +39,8 @@ _ITS_OWN_SPEED_MODE = 31  # SUMO's default: as its model says
 class Traffic(Stage):
     """The running simulation of the cases of a world in which vehicles react.
 
-    asked, as_read: as of a `Stage`. With `as_read` SUMO receives positions on the map, as a TraCI
-        program puts them, and there are no shadows.
+    ads_asks, as_read: as of a `Stage`. With `as_read` SUMO receives positions on the map, as a
+        TraCI program puts them, and there are no shadows.
     """
 
     # m by which SUMO's position may differ after a step: SUMO moves by the mean of both speeds

@@ -49,7 +49,7 @@ from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.explain import known_case
 from sumo_eval.report.gate_result import failed
 from sumo_eval.report.junit import JUNIT, comparison_suites, run_suites, write_junit
-from sumo_eval.report.sections import Beside
+from sumo_eval.report.sections import Additions
 from sumo_eval.report.summary import first_case
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.verdict import verdict
@@ -151,20 +151,19 @@ def _write_results(
         {**comparison_suites(comparison, gates), **run_suites(evaluation)},
         evaluation.folder / JUNIT,
     )
-    beside = Beside(
+    additions = Additions(
         comparison,
         gates,
         {limit: start.words for limit, start in judged.since.items()},
         tuple(notes),
     )
-    return write_assessed_report(
-        evaluation, beside._replace(levers=_levers(evaluation, beside, progress)), progress=progress
-    )
+    additions = additions._replace(levers=_levers(evaluation, additions, progress))
+    return write_assessed_report(evaluation, additions, progress=progress)
 
 
-def _levers(evaluation: Evaluation, beside: Beside, progress: Progress) -> CaseLevers | None:
+def _levers(evaluation: Evaluation, additions: Additions, progress: Progress) -> CaseLevers | None:
     """The levers of the case to look at first; None where it has no contact."""
-    case = first_case(evaluation, beside)
+    case = first_case(evaluation, additions)
     fact = known_case(evaluation.folder, case) if case else None
     if fact is None or fact.collision is None:
         return None

@@ -18,11 +18,11 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scoring.fingerprint import sources
 
 if TYPE_CHECKING:
-    from sumo_eval.report.sections import Beside
+    from sumo_eval.report.sections import Additions
 
 
 def write_assessed_report(
-    evaluation: Evaluation, beside: Beside | None = None, *, progress: Progress = quiet
+    evaluation: Evaluation, additions: Additions | None = None, *, progress: Progress = quiet
 ) -> Path:
     """Write `confidence.json` and `report.html` into the evaluation's folder; the report's path.
 
@@ -30,20 +30,20 @@ def write_assessed_report(
     changed since.
     """
     path, data = evaluation.folder / REPORT, evaluation.folder / CONFIDENCE
-    key = _key(evaluation) if beside is None else None
+    key = _key(evaluation) if additions is None else None
     with closing(KeptResults(evaluation.folder)) if key else nullcontext() as kept:
         if kept is None or key is None or kept.get("report", key) != _hash(path, data):
             # these imports take a second, and an unchanged page does not need them
             from sumo_eval.evaluation import zone_partitions
             from sumo_eval.report.confidence_section import write_confidence
-            from sumo_eval.report.html import NOTHING_BESIDE, write_report
+            from sumo_eval.report.html import NO_ADDITIONS, write_report
             from sumo_eval.scoring.confidence.assessment import assess
 
             partitions = zone_partitions(evaluation)
             confidence = assess(evaluation, partitions, progress)
             write_confidence(confidence, evaluation.folder)
             write_report(
-                evaluation, partitions, (beside or NOTHING_BESIDE)._replace(confidence=confidence)
+                evaluation, partitions, (additions or NO_ADDITIONS)._replace(confidence=confidence)
             )
             if kept is not None and key is not None:
                 kept.put([("report", key, 0, _hash(path, data))])

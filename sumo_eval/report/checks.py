@@ -8,7 +8,7 @@ from heapq import nsmallest
 from typing import Any, NamedTuple
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.report.verdict import Beside
+from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.requirements import SEPARATOR
@@ -73,7 +73,7 @@ def check_lines(evaluation: Evaluation) -> Iterator[str]:
         yield f"  and {number - MOST_LINES} more, all in checks.csv."
 
 
-def checks_content(evaluation: Evaluation, _: Beside) -> Mapping[str, Any] | None:
+def checks_content(evaluation: Evaluation, _: Additions) -> Mapping[str, Any] | None:
     """For each scenario with requirements: their texts, how often each ADS misses them, and each
     row's verdict.
     """

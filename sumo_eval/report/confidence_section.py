@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.report.page import CONFIDENCE, write_json
-from sumo_eval.report.verdict import Beside
+from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.confidence.assessment import Assessment, Confidence
@@ -37,9 +37,9 @@ def confidence_json(confidence: Confidence) -> dict[str, Any]:
     }
 
 
-def confidence_content(evaluation: Evaluation, beside: Beside) -> dict[str, Any] | None:
+def confidence_content(evaluation: Evaluation, additions: Additions) -> dict[str, Any] | None:
     """Content of templates/sections/confidence.html.j2; None where it was not assessed."""
-    confidence = beside.confidence
+    confidence = additions.confidence
     if confidence is None:
         return None
     return {

@@ -25,7 +25,7 @@ from sumo_eval.report.gate_result import failed
 from sumo_eval.report.packing import packed_json
 from sumo_eval.report.page import REPORT, template, write_page
 from sumo_eval.report.page_data import embedded_cases, gathered_words, map_words, page_data
-from sumo_eval.report.sections import SECTIONS, Beside, change_content
+from sumo_eval.report.sections import SECTIONS, Additions, change_content
 from sumo_eval.report.sent_drives import sent_drives
 from sumo_eval.report.words import (
     EXPLAIN,
@@ -56,20 +56,22 @@ from sumo_eval.scoring.map_view import View, choose_view
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.scoring.shown_cases import shown_cases
 
-NOTHING_BESIDE = Beside()  # a report of the evaluation alone
+NO_ADDITIONS = Additions()  # a report of the evaluation alone
 MOST_LISTED = 500  # rows of a table of collisions, or of cases that could not be evaluated
 
 
 def write_report(
-    evaluation: Evaluation, partitions: Mapping[str, ZonePartition], beside: Beside = NOTHING_BESIDE
+    evaluation: Evaluation,
+    partitions: Mapping[str, ZonePartition],
+    additions: Additions = NO_ADDITIONS,
 ) -> Path:
     """Write `report.html` into the evaluation's folder and return its path.
 
     partitions: the zones of every logical scenario of the evaluation, by its name.
-    beside: content in addition to the evaluation.
+    additions: content in addition to the evaluation.
     """
     path = evaluation.folder / REPORT
-    page = template("report.html.j2").render(_context(evaluation, partitions, beside))
+    page = template("report.html.j2").render(_context(evaluation, partitions, additions))
     return write_page(path, page, "The report")
 
 
@@ -79,7 +81,7 @@ def term(name: str, shown: str = "") -> Markup:
 
 
 def _context(
-    evaluation: Evaluation, partitions: Mapping[str, ZonePartition], beside: Beside
+    evaluation: Evaluation, partitions: Mapping[str, ZonePartition], additions: Additions
 ) -> dict[str, Any]:
     """Values of the page's template.
 
@@ -87,15 +89,15 @@ def _context(
     """
     # scenario -> indices of the shown cases among those of each ADS
     in_page = shown_cases(
-        evaluation, [change.case for gate in beside.gates for change in gate.worst]
+        evaluation, [change.case for gate in additions.gates for change in gate.worst]
     )
     embedded = embedded_cases(evaluation, in_page)
     cases_of_page = {name: [case for case, _ in rows] for name, rows in embedded.items()}
     with ThreadPoolExecutor(1) as thread:
         sent = thread.submit(sent_drives, evaluation.folder / FACTS, cases_of_page)
         # `page_data` waits for the drives only when it needs them
-        contents = {section.name: section.content(evaluation, beside) for section in SECTIONS}
-        shared = _shared(evaluation, partitions, beside, in_page)
+        contents = {section.name: section.content(evaluation, additions) for section in SECTIONS}
+        shared = _shared(evaluation, partitions, additions, in_page)
         data = page_data(evaluation, partitions, embedded, sent.result)
     return {
         **shared,
@@ -114,7 +116,7 @@ def _context(
 def _shared(
     evaluation: Evaluation,
     partitions: Mapping[str, ZonePartition],
-    beside: Beside,
+    additions: Additions,
     in_page: Mapping[str, IntArray],
 ) -> dict[str, Any]:
     """Values that the sections of the page share."""
@@ -123,7 +125,7 @@ def _shared(
     missing = unevaluated(evaluation)
     number_missing = sum(map(len, missing))
     avoidable = sum(score.avoidable_collisions for score in evaluation.scores)
-    failed_gates = len(failed(beside.gates))
+    failed_gates = len(failed(additions.gates))
     return {
         "case_page": "",
         "name": evaluation.name,
@@ -165,11 +167,11 @@ def _shared(
     }
 
 
-def write_comparison(evaluation: Evaluation, beside: Beside, path: Path) -> Path:
+def write_comparison(evaluation: Evaluation, additions: Additions, path: Path) -> Path:
     """Write a page of the comparison alone; its cases lead into the report of the newer run."""
     folder, title, change_title = evaluation.folder, evaluation.name, ""
-    if beside.comparison:
-        base = Path(beside.comparison.base_folder).name
+    if additions.comparison:
+        base = Path(additions.comparison.base_folder).name
         title = f"{base} and {folder.name}: {evaluation.name}"
         change_title = f"Change from {base} to {folder.name}"
     report, link = folder / REPORT, ""
@@ -179,7 +181,7 @@ def write_comparison(evaluation: Evaluation, beside: Beside, path: Path) -> Path
         except ValueError:  # no relative path between two disks
             link = report.resolve().as_uri()
     page = template("compare.html.j2").render(
-        name=title, content={"change": change_content(evaluation, beside)}, case_page=link,
+        name=title, content={"change": change_content(evaluation, additions)}, case_page=link,
         change_title=change_title,
     )  # fmt: skip
     return write_page(path, page, "The page")

@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from sumo_eval.report.page import case_key
-from sumo_eval.report.verdict import Beside
+from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import cause_words, count
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.contact_cause import cause_of_contact
@@ -24,9 +24,9 @@ if TYPE_CHECKING:  # they load the simulator, which a look at a report does not 
 MOST_CHANGES = 4  # changes of the outcome that are named after the first one; JSON has all
 
 
-def levers_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
+def levers_content(evaluation: Evaluation, additions: Additions) -> Mapping[str, Any] | None:
     """Content of templates/sections/levers.html.j2; None where no levers were searched."""
-    levers = beside.levers
+    levers = additions.levers
     if levers is None:
         return None
     fact = levers.fact

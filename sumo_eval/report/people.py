@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from sumo_eval.errors import InputError, said
 from sumo_eval.input_file import read_input_text
-from sumo_eval.report.verdict import Beside
+from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import TWO_GROUPS, count, percent
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.driver_bands import below_drivers, driver_bands
@@ -23,7 +23,7 @@ drives left out and why.
 """
 
 
-def people_context(evaluation: Evaluation, _: Beside) -> dict[str, Any]:
+def people_context(evaluation: Evaluation, _: Additions) -> dict[str, Any]:
     """Content of templates/sections/people.html.j2. `_` is an argument of every section."""
     return {
         "mode": evaluation.settings.method.anthropomorphic.mode,

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple
 
-from sumo_eval.report.verdict import Beside
+from sumo_eval.report.verdict import Additions
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import About, EvaluationSettings, about
 
@@ -27,7 +27,7 @@ class SettingRow(NamedTuple):
     about: About
 
 
-def settings_content(evaluation: Evaluation, _: Beside) -> dict[str, Any]:
+def settings_content(evaluation: Evaluation, _: Additions) -> dict[str, Any]:
     """Content of templates/sections/settings.html.j2.
 
     origin: where the numbers come from: versions, machine, time, seed.

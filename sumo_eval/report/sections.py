@@ -33,7 +33,7 @@ from sumo_eval.report.terminal import (
     quantity_words,
     ways_to,
 )
-from sumo_eval.report.verdict import Beside as Beside
+from sumo_eval.report.verdict import Additions as Additions
 from sumo_eval.report.verdict import verdict
 from sumo_eval.report.words import number, parts_of_total, severity_words
 from sumo_eval.results import Evaluation
@@ -47,7 +47,7 @@ MOST_LEDGER_CASES = 5  # of one line of the ledger
 MOST_CHANGED = 200  # cases in the table of changes
 
 
-Content = Callable[[Evaluation, Beside], Mapping[str, Any] | None]
+Content = Callable[[Evaluation, Additions], Mapping[str, Any] | None]
 
 
 class Section(NamedTuple):
@@ -66,12 +66,12 @@ class Section(NamedTuple):
     folded: bool = True
 
 
-def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
+def change_content(evaluation: Evaluation, additions: Additions) -> Mapping[str, Any] | None:
     """Verdict, gates, flipped cases and differences; None where no earlier run was
     looked for.
     """
-    comparison = beside.comparison
-    if comparison is None and not beside.gates and not beside.notes:
+    comparison = additions.comparison
+    if comparison is None and not additions.gates and not additions.notes:
         return None
     ads = comparison.ads if comparison else ()
     changed = (
@@ -81,20 +81,20 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
         for case in getattr(part.changed, direction)
     )
     return {
-        "verdict": verdict(comparison, beside.gates, evaluation).sentence,
-        "failed": bool(failed(beside.gates)),
+        "verdict": verdict(comparison, additions.gates, evaluation).sentence,
+        "failed": bool(failed(additions.gates)),
         "comparison": comparison,
-        "notes": (*beside.notes, *(comparison_notes(comparison) if comparison else ())),
+        "notes": (*additions.notes, *(comparison_notes(comparison) if comparison else ())),
         "gates": [
             (
                 gate,
-                beside.since.get(gate.name, ""),
+                additions.since.get(gate.name, ""),
                 # the command that drives its worst case alone
                 ways_to(Path(comparison.new_folder), gate.worst[0].case)["alone"]
                 if comparison and gate.worst
                 else "",
             )
-            for gate in beside.gates
+            for gate in additions.gates
         ],
         "counts": [_counts(part, comparison.confidence if comparison else 0.0) for part in ads],
         "cases": [
@@ -138,7 +138,7 @@ def _outcome(case: CaseResult, unit: str) -> str:
     return ", ".join([case.status, *likeness])
 
 
-def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
+def ledger_content(evaluation: Evaluation, additions: Additions) -> Mapping[str, Any]:
     """The ledgers of every S+ and S, each with its sentences and the cases that cost most."""
     return {
         "ledgers": [
@@ -160,12 +160,12 @@ def _ledger(ledger: Ledger) -> dict[str, Any]:
     }
 
 
-def preventability_content(evaluation: Evaluation, _: Beside) -> Mapping[str, Any]:
+def preventability_content(evaluation: Evaluation, _: Additions) -> Mapping[str, Any]:
     """Cases of every ADS beside those of the reference."""
     return {"rows": preventability(evaluation), "reference": reference_ads(evaluation.settings)}
 
 
-def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
+def ranking_content(evaluation: Evaluation, additions: Additions) -> Mapping[str, Any] | None:
     """The ADSs in order of S+ over all scenarios; None where they were not ranked."""
     ranking = evaluation.ranking
     if ranking is None:

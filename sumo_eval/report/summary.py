@@ -13,7 +13,7 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.report.gate_result import failed
 from sumo_eval.report.headline import headline
 from sumo_eval.report.page import case_key
-from sumo_eval.report.verdict import Beside, verdict
+from sumo_eval.report.verdict import Additions, verdict
 from sumo_eval.report.words import cause_words, count, number, span
 from sumo_eval.results import Bounds, Evaluation, RankedAds
 from sumo_eval.scoring.behaviour import Behaviour, least_human, ranked, worst_case
@@ -24,14 +24,14 @@ MOST_CHANGES = 4  # failed limits whose worst case is named
 WIDE = 20.0  # points of S+: an interval wider than this tells little
 
 
-def summary_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
+def summary_content(evaluation: Evaluation, additions: Additions) -> Mapping[str, Any]:
     """Content of templates/sections/summary.html.j2."""
-    first_words, comparison = headline(evaluation), beside.comparison
+    first_words, comparison = headline(evaluation), additions.comparison
     order = [ads for ads, _ in first_words.order]
     scenarios = [zone.scenario for zone in evaluation.zones]
     ends = [ads.interval or (0.0, np.inf) for ads in order]
     digits = 0 if any(high - low > WIDE for low, high in ends) else 1
-    bad = failed(beside.gates)
+    bad = failed(additions.gates)
     worst = worst_case(evaluation, [ads.ads for ads in order])
     changes = [
         (
@@ -48,26 +48,26 @@ def summary_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
         else []
     )
     return {
-        "verdict": verdict(comparison, beside.gates, evaluation).sentence
-        if comparison or beside.gates
+        "verdict": verdict(comparison, additions.gates, evaluation).sentence
+        if comparison or additions.gates
         else "",
         "failed": bool(bad),
-        "failures": [(beside.since.get(gate.name, ""), gate) for gate in bad],
+        "failures": [(additions.since.get(gate.name, ""), gate) for gate in bad],
         "beside": notes,
         "answers": first_words.answers,
         "alarms": first_words.alarms,
-        "worst": first_case(evaluation, beside),
+        "worst": first_case(evaluation, additions),
         "looks": [*changes, *_looks(evaluation, worst, order[0].ads)],
         "rows": [_row(evaluation, *pair, scenarios, digits) for pair in first_words.order],
         "scenarios": scenarios,
     }
 
 
-def first_case(evaluation: Evaluation, beside: Beside) -> str:
+def first_case(evaluation: Evaluation, additions: Additions) -> str:
     """Key of the case to look at first: the worst of the first failed limit that names any, else
     of the run.
     """
-    failing = (change.case for gate in failed(beside.gates) for change in gate.worst[:1])
+    failing = (change.case for gate in failed(additions.gates) for change in gate.worst[:1])
     worst = worst_case(evaluation, [ads.ads for ads in ranked(evaluation)])
     return next(failing, worst.case if worst else "")
 

@@ -30,7 +30,7 @@ class Verdict(NamedTuple):
     sentence: str
 
 
-class Beside(NamedTuple):
+class Additions(NamedTuple):
     """Content of a report in addition to the evaluation. A section without its part is left out.
 
     comparison, gates: the change since an earlier run.

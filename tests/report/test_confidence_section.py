@@ -12,7 +12,7 @@ from scoring.confidence.scored_by_hand import with_intervals_of
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.confidence_section import write_confidence
 from sumo_eval.report.html import write_report
-from sumo_eval.report.sections import Beside
+from sumo_eval.report.sections import Additions
 from sumo_eval.scoring.confidence.assessment import Confidence, assess
 from sumo_eval.settings import RunSettings
 
@@ -33,7 +33,7 @@ def assessed(evaluation, partitions, tmp_path_factory):
 
 def test_the_section_has_the_numbers_of_the_assessment(assessed, partitions):
     evaluation, confidence = assessed
-    page = write_report(evaluation, partitions, Beside(confidence=confidence)).read_text()
+    page = write_report(evaluation, partitions, Additions(confidence=confidence)).read_text()
     (section,) = html.fromstring(page).xpath("//section[@id='confidence']")
     words = " ".join(section.text_content().split())
     for item in confidence.assessments:
@@ -51,7 +51,7 @@ def test_a_score_without_an_interval_says_why(assessed, partitions):
     none = first._replace(
         intervals={}, risk=None, further=None, reason="fewer than two evaluated cases"
     )
-    beside = Beside(confidence=Confidence((none, *others), confidence.coverage))
+    beside = Additions(confidence=Confidence((none, *others), confidence.coverage))
     page = write_report(evaluation, partitions, beside).read_text()
     assert "no interval: fewer than two evaluated cases" in page
 

@@ -18,7 +18,7 @@ from sumo_eval.report.checks import checks_content
 from sumo_eval.report.evidence import _outward, evidence_of, write_evidence
 from sumo_eval.report.qualification import qualification_content, qualification_sentence
 from sumo_eval.report.terminal import closing_lines
-from sumo_eval.report.verdict import Beside
+from sumo_eval.report.verdict import Additions
 
 SCENE = """name = "approach"
 [[parameter]]
@@ -152,7 +152,7 @@ def test_points_alike_in_six_digits_are_two_rows_of_checks(run):
     whole = score(run)
     near = {20.0: 40.00001, 60.0: 40.00002}
     cases = [replace(it, values={"gap0": near[it.values["gap0"]]}) for it in whole.cases]
-    content = checks_content(replace(whole, cases=tuple(cases)), Beside())
+    content = checks_content(replace(whole, cases=tuple(cases)), Additions())
     (table,) = content["tables"]
     assert (table["of"], [point for point, _ in table["rows"]]) == (2, ["gap0=40", "gap0=40"])
 
@@ -165,7 +165,7 @@ def test_the_report_carries_the_qualification_that_the_run_names(run):
         "the versions and on "
         "the machine of this run."
     )
-    content = qualification_content(evaluation, Beside())
+    content = qualification_content(evaluation, Additions())
     assert content["holds"]
 
 

@@ -22,7 +22,7 @@ from sumo_eval.report.html import term, write_report
 from sumo_eval.report.page import template
 from sumo_eval.report.page_data import gathered_words
 from sumo_eval.report.readings import readings
-from sumo_eval.report.sections import Beside, ranking_content
+from sumo_eval.report.sections import Additions, ranking_content
 from sumo_eval.report.words import GLOSSARY, count
 from sumo_eval.results import RankedAds, RankedPair, Ranking
 from sumo_eval.scenario import Parameter, catalogue
@@ -140,7 +140,7 @@ def test_an_interval_stands_below_its_score(evaluation, partitions):
 
 def test_the_ranking_has_a_section_where_there_is_one(evaluation):
     """Two ADSs whose difference may be chance share the first place."""
-    assert ranking_content(evaluation, Beside()) is None
+    assert ranking_content(evaluation, Additions()) is None
     ranked = SimpleNamespace(
         ranking=Ranking(
             weights={"a": 1.0, "b": 2.0}, level=0.95,
@@ -148,7 +148,7 @@ def test_the_ranking_has_a_section_where_there_is_one(evaluation):
             pairs=(RankedPair("x", "<y>", 1.5, (-2.0, 5.0), told_apart=False),),
         )
     )  # fmt: skip
-    content = ranking_content(ranked, Beside())
+    content = ranking_content(ranked, Additions())
     assert content is not None
     text = template("sections/ranking.html.j2").render(content={"ranking": content}, term=term)
     assert '<th scope="row">&lt;y&gt;</th>' in text

@@ -16,7 +16,7 @@ from sumo_eval.nightly.gates import judge
 from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_pairs
 from sumo_eval.report.gate_result import GateResult, failed
 from sumo_eval.report.sections import change_content
-from sumo_eval.report.verdict import Beside, verdict
+from sumo_eval.report.verdict import Additions, verdict
 from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.gate_settings import (
     OF_U,
@@ -462,7 +462,7 @@ def test_a_harder_injury_risk_fails(evaluation):
     assert not any("regret" in it.moved for one in sides for it in one.changed)
     free = with_case(risk(0.9), case.case, lambda it: replace(it, collided=False, severity=None))
     comparison = compare(hit, free, SETTINGS, accept_differences=True)
-    content = change_content(free, Beside(comparison))
+    content = change_content(free, Additions(comparison))
     assert content is not None
     assert content["cases"][0]["base"] == "U 0.1 m/s", "the base has a speed"
     of_u = tuple(LimitSettings(name, worse_by=0.0) for name in ("regret", *sorted(OF_U)))

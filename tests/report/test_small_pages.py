@@ -11,7 +11,7 @@ from page_checks import holds_what_every_page_holds, saved_table, size
 from report_cases import hit, pick, with_case
 
 from sumo_eval.record.run_folder import FACTS
-from sumo_eval.report.html import Beside, write_comparison, write_report
+from sumo_eval.report.html import Additions, write_comparison, write_report
 from sumo_eval.report.points_page import write_points
 from sumo_eval.results import NotComputed
 from sumo_eval.scenario import catalogue
@@ -29,7 +29,7 @@ def test_compare_points_and_a_report_without_people_hold_what_every_page_holds(
     every cell."""
     struck = with_case(evaluation, pick(evaluation, collided=False).case, hit)
     compared = compare(evaluation, replace(struck, folder=tmp_path), GateSettings(resamples=200))
-    comparison = write_comparison(struck, Beside(comparison=compared), tmp_path / "compare.html")
+    comparison = write_comparison(struck, Additions(comparison=compared), tmp_path / "compare.html")
     nobody = NotComputed("no_drivers")
     blank = {"s": None, "d": None, "s_plus": None, "avoided_share": None, "human_likeness": None}
     bare = [

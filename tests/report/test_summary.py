@@ -9,7 +9,7 @@ import numpy as np
 from sumo_eval.cases import CaseTable
 from sumo_eval.report.headline import headline
 from sumo_eval.report.summary import summary_content
-from sumo_eval.report.verdict import Beside
+from sumo_eval.report.verdict import Additions
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.behaviour import worst_case
 from sumo_eval.scoring.failure_groups import failure_groups
@@ -30,7 +30,7 @@ def test_worst_case_of_the_best_ads_comes_first(evaluation):
 
 
 def test_first_screen_says_what_the_terminal_says(evaluation):
-    shown, said = summary_content(evaluation, Beside()), headline(evaluation)
+    shown, said = summary_content(evaluation, Additions()), headline(evaluation)
     assert (shown["answers"], shown["alarms"]) == (said.answers, said.alarms)
     assert shown["alarms"]
 
@@ -39,17 +39,17 @@ def test_departures_stand_beside_collisions(evaluation):
     left = replace(
         evaluation, scores=tuple(replace(score, departures=2) for score in evaluation.scores)
     )
-    for row in summary_content(left, Beside())["rows"]:
+    for row in summary_content(left, Additions())["rows"]:
         assert (
             row["of"].departures == 2 * sum(score.ads == row["of"].ads for score in left.scores) > 0
         )
     gone = [case for case in evaluation.cases if case.evaluated and not case.incident]
     alone = replace(evaluation, cases=tuple(replace(case, departure_time=1.0) for case in gone))
-    assert "#maps" in dict(summary_content(alone, Beside())["looks"]).values()
+    assert "#maps" in dict(summary_content(alone, Additions())["looks"]).values()
 
 
 def test_what_to_look_at_leads_to_cases_of_the_run(evaluation):
-    looks = summary_content(evaluation, Beside())["looks"]
+    looks = summary_content(evaluation, Additions())["looks"]
     keys = {case.case for case in evaluation.cases}
     targets = [
         unquote(address.removeprefix("#case:"))

@@ -147,7 +147,7 @@ class ServedSimulation:
         """
         # traci reports a timeout as a closed connection, so the time decides what happened
         self._connection._socket.settimeout(None if limit == math.inf else limit)
-        asked = clock.perf_counter()
+        started = clock.perf_counter()
         try:
             call()
         except (self.FatalTraCIError, OSError) as error:
@@ -158,7 +158,7 @@ class ServedSimulation:
                 ) from error
             if self._relay.has_left or self._program.process.poll() is not None:
                 raise ControllerError(f"{self._program.ended('connection')}.") from error
-            if clock.perf_counter() - asked >= limit:
+            if clock.perf_counter() - started >= limit:
                 raise ControllerTimeoutError(
                     f"The ADS's program must connect to the port in {_PORT}, set its order to 2 "
                     f"and ask for its steps, each within {limit:g} s; it was ended."
@@ -166,7 +166,7 @@ class ServedSimulation:
             raise ControllerError(
                 f"SUMO ended while the ADS's program had its turn: {said(error)}."
             ) from error
-        self._ads.took = clock.perf_counter() - asked
+        self._ads.took = clock.perf_counter() - started
 
 
 @contextmanager

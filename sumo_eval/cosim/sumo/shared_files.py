@@ -7,7 +7,7 @@ The harness says what vehicles do, SUMO's own driver models decide nothing. So t
 (`actionStepLength`), which takes two thirds off a step: a vehicle keeps the speed that it received.
 They stay on for actors with a SUMO model, and for the ego of an ADS that asks SUMO.
 
-A case that is alone has the names that the user knows. `asked`, here: an ADS asks SUMO by names.
+A case that is alone has the names that the user knows. `ads_asks`: an ADS asks SUMO by names.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from sumo_eval.settings import SimulationSettings
 _NEVER = 1e6  # s until SUMO's driver model decides something: beyond every time limit
 
 
-def edge_name(case: int, count: int, *, asked: bool) -> str:
+def edge_name(case: int, count: int, *, ads_asks: bool) -> str:
     """Id in SUMO of the road's edge, of case number `case` of `count`."""
-    if asked:
+    if ads_asks:
         return name_in_sumo("road", suffix(case, count))
     return "road" if count == 1 else f"road{case}"
 
@@ -44,9 +44,9 @@ def name_in_sumo(name: str, suffix: str) -> str:
     return f"{name}{suffix}"
 
 
-def vehicle_names(cases: Sequence[ConcreteScenario], *, asked: bool) -> list[list[str]]:
+def vehicle_names(cases: Sequence[ConcreteScenario], *, ads_asks: bool) -> list[list[str]]:
     """The vehicles' names in SUMO: of each case the ego's, then those of its actors in order."""
-    if asked or len(cases) == 1:
+    if ads_asks or len(cases) == 1:
         return [
             [
                 name_in_sumo(name, suffix(case, len(cases)))
@@ -90,16 +90,16 @@ def shadow_name(name: str) -> str:
     return f"{name}.shadow"
 
 
-def shared_network_xml(cases: Sequence[ConcreteScenario], *, asked: bool = False) -> str:
+def shared_network_xml(cases: Sequence[ConcreteScenario], *, ads_asks: bool = False) -> str:
     """A road for each case in one network, all between the same two junctions.
 
-    asked: every road has all its lanes.
+    ads_asks: every road has all its lanes.
     """
     road, tail = plain(cases[0].road), ""
     edges, lanes = [], []
     for case, concrete in enumerate(cases):
-        name = edge_name(case, len(cases), asked=asked)
-        head, edge, tail = _parts(road, not asked and fits_one_lane(concrete))
+        name = edge_name(case, len(cases), ads_asks=ads_asks)
+        head, edge, tail = _parts(road, not ads_asks and fits_one_lane(concrete))
         edges.append(edge.replace('"road', f'"{name}'))
         lanes += [f"{name}_{lane}" for lane in range(edge.count("<lane "))]
     # the list of lanes at the end junction, written for one road, has to name those of all
@@ -126,22 +126,22 @@ def shared_routes_xml(
     settings: SimulationSettings,
     *,
     own_lanes: bool = False,
-    asked: bool = False,
+    ads_asks: bool = False,
 ) -> str:
     """Vehicle types, routes and departures of all cases.
 
-    own_lanes: the roads have all their lanes, as with `asked`.
-    asked: SUMO's driver model of the ego is on, and every vehicle has a type of its own.
+    own_lanes: the roads have all their lanes, as with `ads_asks`.
+    ads_asks: SUMO's driver model of the ego is on, and every vehicle has a type of its own.
     """
     # names of types by their attributes: vehicles that differ in nothing share a type
     types: dict[tuple[tuple[str, str], ...], str] = {}
     others: list[str] = []
-    names, count = vehicle_names(cases, asked=asked), len(cases)
-    own_lanes = own_lanes or asked
+    names, count = vehicle_names(cases, ads_asks=ads_asks), len(cases)
+    own_lanes = own_lanes or ads_asks
     for case, concrete in enumerate(cases):
-        route = name_in_sumo("along", suffix(case, count)) if asked else f"along{case}"
+        route = name_in_sumo("along", suffix(case, count)) if ads_asks else f"along{case}"
         others.append(
-            _element("route", {"id": route, "edges": edge_name(case, count, asked=asked)})
+            _element("route", {"id": route, "edges": edge_name(case, count, ads_asks=ads_asks)})
         )
         vehicle = concrete.simulation(settings).vehicle
         starts = departures(
@@ -153,15 +153,15 @@ def shared_routes_xml(
             name = names[case][index]
             type_name = kind.pop("id")
             # switched off: the ego (index 0) unless its ADS asks SUMO, actors without a SUMO model
-            if concrete.actors[index - 1].model is None if index else not asked:
+            if concrete.actors[index - 1].model is None if index else not ads_asks:
                 kind["actionStepLength"] = str(_NEVER)
-            if asked:
+            if ads_asks:
                 kind["id"] = type_name = name
             elif count > 1:
                 type_name = f"type{len(types)}"
             own = {"type": types.setdefault((*kind.items(),), type_name), "route": route}
             ids = [name]
-            if not asked and has_shadow(concrete, index):
+            if not ads_asks and has_shadow(concrete, index):
                 ids.append(shadow_name(name))
             others += [_element("vehicle", {**departure, "id": it, **own}) for it in ids]
     kinds = [_element("vType", {"id": name, **dict(kind)}) for kind, name in types.items()]

@@ -41,7 +41,7 @@ class DrivenPoint:
         return f"{self.scenario.replace('_', ' ')}: {self.words}"
 
 
-class Asked(NamedTuple):
+class FigureRequest(NamedTuple):
     """Request for a figure of a scored run, as the user gave it.
 
     scenario, ads, case: names; None: not given.
@@ -66,7 +66,7 @@ class Asked(NamedTuple):
         return names
 
     @property
-    def place(self) -> str | None:
+    def chosen_scenario(self) -> str | None:
         """Name of the scenario: that of the case if one is given, else the given one; None: all."""
         if self.case is not None:
             return self.row.scenario
@@ -76,23 +76,23 @@ class Asked(NamedTuple):
         return self.scenario
 
     @property
-    def one_place(self) -> str:
+    def one_scenario(self) -> str:
         """Name of the scenario for a figure that shows one: `place`, else the run's first."""
-        return self.place or self.evaluation.zones[0].scenario
+        return self.chosen_scenario or self.evaluation.zones[0].scenario
 
     @property
     def scores(self) -> list[ScenarioResult]:
         """The scores of the ADSs and scenarios asked for."""
-        names, place = self.names, self.place
+        names, scenario = self.names, self.chosen_scenario
         return [
             score
             for score in self.evaluation.scores
-            if score.ads in names and place in (None, score.scenario)
+            if score.ads in names and scenario in (None, score.scenario)
         ]
 
     @property
     def row(self) -> CaseResult:
-        """The case asked for, else the one with the least D_i (`index`) in `one_place`.
+        """The case asked for, else the one with the least D_i (`index`) in `one_scenario`.
 
         Where no case has a D_i, it is the first by name.
         """
@@ -107,8 +107,8 @@ class Asked(NamedTuple):
 
     @property
     def evaluated(self) -> CaseTable:
-        """The cases of `one_place` that were evaluated, of all ADSs; at least one."""
-        name = self.one_place
+        """The cases of `one_scenario` that were evaluated, of all ADSs; at least one."""
+        name = self.one_scenario
         cases = self.evaluation.cases_in(name)
         evaluated: CaseTable = cases[cases.evaluated]
         if not len(evaluated):
@@ -118,13 +118,13 @@ class Asked(NamedTuple):
         return evaluated
 
 
-def driven_point(asked: Asked, ads: Sequence[str]) -> DrivenPoint:
-    """The drives of these ADSs and of all human drivers at the point of the case `asked.row`.
+def driven_point(request: FigureRequest, ads: Sequence[str]) -> DrivenPoint:
+    """The drives of these ADSs and of all human drivers at the point of the case `request.row`.
 
     ads: names; ADSs without a drive there are left out.
     Raises InputError where no trajectory of these ADSs is kept.
     """
-    evaluation, case = asked.evaluation, asked.row
+    evaluation, case = request.evaluation, request.row
     with open_store(evaluation.folder / FACTS) as store:
         drives = list(store.names("ads", case.scenario))  # case, number of its point, ADS
         point = next(number for key, number, _ in drives if key == case.case)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeGuard
 
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.extras.figures import of_runs
-from sumo_eval.extras.figures.chosen import Asked
+from sumo_eval.extras.figures.chosen import FigureRequest
 from sumo_eval.results import Evaluation
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def draw(
             from sumo_eval.evaluation import score
 
             evaluation = score(evaluation)
-        drawn: Figure = OF_RUNS[figure](Asked(evaluation, scenario, ads, case, width))
+        drawn: Figure = OF_RUNS[figure](FigureRequest(evaluation, scenario, ads, case, width))
         return drawn
     folder = evaluation.folder if isinstance(evaluation, Evaluation) else evaluation
     # only `trend` takes a scenario and an ADS, and none of these figures a case

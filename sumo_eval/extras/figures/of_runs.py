@@ -17,7 +17,7 @@ from scipy.ndimage import binary_erosion
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.evaluation import zone_partitions
-from sumo_eval.extras.figures.chosen import Asked, DrivenPoint, driven_point
+from sumo_eval.extras.figures.chosen import DrivenPoint, FigureRequest, driven_point
 from sumo_eval.extras.figures.style import label, look_of, new_figure, on_paper, styled
 from sumo_eval.extras.panels import (
     FAINT,
@@ -74,7 +74,7 @@ LOST = {
 KEPT = "#0072b2"  # colour of the points that an ADS kept
 
 
-def zone_map(asked: Asked) -> Figure:
+def zone_map(request: FigureRequest) -> Figure:
     """Zones of a space with the outcome of every case, as in the paper's Figs. 8 and 9.
 
     The boundary of the zones is drawn twice: exact (Eqs. 5-7) and as the GP learnt it (Eq. 8).
@@ -82,20 +82,20 @@ def zone_map(asked: Asked) -> Figure:
     A space of three parameters has a map for each value of the first one. Of a larger space the map
     is a slice. The ADS is that of the case if one is given, else the first with a score there.
     """
-    evaluation, scenario = asked.evaluation, asked.one_place
-    scored = (score.ads for score in asked.scores if score.scenario == scenario)
-    ads = next(scored, asked.names[0]) if asked.case is None else asked.row.ads
+    evaluation, scenario = request.evaluation, request.one_scenario
+    scored = (score.ads for score in request.scores if score.scenario == scenario)
+    ads = next(scored, request.names[0]) if request.case is None else request.row.ads
     zones, cases = zone_partitions(evaluation)[scenario], evaluation.cases_of(ads, scenario)
     axes = evaluation.settings.report.axes.get(scenario)
     view, note = _slice(choose_view(zones.logical, cases, axes), zones, cases)
     outcomes = verdicts(evaluation, evaluation.score(ads, scenario))
     panels, learnt_maps = _map_panels(zones, view, cases, outcomes)
 
-    columns = min(len(panels), MOST_COLUMNS if asked.width == "page" else 2)
+    columns = min(len(panels), MOST_COLUMNS if request.width == "page" else 2)
     title = f"{ads} in {scenario.replace('_', ' ')}"
     if note:
         title += f"\n{note}"
-    figure = on_paper(panels, asked.width, 0.9, columns, title)
+    figure = on_paper(panels, request.width, 0.9, columns, title)
     # the figure has more axes than maps where its last row is not full
     for ax, learnt_map in zip(figure.axes, learnt_maps, strict=False):
         edge_of(ax, learnt_map, 0.0, LEARNT, "--")
@@ -185,15 +185,15 @@ def _zones(zones: ZonePartition, view: View, number: int) -> tuple[_Map, _Map]:
     return (x, y, np.where(possible, 0.5 - exact, np.nan)), (x, y, learnt)
 
 
-def field(asked: Asked) -> Figure:
+def field(request: FigureRequest) -> Figure:
     """Field of a driven trajectory over the road (Eqs. 9-10), as in the paper's Fig. 6.
 
     Below it that of a human driver at the same point, where the run has one.
     """
-    row = asked.row
-    ads = row.ads if asked.ads is None else asked.names[0]
-    scene = driven_point(asked, [ads])
-    settings = asked.evaluation.settings.method.anthropomorphic.field
+    row = request.row
+    ads = row.ads if request.ads is None else request.names[0]
+    scene = driven_point(request, [ads])
+    settings = request.evaluation.settings.method.anthropomorphic.field
     # of the human drivers the first
     drives = {ads: scene.runs[ads], **dict(list(scene.people.items())[:1])}
     x, y, values = _fields(list(drives.values()), settings)
@@ -202,7 +202,7 @@ def field(asked: Asked) -> Figure:
     lowest, tallest = np.quantile(values, [0.0, 0.998])
 
     with styled():
-        figure, axes = new_figure(asked.width, 0.16 + 0.3 * len(drives), len(drives))
+        figure, axes = new_figure(request.width, 0.16 + 0.3 * len(drives), len(drives))
         for ax, (name, drive), strength in zip(axes, drives.items(), values, strict=True):
             image = ax.pcolormesh(
                 east, north, strength, cmap="cividis", vmin=lowest, vmax=tallest, rasterized=True,
@@ -248,46 +248,47 @@ def _drives(scene: DrivenPoint, names: Sequence[str]) -> Iterator[tuple[str, Tra
         yield ads, drive, colour, line
 
 
-def trajectories(asked: Asked) -> Figure:
+def trajectories(request: FigureRequest) -> Figure:
     """Paths over the road in one concrete scenario: every ADS, human drivers, other vehicles."""
-    scene = driven_point(asked, asked.names)
+    scene = driven_point(request, request.names)
     marks = [
         Marks(name, *map_places(scene.line, drive.x, drive.y)[:2], colour, line)
-        for name, drive, colour, line in _drives(scene, asked.names)
+        for name, drive, colour, line in _drives(scene, request.names)
     ]
     figure = on_paper(
-        [Panel(marks, label("x", "m"), label("y", "m"))], asked.width, 0.5, words=scene.title
+        [Panel(marks, label("x", "m"), label("y", "m"))], request.width, 0.5, words=scene.title
     )
     figure.axes[0].margins(y=0.25)
     return figure
 
 
-def time_history(asked: Asked) -> Figure:
+def time_history(request: FigureRequest) -> Figure:
     """Speed, acceleration and lateral position over time in one concrete scenario: every ADS and
     the human drivers.
     """
-    scene = replace(driven_point(asked, asked.names), others={})  # no other vehicles
+    scene = replace(driven_point(request, request.names), others={})  # no other vehicles
     panels = [
         Panel([Marks(name, drive.time, getattr(drive, channel), colour, line)
-               for name, drive, colour, line in _drives(scene, asked.names)], y=words)
+               for name, drive, colour, line in _drives(scene, request.names)], y=words)
         for channel, words in (("speed", "speed (m/s)"), ("acceleration", "acceleration (m/s²)"),
                                ("y", "lateral place (m)"))
     ]  # fmt: skip
     # the panels share the x axis, and the lowest one labels it
     panels[-1] = replace(panels[-1], x=label("time", "s"))
     return on_paper(
-        panels, asked.width, 0.32 if asked.width == "column" else 0.18, words=scene.title
+        panels, request.width, 0.32 if request.width == "column" else 0.18, words=scene.title
     )
 
 
-def collisions(asked: Asked) -> Figure:
+def collisions(request: FigureRequest) -> Figure:
     """Severity U of every collision (Eq. 15) over that of the ideal vehicle at the same point.
 
     One panel a scenario. On its diagonal the ADS collides as severely as the ideal vehicle.
     """
-    names, evaluation = asked.names, asked.evaluation
+    names, evaluation = request.names, request.evaluation
     panels = []
-    for scenario in [asked.place] if asked.place else [zone.scenario for zone in evaluation.zones]:
+    chosen = request.chosen_scenario
+    for scenario in [chosen] if chosen else [zone.scenario for zone in evaluation.zones]:
         marks, most = [], 0.0
         for ads in names:
             cases = evaluation.cases_of(ads, scenario)
@@ -302,16 +303,16 @@ def collisions(asked: Asked) -> Figure:
         title = scenario.replace("_", " ") + ("" if most else ": no collision")
         panels.append(Panel(marks, "U of the ideal vehicle", "U of the ADS", title))
     return on_paper(
-        panels, asked.width, 0.85, min(len(panels), 2 if asked.width == "column" else 3)
+        panels, request.width, 0.85, min(len(panels), 2 if request.width == "column" else 3)
     )
 
 
-def intervals(asked: Asked) -> Figure:
+def intervals(request: FigureRequest) -> Figure:
     """Every score with its 95 % interval.
 
     One panel a score, with a line for each ADS in each scenario.
     """
-    names, scores = asked.names, asked.scores
+    names, scores = request.names, request.scores
     panels = []
     for symbol, name in INDEXES.items():
         marks = []
@@ -324,10 +325,10 @@ def intervals(asked: Asked) -> Figure:
                 marks.append(Marks("", [value], [line], colour, marker=marker))
         computed = all(getattr(score, name) is not None for score in scores)
         panels.append(Panel(marks, symbol if computed else f"{symbol} (no mark: not computed)"))
-    columns = 2 if asked.width == "column" else 4
+    columns = 2 if request.width == "column" else 4
     # Each line needs room. Four panels in a row are narrower, so their height is a larger share.
     height = max(0.5, 0.09 * len(scores) + 0.3) * (1.3 if columns == 2 else 2.0)
-    figure = on_paper(panels, asked.width, height, columns)
+    figure = on_paper(panels, request.width, height, columns)
     for number, ax in enumerate(figure.axes):
         _name_lines(ax, scores)
         ax.tick_params(labelleft=number % columns == 0)
@@ -343,19 +344,20 @@ def _name_lines(ax: Axes, scores: Sequence[ScenarioResult]) -> None:
     ax.set_yticks(range(len(scores)), names, fontsize=5.5)
 
 
-def points(asked: Asked) -> Figure:
+def points(request: FigureRequest) -> Figure:
     """Points of S+ and of S: how many of 100 each ADS kept, and how many each term cost.
 
     One panel a score, with a line for each ADS in each scenario.
     """
-    scores = asked.scores
+    scores = request.scores
     with styled():
-        height = 0.16 * len(scores) + 0.45 if asked.width == "column" else 0.07 * len(scores) + 0.2
-        figure, axes = new_figure(asked.width, height, 1, 2)
+        column = request.width == "column"
+        height = 0.16 * len(scores) + 0.45 if column else 0.07 * len(scores) + 0.2
+        figure, axes = new_figure(request.width, height, 1, 2)
         legend = {"kept": KEPT}  # words -> colour; the bars add to it
         for ax, make in zip(axes, (ledger_plus, ledger), strict=True):
             for line, score in enumerate(scores):
-                _ledger_bar(ax, make(Findings.of(asked.evaluation, score)), line, legend)
+                _ledger_bar(ax, make(Findings.of(request.evaluation, score)), line, legend)
             ax.set_title("S+" if make is ledger_plus else "S")
             _name_lines(ax, scores)
             ax.set_xlabel("points")
@@ -363,9 +365,7 @@ def points(asked: Asked) -> Figure:
         axes[1].tick_params(labelleft=False)
         for words, colour in legend.items():
             axes[0].barh([0], [0.0], color=colour, label=words)  # for the legend only
-        figure.legend(
-            loc="outside lower center", ncols=2 if asked.width == "column" else 4, fontsize=6.0
-        )
+        figure.legend(loc="outside lower center", ncols=2 if column else 4, fontsize=6.0)
     return figure
 
 
@@ -395,14 +395,14 @@ def _ledger_bar(ax: Axes, account: Ledger, line: int, legend: dict[str, str]) ->
             end += lost
 
 
-def boundary(asked: Asked) -> Figure:
+def boundary(request: FigureRequest) -> Figure:
     """Cumulative share of each ADS's collisions over the exact criticality y (Eqs. 5-7).
 
     y of a concrete scenario goes from -1, most hazardous, through 0, the boundary of the zones, to
     1, safest.
     """
-    name, names, cases = asked.one_place, asked.names, asked.evaluated
-    zones = zone_partitions(asked.evaluation)[name]
+    name, names, cases = request.one_scenario, request.names, request.evaluated
+    zones = zone_partitions(request.evaluation)[name]
     marks = [Marks("", [0.0, 0.0], [0.0, 1.0], INK, "-")]  # the boundary
     for ads in names:
         own = cases[cases.ads == ads]
@@ -419,7 +419,7 @@ def boundary(asked: Asked) -> Figure:
         marks, "criticality y of the concrete scenario (0: the boundary, above: safe)",
         "share of its collisions so far", range_=(-1.0, 1.0),
     )  # fmt: skip
-    figure = on_paper([panel], asked.width, 0.52, words=name.replace("_", " "))
+    figure = on_paper([panel], request.width, 0.52, words=name.replace("_", " "))
     for begin, colour in ((-1.0, HAZARDOUS), (0.0, SAFE)):
         figure.axes[0].axvspan(begin, begin + 1.0, color=colour, linewidth=0)
     return figure
