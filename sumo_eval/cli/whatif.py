@@ -104,8 +104,8 @@ def _table_of_all(levers: Sequence[CaseLevers]) -> Iterator[str]:
     if not levers:
         yield "The run has no collision."
     groups: dict[tuple[str, str], list[CaseLevers]] = {}
-    for it in levers:
-        groups.setdefault((it.fact.driver, it.fact.scenario), []).append(it)
+    for lever in levers:
+        groups.setdefault((lever.fact.driver, lever.fact.scenario), []).append(lever)
     for (ads, scenario), cases in groups.items():
         yield f"{ads} in {scenario}: {count(len(cases), 'collision')}"
         # of each lever, the change of each collision that it avoids

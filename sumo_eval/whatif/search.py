@@ -110,16 +110,16 @@ class WhatIf:
                 f"Case `{fact.case}` must have an outcome to change, got {fact.status}: "
                 f"{fact.error or 'no reason is recorded'}"
             )
-        asked = [
+        trials = [
             (lever, value)
             for lever in levers
             for value in first_values(logical, fact.values, lever)
         ]
         # first the recorded case itself: any lever at its recorded value
-        rerun, *outcomes = self._outcomes(fact, [(levers[0], levers[0].recorded), *asked])
+        rerun, *outcomes = self._outcomes(fact, [(levers[0], levers[0].recorded), *trials])
         _check_repeats(fact, rerun)
         lines: dict[Lever, Line] = {it: {it.recorded: fact.collision is not None} for it in levers}
-        _fill(lines, asked, outcomes)
+        _fill(lines, trials, outcomes)
         if fine:
             self._locate(fact, lines)
         clips = {clip.what for it in outcomes if it and it.recording for clip in it.recording.clips}
@@ -155,14 +155,14 @@ class WhatIf:
         ends = [
             (lever, value) for lever, flip in _nearest(lines) for value in (flip.before, flip.after)
         ]
-        for (lever, value), it in zip(ends, self._outcomes(fact, ends), strict=True):
-            if it is None or (it.status == "collision") != lines[lever][value]:
+        for (lever, value), outcome in zip(ends, self._outcomes(fact, ends), strict=True):
+            if outcome is None or (outcome.status == "collision") != lines[lever][value]:
                 raise InputError(
                     f"Case `{fact.case}` with {lever.name} = {value:g} does not repeat: its ADS "
                     "must do the same in every drive."
                 )
 
-    def _outcomes(self, fact: Fact, asked: Sequence[tuple[Lever, float]]) -> list[Outcome | None]:
+    def _outcomes(self, fact: Fact, trials: Sequence[tuple[Lever, float]]) -> list[Outcome | None]:
         """Drive the case once for each (lever, value).
 
         None: the scenario has no such point, or the drive could not be evaluated.
@@ -171,27 +171,27 @@ class WhatIf:
         revealed = self._setup.simulation.conditions.reveal_scenario
         cases = [
             Case(number, concrete, "ads", fact.driver, locator, seed=self._run.settings.seed)
-            for number, (lever, value) in enumerate(asked)
+            for number, (lever, value) in enumerate(trials)
             if (concrete := moved(logical, fact.values, lever, value, revealed=revealed))
         ]
         self._drives += len(cases)
-        evaluated: list[Outcome | None] = [None] * len(asked)
-        for done, it in enumerate(run_cases(cases, self._setup), start=1):
-            if it.status in EVALUATED:
-                evaluated[it.case.point] = it
+        evaluated: list[Outcome | None] = [None] * len(trials)
+        for done, outcome in enumerate(run_cases(cases, self._setup), start=1):
+            if outcome.status in EVALUATED:
+                evaluated[outcome.case.point] = outcome
             self._progress("levers", done, len(cases))
         return evaluated
 
 
 def _fill(
     lines: dict[Lever, Line],
-    asked: Sequence[tuple[Lever, float]],
+    trials: Sequence[tuple[Lever, float]],
     outcomes: Sequence[Outcome | None],
 ) -> None:
     """Add the outcomes of drives to the lines, except at recorded values: these are known."""
-    for (lever, value), it in zip(asked, outcomes, strict=True):
-        if it is not None and value != lever.recorded:
-            lines[lever][value] = it.status == "collision"
+    for (lever, value), outcome in zip(trials, outcomes, strict=True):
+        if outcome is not None and value != lever.recorded:
+            lines[lever][value] = outcome.status == "collision"
 
 
 def _check_repeats(fact: Fact, outcome: Outcome | None) -> None:

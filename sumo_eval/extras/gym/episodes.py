@@ -64,7 +64,7 @@ COMFORTABLE = 3.0  # m/s2, an acceleration of which a second costs 0.1
 COMFORTABLE_JERK = 15.0  # m/s3, a jerk of which a second costs 0.01
 
 
-def usual_reward(it: Transition) -> Floats:
+def usual_reward(transition: Transition) -> Floats:
     """Reward (n,) for progress, comfort and no collision: a second at the speed of the start is
     worth 1.
 
@@ -75,13 +75,14 @@ def usual_reward(it: Transition) -> Floats:
     A second costs (acceleration / 3 m/s2)^2 / 10 + (jerk / 15 m/s3)^2 / 100. A contact costs 20,
     and 2 more for each m/s of its impact. Leaving the road costs 20.
     """
-    progress = np.minimum(it.speed / np.maximum(it.start_speed, 1.0), 1.0)
+    progress = np.minimum(transition.speed / np.maximum(transition.start_speed, 1.0), 1.0)
     discomfort = (
-        0.1 * (it.acceleration / COMFORTABLE) ** 2 + 0.01 * (it.jerk / COMFORTABLE_JERK) ** 2
+        0.1 * (transition.acceleration / COMFORTABLE) ** 2
+        + 0.01 * (transition.jerk / COMFORTABLE_JERK) ** 2
     )
-    worth = (progress - discomfort) * it.step
-    worth -= np.where(it.ended == "contact", 20.0 + 2.0 * it.impact, 0.0)
-    worth -= np.where(it.ended == "off_road", 20.0, 0.0)
+    worth = (progress - discomfort) * transition.step
+    worth -= np.where(transition.ended == "contact", 20.0 + 2.0 * transition.impact, 0.0)
+    worth -= np.where(transition.ended == "off_road", 20.0, 0.0)
     return worth
 
 
@@ -238,14 +239,14 @@ class Episodes:
             ended, impact, pack.step_length,
         )  # fmt: skip
 
-    def _reward(self, it: Transition) -> Floats:
+    def _reward(self, transition: Transition) -> Floats:
         """The user's reward of a step, checked, and 0 for episodes that were over."""
-        given = self.reward(it)
+        given = self.reward(transition)
         with suppress(TypeError, ValueError):  # no numbers, or too many
             # complex numbers, texts and objects are refused, as "same_kind" does not cast them
             numbers = np.asarray(given).astype(np.float64, casting="same_kind")
-            rewards = np.where(it.running, numbers, 0.0)
-            if numbers.shape in ((), it.running.shape) and np.isfinite(rewards).all():
+            rewards = np.where(transition.running, numbers, 0.0)
+            if numbers.shape in ((), transition.running.shape) and np.isfinite(rewards).all():
                 return rewards
         raise must_be(
             "The reward",

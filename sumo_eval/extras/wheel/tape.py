@@ -212,10 +212,10 @@ def digest(recording: Recording) -> str:
     A tape holds it, so a change of `CHANNELS` needs another `FORMAT`.
     """
     sha = hashlib.sha256()
-    for name, it in sorted({"ego": recording.ego, **recording.actors}.items()):
-        sha.update(f"{name} {it.length!r} {it.width!r} {len(it)}".encode())
+    for name, vehicle in sorted({"ego": recording.ego, **recording.actors}.items()):
+        sha.update(f"{name} {vehicle.length!r} {vehicle.width!r} {len(vehicle)}".encode())
         for channel in CHANNELS:
-            sha.update(getattr(it, channel).tobytes())
+            sha.update(getattr(vehicle, channel).tobytes())
     sha.update(f"{recording.collision!r} {recording.end_reason}".encode())
     return sha.hexdigest()
 
