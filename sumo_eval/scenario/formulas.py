@@ -57,10 +57,10 @@ class Formulas:
 
     def __call__(self, values: Values) -> tuple[FloatArray, ...]:
         """An array for each expression, of the values' shape."""
-        known = self.definitions.extend(values)
+        extended = self.definitions.extend(values)
         shape = np.broadcast_shapes(*map(np.shape, values.values()))
         return tuple(
-            np.broadcast_to(expression.value(known), shape) for expression in self.expressions
+            np.broadcast_to(expression.value(extended), shape) for expression in self.expressions
         )
 
 
@@ -76,8 +76,8 @@ class Value:
 
     def room(self, values: Values) -> FloatArray:
         """Distance of a condition from its limit, below 0 where it does not hold."""
-        known = self.formulas.definitions.extend(values)
-        return np.asarray(self.formulas.expressions[0].room(known), float)
+        extended = self.formulas.definitions.extend(values)
+        return np.asarray(self.formulas.expressions[0].room(extended), float)
 
 
 @frozen
@@ -131,19 +131,19 @@ class LimitedFormula:
     expression: Expression
     limits: Limits = ANY
 
-    def at(self, known: Mapping[str, float]) -> float:
+    def at(self, values: Mapping[str, float]) -> float:
         """Its value where these names have these values.
 
         Raises InputError for a value outside its limits.
         """
-        value: float = self.expression.at(known)
+        value: float = self.expression.at(values)
         least, above, endless = self.limits.at_least, self.limits.above, self.limits.endless
         if least <= value and above < value and (value < math.inf or endless):
             return value
         wanted = "a number" if endless else "finite"
         wanted += f" and at least {least:g}" if least > -math.inf else ""
         wanted += f" and above {above:g}" if above > -math.inf else ""
-        what, got = f"{self.what} = `{self.expression.text}`", f"{value:g} at {point_words(known)}"
+        what, got = f"{self.what} = `{self.expression.text}`", f"{value:g} at {point_words(values)}"
         raise must_be(what, self.owner, wanted, got)
 
 
@@ -153,9 +153,9 @@ class LimitedFormulas:
 
     by_key: tuple[tuple[str, LimitedFormula], ...]
 
-    def at(self, known: Mapping[str, float]) -> dict[str, Any]:
+    def at(self, values: Mapping[str, float]) -> dict[str, Any]:
         """Their values where these names have these values."""
-        return {key: quantity.at(known) for key, quantity in self.by_key}
+        return {key: quantity.at(values) for key, quantity in self.by_key}
 
     def __getitem__(self, key: str) -> Expression:
         return dict(self.by_key)[key].expression

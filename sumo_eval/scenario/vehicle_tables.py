@@ -361,13 +361,14 @@ class Move:
     pairs: tuple[tuple[LimitedFormula, LimitedFormula], ...]
     when: tuple[Step, ...]
 
-    def act(self, known: Mapping[str, float], vehicle: str) -> Act:
-        """Its act where these names have these values; not for a `follow`, see `Vehicle.actor`.
+    def act(self, values: Mapping[str, float], vehicle: str) -> Act:
+        """Its act; not for a `follow`, see `Vehicle.actor`.
 
+        values: of parameters and definitions, by name.
         vehicle: name, for messages.
         """
-        table, numbers = self.table, self.numbers.at(known)
-        pairs = tuple((one.at(known), two.at(known)) for one, two in self.pairs)
+        table, numbers = self.table, self.numbers.at(values)
+        pairs = tuple((one.at(values), two.at(values)) for one, two in self.pairs)
         act = _MANOEUVRES[table.do][2](**numbers)
         if table.do == "sinus" and act.offset:
             phase = 2.0 * math.pi * (table.cycles or 1.0)  # rad, of all swings
@@ -382,12 +383,12 @@ class Move:
                 raise must_be(what, owner, "above 0 and ascending", knots)
             if table.places:
                 act = act._replace(kind=played.BY_PLACE)
-        return act._replace(table=pairs, program=self.program(known), name=table.name)
+        return act._replace(table=pairs, program=self.program(values), name=table.name)
 
-    def program(self, known: Mapping[str, float]) -> Program:
-        """Its condition where these names have these values, as in `Act.program`."""
+    def program(self, values: Mapping[str, float]) -> Program:
+        """Its condition with these values of parameters and definitions, as in `Act.program`."""
         return tuple(
-            (op, one, two, 0.0 if value is None else float(value.at(known)))
+            (op, one, two, 0.0 if value is None else float(value.at(values)))
             for op, one, two, value in self.when
         )
 
@@ -519,13 +520,14 @@ class Vehicle:
     moves: tuple[Move, ...]
 
     def actor(
-        self, ego: Start, ego_table: EgoTable, road: Road, known: Mapping[str, float]
+        self, ego: Start, ego_table: EgoTable, road: Road, values: Mapping[str, float]
     ) -> Actor:
-        """The actor at a point, where these names have these values.
+        """The actor at a point.
 
         ego: its start there.
+        values: of parameters and definitions there, by name.
         """
-        table, numbers, body = self.table, self.numbers.at(known), BODIES[self.table.body]
+        table, numbers, body = self.table, self.numbers.at(values), BODIES[self.table.body]
         length, width = table.length or body.length, table.width or body.width
         # from centre to centre, m, of two vehicles that touch bumper to bumper
         apart = ((ego_table.length or STANDARD_EGO.length) + length) / 2
@@ -545,7 +547,7 @@ class Vehicle:
             s, d, heading = (float(it) for it in frame_places(road.line, *on_map))
             start = Start(s, d, speed)
 
-        acts = [move.act(known, table.name) for move in self.moves if move.table.do != "follow"]
+        acts = [move.act(values, table.name) for move in self.moves if move.table.do != "follow"]
         if abs(heading) > _AHEAD and any(act.kind == played.BY_PLACE for act in acts):
             owner = f"vehicle `{table.name}` with `places` of a `speed_profile`"
             must = f"within {math.degrees(_AHEAD):.1f} deg of the road (use `times` otherwise)"
@@ -553,7 +555,7 @@ class Vehicle:
 
         model = None
         if self.moves and (name := self.moves[-1].table.model) is not None:
-            given, program = self.moves[-1].numbers.at(known), self.moves[-1].program(known)
+            given, program = self.moves[-1].numbers.at(values), self.moves[-1].program(values)
             model = sumo_model(name, given.get("speed", speed), given)
             # With `when`, SUMO takes over by an act; else it drives from the start. For `departed`
             # the act has the recorded ego's positions, and the time between two as its duration.
@@ -602,9 +604,9 @@ class Placement:
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
         """The start of the ego, and the actors."""
-        known = self.definitions.extend(values)
-        ego = self.ego.start(self.numbers.at(known), self.road, self.owner)
-        actors = [vehicle.actor(ego, self.ego, self.road, known) for vehicle in self.vehicles]
+        extended = self.definitions.extend(values)
+        ego = self.ego.start(self.numbers.at(extended), self.road, self.owner)
+        actors = [vehicle.actor(ego, self.ego, self.road, extended) for vehicle in self.vehicles]
         for stream, numbers in self.streams:
-            actors += stream.actors(ego, self.road, numbers.at(known))
+            actors += stream.actors(ego, self.road, numbers.at(extended))
         return ego, tuple(actors)

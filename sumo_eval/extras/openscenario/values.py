@@ -67,11 +67,11 @@ class WrongValueError(Exception):
     """Reason why a written value is wrong, as the end of a message on its element."""
 
 
-def worked_out(written: str, known: Mapping[str, Value]) -> Value:
+def worked_out(written: str, values: Mapping[str, Value]) -> Value:
     """The value of what is written in an attribute: `$name`, `${expression of $names}`, or a
     literal, which stays a text.
 
-    known: values of parameters, by name.
+    values: values of parameters, by name.
 
     Raises WrongValueError.
     """
@@ -82,16 +82,16 @@ def worked_out(written: str, known: Mapping[str, Value]) -> Value:
         named = _REFERENCE.fullmatch(written)
         if named is None:
             raise WrongValueError(f"`{shown(written)}` cannot be read: a parameter is `$name`")
-        return _value(named[1], known)
+        return _value(named[1], values)
     if not written.endswith("}"):
         raise WrongValueError(f"`{shown(written)}` cannot be read: its bracket does not close")
     # in Python's tree `$name` is `p_name`, so that no parameter hides pi or a function
     names = {"pi": math.pi, "PI": math.pi}
     for name in _REFERENCE.findall(written[2:-1]):
-        value = number_of(_value(name, known))
+        value = number_of(_value(name, values))
         if value is None:
             raise WrongValueError(
-                f"parameter `{name}` must be a number in an expression, got {shown(known[name])}"
+                f"parameter `{name}` must be a number in an expression, got {shown(values[name])}"
             )
         names[f"p_{name}"] = value
     try:
@@ -108,10 +108,10 @@ def worked_out(written: str, known: Mapping[str, Value]) -> Value:
     return float(result)
 
 
-def _value(name: str, known: Mapping[str, Value]) -> Value:
-    if name not in known:
-        raise WrongValueError(f"parameter `{name}` is not declared.{did_you_mean(name, known)}")
-    return known[name]
+def _value(name: str, values: Mapping[str, Value]) -> Value:
+    if name not in values:
+        raise WrongValueError(f"parameter `{name}` is not declared.{did_you_mean(name, values)}")
+    return values[name]
 
 
 @lru_cache(maxsize=2048)
