@@ -264,7 +264,7 @@ PARAMETERS = fields("headway", "standstill_gap", "acceleration", "deceleration")
 
 
 @kernel
-def idm(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
+def idm(ego: Any, others: Any, own: Any, watched: Any, others_then: Any, scenario: Any) -> None:
     """Acceleration and steering wheel angle, decided once a cycle: a vehicle entering the path
     becomes the lead from one cycle to the next.
     """
@@ -274,13 +274,13 @@ def idm(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) 
         keep_lane(own.path, me, scenario[0].road)
         own.curvature = curvature_kept(own.path, me)
     if decides(own, scenario):
-        own.told, own.steered = _decide(me, others, own, known, ego.way, scenario[1])
+        own.told, own.steered = _decide(me, others, own, watched, ego.way, scenario[1])
     ego.command.acceleration, ego.command.steering = own.told, own.steered
 
 
 @kernel
 def _decide(
-    me: Any, others: Any, own: Any, known: Any, way: Any, scenario: Any
+    me: Any, others: Any, own: Any, watched: Any, way: Any, scenario: Any
 ) -> tuple[float, float]:
     """Acceleration, m/s2, and steering wheel angle, rad, for a cycle: the IDM, along the path.
 
@@ -294,10 +294,10 @@ def _decide(
     gap, lead_speed, braking = math.inf, 0.0, 0.0
     if lead >= 0:
         gap, lead_speed = bumper_gap(me, others[lead]), others[lead].along
-        if not math.isnan(known[lead].last_speed):
-            braking = (known[lead].last_speed - lead_speed) / scenario.step
+        if not math.isnan(watched[lead].last_speed):
+            braking = (watched[lead].last_speed - lead_speed) / scenario.step
     for j in range(len(others)):
-        known[j].last_speed = math.nan if math.isnan(others[j].x) else others[j].along
+        watched[j].last_speed = math.nan if math.isnan(others[j].x) else others[j].along
     strongest = scenario.vehicle.max_deceleration
     now = max(idm_acceleration(me.speed, own.desired_speed, gap, lead_speed, p), -strongest)
     # The acceleration that the formula asks for in the middle of the cycle, where these
@@ -335,7 +335,7 @@ class Idm(Compiled):
 
     steps: driven so far.
     """
-    known = fields("last_speed")  # of each vehicle along the road, m/s; nan: it was not seen
+    watched = fields("last_speed")  # of each vehicle along the road, m/s; nan: it was not seen
     numbers: ClassVar = [("idm", PARAMETERS), *flags("watches")]
     watches = False  # whether a road user that comes into the path counts, see `Attentive`
 

@@ -146,7 +146,7 @@ class FuzzySafetyModel(Compiled):
     """
 
     loop = staticmethod(braking_loop(fuzzy_braking))
-    memory, known = SAFETY_MEMORY, SIGHTED
+    memory, watched = SAFETY_MEMORY, SIGHTED
     numbers: ClassVar = [BRAKES, *fields("standstill_gap"), *flags("as_coded")]
     brakes = Brakes(REACTION, HUMAN_BRAKING, HUMAN_JERK)
 

@@ -33,7 +33,9 @@ from sumo_eval.settings import SimulationSettings
 
 
 @kernel
-def _no_reaction(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
+def _no_reaction(
+    ego: Any, others: Any, own: Any, watched: Any, others_then: Any, scenario: Any
+) -> None:
     """No acceleration and no steering but the road's own."""
     ego.command.steering = lane_kept(ego, scenario[0])
     ego.settled = 1  # the drive may end once its outcome is decided
@@ -58,7 +60,7 @@ _KNOWN = fields(*Foresight._fields)
 
 @kernel
 def is_too_close_to_see(
-    me: Any, others: Any, known: Any, p: Any, scenario: Any, time: float
+    me: Any, others: Any, watched: Any, p: Any, scenario: Any, time: float
 ) -> bool:
     """Whether a vehicle that the ego would touch is still hidden, and the gap to the lead vehicle
     is not safe.
@@ -67,7 +69,7 @@ def is_too_close_to_see(
     if lead < 0:
         return False
     for j in range(len(others)):
-        if known[j].meets > 0.0 and known[j].hidden > 0.0 and time < known[j].noticed:
+        if watched[j].meets > 0.0 and watched[j].hidden > 0.0 and time < watched[j].noticed:
             response = p.deceleration / scenario.vehicle.brake_jerk
             safe = safe_gap(me.along, others[lead].along, p.deceleration, response)
             return bool(bumper_gap(me, others[lead]) < safe)
@@ -75,44 +77,46 @@ def is_too_close_to_see(
 
 
 @kernel
-def full_braking(me: Any, others: Any, known: Any, p: Any, scenario: Any, time: float) -> float:
+def full_braking(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time: float) -> float:
     """Acceleration, m/s2: full braking from the instant within the step at which an actor first
     calls for it.
 
     Before that the ego brakes as hard where it is too close to a vehicle that hides another.
 
-    known: a `Foresight` of each actor.
+    watched: a `Foresight` of each actor.
     """
-    level = p.deceleration if is_too_close_to_see(me, others, known, p, scenario, time) else 0.0
+    level = p.deceleration if is_too_close_to_see(me, others, watched, p, scenario, time) else 0.0
     first_noticed = math.inf  # of the vehicles that the ego would touch
     for j in range(len(others)):
-        if known[j].meets > 0.0:
-            first_noticed = min(first_noticed, known[j].noticed)
+        if watched[j].meets > 0.0:
+            first_noticed = min(first_noticed, watched[j].noticed)
     begins = math.inf
     for j in range(len(others)):
         other = others[j]
         closes = other.x > me.x and me.along > other.along and lateral_overlap(me, other) > 0.0
         calls = closes and time > first_noticed
-        if known[j].meets > 0.0:
-            is_faster = me.along > known[j].speed  # than it will ever be again
+        if watched[j].meets > 0.0:
+            is_faster = me.along > watched[j].speed  # than it will ever be again
             alongside = abs(other.x - me.x) < me.half_length + other.half_length + _TURNED
             calls = calls or is_faster or alongside
         if calls:
-            begins = min(begins, known[j].noticed)
+            begins = min(begins, watched[j].noticed)
     return -float(
         switched(level, p.deceleration, begins - time, scenario.vehicle.brake_jerk, scenario.step)
     )
 
 
 @kernel
-def ideal_braking(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
+def ideal_braking(
+    ego: Any, others: Any, own: Any, watched: Any, others_then: Any, scenario: Any
+) -> None:
     """`full_braking`, or at a constant speed the lane change that `evasion` found.
 
     It counts as settled in every step, as it never accelerates again.
     """
     me, command, time = ego.seen, ego.command, ego.time
     if own.path.offset == 0.0:
-        command.acceleration = full_braking(me, others, known, own.p, scenario[0], time)
+        command.acceleration = full_braking(me, others, watched, own.p, scenario[0], time)
         command.steering = lane_kept(ego, scenario[0])
     else:
         if time == 0.0:
@@ -151,7 +155,7 @@ class IdealBraking(Compiled):
     """
 
     loop = staticmethod(each_row(ideal_braking))
-    memory, known = [("path", PATH), *fields("curvature")], _KNOWN
+    memory, watched = [("path", PATH), *fields("curvature")], _KNOWN
     """path: to the lane on the left, if it steers. curvature: that is steered now, 1/m."""
     numbers = fields("deceleration")
 

@@ -54,25 +54,25 @@ def wanted_at(scene: Any, after: float) -> float:
     scene: the ego; the rule's memory; what it knows of each actor; room for the foreseen actors;
         `way`, the lane change that is asked for; the `SCENARIO` record whose step is a cycle.
     """
-    me, own, known = scene[:3]
-    later, way, scenario = scene[3:]
+    me, own, watched = scene[:3]
+    others_then, way, scenario = scene[3:]
     _foresee_ego(own.then, me, own.pedals.level, after)
-    for j in range(len(later)):
-        foresee(later[j], known[j].sighting, after, scenario.step)
+    for j in range(len(others_then)):
+        foresee(others_then[j], watched[j].sighting, after, scenario.step)
         # each try begins with what was decided; no actor is expected to brake (0)
-        later[j].braking, known[j].accepted = 0.0, known[j].kept
+        others_then[j].braking, watched[j].accepted = 0.0, watched[j].kept
     # here `leads` says whether the actor is seen at all; `overtake` writes it again
-    for j in range(len(later)):
-        known[j].leads = 1 if is_visible(own.then, later, j, 0.0) else 0
+    for j in range(len(others_then)):
+        watched[j].leads = 1 if is_visible(own.then, others_then, j, 0.0) else 0
     # hidden actors are removed once all have been looked for, as they hide others
-    for j in range(len(later)):
-        if known[j].leads == 0:
-            later[j].x = math.nan
+    for j in range(len(others_then)):
+        if watched[j].leads == 0:
+            others_then[j].x = math.nan
     _copy_decision(own.tried, own.decided)
     tried = own.tried
     tried.desired_speed = own.desired_speed
     tried.free = free_acceleration(own.then.speed, own.desired_speed, own.p.idm)
-    return float(overtake(tried, own.then, later, known, own.p, way, scenario))
+    return float(overtake(tried, own.then, others_then, watched, own.p, way, scenario))
 
 
 @kernel
@@ -89,10 +89,10 @@ def _decide_at(scene: Any, after: float) -> float:
     Call once a cycle.
     """
     wanted = wanted_at(scene, after)
-    own, known = scene[1], scene[2]
+    own, watched = scene[1], scene[2]
     _copy_decision(own.decided, own.tried)
-    for j in range(len(known)):
-        known[j].kept = known[j].accepted
+    for j in range(len(watched)):
+        watched[j].kept = watched[j].accepted
     return wanted
 
 
@@ -137,7 +137,9 @@ def _decide(scene: Any) -> float:
 
 
 @kernel
-def lane_changer(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
+def lane_changer(
+    ego: Any, others: Any, own: Any, watched: Any, others_then: Any, scenario: Any
+) -> None:
     """Acceleration and steering wheel angle: decide once a cycle, then steer along the path decided
     on.
 
@@ -151,8 +153,8 @@ def lane_changer(ego: Any, others: Any, own: Any, known: Any, later: Any, scenar
         own.desired_speed = me.speed
     if decides(own, scenario):
         for j in range(len(others)):
-            sight(known[j].sighting, others[j], scenario[1].step)
-        own.told = _decide((me, own, known, later, ego.way, scenario[1]))
+            sight(watched[j].sighting, others[j], scenario[1].step)
+        own.told = _decide((me, own, watched, others_then, ego.way, scenario[1]))
     y, slope, bend = path_at(own.decided.path, rear_axle_next(me, scenario[0]))
     ego.command.acceleration = own.told
     ego.command.steering = steering(own.decided, me, y, slope, bend, scenario[0])
@@ -181,7 +183,7 @@ class LaneChanger(Compiled):
     told: acceleration commanded in this cycle, m/s2.
     steps: number driven so far.
     """
-    known: ClassVar = [*WATCHED, *fields("kept"), *SIGHTED]
+    watched: ClassVar = [*WATCHED, *fields("kept"), *SIGHTED]
     """`WATCHED`: what `tried` knows of an actor; kept: headway that `decided` accepts, s."""
     numbers: ClassVar = [("idm", PARAMETERS), ("habits", HABITS)]
 

@@ -155,14 +155,14 @@ def foresee(then: Any, sighting: Any, time: float, step: float) -> None:
 
 
 @kernel
-def foresee_all(own: Any, known: Any, later: Any, time: float, step: float) -> None:
-    """Write into `own.then` and `later` the ego, `own.me`, and all others `time` s from now, if all
+def foresee_all(own: Any, watched: Any, others_then: Any, time: float, step: float) -> None:
+    """Write into `own.then` and `others_then` the ego, `own.me`, and all others `time` s from now, if all
     continue as now.
     """
     take(own.then, own.me)
     carry_on(own.then, time)
-    for j in range(len(known)):
-        foresee(later[j], known[j].sighting, time, step)
+    for j in range(len(watched)):
+        foresee(others_then[j], watched[j].sighting, time, step)
 
 
 def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable[..., None]:
@@ -178,24 +178,26 @@ def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable
     @kernel
     def demand(scene: Any, after: float) -> float:
         # the largest of all actors `after` s from now, if all continue as now
-        own, known, later = scene[:3]
+        own, watched, others_then = scene[:3]
         cycle = scene[3]
-        foresee_all(own, known, later, after, cycle.step)
+        foresee_all(own, watched, others_then, after, cycle.step)
         me, demanded = own.then, 0.0
-        for j in range(len(later)):
-            if later[j].x > me.x and is_in_sight(me, later, j, SHOWING):
-                demanded = max(demanded, braking_for(me, later[j], own.p, cycle))
+        for j in range(len(others_then)):
+            if others_then[j].x > me.x and is_in_sight(me, others_then, j, SHOWING):
+                demanded = max(demanded, braking_for(me, others_then[j], own.p, cycle))
         return demanded
 
     @kernel
-    def rule(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
+    def rule(
+        ego: Any, others: Any, own: Any, watched: Any, others_then: Any, scenario: Any
+    ) -> None:
         if decides(own, scenario[:clocks]):
             cycle = scenario[clocks - 1]
             take(own.me, ego.seen)
             own.me.braking = own.braking.path.level
             for j in range(len(others)):
-                sight(known[j].sighting, others[j], cycle.step)
-            scene = (own, known, later, cycle)
+                sight(watched[j].sighting, others[j], cycle.step)
+            scene = (own, watched, others_then, cycle)
             own.told = -follow_demand(own.braking, demand, scene, ego.time, own.p.brakes, cycle)
         ego.command.acceleration = own.told
         ego.command.steering = lane_kept(ego, scenario[0])

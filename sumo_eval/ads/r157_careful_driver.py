@@ -129,7 +129,7 @@ def careful_driver(
     """Brake for the vehicle that made it necessary first, else keep the speed.
 
     own: `CarefulDriver.memory`.
-    watched: `CarefulDriver.known`, of each other vehicle.
+    watched: `CarefulDriver.watched`, of each other vehicle.
     others_then: room for the other vehicles at another instant, as `own.then` is for the ego.
     scenario: two `SCENARIO` records; only the first is used, as the driver decides at every step.
     """
@@ -440,7 +440,7 @@ class CarefulDriver(Compiled):
     aeb_brakes: 1 during it.
     looked: 1 after the first step.
     """
-    known: ClassVar = [*_WATCHED, *SIGHTED]
+    watched: ClassVar = [*_WATCHED, *SIGHTED]
     numbers: ClassVar = [
         BRAKES, *fields("wander", "evaluation", "reaction", "lead_braking", "in_path_limit"),
         *flags("aeb"),

@@ -102,7 +102,7 @@ class Reg157(Compiled):
     """
 
     loop = staticmethod(braking_loop(reg157_braking))
-    memory, known = SAFETY_MEMORY, SIGHTED
+    memory, watched = SAFETY_MEMORY, SIGHTED
     numbers: ClassVar = [
         ("brakes", [*BRAKES[1], *fields("build_up")]),
         *fields("margin", "lead_braking", "standstill_gap"),

@@ -76,5 +76,5 @@ class ResponsibilitySensitiveSafety(Compiled):
     """
 
     loop = staticmethod(braking_loop(rss_braking, clocks=1))
-    memory, known, numbers = SAFETY_MEMORY, SIGHTED, [BRAKES]
+    memory, watched, numbers = SAFETY_MEMORY, SIGHTED, [BRAKES]
     brakes = Brakes(RESPONSE, HUMAN_BRAKING, HUMAN_JERK)

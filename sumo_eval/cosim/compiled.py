@@ -42,14 +42,14 @@ def each_row(rule: Callable[..., None]) -> Callable[..., None]:
 
     @compiled_rows
     def loop(
-        egos: Records, seen: Records, own: Records, known: Records, later: Records,
+        egos: Records, seen: Records, own: Records, watched: Records, others_then: Records,
         scenario: Records, time: float,
     ) -> None:  # fmt: skip
         for i in range(len(egos)):
             if egos[i].live:
                 at = first_of(scenario, i)
                 both = scenario[at : at + 2]
-                rule(egos[i], seen[i], own[i], known[i], later[i], both)
+                rule(egos[i], seen[i], own[i], watched[i], others_then[i], both)
 
     return loop
 
@@ -103,13 +103,13 @@ class Compiled:
 
     loop: the rule over rows (`each_row`); writes the egos' commands, and whether they have settled.
     memory: layout of what the rule remembers of a case, 0 at first.
-    known: layout of what it remembers of each actor, nan at first.
+    watched: layout of what it remembers of each actor, nan at first.
     numbers: layout of the rule's parameters, attributes of the object: the field `p` of the memory.
     """
 
     loop: ClassVar[Callable[..., None]]
     memory: ClassVar[Layout] = flags("steps")
-    known: ClassVar[Layout] = fields("last_speed")
+    watched: ClassVar[Layout] = fields("last_speed")
     numbers: ClassVar[Layout] = fields()
 
     @classmethod
@@ -121,8 +121,8 @@ class Compiled:
         scenario: the `SCENARIO` records.
         others: number of actors.
         """
-        known = unknown(len(together), others, cls.known)
-        return cls.own_records(together), known, np.zeros(known.shape, MOVER)
+        watched = unknown(len(together), others, cls.watched)
+        return cls.own_records(together), watched, np.zeros(watched.shape, MOVER)
 
     @classmethod
     def own_records(cls, together: Sequence[Any]) -> Records:
