@@ -156,8 +156,8 @@ def foresee(then: Any, sighting: Any, time: float, step: float) -> None:
 
 @kernel
 def foresee_all(own: Any, watched: Any, others_then: Any, time: float, step: float) -> None:
-    """Write into `own.then` and `others_then` the ego, `own.me`, and all others `time` s from now, if all
-    continue as now.
+    """Write into `own.then` and `others_then` the ego, `own.me`, and all others `time` s from now,
+    if all continue as now.
     """
     take(own.then, own.me)
     carry_on(own.then, time)

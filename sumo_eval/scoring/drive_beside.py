@@ -45,7 +45,7 @@ class CaseDrives(NamedTuple):
 
     road: the drives are in its coordinates.
     drivers: drives of the human drivers.
-    beside: the same and the drive of the reference car, by name.
+    references: the same and the drive of the reference car, by name.
     """
 
     case: CaseResult
@@ -53,16 +53,16 @@ class CaseDrives(NamedTuple):
     actors: Trajectories
     road: Road
     drivers: tuple[Trajectory, ...]
-    beside: Trajectories
+    references: Trajectories
 
     @classmethod
     def of(cls, case: CaseResult, fact: Fact, store: Store, road: Road) -> CaseDrives:
         """The drives as they were recorded."""
         vehicles = store.trajectories(case.case)
         drives = store.driven_at(case.scenario, fact.point, "human", "task_reference")
-        beside = {fact.driver: store.trajectory(fact.case) for fact in drives}
-        humans = tuple(beside[fact.driver] for fact in drives if fact.role == "human")
-        return cls(case, vehicles.pop(EGO), vehicles, road, humans, beside)
+        references = {fact.driver: store.trajectory(fact.case) for fact in drives}
+        humans = tuple(references[fact.driver] for fact in drives if fact.role == "human")
+        return cls(case, vehicles.pop(EGO), vehicles, road, humans, references)
 
 
 def index_again(
@@ -123,28 +123,28 @@ def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind
     margin: `road_margin`, m; a drive that departs from the road does not count as a reference.
     """
     share, ego = scene.case.task_share, scene.ego
-    start, beside = logical.placed(scene.case.values).ego, scene.beside.values()
+    start = logical.placed(scene.case.values).ego
     clean = [
         trajectory
-        for trajectory in beside
+        for trajectory in scene.references.values()
         if first_departure(trajectory, logical.road, margin) is None
     ]
-    asked = asked_way(start.x, clean)
-    if share is None or share >= LOW or scene.case.incident or not asked or not len(asked.places):
+    task = asked_way(start.x, clean)
+    if share is None or share >= LOW or scene.case.incident or not task or not len(task.places):
         return None
     drivers = sum(trajectory in scene.drivers for trajectory in clean)
-    references = drivers, len(clean) > drivers  # the last two fields
+    compared_with = drivers, len(clean) > drivers  # the last two fields: drivers, car
     if start.way is not None and misses(ego, start.way):
         when = float(times_at(ego, np.array([start.way.by]))[0])
-        return Behind("missed", start.way.by - start.x, when, np.nan, *references)
-    own, places = times_at(ego, asked.places), asked.places - start.x
+        return Behind("missed", start.way.by - start.x, when, np.nan, *compared_with)
+    own, places = times_at(ego, task.places), task.places - start.x
     if np.isinf(own[-1]):
         gone, last = max(ego.x.max() - start.x, 0.0), ego.time[np.argmax(ego.x)] - ego.time[0]
         what: Literal["stood", "short"] = "stood" if ego.speed[-1] < STANDING else "short"
-        return Behind(what, float(gone), float(last), float(places[-1]), *references)
-    worst = int(np.argmax(own - asked.slowest))
-    way, late, slowest = (float(part[worst]) for part in (places, own, asked.slowest))
-    return Behind("late", way, late, slowest, *references)
+        return Behind(what, float(gone), float(last), float(places[-1]), *compared_with)
+    worst = int(np.argmax(own - task.slowest))
+    way, late, slowest = (float(part[worst]) for part in (places, own, task.slowest))
+    return Behind("late", way, late, slowest, *compared_with)
 
 
 class Event(NamedTuple):

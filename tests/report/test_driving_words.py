@@ -88,7 +88,7 @@ def test_standing_and_crawling_name_the_references(case):
     assert sentence == "Needed 19.5 s for 195 m; the slowest of 1 driver needed 9.8 s."
     away = drive([(0, 20), (5, 20)], 5.0, x=begin, y=-3.0)  # no reference: it left the road
     assert [*words.task_words(crawls._replace(drivers=(reference, away),
-                                      beside={"a": reference, "b": away}), logical, 0.5)] == [
+                                      references={"a": reference, "b": away}), logical, 0.5)] == [
         (sentence, 19.5)
     ]  # fmt: skip
     hurries = [(0, 20), (1, 5), (3, 5), (5, 60), (10, 60)]
