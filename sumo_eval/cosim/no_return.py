@@ -92,7 +92,10 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
     def narrow(steps: Mapping[int, int]) -> None:
         """Move one of the two to a step of each contact."""
         for i, hit in braked(steps).items():
-            (low if _avoids(hit, contacts[i].hit) else high)[i] = steps[i]
+            # a vehicle that runs into the braking ego from behind is another contact
+            behind = isinstance(hit, Collision) and hit.side == "rear"
+            avoids = hit is None or (behind and contacts[i].hit.side != "rear")
+            (low if avoids else high)[i] = steps[i]
 
     replayed = [i for i, hit in braked(high).items() if _is_same(hit, contacts[i].hit)]
     # first `_LATE` steps before the contact; if that does not avoid it, from the start
@@ -110,12 +113,3 @@ def _is_same(hit: Collision | Alone | None, was: Collision) -> bool:
         and abs(hit.time - was.time) < _SAME
         and abs(hit.relative_speed - was.relative_speed) < _SAME
     )
-
-
-def _avoids(hit: Collision | Alone | None, was: Collision) -> bool:
-    """Whether a replay avoids the contact. If a vehicle runs into the braking ego from behind, that
-    is another contact.
-    """
-    if isinstance(hit, Collision):
-        return hit.side == "rear" and was.side != "rear"
-    return hit is None

@@ -77,7 +77,9 @@ def standing(
         )
         width, unit = f"{half:.2g}", " of the space"
     else:
-        half = max((_half_width(score) for score in scores), default=math.inf)
+        ends = [score.s_plus_interval for score in scores]  # None: without one
+        widths = [math.inf if it is None else it[1] - it[0] for it in ends]
+        half = max(widths, default=math.inf) / 2.0
         width, unit = f"{half:.2f}", " points of S+"
     state = "an ADS has no interval"
     if math.isfinite(half):
@@ -183,12 +185,6 @@ def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSetti
             away = np.where(np.isfinite(cases), cases, 0.0) - value
             moved += slope * n * exposure / stands_for * away / float(exposure.sum())
     return moved
-
-
-def _half_width(score: ScenarioResult) -> float:
-    """Half the width of the interval of S+; inf without one."""
-    ends = score.s_plus_interval
-    return math.inf if ends is None else (ends[1] - ends[0]) / 2.0
 
 
 def _collided_half_width(terms: CaseTerms, points: Sample, place: IntArray) -> float:
