@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sumo_eval.errors import InputError
-from sumo_eval.frozen import frozen
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -175,7 +174,7 @@ Trajectories = Mapping[str, Trajectory]
 """Trajectories of vehicles by name."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Collision:
     """First contact of the ego's body with another's, located within the step.
 
@@ -215,7 +214,7 @@ applied: time of the contact, s.
 NEVER, UNKNOWN = -1.0, -2.0
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Clip:
     """Note on a drive: requests that a limit changed, or another event that a reader must know.
 
@@ -276,7 +275,7 @@ _WENT_WRONG = ("keeps_state", "together_failed", "pack_lost", "block_lost", "lat
 """Reasons of a batch that failed, or whose results depend on which cases it has."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Alone:
     """Reason why a case has to be driven alone.
 
@@ -313,7 +312,7 @@ class Latency(NamedTuple):
     reference: float = 0.0
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Recording:
     """One simulated case: every vehicle's motion, the ego's contact, and why the drive ended.
 
@@ -336,7 +335,7 @@ class Recording:
     clips: tuple[Clip, ...] = ()
     error: str | None = None
     log: str = ""
-    controller_latency: Latency = Latency()
+    controller_latency: Latency = Latency()  # noqa: RUF009 - frozen
     wall_time: float = 0.0
     error_place: str = ""
     batched: str = ""

@@ -6,12 +6,11 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-
-from sumo_eval.frozen import frozen
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -36,7 +35,7 @@ _ON_PAGES: Final = {"": None, "o": "circle", "X": "x", "-": "solid"}
 """matplotlib's style of a line or marker -> plotly's name; None: plotly's default, not drawn."""
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Marks:
     """Points of a panel, or a line through them.
 
@@ -59,7 +58,7 @@ class Marks:
     words: Sequence[str] | None = None
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Panel:
     """One chart.
 

@@ -6,12 +6,11 @@ import math
 import time as clock
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain, islice, zip_longest
 from pathlib import Path
 from statistics import fmean
 
-from sumo_eval.frozen import frozen
 from sumo_eval.method.zone_partition import refuse_impossible_zones
 from sumo_eval.record.cases import Case, Role, Setup
 from sumo_eval.record.claims import NO_USER_CODE, affinity
@@ -37,7 +36,7 @@ all of one ADS.
 """
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Estimate:
     """Cost of an evaluation.
 

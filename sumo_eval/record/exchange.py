@@ -12,14 +12,13 @@ import shlex
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from html import escape
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from sumo_eval.errors import InputError, check_known, needs_extra
-from sumo_eval.frozen import frozen
 from sumo_eval.input_file import writing
 from sumo_eval.record import run_folder
 from sumo_eval.record.cases import Role
@@ -44,7 +43,7 @@ _CONTACT = {
 """Columns of a drive's contact, and the field of `Collision` that each shows."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Run:
     """A run folder. Each property reads it when it is asked for. Quantities are in SI units."""
 

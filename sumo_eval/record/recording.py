@@ -20,7 +20,6 @@ from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.errors import InputError, StoppedError, check_known, said
-from sumo_eval.frozen import frozen
 from sumo_eval.input_file import hash_of, sha256
 from sumo_eval.record.cases import Block, Case, Outcome, Role, Setup
 from sumo_eval.record.claims import NO_USER_CODE, affinity
@@ -52,7 +51,7 @@ REFERENCES: Mapping[Role, str] = {
 for the times of T."""
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Space:
     """The points of one logical scenario.
 
@@ -83,7 +82,7 @@ class Space:
         return [number for number in self.numbers if not self.hazardous[number]]
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Planner:
     """Makes the cases of an evaluation, each with a fingerprint of all that its facts depend on.
 
@@ -249,7 +248,7 @@ def record(
         store.remove(case for case, point, name in cases if point not in safe or name not in names)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _Stage:
     """Cases of one role in one logical scenario, with the name and total of their progress."""
 

@@ -19,6 +19,7 @@ scipy is imported only once a density is asked for.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
@@ -26,7 +27,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be
-from sumo_eval.frozen import frozen
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 JointKind = Literal["kde", "copula"]
@@ -37,7 +37,7 @@ LEAST_EIGENVALUE = 1e-9  # of a copula's correlation
 LEAST_SHARE = 1e-9  # of probability: normal scores lie within +-6
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Joint:
     """A density over parameters, from events.
 

@@ -18,7 +18,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,7 +26,6 @@ import numpy as np
 from lxml import etree
 
 from sumo_eval.errors import InputError, check_known, must_be
-from sumo_eval.frozen import frozen
 from sumo_eval.input_file import LARGEST, hash_of
 from sumo_eval.scenario.concrete import NetworkFile, Road
 from sumo_eval.scenario.road.fitted_line import WITHIN, fitted_line, onto_the_line
@@ -67,7 +66,7 @@ _Course = tuple[Line, list[set[int]], list[float]]
 """
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _Lane:
     """A lane of an edge.
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
 
-from sumo_eval.frozen import frozen
 from sumo_eval.settings.checked import About, Checked, PositiveFloat, Share
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class PopulationSettings(Checked):
     """How synthetic drivers differ from those drawn of the fitted distributions.
 
@@ -37,7 +36,7 @@ class PopulationSettings(Checked):
     ] = "recorded"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class DriverSettings(Checked):
     """The skilled human drivers that D compares with."""
 

@@ -5,14 +5,13 @@ exposures, its ADSs, and the tables of the other files of this folder.
 from __future__ import annotations
 
 import json
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
 from annotated_types import Ge
 
 from sumo_eval.errors import must_be
-from sumo_eval.frozen import frozen
 from sumo_eval.settings.checked import (
     About,
     Checked,
@@ -31,7 +30,7 @@ from sumo_eval.text import clean
 _Levels = Annotated[int, Ge(2)]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class SamplingSettings(Checked):
     """Choice of the concrete scenarios of a space that are simulated."""
 
@@ -88,7 +87,7 @@ class SamplingSettings(Checked):
     ] = ()
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class DeclaredDistribution(Checked):
     """Declared distribution of one parameter on the road."""
 
@@ -113,7 +112,7 @@ class DeclaredDistribution(Checked):
             raise must_be("`second`", owner, f"greater than {words}", self.second)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ExposureSettings(Checked):
     """Frequency of the concrete scenarios of a space on the road: p_i of Eq. 13."""
 
@@ -137,7 +136,7 @@ class ExposureSettings(Checked):
     ] = None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ScenarioSettings(Checked):
     """One logical scenario of an evaluation."""
 
@@ -157,7 +156,7 @@ class ScenarioSettings(Checked):
     ] = field(default_factory=dict)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class AdsSettings(Checked):
     """One ADS under test."""
 
@@ -224,7 +223,7 @@ class AdsSettings(Checked):
         return f"{self.controller}{'&' if '?' in self.controller else '?'}{urlencode(pairs)}"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class EvaluationSettings(Checked):
     """Everything an evaluation depends on: the content of evaluation.toml, defaults filled in."""
 

@@ -4,13 +4,12 @@ scores of recorded facts.
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
 
 from sumo_eval.errors import must_be
-from sumo_eval.frozen import frozen
 from sumo_eval.settings.checked import (
     About,
     Checked,
@@ -24,7 +23,7 @@ from sumo_eval.settings.checked import (
 )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class FieldSettings(Checked):
     """Trajectory field, Eqs. 9-10.
 
@@ -53,7 +52,7 @@ class FieldSettings(Checked):
     ] = "magnitude"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class AnthropomorphicSettings(Checked):
     """Anthropomorphic index D, Eqs. 11-13."""
 
@@ -164,7 +163,7 @@ class AnthropomorphicSettings(Checked):
     ] = 0.1
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ZoneSettings(Checked):
     """Safe and hazardous zones, Eqs. 1-8."""
 
@@ -203,7 +202,7 @@ class ZoneSettings(Checked):
     ] = 60_000
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class CollisionSettings(Checked):
     """Collision avoidance index C, Eqs. 14-17, and the ideal vehicle it is relative to."""
 
@@ -273,7 +272,7 @@ class CollisionSettings(Checked):
         return self.unit if self.loss == "severity" else ""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class PlausibilitySettings(Checked):
     """Plausibility, a factor of H: the share of drivers whose extremes are at least as large."""
 
@@ -286,7 +285,7 @@ class PlausibilitySettings(Checked):
     ] = "motorway"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ScoreSettings(Checked):
     """Combined score S, Eq. 18."""
 
@@ -304,7 +303,7 @@ class ScoreSettings(Checked):
         return 100.0 - self.a
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class TaskSettings(Checked):
     """The driving task: T, and the grade A' of avoided harm."""
 
@@ -331,7 +330,7 @@ class TaskSettings(Checked):
     ] = 0.01
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class RankingSettings(Checked):
     """The order of the ADSs of an evaluation by S+."""
 
@@ -343,7 +342,7 @@ class RankingSettings(Checked):
     ] = field(default_factory=dict)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class MethodSettings(Checked):
     """Everything that turns recorded facts into scores."""
 

@@ -4,12 +4,11 @@ commands, steps and end of a case. Used by `cosim/`; the texts of `About` stand 
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from annotated_types import Le, Lt
 
-from sumo_eval.frozen import frozen
 from sumo_eval.settings.checked import (
     About,
     Checked,
@@ -21,7 +20,7 @@ from sumo_eval.settings.checked import (
 )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class VehicleSettings(Checked):
     """The ego as a machine: a single-track model with limited steering, tyres, brakes and drive.
 
@@ -89,7 +88,7 @@ class VehicleSettings(Checked):
         return self.max_deceleration / self.brake_build_up
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ConditionSettings(Checked):
     """Conditions between the world and the ADS: limited perception, delays, late commands.
 
@@ -146,7 +145,7 @@ class ConditionSettings(Checked):
     ] = False
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class FmuSettings(Checked):
     """Mapping of an FMU's variables; one that is not mapped is connected by its name."""
 
@@ -163,7 +162,7 @@ class FmuSettings(Checked):
     ] = field(default_factory=dict)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class PlantSettings(FmuSettings):
     """An FMU as the ego's vehicle model, in place of the single-track model."""
 
@@ -171,7 +170,7 @@ class PlantSettings(FmuSettings):
     file: Annotated[FilledText, About("the FMU, relative to the evaluation file")] = ""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class TrackerSettings(Checked):
     """The controller that turns wanted speeds and positions into pedal and wheel commands."""
 
@@ -200,7 +199,7 @@ class TrackerSettings(Checked):
     ] = 1.0
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class SimulationSettings(Checked):
     """Simulation of a case: the steps of SUMO, and the end of the case."""
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from operator import attrgetter
 
 import numpy as np
 
 from sumo_eval.errors import InputError
-from sumo_eval.frozen import frozen
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario
 from sumo_eval.scenario.logical import ONLY, LogicalScenario
 from sumo_eval.settings import SimulationSettings
@@ -33,7 +32,7 @@ A scenario's own parameter of that name replaces them.
 _FASTEST, _FARTHEST = 40.0, 100.0  # highest values of these levers, m/s and m
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Lever:
     """A quantity that is moved alone.
 

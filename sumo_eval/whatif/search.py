@@ -9,14 +9,13 @@ are rerun: an ADS must repeat its outcome.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.cases import EVALUATED
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.frozen import frozen
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import run_cases
 from sumo_eval.record.progress import Progress, quiet
@@ -33,7 +32,7 @@ Line = dict[float, bool]
 """Whether the ADS collides, by value of a lever."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Flip:
     """A change of outcome along a lever, away from the recorded value: the last value before the
     change and the first one after it.
@@ -43,7 +42,7 @@ class Flip:
     after: float
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Answer:
     """Effect of one lever on a case.
 

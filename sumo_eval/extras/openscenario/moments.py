@@ -17,7 +17,6 @@ from sumo_eval.extras.openscenario.network import in_frame
 from sumo_eval.extras.openscenario.places import Entity, Places
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.values import RULES
-from sumo_eval.frozen import frozen
 from sumo_eval.scenario import played
 from sumo_eval.scenario.bodies import half_sizes
 from sumo_eval.scenario.played import Act, Program, Step
@@ -65,7 +64,7 @@ def implied(program: Program) -> set[Fact]:
     return stack[-1]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class DriveNumber:
     """A number that changes during the drive.
 
@@ -116,7 +115,7 @@ class Truth(NamedTuple):
     start: bool
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Moment:
     """A time, or a condition on the drive.
 

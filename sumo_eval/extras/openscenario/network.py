@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.errors import InputError, did_you_mean
 from sumo_eval.extras.openscenario.reading import Node, depends_on
-from sumo_eval.frozen import frozen
 from sumo_eval.scenario.road.opendrive import DRIVEN, PROFILES, lane_offset, reference_line
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Line, bends, frame_places, length_of
@@ -49,7 +49,7 @@ def in_frame(pose: Pose, begin: Pose, line: Line, near: float | None = None) -> 
     return Pose(*(float(it) for it in frame_places(line, *at, near)))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class MapRoad:
     """A road of an OpenDRIVE file: where it begins and its reference line.
 
@@ -100,7 +100,7 @@ class MapRoad:
         )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Network:
     """The roads of a file by id.
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -36,7 +36,6 @@ from sumo_eval.extras.rates.importance import (
 )
 from sumo_eval.extras.rates.intervals import LEVEL, rate_interval
 from sumo_eval.extras.studies.boundary import outcomes_at
-from sumo_eval.frozen import frozen
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.record.cases import Outcome, Setup
 from sumo_eval.record.engines import identify
@@ -60,7 +59,7 @@ RESAMPLED = 60  # resamples of a scenario's events
 DRAWS = 4000  # of each rate: intervals of sums come from summed draws
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class CampaignScenario(Checked):
     """A scenario of the campaign."""
 
@@ -70,7 +69,7 @@ class CampaignScenario(Checked):
     ] = None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class CampaignSettings(Checked):
     """A campaign file."""
 

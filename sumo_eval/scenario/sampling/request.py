@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.errors import must_be
-from sumo_eval.frozen import frozen
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import SamplingSettings
 from sumo_eval.settings.random_streams import random_stream
@@ -23,7 +22,7 @@ Levels = int | dict[str, int] | None
 Steps = dict[str, float] | None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Request(SamplingSettings):
     """Request for points: the settings, of which each method takes some keys (`METHODS` of
     `sumo_eval.scenario.sampling.samples`), and three values that methods need with them.
@@ -67,7 +66,7 @@ def owner_of(logical: LogicalScenario) -> str:
     return f"the sampling of scenario `{logical.name}`"
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Drawn:
     """Answer of a method: points (n, k), possible or not.
 
