@@ -310,6 +310,12 @@ class _Hook:
         """
         try:
             wanted = None if answer is None else checked_answer(answer)
+            if self._placed[0] == SUMO:  # from here on the vehicle model or the plant moves it
+                self._calls.setSpeedMode(self.ego, EXACT_SPEED_MODE)
+                self._placed[0] = MODEL
+                corner(self._mine, self._bend, self._limits)
+                if self._world.steps == 0:
+                    self._world.begin_as_model(self._row)
             return self._executor.command(wanted, self._state, time, late=late)
         except ControllerError as error:
             raise with_time(error, f"at {time:.2f} s") from error
@@ -333,13 +339,7 @@ class _Hook:
 
     def _take_over(self, world: World, command: Command) -> None:
         """Let the vehicle model or the plant move the ego, as commanded."""
-        ego, state = self._mine, self._state
-        if self._placed[0] == SUMO:
-            self._calls.setSpeedMode(self.ego, EXACT_SPEED_MODE)
-            self._placed[0] = MODEL
-            corner(ego, self._bend, self._limits)
-            if world.steps == 0:
-                world.begin_as_model(self._row)
+        state = self._state
         self._stale[0] = 1  # SUMO hears of the ego at every step
         if self._plant is None:
             at = COMMAND.start

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from sumo_eval.cosim.doors.controller import SHIPPED
+from sumo_eval.cosim.plans import Plan
 from sumo_eval.cosim.simulation import simulate_many
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.scenario import catalogue
@@ -88,3 +89,13 @@ def test_held_wheel_keeps_an_ego_on_its_curve(begin, model):
     (recording,) = driven([concrete], hook, model)
     assert recording.ego.time[-1] > 5.0
     assert np.ptp(recording.ego.y) < 0.02
+
+
+def test_plan_of_a_hook_begins_in_a_curve_as_a_policys():
+    concrete = catalogue.load("curve_following").concrete(ego_speed=26.0, lead_speed=20.0)
+    plan = Plan([0.0, 4.0], [concrete.ego.x, concrete.ego.x + 104.0], [0.0, 0.0])
+    policy, hook = (
+        driven([concrete], ads, "kinematic")[0].ego
+        for ads in (lambda seen: plan, lambda traci, ego, time: plan)
+    )
+    assert hook.y == pytest.approx(policy.y, abs=1e-9)
