@@ -15,11 +15,8 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-from traci._vehicle import VehicleDomain
-from traci._vehicletype import VehicleTypeDomain
-
 from sumo_eval import text
-from sumo_eval.cosim.sumo.insides import libsumo
+from sumo_eval.cosim.sumo.insides import VehicleDomain, VehicleTypeDomain, libsumo
 
 shown = partial(text.shown, most=80)
 """A value as a sentence of an ADS's mistake shows it."""
