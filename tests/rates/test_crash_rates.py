@@ -77,6 +77,9 @@ def test_without_a_collision_the_limit_is_that_of_drawn_drives():
     # it.
     none = estimated(np.empty(0), np.empty(0), 300, 1.0, 0, 500)
     assert none.probability == pytest.approx((0.0, 0.0, 2.9957 / (DEFENSIVE * 300)), rel=1e-4)
+    # 9 hits: half of chi-squared's 95 % with 20 degrees of freedom, 31.41
+    hit = estimated(np.ones(9), np.ones(9), 300, 1.0, 9, 500)
+    assert hit.upper_limit == pytest.approx(15.705 / 60.0, rel=1e-4)
 
 
 def test_a_sum_is_as_wide_as_its_largest_scenario():

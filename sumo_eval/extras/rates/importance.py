@@ -19,7 +19,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import gammaincinv, stdtrit
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.rates.intervals import LEVEL
@@ -393,8 +393,8 @@ class CollisionEstimate(NamedTuple):
     """Probability of a collision in an encounter, and its expected loss L (Eq. 14), with limits.
 
     deviation: standard error of the probability over its value.
-    upper_limit: 95 % limit of the probability wherever the collisions lie. It rests on the points
-        drawn by exposure alone. It is the upper limit of both where no counted drive collided.
+    upper_limit: 95 % limit of the probability wherever the collisions lie. It rests on the number
+        of points drawn by exposure. It is the upper limit of both without hits.
     drives, collisions: numbers of all drives, and of those with a collision.
     drawn, hits: numbers of points drawn for the estimate, and of their collisions.
     """
@@ -418,8 +418,10 @@ def estimated(
     drawn, collisions, drives: as in `CollisionEstimate`.
     heaviest: as in `Met`.
     """
-    # without a collision at n points, 1 - (1 - LEVEL)^(1/n) is at most -ln(1 - LEVEL) / n
-    limit = 1.0 if not drawn else min(1.0, -math.log(1.0 - LEVEL) * heaviest / (DEFENSIVE * drawn))
+    # of a Poisson number, the largest mean that gives as few hits; -ln(1 - LEVEL) without any. Not
+    # all were drawn by exposure, so it is rather too large
+    hits = gammaincinv(len(weights) + 1.0, LEVEL)
+    limit = min(1.0, hits * heaviest / (DEFENSIVE * drawn)) if drawn else 1.0
     probability = expected = 0.0, 0.0, limit
     deviation = math.inf
     if len(weights):
