@@ -74,7 +74,7 @@ def _not_computed_lines(scores: Sequence[ScenarioResult]) -> Iterator[str]:
             if getattr(score, field) is not None or has_line_below or not reason:
                 continue
             line = missing_term(f"{name} of {score.ads} in {score.scenario}", reason)
-            # its full stop moves to the end
+            # H counts in S+ alone: `Its term counts 0 points of S+.`
             yield f"{line[:-1]} of S+." if name == "H" else line
     if without_drivers:
         reason = reason_without("H", without_drivers[0])
@@ -95,8 +95,8 @@ def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
     """Cases that could not be evaluated: the first of each of `MOST_LISTED` kinds, and how many
     more there are.
 
-    A kind is: one ADS, one status, and one place of its code or one reason. Numbers in the reason
-    of an evaluated case do not matter. Only the first case of a kind is held: a million may be
+    A kind is: one ADS, one status, and one place of its code or one reason, whatever its numbers in
+    a case that was driven to its end. Only the first case of a kind is held: a million may be
     missing.
     """
     first: dict[tuple[str, str, str], tuple[str, str]] = {}
@@ -171,13 +171,13 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
         interval = f" ({interval_words(ads.interval, 1)})" if ads.interval else ""
         words = f"  {ads.place}. {one_line(ads.ads)}  {number(ads.s_plus, 1)}{interval}"
         if above:
-            # its numbers are of the ADS above less this one, the words the other way round
+            # the pair is the ADS above less this one; shown is this one less the one above
             pair = ranking.pair(above, ads.ads)
             low, high = pair.interval or (0.0, 0.0)
             ends = f" ({interval_words((-high, -low), 1)})" if pair.interval else ""
             words += f"  {number(-pair.difference, 1)}{ends} to {one_line(above)}"
-            # with S+ = 0 every replicate is 0, however the cases differ
-            alike = pair.scored_alike and ads.s_plus
+            # if both have S+ = 0, it is 0 in every resample, however the cases differ
+            alike = pair.scored_alike and ads.s_plus != 0.0
             why = "scored alike in every case" if alike else "not told apart"
             words += "" if pair.told_apart else f": {why}, the place is shared"
         lines.append(words)
@@ -244,7 +244,7 @@ def comparison_notes(comparison: Comparison) -> Iterator[str]:
 
 
 _SEEN = 5e-4
-"""Smallest change that shows in three decimals; smaller ones are not listed."""
+"""Smallest change of what moves a score that is listed."""
 
 
 def moved_words(item: ChangedCase, unit: str) -> list[str]:
@@ -300,7 +300,7 @@ def ways_to(run: Path, case: str) -> dict[str, str]:
 
 def _unjudged_lines(gates: Sequence[GateResult]) -> Iterator[str]:
     """Limits that could not be evaluated, those with one reason on one line."""
-    # (ADS, if its cases cannot show a change of the quantity; reason) -> limits
+    # (ADS, "" unless its cases cannot show a change; reason) -> limits
     unjudged: defaultdict[tuple[str, str], list[GateResult]] = defaultdict(list)
     for gate in gates:
         if gate.passed is None:
@@ -362,10 +362,10 @@ def cause_of(line: LedgerLine, score: ScenarioResult) -> str:
 
 
 def ledger_sentences(account: Ledger) -> list[str]:
-    """The lines that cost points, the costliest first: `H lost 6.1 of 50 points: plausibility in 14
-    cases.`
+    """The lines that cost points, the costliest first: `H lost 6.1 of 100 points: plausibility in
+    14 cases.`
     """
-    # points that a term of S can give: those of its first line, a gain without cases. T, A and H
+    # points that a term of S can give: its line without cases in the ledger gains them. T, A and H
     # have no such line: each can lose all 100 points of S+.
     whole = {
         line.term: line.points for line in account.lines if line.index > 0.0 and not line.entries

@@ -132,7 +132,7 @@ def check_points(logical: LogicalScenario, points: FloatArray) -> None:
     Raises InputError at the first fault.
     """
     for concrete in logical.concretes(points):
-        # called for its error only: a parameter may be a setting, whose bounds it may break
+        # for its error only: a parameter may be a setting, with a value beyond the setting's bounds
         concrete.simulation(SimulationSettings())
         # a case ends when the ego is at x = `length`, before the end of the road, `road.end`
         start, ends_at = concrete.ego.x, logical.road.length

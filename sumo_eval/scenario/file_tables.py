@@ -206,12 +206,13 @@ class RoadTable(Checked):
                 raise InputError(f"`road.{key}` of {where} is of a `{source}`, and there is none.")
         if self.network is not None:
             road = read_road(folder / self.network, self.edges, end)
-            # SUMO's models need shadows of bodies (`cosim/traffic.py`): a network with them is
-            # written instead of the user's
+            # where vehicles react, lanes must be the package's own (shadows in `cosim/traffic.py`):
+            # with None a network is written instead of the user's
             return replace(road, network=None) if reacts else road
 
         crossings: tuple[Crossing, ...] = ()
-        # hashed: what of the shape is not in the name, as different roads need different names
+        # different roads need different names. hashed: the part of the shape that is not in the
+        # name; nothing if the user has named a road that is written
         if self.opendrive is not None:
             path = folder / self.opendrive
             shape = read_opendrive(path, self.opendrive_road)
@@ -514,7 +515,7 @@ class ScenarioFile(Checked):
         if not parameters:
             raise InputError(f"{where} must have at least one [[parameter]].")
         names, definitions = self._names(parameters, options, where)
-        # also vehicles that come in with an option: `reacts` does not depend on the options given
+        # also vehicles that come in with an option, so that one file has one kind of road
         vehicles = [*self.vehicle, *(it for option in self.option for it in option.given.vehicle)]
         follows = any(move.do == "follow" for it in vehicles for move in it.manoeuvre)
         reacts = follows or bool(self.stream)

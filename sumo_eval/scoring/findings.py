@@ -97,7 +97,7 @@ class Findings(NamedTuple):
 
     @property
     def missing(self) -> BoolArray:
-        """Whether each case is missing from a mean, (n,)."""
+        """Whether each case is missing from a mean, (n,): from all of them, or from D alone."""
         cases, reason = self.cases, self.score.d_reason
         missed = cases.counts_for_index & np.isnan(cases.index)
         if reason is not None and reason.why in ("collisions", "no_drivers"):
@@ -107,8 +107,8 @@ class Findings(NamedTuple):
 
     @property
     def slow(self) -> BoolArray:
-        """Whether each case is safe, without any contact, and slower than the slowest reference,
-        (n,).
+        """Whether each case counts for D, has no contact, and is slower than the slowest reference,
+        whose share of the task is 1, (n,).
         """
         cases = self.cases
         late = cases.counts_for_index & (cases.task_share < 1.0 - NOTICEABLE)
@@ -143,7 +143,8 @@ class Findings(NamedTuple):
         """Part that each case takes from C, (n,), together 1 - C (Eq. 17); nan where it has no
         ratio, and so no part in C.
         """
-        known = np.isfinite(ratio := self.terms.ratio)
+        ratio = self.terms.ratio
+        known = np.isfinite(ratio)
         return np.where(known, self.shares(known, self.cases.weight) * (1.0 - ratio), np.nan)
 
     @property
@@ -172,7 +173,8 @@ class Findings(NamedTuple):
 
     def harm(self, case: CaseResult) -> Harm:
         """The terms of a case in A."""
-        terms, is_case = self.terms, self.cases.case == case.case
+        terms = self.terms
+        is_case = self.cases.case == case.case
         u, ideal, nothing = terms.severity, terms.ideal, terms.unreacting
         lost, at_stake = (terms.weight * excess(severity, ideal) for severity in (u, nothing))
         columns = u, ideal, nothing, lost, at_stake, self.share_lost
@@ -182,7 +184,8 @@ class Findings(NamedTuple):
         self, case: CaseResult, counted: BoolArray, weights: FloatArray, values: FloatArray
     ) -> Part:
         """The part of a case in a mean of values, (n,), over the cases that are counted."""
-        is_case, in_mean = self.cases.case == case.case, np.nan_to_num(weights[counted]).tolist()
+        is_case = self.cases.case == case.case
+        in_mean = np.nan_to_num(weights[counted]).tolist()
         share, value = self.shares(counted, weights)[is_case], values[is_case]
         return Part(len(in_mean), math.fsum(in_mean), float(share[0]), float(value[0]))
 
@@ -237,8 +240,8 @@ class PeopleBehind:
 
     points: number of safe concrete scenarios.
     with_people: number of these in which D_i compares with recorded drivers.
-    drives: number of drives of recorded drivers in these. Those of references that are left out as
-        too thin do not count.
+    drives: number of drives of recorded drivers in these, but for points with fewer than
+        `drivers.least` where those are left out.
     """
 
     scenario: str
@@ -262,7 +265,7 @@ def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
             continue
         people = np.nan_to_num(cases.recorded_drivers[safe])
         points, group = np.unique(point_numbers([cases])[0][safe], return_inverse=True)
-        # recorded drivers at each point: the most of its cases, one of each ADS
+        # at each point, where each ADS has a case: the largest number of recorded drivers
         most = np.zeros(len(points))
         np.maximum.at(most, group, np.where(people >= fewest, people, 0.0))
         scenarios.append(

@@ -28,9 +28,9 @@ from sumo_eval.settings.checked import (
 from sumo_eval.settings.config import read_checked
 
 INDEXES: Final = {name: attribute for name, (attribute, _) in SCORES.items() if name != "regret"}
-"""Scores of which more is better: name -> field of ScenarioResult."""
+"""Scores that are better when higher: name -> field of ScenarioResult."""
 HIGHER_IS_BETTER: Final = tuple(INDEXES)
-"""Scores of which more is better; of every other number of an ADS less is."""
+"""Scores that are better when higher; every other number of an ADS is better when lower."""
 WITH_INTERVAL: Final = (*HIGHER_IS_BETTER, "regret", "collision_probability")
 """Quantities whose difference between two runs has an interval."""
 Change = Literal[
@@ -84,12 +84,12 @@ TIMED: Final = (
 """Columns of measured times, which differ between any two drives of one case."""
 
 LAST_DIGIT = 1e-9
-"""Effect of rounding, as a share of a tolerance or of a value: nothing fails by so little."""
+"""Largest effect of rounding, as a share of what is compared: nothing fails by so little."""
 
 # defaults for the change of U that counts
 SEVERITY_BY = 0.5  # m/s, a rise, from which the rule fails a case
 HARSHER_BY = 0.1  # m/s, from which a comparison lists a collision as harsher or softer
-LOSS_BY = 0.01  # instead of both where `severity` makes U a loss in 0..1
+LOSS_BY = 0.01  # instead of both where the evaluation's `severity` makes U a loss in 0..1
 _OF_A_LOSS = f"of a loss in 0..1 {LOSS_BY:g}"
 
 

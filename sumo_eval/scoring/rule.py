@@ -102,7 +102,7 @@ def kept_margin(base: FloatArray, new: FloatArray, measure: MeasureSettings) -> 
     """Share of its distance to an accident that each case kept, (n,).
 
     It is new / base, or base / new of a quantity that rises with danger, such as DRAC. It is 1
-    where the divisor is 0.
+    where the divisor is 0 or less.
     """
     kept, whole = (new, base) if measure.higher_is_better else (base, new)
     return np.divide(kept, whole, out=np.ones_like(kept), where=whole > 0.0)
@@ -116,7 +116,7 @@ def holm(chances: Sequence[tuple[float, float]], level: float) -> list[bool]:
 
     chances: (P, least P that was possible) of each test.
     """
-    # indices of the tests that stay: with m of them each least P is at most level / m
+    # indices: the test of the largest least P goes until that of each of m is at most level / m
     possible = list(range(len(chances)))
     while any(chances[i][1] > level / len(possible) for i in possible):
         possible.remove(max(possible, key=lambda i: chances[i][1]))
@@ -296,7 +296,7 @@ def tally(
         by = worsening(before, after, measure)
         limit = tolerance(before, measure, floor) * (1.0 + LAST_DIGIT)
         if near and measure.zone is not None:
-            # the sign makes the worse value the smaller one
+            # times the sign, a smaller value is worse: the worse of the two is inside the zone
             sign = 1.0 if measure.higher_is_better else -1.0
             counts &= np.fmin(sign * before, sign * after) < sign * measure.zone
         flags = counts & (by > limit)
@@ -359,11 +359,11 @@ def can_fail(total: Tally, settings: GateSettings, *, noisy: bool) -> bool:
 def tallies(comparison: Comparison, settings: GateSettings, noise: Noise) -> list[Tally]:
     """Tallies of parts two and three of every ADS: near misses, then shifts."""
     return [
-        tally(ads, [part for part in comparison.ads if part.ads == ads], item,
-              noise.of(ads).floors.get(item.quantity, 0.0), near)
-        for near, part in ((True, settings.near_miss), (False, settings.shift))
+        tally(ads, [part for part in comparison.ads if part.ads == ads], measure,
+              noise.of(ads).floors.get(measure.quantity, 0.0), near)
+        for near, rule in ((True, settings.near_miss), (False, settings.shift))
         for ads in dict.fromkeys(part.ads for part in comparison.ads)
-        for item in (part.measure if part.on else ())
+        for measure in (rule.measure if rule.on else ())
     ]  # fmt: skip
 
 

@@ -43,7 +43,7 @@ def checked_command(command: str, folder: Path | None, scheme: str) -> tuple[str
     if not hasattr(os, "killpg"):
         raise InputError(f"{owner} needs a system with process groups (Linux, macOS).")
     program = words[0]
-    # joined as text: a `Path` drops the `./` that keeps `which` from searching
+    # `which` searches PATH for a name without a slash, and a `Path` drops `./`: so joined as text
     path = os.path.join(folder or ".", program) if os.sep in program else program
     if shutil.which(path, path=search_path()) is None:
         raise InputError(f"{owner}: there is no program `{program}` that can be run.")
@@ -51,8 +51,8 @@ def checked_command(command: str, folder: Path | None, scheme: str) -> tuple[str
 
 
 def search_path() -> str:
-    """PATH, after the folder of this Python's virtual environment unless the user has activated an
-    environment.
+    """The folder of this Python's virtual environment, then PATH; PATH alone if the user has
+    activated an environment.
     """
     usual = os.environ.get("PATH", os.defpath)
     if (
@@ -122,8 +122,9 @@ class ChildProgram:
         return f"[the first {left_out} bytes are left out]\n{text}" if left_out else text
 
     def ended(self, closed: str) -> ControllerError:
-        """The error of a program that ended, or still runs and has closed its input,
-        output or connection.
+        """The error of a program that ended, or still runs and does not talk any more.
+
+        closed: what it has closed then, as `output`.
         """
         try:
             how = f"with status {self.process.wait(_PATIENCE)}"

@@ -75,7 +75,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
 def edge(folder: Path, *, width: str) -> Figure:
     """Boundary of an ADS's collisions, with every trial.
 
-    Beyond it a collision is likelier than not.
+    On one side of it a collision is likelier than not.
 
     Two parameters have one map. Three have a map for each value of the third, one below the other.
 
@@ -90,9 +90,9 @@ def edge(folder: Path, *, width: str) -> Figure:
 def opinion(run: Path, *, width: str) -> Figure:
     """Scores over the mean rating by people, as in the paper's Fig. 11.
 
-    A panel a score, with Spearman's rho and its interval.
+    One panel for each score, with Spearman's rho and its interval.
 
     width: a key of `style.WIDTHS`.
     Raises InputError for a run without ratings, which `sumo-eval humans opinion` adds.
     """
-    return on_paper(opinion_panels(run), width, 0.85, 4 if width == "page" else 2)
+    return on_paper(opinion_panels(run), width, 0.85, columns=4 if width == "page" else 2)

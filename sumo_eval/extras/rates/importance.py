@@ -53,7 +53,8 @@ Limits = tuple[float, float, float]
 class Met(NamedTuple):
     """How often a scenario's points occur: their exposure as a density p with the integral 1.
 
-    `base` draws points by exposure, but disregards constraints. `base_density` is their density.
+    `base` draws points by the parameters' distributions, but disregards constraints and the file's
+    `exposure`. `base_density` is their density.
 
     joint: distribution of all parameters; None: each parameter has its own.
     scale: integral of the exposure over the possible points, by which p is divided.
@@ -94,6 +95,7 @@ class Met(NamedTuple):
         """p (n,) at points (n, k): 0 outside the box and where a constraint forbids them."""
         density = np.zeros(len(points))
         possible = self.logical.in_box(points)
+        # of those in the box, which also meet the constraints
         possible[possible] = self.logical.feasible(points[possible])
         density[possible] = self.logical.exposure(self.logical.columns(points[possible]))
         return density / self.scale
@@ -229,7 +231,8 @@ class RareEvents:
         points, density, drawn_with = self._pool(stream)
         level = density / density.max()
         if self._knows_both:
-            # half at the edge of the collisions, where the root admits points of little exposure
+            # half of the points lie at the edge of the collisions; by the square root, points of
+            # little exposure are among them
             chance = self._search.probability(points)
             edge = np.sqrt(level) * chance * (1.0 - chance) / drawn_with
             core = level * (chance > 0.5) / drawn_with
@@ -259,7 +262,8 @@ class RareEvents:
         density = self.met.density(points)
         points, density = points[density > 0.0], density[density > 0.0]
 
-        # density of each third: of the wide one at the point that was stretched to this one
+        # mean density of the three thirds. A wide point has the density that `base` has at the point
+        # before it was stretched, over STRETCHED in each direction
         unstretched = middle + (points - middle) / STRETCHED
         drawn_with = (
             self.met.base_density(points)
@@ -285,7 +289,7 @@ class RareEvents:
             drawn += size
         rows, density = rows[density > 0.0], density[density > 0.0]
 
-        volume = np.prod(logical.high - logical.low)  # parameters' units over the unit box's
+        volume = np.prod(logical.high - logical.low)  # of the box, in the parameters' units
         proposal = defensive * self.met.base_density(rows)
         for mixture, turn in zip(mixtures, turns, strict=True):
             part = (1.0 - defensive) * turn.mean()
@@ -374,11 +378,11 @@ def _fitted(unit: FloatArray, weight: FloatArray, stream: np.random.Generator) -
     k = unit.shape[1]
     effective = 1.0 / (share**2).sum()  # number of points, as if all had the same weight
     if effective < k + 2:  # too few for a covariance: the heaviest points count alike
-        heaviest = np.argsort(weight)[-min(4 * (k + 2), (weight > 0.0).sum()) :]
-        if len(heaviest) < 2:
+        number = min(4 * (k + 2), (weight > 0.0).sum())
+        if number < 2:
             return None
         share = np.zeros(len(share))
-        share[heaviest] = 1.0 / len(heaviest)
+        share[np.argsort(weight)[-number:]] = 1.0 / number
         effective = 1.0 / (share**2).sum()
     centred = unit - share @ unit
     # 1e-8 of the box: points in a plane have a covariance too
@@ -462,7 +466,7 @@ def resampled(met: Met, count: int, seed: int) -> list[tuple[Any, float]]:
 
     count: number of resamples.
 
-    Each comes with its number of events over that of the recorded ones. The number of times that an
+    Each comes with the ratio of its number of events to the recorded number. The number of times that an
     event counts is a Poisson draw of mean 1, as another stretch of road might have shown it.
     """
     if met.joint is None:
@@ -470,5 +474,7 @@ def resampled(met: Met, count: int, seed: int) -> list[tuple[Any, float]]:
     stream = random_stream(seed, "events", met.logical.name)
     weights = stream.poisson(1.0, (count, len(met.joint.events))).astype(np.float64)
     return [
-        (replace(met.joint, weights=tuple((row + 1e-9).tolist())), row.mean()) for row in weights
+        # 1e-9: all may be drawn 0 times
+        (replace(met.joint, weights=tuple((row + 1e-9).tolist())), row.mean())
+        for row in weights
     ]

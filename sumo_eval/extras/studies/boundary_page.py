@@ -67,7 +67,8 @@ def write_boundary(
     chances = [
         [*(f"{value:z.9g}" for value in row), "" if np.isnan(chance) else f"{chance:z.4g}"]
         for share in shares
-        for row, chance in zip(*chances_on(boundary, share), strict=True)
+        for points, probabilities in [chances_on(boundary, share)]
+        for row, chance in zip(points, probabilities, strict=True)
     ]  # an impossible point has an empty chance
     write_csv(folder / CHANCES, [*names, "chance"], chances)
     write_json(folder / SUMMARY, {**summary(boundary), "held": held}, "The boundary")
