@@ -160,9 +160,15 @@ def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
         for it in spaces
     ]
     kinds = {sort: list[Iterable[Case]]() for sort in _SORTS}
-    pairs = [(space, ads) for space in few for ads in plan.run.settings.ads]
-    for space, ads in pairs[:: math.ceil(len(pairs) / _KINDS)]:
-        run = replace(plan.run, settings=replace(plan.run.settings, ads=(ads,)))
+    # each scenario begins with another ADS: else every n-th pair may be of the same ones
+    ads = plan.run.settings.ads
+    pairs = [
+        (space, ads[(first + number) % len(ads)])
+        for first, space in enumerate(few)
+        for number in range(len(ads))
+    ]
+    for space, entry in pairs[:: math.ceil(len(pairs) / _KINDS)]:
+        run = replace(plan.run, settings=replace(plan.run.settings, ads=(entry,)))
         kinds["ads"].append(replace(plan, run=run).ads(space))
     for stage in chain.from_iterable(stages(space, plan) for space in few):
         if stage.role != "ads":

@@ -402,7 +402,9 @@ def test_commonroads_obstacles_that_are_left_out_are_counted_by_why(tmp_path):
 
 
 def _bend(path, **columns):
-    """Eight cars along a circle of 300 m, in two lanes of 3.5 m, on a map, and one that stands."""
+    """Eight cars along a circle of 300 m, in two lanes of 3.5 m, on a map, one that stands, and one
+    that reverses.
+    """
     rows = []
     for number in range(8):
         lane = number % 2
@@ -419,6 +421,7 @@ def _bend(path, **columns):
                 )
             )
     rows += [("parked", t, 80.0, 30.0, 0.0) for t in (0.0, 0.1, 0.2)]
+    rows += [("reversing", t, -5.0 * t, 900.0, 0.0) for t in np.arange(0.0, 12.0, 0.5).tolist()]
     table = pd.DataFrame(rows, columns=["vehicle", "t", "x", "y", "heading_deg"]).assign(**columns)
     table.to_csv(path, index=False)
     return path
@@ -437,6 +440,7 @@ def test_any_table_on_a_map_is_straightened_and_says_what_it_assumed_and_left_ou
         assert np.ptp(track["y"]) < 0.5
     said = " ".join(recordings.notes)
     assert "1 vehicles that move less than 30 m are left out" in said
+    assert "1 vehicles that drive along no path are left out" in said
     assert "no length of the vehicles: 4.5 m are assumed" in said
     assert "no speed: from the motion" in said
 

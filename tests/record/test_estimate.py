@@ -12,10 +12,11 @@ from sumo_eval.settings import AdsSettings, EvaluationSettings, SamplingSettings
 
 HERE = Path()
 HALTON = ScenarioSettings("cut_in", sampling=SamplingSettings("halton", count=2000))
+FEW = ScenarioSettings("front_vehicle_low_speed", sampling=SamplingSettings("halton", count=9))
 
 
-def estimated(ads, source=HERE):
-    return costs.estimate(Resolved.of(EvaluationSettings("x", (HALTON,), ads), source), None)
+def estimated(ads, source=HERE, scenarios=(HALTON,)):
+    return costs.estimate(Resolved.of(EvaluationSettings("x", scenarios, ads), source), None)
 
 
 def test_an_estimate_looks_at_some_points_and_counts_all(monkeypatch):
@@ -30,7 +31,8 @@ def test_an_estimate_looks_at_some_points_and_counts_all(monkeypatch):
     assert some.hazardous.mean() == pytest.approx(whole.hazardous.mean(), abs=0.1)
 
 
-def test_an_estimate_of_many_ads_times_a_few_of_them(monkeypatch):
+@pytest.mark.parametrize(("count", "scenarios"), [(300, (HALTON,)), (12, (HALTON, FEW))])
+def test_an_estimate_of_many_ads_times_a_few_of_them(count, scenarios, monkeypatch):
     timed = []
 
     def seconds_a_drive(kinds, setup):
@@ -38,10 +40,10 @@ def test_an_estimate_of_many_ads_times_a_few_of_them(monkeypatch):
         return {"ads": 2.0, "references": 0.0, "humans": 0.0}, 1, False
 
     monkeypatch.setattr(costs, "_seconds_a_drive", seconds_a_drive)
-    ads = tuple(AdsSettings(f"a{number}", "idm") for number in range(300))
-    found = estimated(ads)
+    ads = tuple(AdsSettings(f"a{number}", "idm") for number in range(count))
+    found = estimated(ads, scenarios=scenarios)
     points = found.drives["references"] // 3
-    assert found.drives["ads"] == 300 * points
+    assert found.drives["ads"] == count * points
     assert found.seconds == pytest.approx(2.0 * found.drives["ads"] / found.workers)
     assert len(timed) == 12
     assert {len({case.driver for case in cases}) for cases in timed} == {1}

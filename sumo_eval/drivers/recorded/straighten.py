@@ -60,7 +60,9 @@ def straighten(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
             notes.append(f"{name}: {stream['vehicle'].nunique()} vehicles along one path, {lanes}.")
         notes += [f"{recording}: {number} {why}." for why, number in lost.items() if number]
     if not parts:
-        raise InputError(f"At least one vehicle must move {SHORTEST_AXIS:g} m, got none that does.")
+        raise InputError(
+            f"At least one vehicle must move {SHORTEST_AXIS:g} m as it is headed, got none that does."
+        )
     return pd.concat(parts, ignore_index=True), tuple(notes)
 
 
@@ -79,7 +81,9 @@ def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
     while rest:
         axis = _chained(rest[0], {name: paths[name] for name in rest})
         stream = _stream(rows[rows["vehicle"].isin(rest)], axis, rest[0])
-        streams.append(stream)
+        if len(stream):  # not of a vehicle that reverses
+            streams.append(stream)
+        # the longest track, even if none of its samples is in the stream: so the loop ends
         members = {rest[0], *stream["vehicle"].unique()}
         rest = [vehicle for vehicle in rest if vehicle not in members]
     driving = {vehicle for stream in streams for vehicle in stream["vehicle"].unique()}
@@ -208,7 +212,7 @@ def _laned(stream: pd.DataFrame) -> tuple[pd.DataFrame, float | None]:
     """
     s = stream["x"].to_numpy()
     aside = stream["offset"].to_numpy() if "offset" in stream else np.zeros(len(s))
-    d = stream["y"].to_numpy() - aside
+    d = stream["y"].to_numpy() - aside  # of the centre of the lane that it is in
     x = s - s.min()
     width, middle, slope = _visible_lanes(s, d)
     spacing = width or STANDARD_LANE
@@ -219,7 +223,8 @@ def _laned(stream: pd.DataFrame) -> tuple[pd.DataFrame, float | None]:
     driven = pd.Series(stretch).groupby(lane).nunique()
     enough = min(LANE_COVER * len(np.unique(stretch)), driven.max())
     right = int(driven.index[driven >= enough].min())
-    y, heading = d + aside - middle - right * spacing, stream["heading"] - np.arctan(slope)
+    y = d + aside - middle - right * spacing
+    heading = stream["heading"] - np.arctan(slope)
     return stream.assign(x=x, y=y, lane=lane - right, heading=heading), width
 
 
@@ -236,9 +241,10 @@ def _visible_lanes(s: FloatArray, d: FloatArray) -> tuple[float | None, Any, Any
     width = LANE_WIDTHS[np.argmax(agreement)]
     phasors = _phasors(d, section, width)
     steady = np.convolve(phasors, np.ones(SECTIONS_SMOOTHED), "same")[: len(phasors)]
-    drift = np.unwrap(np.angle(steady)) / (2 * np.pi) * width
-    middles = s.min() + SECTION * (np.arange(len(drift)) + 0.5)  # of the sections
-    slopes = np.gradient(drift, SECTION) if len(drift) > 1 else np.zeros(1)
+    seen = np.flatnonzero(steady)  # a section without samples has no angle
+    drift = np.unwrap(np.angle(steady[seen])) / (2 * np.pi) * width
+    middles = s.min() + SECTION * (seen + 0.5)  # of the sections
+    slopes = np.gradient(drift, middles) if len(drift) > 1 else np.zeros(1)
     return width, np.interp(s, middles, drift), np.interp(s, middles, slopes)
 
 

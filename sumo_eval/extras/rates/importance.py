@@ -424,7 +424,7 @@ def estimated(
     """
     # of a Poisson number, the largest mean that gives as few hits; -ln(1 - LEVEL) without any. Not
     # all were drawn by exposure, so it is rather too large
-    hits = gammaincinv(len(weights) + 1.0, LEVEL)
+    hits = float(gammaincinv(len(weights) + 1.0, LEVEL))
     limit = min(1.0, hits * heaviest / (DEFENSIVE * drawn)) if drawn else 1.0
     probability = expected = 0.0, 0.0, limit
     deviation = math.inf
