@@ -46,13 +46,13 @@ class Behaviour(NamedTuple):
 
     @property
     def contacts(self) -> float:
-        """The excess as contacts at `CONTACT` a case."""
+        """The excess a case, in contacts at `CONTACT`: 1 is one such contact in every case."""
         return self.excess / CONTACT
 
 
 def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
-    """The ADSs by their place in the ranking; without one by the mean S+ of their scenarios, a
-    missing one last, equals as they stand in the evaluation.
+    """The ADSs by their place in the ranking; without a ranking by the mean S+ of their scenarios,
+    ADSs without S+ last and equal ones in the evaluation's order.
     """
     if evaluation.ranking is not None and evaluation.ranking.ads:
         return evaluation.ranking.ads
@@ -61,6 +61,7 @@ def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
         scores = [score for score in evaluation.scores if score.ads == ads]
         interval = scores[0].s_plus_interval if len(scores) == 1 else None
         order.append(RankedAds(ads, None, _mean((it.s_plus, 1.0) for it in scores), interval))
+    # S+ is at least 0
     return tuple(sorted(order, key=lambda ads: 1.0 if ads.s_plus is None else -ads.s_plus))
 
 
@@ -70,7 +71,7 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
     scores = [findings.score for findings in parts]
     by_scenario = {} if evaluation.ranking is None else evaluation.ranking.weights
     weights = [by_scenario.get(score.scenario, 1.0) for score in scores]
-    stands = sum(int(findings.stands.sum()) for findings in parts)
+    stands = sum(int(findings.stands.sum()) for findings in parts)  # slow cases, too
 
     def total(field: str) -> int:
         return sum(getattr(score, field) for score in scores)
@@ -93,7 +94,11 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
             float(findings.cases.impact_speed[findings.cases.avoidable].max(initial=0.0))
             for findings in parts
         ),
-        excess=mean(mean_of(findings.beyond, findings.cases.exposure) for findings in parts) or 0.0,
+        excess=mean(
+            (mean_of(findings.beyond, findings.cases.exposure) for findings in parts),
+            skip_missing=True,
+        )
+        or 0.0,
         grade=mean(score.avoidance_grade for score in scores),
         human=mean((score.human_likeness for score in scores), skip_missing=True),
     )
@@ -153,6 +158,7 @@ def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | Non
         for findings in findings_of(evaluation, ads):
             losses = np.nan_to_num(findings.share_lost)
             if (most := float(losses.max(initial=0.0))) > 0.0:
+                # the name decides between equals
                 worst += [(most, case.case, case) for case in findings.cases[losses == most]]
         if worst:
             return max(worst)[2]

@@ -107,6 +107,11 @@ def test_safety_in_a_test_engineers_words(evaluation):
         "1 avoidable collision in 4 cases, worst 43 km/h; "
         "as much excess impact speed as one 50 km/h contact every 5 cases of this grid"
     )
+    # a scenario without an evaluated case takes nothing from it
+    lost = replace(first, scenario=builders.SCENARIOS[0], status="sim_error")
+    scores = (*one.scores, replace(one.scores[0], scenario=lost.scenario))
+    both = replace(one, scores=scores, cases=(*one.cases, lost))
+    assert behaviour_of(both, builders.CALM).excess == 3.0
     # the ideal vehicle hits as well, by 6 m/s
     softer = {"ideal_severity": 6.0, "ideal_collided": True}
     harder = of_one_scenario(evaluation, [replace(first, **HIT | softer), *rest])
