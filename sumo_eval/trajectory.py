@@ -90,10 +90,10 @@ class Trajectory:
             speed = np.hypot(_rate(xs, times), _rate(ys, times))
         speeds = _channel("speed", speed, n)
         headings = _channel("heading", _course(xs, ys, times) if heading is None else heading, n)
-        rates = _rate(speeds, times) if acceleration is None else acceleration
+        accelerations = _rate(speeds, times) if acceleration is None else acceleration
         angles = np.full(n, np.nan) if steering_wheel_angle is None else steering_wheel_angle
         channels = [
-            times, xs, ys, headings, speeds, _channel("acceleration", rates, n),
+            times, xs, ys, headings, speeds, _channel("acceleration", accelerations, n),
             _channel("steering_wheel_angle", angles, n, nan_allowed=True)
         ]  # fmt: skip
         self._hold(np.array(channels), length, width)
@@ -216,7 +216,7 @@ NEVER, UNKNOWN = -1.0, -2.0
 
 @dataclass(frozen=True, slots=True)
 class Clip:
-    """Note on a drive: requests that a limit changed, or another event that a reader must know.
+    """Note on a drive: requests that were changed by a limit, or another event to be known.
 
     what: name of the limit or event.
     count: how often it occurred.
@@ -272,7 +272,7 @@ _ALONE: dict[AloneReason, str] = {
 
 
 _WENT_WRONG = ("keeps_state", "together_failed", "pack_lost", "block_lost", "late")
-"""Reasons of a batch that failed, or whose results depend on which cases it has."""
+"""Reasons of a batch that failed, or whose results would depend on its cases by a fault."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,9 +287,7 @@ class Alone:
 
     @property
     def by_nature(self) -> bool:
-        """Whether no batch can hold the case; False: a batch failed, or some of its results depend
-        on which cases it has.
-        """
+        """Whether no batch can hold the case; False: something went wrong in a batch."""
         return self.why not in _WENT_WRONG
 
     def __str__(self) -> str:
@@ -322,10 +320,10 @@ class Recording:
     error_place: where in the user's code an exception came from, as `my_ads.py:42 in act`.
     batched: of an ADS that asks SUMO and was driven in a batch: "batched", or "compared" if the
         case was driven alone as well and was the same.
-    commands: what moved the ego in each step, None without a contact. Acceleration, m/s2, and
-        steering wheel angle, rad, (steps, 2). Where something other than the vehicle model may
-        move the ego, (steps, 6): x and y, m, and heading, rad, on the map, and speed, m/s, stand
-        before these.
+    commands: what moved the ego in each step: (steps, 2), acceleration, m/s2, and steering wheel
+        angle, rad. Where something other than the vehicle model may move it, (steps, 6): x and y,
+        m, and heading, rad, on the map, speed, m/s, acceleration, angle. None without a contact,
+        as only contacts are replayed.
     """
 
     ego: Trajectory
@@ -342,8 +340,8 @@ class Recording:
     commands: FloatArray | None = field(default=None, compare=False, repr=False)
 
     def same_drive(self, other: Recording) -> bool:
-        """Whether another recording has the same trajectories, contact, end, clips, error, its
-        place and log, to the bit. Wall times, `batched` and `commands` are not compared.
+        """Whether another recording has the same trajectories, contact, end, clips, error (with
+        its place) and log, to the bit. Wall times, `batched` and `commands` are not compared.
         """
 
         def content(recording: Recording) -> tuple[object, ...]:

@@ -108,12 +108,11 @@ def ideal_braking_gap(
     braking = _braking_time(time, delay)
     before = np.asarray(time) - braking  # s at constant speed
     # s of braking until the speeds are equal, and m/s lost in them; an ego that does not close in
-    # loses none
+    # keeps its speed
     lasting = np.where(closing > 0.0, np.minimum(braking, closing / strength), braking)
-    slower = np.where(closing > 0.0, strength * lasting, 0.0)
-    return np.asarray(_finite("gap", gap) - closing * before - lasting * (closing - slower / 2.0))[
-        ()
-    ]
+    lost = np.where(closing > 0.0, strength * lasting, 0.0)
+    left = _finite("gap", gap) - closing * before - lasting * (closing - lost / 2.0)
+    return np.asarray(left)[()]
 
 
 def max_inverse_ttc(
@@ -133,9 +132,9 @@ def max_inverse_ttc(
     deceleration: a, m/s2.
     delay: s before braking.
 
-    Relative speed u while braking leaves the gap c + u^2/(2a), c = d0 - rel delay - rel^2/(2a). So
-    ITTC(u) = u / (c + u^2/(2a)), with its peak sqrt(a/(2c)) at u = sqrt(2ac), or at u = rel if that
-    comes first.
+    D = v0 - v1 is the relative speed. At u <= D while braking, the gap is c + u^2/(2a), with
+    c = d0 - D delay - D^2/(2a). So ITTC(u) = u / (c + u^2/(2a)), with its peak sqrt(a/(2c)) at
+    u = sqrt(2ac), or where D is smaller than that at u = D, when braking begins.
 
     Raises InputError for numbers that are not finite, negative speeds or delays, and a deceleration
     not above 0.
@@ -146,7 +145,7 @@ def max_inverse_ttc(
     rel, left, strength = np.broadcast_arrays(rel, left, strength)
     c = left - rel**2 / (2.0 * strength)
     hit = (left <= 0.0) | (c <= 0.0)
-    # where it hits, 1 stands for the divisors, and the quotients do not count
+    # where it hits the divisors are 1: those quotients are not used
     c = np.where(hit, 1.0, c)
     peak_in_braking = 2.0 * strength * c <= rel**2
     peak = np.where(peak_in_braking, np.sqrt(strength / (2.0 * c)), rel / np.where(hit, 1.0, left))
@@ -188,8 +187,8 @@ def required_gap(
     delay: ArrayLike = 0.0,
     build_up: ArrayLike = 0.0,
 ) -> FloatArray:
-    """Smallest gap behind a constant-speed vehicle that braking can still use without contact, m; 0
-    if not closing.
+    """Smallest gap behind a vehicle of constant speed at which braking still avoids contact, m; 0 if
+    not closing.
 
     closing_speed: D, m/s.
     deceleration: am, the plateau, m/s2.
@@ -231,8 +230,8 @@ def ideal_impact_speed(
 
     D = v0 - v1 is the relative speed, d = d0 - D td the gap left when braking begins. For d <= 0
     the result is D. If contact is on the ramp, with the jerk j = am/Tr, the cubic D t - j t^3/6 = d
-    has the root t = 2 t* sin(q), sin(3q) = d / (2/3 D t*), t* = sqrt(2 D/j), and the result is
-    D (1 - 4 sin(q)^2). If it is on the plateau, the result is
+    has the root t = 2 t* sin(q), sin(3q) = d / (2/3 D t*), t* = sqrt(2 D/j), as sin(3q) =
+    3 sin(q) - 4 sin(q)^3, and the result is D (1 - 4 sin(q)^2). If it is on the plateau, the result is
     sqrt((D - am Tr/2)^2 - 2 am (d - D Tr + am Tr^2/6)).
 
     Raises InputError for numbers that are not finite, negative speeds or times, and am not above 0.
@@ -247,7 +246,7 @@ def ideal_impact_speed(
     ramp_length = closing * ramp - strength * ramp**2 / 6.0
     on_plateau = np.sqrt(np.maximum(after_ramp**2 - 2.0 * strength * (left - ramp_length), 0.0))
 
-    # gap closed on a ramp that lasts until equal speeds, and the share of it that is there
+    # gap closed on a ramp that lasts until equal speeds, and which share of it the gap left is
     needed = 2.0 / 3.0 * closing * np.sqrt(2.0 * closing * ramp / strength)
     free_gap = np.maximum(left, 0.0)
     share = checks.quotient(free_gap, needed, free_gap < needed, 1.0)
@@ -260,7 +259,7 @@ def ideal_impact_speed(
 
 
 Profile = Callable[[FloatArray], FloatArray]
-"""Motion of leads, from times (..., m), s, to their speeds, m/s, or to the distances that they have
+"""Motion of leads, from times (n, m), s, to their speeds, m/s, or to the distances that they have
 driven since t = 0, m, in the same shape."""
 
 _TIMES = 161  # times searched from the conflict's start to the ego's standstill
@@ -289,9 +288,9 @@ def searched_criticality(
     delay: s before braking.
     conflict_begin: s before which the lead is not in the way, so that neither ITTC nor contact
         counts.
-    passing_length: m, both bodies: with a gap below -passing_length at the conflict's start the ego
-        has passed, and nothing counts any more; with one between that and 0 the lead moves into its
-        side.
+    passing_length: both lengths together, m. With a gap below -passing_length at the conflict's
+        start the ego has passed, and nothing counts. With a gap between -passing_length and 0 it is
+        a contact: the lead moves into the ego's side.
 
     Max ITTC is inf where it hits, 0 where it never closes; the relative speed at contact is 0 where
     avoided. Both agree with `max_inverse_ttc` and `ideal_impact_speed` to 1e-3 (relative) where

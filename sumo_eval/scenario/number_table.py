@@ -53,7 +53,8 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
             (_, head), *lines = [(reader.line_num, row) for row in reader if row] or [(0, [])]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"The {what} {path} cannot be read: {error}.") from error
-    titles = [from_cell(title.strip()) for title in head]  # undoes `cell` of a written table
+    # written tables have a quote before what a spreadsheet would execute
+    titles = [from_cell(title.strip()) for title in head]
     header, factors = [], {}
     for title in titles:
         name, factor = title, 1.0
@@ -75,7 +76,7 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
             f"The {what} {path} must have every column once, got {shown(double[0])} twice."
         )
     names = list(units)
-    # `further` "": none is asked for, though pandas writes its index under the title ""
+    # without `further`, a column without a title is not read: pandas writes its index so
     if further and further in header and further not in units:
         names.append(further)
     table = []

@@ -2,7 +2,7 @@
 
 `cosim/simulation.py` opens `sharing()` around the drive of such a batch.
 
-The cases' roads lie on each other, so positions, times and speeds are those of the case alone.
+The roads of all cases are at one place, so positions, times and speeds are those of the case alone.
 Names differ: those that a call is given get the row's suffix, those in its answer lose it. A call
 about more than the row takes the row out of its batch: `Guard.leave` raises.
 """
@@ -56,8 +56,8 @@ _OF_MODELS = frozenset(
         "getParameterWithKey",
     }
 )
-"""Calls that SUMO's driver models answer. Of the vehicles of a row, only the ego has an active
-one."""
+"""Calls that SUMO's driver models answer. In a batch only the ego's is active: `cosim` moves the
+others."""
 
 
 def _reading(read: _Call) -> Any:
@@ -123,7 +123,7 @@ def _kept_position(reading: _Call) -> Any:
 
 
 def _nearest(reading: _Call) -> Any:
-    """`getLeader`; errors, and vehicles of other rows, are left to `reading`."""
+    """`getLeader`; for errors and vehicles of other rows by `reading`, which takes the row out."""
     read = insides.direct("getLeader", libsumo.vehicle.getLeader)
 
     def nearest(vehID: Any, dist: Any = 100.0) -> Any:  # noqa: N803 - TraCI's name
@@ -132,7 +132,7 @@ def _nearest(reading: _Call) -> Any:
             lead, gap = read(names[vehID], dist)
             if lead:
                 return names.back[lead], gap
-            # libsumo's `getLeader`, which `read` leaves out, has this switch
+            # the switch of libsumo's Python `getLeader`, which `read` bypasses
             return None if libsumo.vehicle._legacyGetLeader else (lead, gap)
         except (libsumo.TraCIException, TypeError, KeyError):
             return reading(vehID, dist)
@@ -163,8 +163,8 @@ def _seen(domain: Any, call: str) -> Any:
     if kind in _OF_A_ROW and call.startswith(_READS) and call not in _OF_MANY:
         read = getattr(domain, call)
         by_name = read.__code__.co_argcount == 1  # a static method: its argument is the name
-        direct = insides.direct(call, read, kind)
-        reading = _reading_by_name(direct) if by_name else _reading(read)
+        reading = _reading_by_name(insides.direct(call, read, kind)) if by_name else _reading(read)
+        # the ego's type has the ego's name
         if call in _OF_MODELS and kind in ("vehicle", "vehicletype"):
             return _of_ego(reading)
         return _QUICK[call](reading) if kind == "vehicle" and call in _QUICK else reading
@@ -177,7 +177,7 @@ def _view() -> list[tuple[Any, str, Any]]:
     for domain in TRACI.DOMAINS:
         for call in dir(domain):
             read = getattr(domain, call)
-            # a domain is a subclass of libsumo's: its own are the writing calls, guarded already
+            # the domains of `TRACI` override libsumo's writing calls, and guard them
             writes = call in vars(domain)
             if call.startswith("_") or isinstance(read, type) or not callable(read) or writes:
                 continue
@@ -198,7 +198,8 @@ class _NoLibsumo(ModuleType):
 
 
 class _Console(io.TextIOBase):
-    """Output stream of a hook in a batch: a case that prints leaves, as its output is its own.
+    """Output stream of a hook in a batch: a case that prints leaves, as what it prints is kept with
+    the case.
 
     What has kept it, as `logging` does, writes to the process's stream after the batch.
 
@@ -221,8 +222,8 @@ _VIEW: list[tuple[Any, str, Any]] = []
 
 @contextmanager
 def sharing() -> Iterator[None]:
-    """`import traci` gives the guarded one within this block, which answers for the row that
-    `GUARD.names` is of; `import libsumo` gives none.
+    """`import traci` gives the guarded one within this block, which answers for the row whose names
+    `GUARD.names` has; `import libsumo` gives a stand-in that takes the row out.
     """
     if not _VIEW:
         _VIEW.extend(_view())
@@ -234,7 +235,7 @@ def sharing() -> Iterator[None]:
             redirect_stdout(_Console("stdout")),
             redirect_stderr(_Console("stderr")),
         ):
-            sys.modules["libsumo"] = _NO_LIBSUMO
+            sys.modules["libsumo"] = _NO_LIBSUMO  # `seen_as_traci` puts libsumo back
             yield
     finally:
         for domain, call, _ in _VIEW:

@@ -2,11 +2,12 @@
 metres and radians.
 
 Positions are centres. The samples lie on a map, so they are straightened. Obstacles without a
-trajectory (standing, or described by sets) are left out.
+trajectory (standing, or with an `occupancySet` alone) are left out.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -80,6 +81,7 @@ def read(path: Path) -> Samples:
 
 def _why_left_out(obstacle: Any) -> str:
     """Reason why an obstacle is not a driven vehicle; empty: it is one."""
+    # 2020a has a tag of its own for what stands, 2018b a role
     if obstacle.tag == "staticObstacle" or obstacle.findtext("role", "dynamic") != "dynamic":
         return "which stand"
     if obstacle.find("shape/rectangle") is None:
@@ -91,7 +93,9 @@ def _why_left_out(obstacle: Any) -> str:
 
 
 def _samples(obstacle: Any, path: Path) -> list[dict[str, Any]]:
-    """The samples of a vehicle, with t in time steps, refused where its states are sets."""
+    """The samples of a vehicle, with t in time steps, refused where a state is an interval or an
+    area.
+    """
     states = obstacle.findall("initialState") + obstacle.findall("trajectory/state")
     for place in _SETS:
         if any(state.find(place) is not None for state in states):
@@ -125,8 +129,8 @@ def _lane_centres(root: Any, path: Path) -> FloatArray:
         ]
         if min(len(side) for side in sides) < 2:
             continue
-        # one a metre of the longer side
-        count = max(2, int(max(np.hypot(*np.diff(side, axis=0).T).sum() for side in sides)) + 1)
+        longer = max(float(distances(side)[-1]) for side in sides)
+        count = max(2, math.ceil(longer) + 1)
         left, right = (_even(side, count) for side in sides)
         middle = (left + right) / 2
         tangent = np.gradient(middle, axis=0)
@@ -156,7 +160,7 @@ def _value(state: Any, place: str, path: Path) -> float:
 
 def _number(text: str | None, path: Path, element: Any, what: str) -> float:
     number = number_in(text)
-    if not abs(number) <= LARGEST:
+    if not abs(number) <= LARGEST:  # nan, too
         raise InputError(
             f"`{what}` of the element in row {element.sourceline} of {path} must be a number, got "
             f"{text!r}."

@@ -1,4 +1,4 @@
-"""NGSIM trajectories in feet: the original 18 columns without a heading, and the 25 columns of
+"""NGSIM trajectories in feet: the original 18 columns without a head row, and the 25 columns of
 data.transportation.gov.
 
 Traps: x, y is the centre of the FRONT; Local_X grows to the right from the left road edge, Local_Y
@@ -37,9 +37,9 @@ _CLASSES = {1: "motorcycle", 2: "car", 3: "truck"}
 def read(path: Path) -> Samples:
     """The recordings of a file."""
     rows = _rows(path)
-    # the id of the row before it
+    # same id as in the row before
     same = (rows["Vehicle_ID"].diff() == 0) & (rows["place"] == rows["place"].shift())
-    # but another vehicle: the clock jumps by more than 1000 ms, or the length by 0.05 ft
+    # yet a new vehicle: the clock jumps by more than 1000 ms, or the length by 0.05 ft
     again = same & ((rows["Global_Time"].diff() > 1000.0) | (rows["v_length"].diff().abs() > 0.05))
     # number of earlier vehicles with this id
     use = again.groupby([rows["place"], rows["Vehicle_ID"]]).cumsum().astype(int)
@@ -61,8 +61,8 @@ def read(path: Path) -> Samples:
         }
     )
     # y = 0 in the lane nearest to lane 0 that a recording has
-    distance = table["lane"].abs()
-    right = table["y"].where(distance == distance.groupby(table["recording"]).transform("min"))
+    lanes_off = table["lane"].abs()
+    right = table["y"].where(lanes_off == lanes_off.groupby(table["recording"]).transform("min"))
     table["y"] -= right.groupby(table["recording"]).transform("median")
     notes = [
         f"{path.name} has no headings: 0 is assumed. Its lane {MAIN_LANES} is the right lane "
@@ -80,8 +80,9 @@ def _rows(path: Path) -> pd.DataFrame:
     """The file's samples, with a column `place`, sorted by place, vehicle and time."""
     with input_file(path, "file").open("rb") as file:
         first = file.readline().lstrip()
-    has_heading = first[:1].isalpha() or first[:1] in (b'"', b"\xef")
-    if has_heading:
+    # a title, maybe behind a quote or a byte order mark
+    has_head_row = first[:1].isalpha() or first[:1] in (b'"', b"\xef")
+    if has_head_row:
         spelling = {name.lower(): name for name in _NEEDED}
         rows = read_table(path, (), dtype={"Location": str}).rename(
             columns=lambda name: spelling.get(name.lower(), name)
@@ -89,6 +90,6 @@ def _rows(path: Path) -> pd.DataFrame:
         require_columns(rows, _NEEDED, path)
     else:
         rows = read_table(path, (), sep=r"\s+", header=None, names=_ORIGINAL)
-    checked_numbers(rows, _NEEDED, path, heading=int(has_heading))
+    checked_numbers(rows, _NEEDED, path, heading=int(has_head_row))
     rows["place"] = rows["Location"].astype(str) if "Location" in rows else path.stem
     return rows.sort_values(["place", "Vehicle_ID", "Global_Time"], kind="stable")
