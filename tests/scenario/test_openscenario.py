@@ -14,6 +14,7 @@ from refusals import refusal
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario import reading
 from sumo_eval.extras.openscenario.collections import uses_of
 from sumo_eval.extras.openscenario.conformity import ROWS
@@ -252,6 +253,12 @@ def test_who_is_synchronized_is_there_on_time_with_the_final_speed(
     last = times >= time - steady / final + 1e-6
     assert speeds[last] == pytest.approx(final)
     assert speeds.min() >= 0.0
+
+
+@pytest.mark.parametrize(("distance", "time"), [(50.0, 0.0), (0.0, 2.0)])
+def test_no_room_to_be_there_on_time_is_refused(distance, time):
+    with pytest.raises(InputError, match="leave no room"):
+        synchronized(distance, time, 10.0, 10.0, 0.0)
 
 
 BAD = {

@@ -71,11 +71,12 @@ def synchronized(distance: float, time: float, speed: float, final: float, stead
     if final <= 0.0:
         raise InputError(f"a final speed above 0 m/s is needed, got {final:g}")
     ahead, rest = distance - steady, time - steady / final
-    if ahead < -ON or rest < -SAME:
+    only_steady = rest <= AT_ONCE or ahead <= ON  # only the steady part is left
+    if ahead < -ON or rest < -SAME or (only_steady and max(ahead, speed * rest) > _THERE):
         raise InputError(
             f"{distance:.2f} m in {time:.2f} s leave no room for {steady:g} m at {final:g} m/s"
         )
-    if rest <= AT_ONCE or ahead <= ON:  # only the steady part is left
+    if only_steady:
         step = (max(rest, 0.0) + AT_ONCE, final)
         return ((rest, speed), step) if rest > 0.0 else (step,)
     mean = ahead / rest
