@@ -187,8 +187,8 @@ def required_gap(
     delay: ArrayLike = 0.0,
     build_up: ArrayLike = 0.0,
 ) -> FloatArray:
-    """Smallest gap behind a vehicle of constant speed at which braking still avoids contact, m; 0 if
-    not closing.
+    """Smallest gap behind a vehicle of constant speed at which braking avoids contact, m; 0 if not
+    closing.
 
     closing_speed: D, m/s.
     deceleration: am, the plateau, m/s2.
@@ -231,8 +231,8 @@ def ideal_impact_speed(
     D = v0 - v1 is the relative speed, d = d0 - D td the gap left when braking begins. For d <= 0
     the result is D. If contact is on the ramp, with the jerk j = am/Tr, the cubic D t - j t^3/6 = d
     has the root t = 2 t* sin(q), sin(3q) = d / (2/3 D t*), t* = sqrt(2 D/j), as sin(3q) =
-    3 sin(q) - 4 sin(q)^3, and the result is D (1 - 4 sin(q)^2). If it is on the plateau, the result is
-    sqrt((D - am Tr/2)^2 - 2 am (d - D Tr + am Tr^2/6)).
+    3 sin(q) - 4 sin(q)^3, and the result is D (1 - 4 sin(q)^2). If it is on the plateau, the
+    result is sqrt((D - am Tr/2)^2 - 2 am (d - D Tr + am Tr^2/6)).
 
     Raises InputError for numbers that are not finite, negative speeds or times, and am not above 0.
     """

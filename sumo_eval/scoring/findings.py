@@ -240,8 +240,8 @@ class PeopleBehind:
 
     points: number of safe concrete scenarios.
     with_people: number of these in which D_i compares with recorded drivers.
-    drives: number of drives of recorded drivers in these, but for points with fewer than
-        `drivers.least` where those are left out.
+    drives: number of drives of recorded drivers in these. Points with fewer than `drivers.least`
+        do not count where they are left out.
     """
 
     scenario: str

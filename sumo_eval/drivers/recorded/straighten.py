@@ -61,7 +61,8 @@ def straighten(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
         notes += [f"{recording}: {number} {why}." for why, number in lost.items() if number]
     if not parts:
         raise InputError(
-            f"At least one vehicle must move {SHORTEST_AXIS:g} m as it is headed, got none that does."
+            f"At least one vehicle must move {SHORTEST_AXIS:g} m as it is headed, got none that "
+            "does."
         )
     return pd.concat(parts, ignore_index=True), tuple(notes)
 

@@ -262,8 +262,8 @@ class RareEvents:
         density = self.met.density(points)
         points, density = points[density > 0.0], density[density > 0.0]
 
-        # mean density of the three thirds. A wide point has the density that `base` has at the point
-        # before it was stretched, over STRETCHED in each direction
+        # mean density of the three thirds. A wide point has the density that `base` has at the
+        # point before it was stretched, over STRETCHED in each direction
         unstretched = middle + (points - middle) / STRETCHED
         drawn_with = (
             self.met.base_density(points)
@@ -466,8 +466,9 @@ def resampled(met: Met, count: int, seed: int) -> list[tuple[Any, float]]:
 
     count: number of resamples.
 
-    Each comes with the ratio of its number of events to the recorded number. The number of times that an
-    event counts is a Poisson draw of mean 1, as another stretch of road might have shown it.
+    Each comes with the ratio of its number of events to the recorded number. The number of times
+    that an event counts is a Poisson draw of mean 1, as another stretch of road might have shown
+    it.
     """
     if met.joint is None:
         return []
