@@ -301,10 +301,9 @@ def _check(limit: LimitSettings, where: str) -> None:
         )
     if any(by < 0.0 for by in changes):
         raise InputError(f"worse_by and worse_by_percent of {where} must be at least 0.")
-    if changes and limit.quantity in OF_THE_COMPARISON:
+    if limit.quantity in OF_THE_COMPARISON and (changes or limit.at_least is not None):
         raise InputError(
-            f"{where} must have at_most for `{limit.quantity}`, which is a change already; it "
-            "cannot be worse by something."
+            f"{where} must have at_most alone for `{limit.quantity}`, which is a change already."
         )
     if limit.only_if_certain and not (changes and limit.quantity in WITH_INTERVAL):
         raise InputError(

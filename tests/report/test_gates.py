@@ -274,6 +274,7 @@ def test_a_gate_file_is_read(tmp_path):
         ("confidence = 0.9", "confidense = 0.9", "Did you mean `confidence`?"),
         ("at_most = 0", "", "must have at_least, at_most, worse_by or worse_by_percent"),
         ("at_most = 0", "worse_by = 0", "is a change already"),
+        ("at_most = 0", "at_least = 0", "is a change already"),
         ("worse_by_percent = 5", "worse_by = -1", "must be at least 0"),
         ("worse_by_percent = 5", "at_least = 5", "must stand beside worse_by"),
         ("confidence = 0.9", "confidence = 1.5", "confidence"),
