@@ -197,7 +197,8 @@ def _check_controller(
         for name in ("front_vehicle_low_speed", "front_vehicle_cut_out")
         for case in edge_cases(catalogue.load(name), seed)
     ]
-    cases.append(replace(cases[0], scenario="empty_road", actors=()))  # without a lead
+    alone = {"ego_speed": cases[0].ego.speed}
+    cases.append(replace(cases[0], scenario="empty_road", values=alone, actors=()))
     if WORLD not in compiled():
         # what cannot be loaded is refused before anything is compiled
         check_apart(locator, (), run)

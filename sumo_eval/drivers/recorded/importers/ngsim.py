@@ -83,7 +83,7 @@ def _rows(path: Path) -> pd.DataFrame:
     # a title, maybe behind a quote or a byte order mark
     has_head_row = first[:1].isalpha() or first[:1] in (b'"', b"\xef")
     if has_head_row:
-        spelling = {name.lower(): name for name in _NEEDED}
+        spelling = {name.lower(): name for name in (*_NEEDED, "Location")}
         rows = read_table(path, (), dtype={"Location": str}).rename(
             columns=lambda name: spelling.get(name.lower(), name)
         )
