@@ -95,7 +95,7 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     recorded = 0 if folder is None else _recorded(folder, run)
     run = _in_one_round(run)
     settings, workers = run.settings, run.settings.run.workers
-    # each n-th ADS is loaded; `run.only` needs the names of all
+    # each n-th ADS is loaded; all where `run.only` names cases, as a case's name has its ADS's
     step = 1 if settings.run.only else math.ceil(len(settings.ads) / _KINDS)
     loaded = settings.ads[::step]
     plan, spaces = planned(
@@ -192,11 +192,11 @@ def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, flo
         # the time of the first drive, with imports and compilation, counts if no other is timed
         seconds, in_time = _seconds_each(cases[:1], replace(setup, run=limits))
         timed += 1
-        # a limit of the run that is no longer ends the drive in the run as well
+        # where the run's own limit is as short, the run breaks it off, too
         broken_off |= not in_time and limits != setup.run
         number = _TIMED
         if affinity(cases[0], setup) != NO_USER_CODE:
-            # these run as a batch that nothing ends early: no more than there is time for
+            # a batch cannot be stopped: no more than there is time for
             number = int(min(_A_KIND_FOR, until - clock.perf_counter()) / seconds)
         if number > 0 and clock.perf_counter() < until:
             seconds, _ = _seconds_each(cases[:number], setup)

@@ -41,7 +41,7 @@ from sumo_eval.scenario.played import Act, Move, Pairs
 from sumo_eval.scenario.road.pose import Pose
 
 _PEAKS = {"linear": 1.0, "sinusoidal": 0.5 * math.pi, "cubic": 1.5}
-"""Peak of the rate over its mean, by the shape of a change."""
+"""Ratio of the peak of the rate to its mean, by the shape of a change."""
 _STRONGEST = {"sinusoidal": 0.5 * math.pi**2, "cubic": 6.0}
 """Peak lateral acceleration of a move by 1 m in 1 s, m/s2, by its shape."""
 _DIMENSIONS = ("rate", "time", "distance")
@@ -57,7 +57,7 @@ _STEADY = "over the distance of a lateral move the speed must stay the same, abo
 
 
 def synchronized(distance: float, time: float, speed: float, final: float, steady: float) -> Pairs:
-    """Knots (s, m/s) of the speed with which a target is at its place, `distance` m ahead, after
+    """Knots (s, m/s) of the speed with which an entity is at its place, `distance` m ahead, after
     `time` s.
 
     It begins with `speed` and has `final` over the last `steady` m. Before that it changes its
@@ -83,8 +83,8 @@ def synchronized(distance: float, time: float, speed: float, final: float, stead
     if abs(mean - final) <= SAME and abs(mean - speed) <= SAME:
         return ((rest, final),)
     if min(speed, final) + SAME < mean < max(speed, final) - SAME:
-        # nearer to the first speed: that first
-        if (mean < 0.5 * (speed + final)) == (final > speed):
+        # nearer to the first speed: it keeps that first
+        if abs(mean - speed) < abs(mean - final):
             ramp = 2.0 * (ahead - speed * rest) / (final - speed)
             return _knots((rest - ramp, speed), (rest, final))
         ramp = 2.0 * (final * rest - ahead) / (final - speed)
@@ -150,7 +150,8 @@ class Moves:
         }  # fmt: skip
         move = entity.next_move
         span = element.chosen(known, "moves")(element, entity, moment)
-        if entity.next_move == move:  # it has no act: the act that gets its number is another move
+        # it has no act, so its number goes to a later move: plans must not wait for that
+        if entity.next_move == move:
             for other in self.places.entities.values():
                 if other is not entity:
                     reads = [(*it[:3], _NO_MOVE) if it[3] == move else it for it in other.reads]
@@ -160,8 +161,8 @@ class Moves:
     def _read(self, target: Node, mover: Entity, begin: Moment, kinds: tuple[int, ...]) -> Entity:
         """The entity to which a move is relative.
 
-        kinds: of its moves that the new move depends on. Later ones in the file must not begin
-            before it (`_plan`).
+        kinds: of that entity's moves on which the new move depends. Those that stand below it in
+            the file must not begin before it (`_plan`).
         """
         other = self.places.referred(target)
         if other is not mover:
@@ -201,8 +202,8 @@ class Moves:
         return Span(begin, NEVER, entity.ended())
 
     def _implied(self, begin: Moment) -> tuple[float, set[Fact]]:
-        """Time before which a moment does not come, s; times that have passed and moves that have
-        ended when it comes.
+        """Earliest time of a moment, s; and what lies behind when it comes: times that have passed,
+        moves that have ended.
         """
         past, programs = set[Fact]({0.0}), [begin.program]
         # the list grows: where a move has ended, the condition of its begin held, too
@@ -248,7 +249,7 @@ class Moves:
         if change <= SAME and begin.known and not unsure:  # no act, but it depends on the speed
             self._plan(entity, begin, _SPEEDS, dynamics, _NO_MOVE)
             return Span(begin, begin.time)
-        # by a condition, an event below it in the file may change the speed before
+        # if it begins by a condition, an event below it in the file may change the speed before
         if unsure or change <= SAME:
             return self._from_any_speed(dynamics, entity, begin, speed)
         step = is_step(dynamics)
@@ -258,7 +259,7 @@ class Moves:
         lasts = change / rate
         act = Act(played.SPEED, speed=speed, acceleration=rate)
         if shape in _STRONGEST and not step:
-            # shares of the change after those of the time: `cubic`, `sinusoidal`
+            # share of the change that is done after each share of the time: `cubic`, `sinusoidal`
             shares = _SHARES * _SHARES * (3.0 - 2.0 * _SHARES)
             if shape == "sinusoidal":
                 shares = 0.5 * (1.0 - np.cos(math.pi * _SHARES))
@@ -344,9 +345,9 @@ class Moves:
     def _apart(self, element: Node, entity: Entity) -> tuple[Entity, float, float]:
         """The other entity of a LongitudinalDistanceAction, and where the entity must be.
 
-        Two numbers follow the other entity: how far ahead of it the centre must be without a time
-        gap, m along the road's line, and the time gap, s, as in `played.PLAY` under `match`: below
-        0 where it must be ahead.
+        Returns that entity; how far ahead of it the centre must be without a time gap, m along the
+        road's line; and the time gap, s, as in `played.PLAY` under `match`: below 0 where the
+        centre must be ahead.
         """
         other = self.places.referred(element)
         if entity.on_map or other.on_map:
