@@ -272,7 +272,7 @@ _ALONE: dict[AloneReason, str] = {
 
 
 _WENT_WRONG = ("keeps_state", "together_failed", "pack_lost", "block_lost", "late")
-"""Reasons of a batch that failed, or whose results would depend on its cases by a fault."""
+"""Reasons that are faults of a batch, not properties of its cases."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,7 +91,7 @@ class Controller(Protocol):
 
 
 class Adapter:
-    """Base of what makes a controller of something else.
+    """Base of adapters: each makes a controller of something else.
 
     target: the user's own object.
     """

@@ -162,7 +162,8 @@ def _files(network: str, routes: str) -> Iterator[_Files]:
 
     In memory where the system supports it: a folder takes ten times as long.
     """
-    # a standard stream that an ADS has closed: else a file gets its number, and what SUMO prints
+    # open a standard stream again that an ADS has closed: else a file gets its number, and with it
+    # all that SUMO prints
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
     os.close(number)

@@ -82,7 +82,7 @@ def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
     while rest:
         axis = _chained(rest[0], {name: paths[name] for name in rest})
         stream = _stream(rows[rows["vehicle"].isin(rest)], axis, rest[0])
-        if len(stream):  # not of a vehicle that reverses
+        if len(stream):  # it is empty for a vehicle that reverses
             streams.append(stream)
         # the longest track, even if none of its samples is in the stream: so the loop ends
         members = {rest[0], *stream["vehicle"].unique()}

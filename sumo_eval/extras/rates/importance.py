@@ -422,8 +422,8 @@ def estimated(
     drawn, collisions, drives: as in `CollisionEstimate`.
     heaviest: as in `Met`.
     """
-    # of a Poisson number, the largest mean that gives as few hits; -ln(1 - LEVEL) without any. Not
-    # all were drawn by exposure, so it is rather too large
+    # upper limit of the mean of a Poisson number of hits; -ln(1 - LEVEL) without any. Hits that
+    # were not drawn by exposure count, too, so it errs towards too large a limit
     hits = float(gammaincinv(len(weights) + 1.0, LEVEL))
     limit = min(1.0, hits * heaviest / (DEFENSIVE * drawn)) if drawn else 1.0
     probability = expected = 0.0, 0.0, limit
