@@ -112,6 +112,13 @@ def point_words(values: Mapping[str, float]) -> str:
     return ", ".join(f"{name}={value:g}" for name, value in values.items())
 
 
+def duration_words(seconds: float) -> str:
+    """A duration in s below 2 min, in min below 2 h, else in h; `z`: no minus before a zero."""
+    if seconds < 120.0:
+        return f"{seconds:z.0f} s"
+    return f"{seconds / 60.0:z.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:z.1f} h"
+
+
 def file_stem(case: str) -> str:
     """The key of a case as the name of a file; `--` may not be in a comment of XML."""
     return re.sub(r"[^\w.+-]|-(?=-)", "_", case)

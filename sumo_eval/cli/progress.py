@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 
 import click
 
+from sumo_eval.text import duration_words
+
 _LINE_EVERY = 10.0  # s between two plain lines of one stage
 # the time left is estimated from the last 30 s: a stage may begin at another rate
 _RECENT = 30.0
@@ -72,7 +74,7 @@ class _StageProgress:
         if not self._under_way or last.done >= total or done < _FEWEST_DONE or seconds < _SHORTEST:
             return ""
         rate = done / seconds
-        return f"{rate:z.1f}/s, about {_duration((total - last.done) / rate)} left{unless}"
+        return f"{rate:z.1f}/s, about {duration_words((total - last.done) / rate)} left{unless}"
 
 
 class Progress:
@@ -147,10 +149,3 @@ def _say(*parts: str) -> None:
     """Print a line of the parts that are not empty."""
     with suppress(OSError):  # the work continues if stderr cannot be written
         click.echo(", ".join(filter(None, parts)), err=True)
-
-
-def _duration(seconds: float) -> str:
-    """A duration in s below 2 min, in min below 2 h, else in h; `z`: no minus before a zero."""
-    if seconds < 120.0:
-        return f"{seconds:z.0f} s"
-    return f"{seconds / 60.0:z.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:z.1f} h"

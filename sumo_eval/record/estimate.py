@@ -20,6 +20,7 @@ from sumo_eval.record.recording import Planner, Space, find_stale, stages
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.resolved import Resolved
+from sumo_eval.text import duration_words
 
 _TIMED = 32  # drives of a kind that an estimate times, at most
 _A_KIND_FOR = 1.0  # s that the drives of one kind may take, if a user's ADS drives
@@ -60,10 +61,9 @@ class Estimate:
 
     def __str__(self) -> str:
         done = f"; {self.recorded} of them are recorded already" if self.recorded else ""
-        minutes, seconds = divmod(round(self.seconds), 60)
-        time = f"{minutes} min {seconds} s" if minutes else f"{self.seconds:.1f} s"
         many, timed = "s" * (self.workers > 1), f"{self.timed} drive{'s' * (self.timed > 1)}"
         loaded, of_all = self.loaded
+        time = duration_words(max(self.seconds, 1.0))
         lines = [
             f"{self.drives['ads']} drives of the ADSs, {self.drives['humans']} of human drivers "
             f"and {self.drives['references']} of the references{done}.",
