@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from twins.openscenario import STEP, Reader
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
@@ -32,6 +31,7 @@ WITHIN = 0.5  # m
 MEASURED = Path(__file__).parents[2] / "docs" / "measurements" / "openscenario.json"
 TABLE = json.loads(MEASURED.read_text())["tables"][-1]["rows"]
 LATE = 0.05  # s: a step of the simulation
+SECOND = json.loads(Path(__file__).with_name("second_reader.json").read_text())
 EACH_STEP = SimulationSettings(record_interval=0.05)
 HERO = '<Private entityRef="hero">'
 DRIVES = """<PrivateAction><LongitudinalAction><SpeedAction><SpeedActionDynamics
@@ -85,68 +85,33 @@ def running(found):
     return reads
 
 
-class Begun:
-    """When a vehicle no longer drives as at the start: its place is 0.1 m off, on the map."""
-
-    def __init__(self, x, y, heading, speed):
-        self.start, self.time = (
-            (x, y, speed * math.cos(heading), speed * math.sin(heading)),
-            math.inf,
-        )
-
-    def look(self, time, place):
-        """Take in a place at a time."""
-        x, y, dx, dy = self.start
-        if math.dist(place, (x + dx * time, y + dy * time)) > 0.1:
-            self.time = min(self.time, time)
-
-
 def compared(file, read):
-    """How far a vehicle is at most from where the second reader has it, m, at three times and at
-    the end of a drive of an ego that keeps its speed; and how far apart contact, or the time at
-    which a vehicle begins to move otherwise, is at most, s.
+    """How far a vehicle is at most from where the second reader has it, m, at four times of a drive
+    of an ego that keeps its speed; and how far apart contact, or the time at which a vehicle begins
+    to move otherwise, is at most, s.
     """
     point = next(point for point, why in concrete_points(read) if why is None)
     drive = simulate(concrete(read, point), "no_reaction", EACH_STEP)
     assert not drive.error
-    given = {name: str(value) for name, value in read.space.given(point).items()}
-    reader = Reader(read.space.file, given, options(file).get("map", ""))
-    ego, end = reader.bodies[options(file).get("ego", "Ego")], drive.simulated_time
-    theirs, ours = (
-        {
-            name: Begun(*it.place(), it.heading(), it.v)
-            for name, it in reader.bodies.items()
-            if it is not ego
-        }
-        for _ in range(2)
-    )
-    looks, contact, apart = list(np.linspace(0.25, 1.0, 4) * end), math.inf, [0.0]
-    while reader.time < end + 0.1:
-        time = reader.time
-        reader.step()
-        for name, body in list(reader.bodies.items()):
-            if not (body is ego or body.unknown) and body.touches(ego):
-                contact = min(contact, time)
-            seen = drive.ego if body is ego else drive.actors[name.replace(" ", "_")]
-            if body.unknown:  # only its end is said
-                ours.pop(name, None)
-            if time > seen.time[-1] + 1e-6 or body.unknown:  # or it has left the road
-                continue
-            x, y = (np.interp(time, seen.time, it) for it in (seen.x, seen.y))
-            if read.frame.line:
-                x, y, _ = map_places(read.frame.line, x, y)
-            place = read.frame.origin.moved(float(x), float(y))[:2]
-            if name in ours:
-                ours[name].look(time, place)
-                theirs[name].look(time, body.place())
-            if looks and time > looks[0] - STEP:
-                apart.append(math.dist(place, body.place()))
-        if looks and time > looks[0] - STEP:
-            looks.pop(0)
-    late = [abs(it.time - theirs[name].time) for name, it in ours.items()
-            if max(it.time, theirs[name].time) < math.inf]  # fmt: skip
+    theirs, apart, late = SECOND[f"{file.parent.name}/{file.stem}"], [], []
+
+    def place(name, time):
+        seen = drive.actors.get(name, drive.ego)
+        x, y = (np.interp(time, seen.time, it) for it in (seen.x, seen.y))
+        if read.frame.line:
+            x, y, _ = map_places(read.frame.line, x, y)
+        return np.stack(read.frame.origin.moved(x, y)[:2])
+
+    for name, (start, begins, places) in theirs["vehicles"].items():
+        apart += [math.dist(place(name, time), its) for time, *its in places]
+        if start is not None and begins is not None:
+            time = np.arange(0.0, drive.actors[name].time[-1] + 1e-6, 0.01)
+            x, y, heading, speed = start
+            way = speed * time * [[math.cos(heading)], [math.sin(heading)]]
+            off = np.hypot(*(place(name, time) - way - [[x], [y]])) > 0.1
+            late.append(abs(time[off].min(initial=math.inf) - begins))
     if drive.collision is not None:
-        late.append(abs(drive.collision.time - contact))
+        late.append(abs(drive.collision.time - theirs["contact"]))
     return max(apart), max(late, default=0.0)
 
 
