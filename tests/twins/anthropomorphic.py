@@ -1,7 +1,8 @@
-"""Eqs. 11-13 one slice, one point and one driver at a time."""
+"""Eqs. 11-13 one slice and one point at a time."""
 
-import math
 import statistics
+
+import numpy as np
 
 from twins.trajectory_field import instantaneous_field, samples
 
@@ -40,72 +41,40 @@ def seen(trajectory, road, settings):
 
 
 def operations(time, active, neutral_time):
-    """Sample by sample: begin when active, end when neutral for long enough."""
-    count, running, neutral_since = 0, False, math.nan
-    for now, is_active in zip(time, active, strict=True):
-        if running and not math.isnan(neutral_since) and now - neutral_since >= neutral_time - 1e-6:
-            running = False
-        if is_active:
-            count += not running
-            running, neutral_since = True, math.nan
-        elif math.isnan(neutral_since):
-            neutral_since = now
-    return count
+    """First and last sample of each: it ends where it was neutral for long enough."""
+    found = []
+    for i in np.flatnonzero(active):
+        if found and (
+            i == found[-1][1] + 1 or time[i] - time[found[-1][1] + 1] < neutral_time - 1e-6
+        ):
+            found[-1][1] = i
+        else:
+            found.append([i, i])
+    return found
 
 
 def count_operations(trajectory, settings):
     """Steering (by the wheel every angle is known) and pedals."""
-    time = trajectory.time.tolist()
-    pedals = [abs(a) > settings.acceleration_threshold for a in trajectory.acceleration]
-    count = operations(time, pedals, settings.neutral_time)
+    pedals = abs(trajectory.acceleration) > settings.acceleration_threshold
+    count = len(operations(trajectory.time, pedals, settings.neutral_time))
     if settings.steering_rule == "manoeuvre":
         return count + manoeuvres(trajectory, settings)
-    steering = [
-        abs(math.degrees(a)) > settings.steering_threshold_deg
-        for a in trajectory.steering_wheel_angle
-    ]
-    return count + operations(time, steering, settings.neutral_time)
+    degrees = np.degrees(abs(trajectory.steering_wheel_angle))
+    steering = degrees > settings.steering_threshold_deg
+    return count + len(operations(trajectory.time, steering, settings.neutral_time))
 
 
 def manoeuvres(trajectory, settings):
     """Moves to one side at more than 0.12 m/s, a mean over a second, that shift the vehicle by at
     least 1 m."""
-    time, y = trajectory.time.tolist(), trajectory.y.tolist()
-
-    def at(moment):
-        moment = min(max(moment, time[0]), time[-1])
-        after = next(i for i, t in enumerate(time) if t >= moment)
-        if after == 0:
-            return y[0]
-        share = (moment - time[after - 1]) / (time[after] - time[after - 1])
-        return y[after - 1] + share * (y[after] - y[after - 1])
-
-    def rate(moment):
-        span = min(moment + 0.5, time[-1]) - max(moment - 0.5, time[0])
-        return (at(moment + 0.5) - at(moment - 0.5)) / span
-
-    count = 0
-    for side in (-1.0, 1.0):
-        active = [side * rate(moment) > 0.12 for moment in time]
-        first = last = neutral_since = None
-        for i, moving in enumerate([*active, False]):
-            over = i == len(active)
-            rested = (
-                neutral_since is not None
-                and not over
-                and time[i] - neutral_since >= settings.neutral_time - 1e-6
-            )
-            if first is not None and (over or (moving and rested)):
-                count += side * (y[last] - y[first]) >= 1.0
-                first = None
-            if over:
-                break
-            if moving:
-                first = i if first is None else first
-                last, neutral_since = i, None
-            elif neutral_since is None:
-                neutral_since = time[i]
-    return count
+    time, y = trajectory.time, trajectory.y
+    around = np.clip([time - 0.5, time + 0.5], time[0], time[-1])
+    rate = (np.diff(np.interp(around, time, y), axis=0) / np.diff(around, axis=0))[0]
+    return sum(
+        side * (y[last] - y[first]) >= 1.0
+        for side in (-1.0, 1.0)
+        for first, last in operations(time, side * rate > 0.12, settings.neutral_time)
+    )
 
 
 def anthropomorphic_index(ads, drivers, road, settings):
@@ -144,10 +113,7 @@ def anthropomorphic_index(ads, drivers, road, settings):
             centre + left * i / n for i in range(n + 1)
         ]:
             k1, k2 = settings.field.k1, settings.field.k2
-            values = [
-                sum(instantaneous_field((x, y), sample, k1, k2) for sample in some)
-                for some in sampled
-            ]
+            values = [instantaneous_field((x, y), some, k1, k2).sum() for some in sampled]
             mean = statistics.fmean(values[1:])
             deviation = max(statistics.stdev(values[1:]), settings.field_deviation_floor * mean)
             terms.append(centre_term * gaussian_similarity(values[0], mean, deviation))
