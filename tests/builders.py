@@ -6,14 +6,13 @@ import numpy as np
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.method.anthropomorphic import IndexNote
-from sumo_eval.method.score import plus_of
 from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
-from sumo_eval.results import BeyondRange, Evaluation, NotComputed, ScenarioResult, ZoneResult
+from sumo_eval.results import BeyondRange, Evaluation, ZoneResult
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import sample
-from sumo_eval.scoring.case_terms import case_terms, point_values
+from sumo_eval.scoring.quantities import combine
 from sumo_eval.settings import (
     AdsSettings,
     DriverSettings,
@@ -198,36 +197,5 @@ def _case(store, number, concrete, ads, zone):
 
 
 def _score(ads, scenario, rows):
-    hits = [row for row in rows if row.collided]
-    safe_hits = sum(row.zone == "safe" for row in hits)
-    weights = np.array([row.weight for row in hits])
-    ratios = np.array([(row.ideal_severity or 0.0) / (row.severity or 1.0) for row in hits])
-    c = float((weights * ratios).sum() / weights.sum()) if hits else 1.0
-    indexes = [row.index for row in rows if row.index is not None]
-    d = None if safe_hits else float(np.mean(indexes))
-    values = point_values(case_terms(rows, MethodSettings()), MethodSettings())
-    human = values["human_likeness"]
-    plus = plus_of(values["task_share"], values["avoidance_grade"], human, MethodSettings().score)
-    return ScenarioResult(
-        ads=ads, scenario=scenario, c=c, d=d,
-        d_reason=NotComputed("collisions", safe_hits) if safe_hits else None,
-        s=50.0 * c + 50.0 * (d or 0.0), c_points=50.0 * c, d_points=50.0 * (d or 0.0),
-        cases=len(rows), safe_cases=sum(row.zone == "safe" for row in rows),
-        hazardous_cases=sum(row.zone == "hazardous" for row in rows), collisions=len(hits),
-        safe_collisions=safe_hits,
-        avoidable_collisions=sum(row.avoidable for row in hits),
-        unavoidable_collisions=sum(row.unavoidable for row in hits),
-        caused_collisions=sum(row.caused for row in hits),
-        avoided_share=values["avoided_share"],
-        avoided_share_exposure=values["avoided_share_exposure"],
-        regret=values["regret"],
-        human_likeness=human, h_reason=None if human is not None else NotComputed("no_safe_case"),
-        s_plus=values["s_plus"], a_points=plus.a_points, h_points=plus.h_points,
-        task_share=values["task_share"], avoidance_grade=values["avoidance_grade"],
-        task_reference="attentive",
-        departures=sum(row.departed for row in rows), gave_up=sum(row.gave_up for row in rows),
-        collision_probability=len(hits) / len(rows),
-        off_road=sum(row.status == "off_road" for row in rows),
-        not_evaluated=sum(not row.evaluated for row in rows),
-        notes=(BeyondRange("<this> score", (("reason", 1),)),),
-    )  # fmt: skip
+    score = combine(ads, scenario, rows, MethodSettings(), task_reference="attentive")
+    return replace(score, notes=(BeyondRange("<this> score", (("reason", 1),)),))
