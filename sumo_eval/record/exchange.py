@@ -18,6 +18,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError, check_known, needs_extra
 from sumo_eval.input_file import writing
 from sumo_eval.record import run_folder
@@ -34,13 +35,22 @@ FORMATS = ("csv", "parquet")
 _ROUND_TRIP = "%.17g"  # of trajectories: every double is read back to the bit
 _NAMES = ("case", "scenario", "ads")  # columns of names: text, even if a name looks like a number
 _COLUMNS = [field.name for field in fields(Fact) if field.name not in ("log", "clips", "collision")]
-_TIMES = [name for name in _COLUMNS if name.startswith(("wall_time", "latency"))]  # last
+# the last columns, which differ from machine to machine
+_TIMES = [name for name in _COLUMNS if name.startswith(("wall_time", "latency"))]
 _CONTACT = {
     "collision_time": "time", "collision_with": "other", "impact_speed": "relative_speed",
     "overlap": "overlap",
     "side": "side",
 }  # fmt: skip
 """Columns of a drive's contact, and the field of `Collision` that each shows."""
+_SQL = {"str": "VARCHAR", "float": "DOUBLE"}
+_TYPES = {"collision_with": "VARCHAR", "d_i": "DOUBLE", "incident_severity": "DOUBLE"} | {
+    field.name: _SQL[kind]
+    for field in (*fields(CaseResult), *fields(Fact))
+    if (kind := str(field.type).partition(" ")[0]) in _SQL
+}
+"""DuckDB's types of columns. Else it would take a name of digits for a number, and an empty column
+of numbers for text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,11 +230,8 @@ def _trajectory_table(case: str, trajectories: dict[str, Trajectory]) -> pd.Data
 
     tables = [
         pd.DataFrame(
-            {
-                "case": case,
-                "vehicle": name,
-                **{channel: getattr(trajectory, channel) for channel in CHANNELS},
-            }
+            {"case": case, "vehicle": name}
+            | {channel: getattr(trajectory, channel) for channel in CHANNELS}
         )
         for name, trajectory in trajectories.items()
     ]
@@ -243,7 +250,7 @@ def _to_parquet(tables: list[Path], folder: Path) -> list[Path]:
             target = folder / f"{table.stem}.parquet"
             quoted = str(target).replace("'", "''")
             with table.open(newline="", encoding="utf-8") as file:
-                types = {name: "VARCHAR" for name in next(csv.reader(file)) if name in _NAMES}
+                types = {name: _TYPES[name] for name in next(csv.reader(file)) if name in _TYPES}
             # DuckDB writes a struct as Python does a dict; -1: types are found from all rows
             options = f"header = true, sample_size = -1, types = {types}"
             rows = f"SELECT * FROM read_csv(?, {options})"  # noqa: S608 - our own names

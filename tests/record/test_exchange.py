@@ -14,7 +14,7 @@ from refusals import refusal
 
 import sumo_eval
 from sumo_eval.errors import InputError
-from sumo_eval.record.exchange import export
+from sumo_eval.record.exchange import _to_parquet, export
 from sumo_eval.record.run_folder import read_exposures, write_exposures
 from sumo_eval.record.store import FORMAT_VERSION, open_store
 from sumo_eval.report.tables import write_tables
@@ -108,6 +108,10 @@ def test_names_of_digits_stay_texts(tmp_path):
     export(tmp_path / "run", tmp_path, "parquet")
     table = str(tmp_path / "cases.parquet")
     assert duckdb.sql("SELECT ads FROM read_parquet(?)", params=[table]).fetchall() == [("007",)]
+    (tmp_path / "t.csv").write_text("collision_with,index\n1,\n")
+    parquet = _to_parquet([tmp_path / "t.csv"], tmp_path)[0]
+    columns = f"SELECT collision_with, typeof(index) FROM '{parquet}'"
+    assert duckdb.sql(columns).fetchall() == [("1", "DOUBLE")]
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "exposure.json"])
