@@ -150,8 +150,9 @@ def crossing_conflict(
         return float(times[after - 1] + (times[after] - times[after - 1]) * share)
 
     def reached(position: float) -> float:
-        """Time at which the ego's centre is at x = `place`, s."""
-        return (position - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
+        """Time at which the ego's centre is at x = `position`, s; -inf: it stands beyond."""
+        ahead = position - ego.x
+        return ahead / ego.speed if ego.speed > 0.0 else math.copysign(math.inf, ahead)
 
     enters = crossed(first) if first else 0.0
     leaves = crossed(last + 1) if last + 1 < len(times) else math.inf
@@ -287,10 +288,10 @@ def _most_critical(
     # all cases of one scenario have the same actors, at other places
     for number, (actor, result) in enumerate(zip(placed[0].actors, each, strict=True)):
         ways["long"], ways["wide"] = actor.length, actor.width
-        place, (heading, speed, across) = np.split(np.moveaxis(others[:, number], 2, 0), [2])
+        x, y, heading, speed, across = np.moveaxis(others[:, number], 2, 0)
         c, s = np.cos(heading), np.sin(heading)
         # last the actor's velocity along the road, and to its left
-        motion = np.dstack([*place, heading, speed * c - across * s, speed * s + across * c])
+        motion = np.dstack([x, y, heading, speed * c - across * s, speed * s + across * c])
         _search_rows(ways, egos, motion, horizon, result)
         if actor.model is not None:
             behind = [it.actors[number].start.x < it.ego.x for it in placed]
@@ -351,7 +352,7 @@ def _search_rows(
             if k == 0:
                 ego_before, other_before = ego, other
             nearest = min(nearest, max(widest_gap(ego, other)[0], 0.0))
-            touch, other_was = -1.0, other_before
+            touch, other_was = -1.0, other_before  # touch: share of the part, 0..1; -1: none
             for part in range(1, _PARTS + 1):
                 ego_then = _ego(way, egos[i, max(_PARTS * (k - 1) + part, 0), 0])
                 other_then = between(other_before, other, part / _PARTS)

@@ -146,6 +146,10 @@ def test_the_area_the_time_to_it_and_the_pet_of_a_crossing_by_hand():
     assert later.pet == pytest.approx(46.85 / 5.0 - 13.15 / 2.1)
     away = crossing_conflict(scene(5.0, {"speed": 2.1, "x": 100.0, "y": 3.5}), 0, SIZE)
     assert np.isnan(away.pet)
+    # the ego stands in the area
+    other = {"speed": "v", "heading": 90.0, "x": 50.0, "y": -10.0}
+    stands = scene(2.1, other, ego={"speed": 0.0})
+    assert crossing_conflict(stands, 0, SIZE).pet == 0.0
 
 
 def test_the_pet_of_ways_that_join_is_that_at_the_place_where_they_do():
