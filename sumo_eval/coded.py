@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 Classes = Mapping[str, type]
-_CLASS, _VALUES = "is", "of"  # keys of the JSON object of a record: its class, its fields' values
-_MAP, _ARRAY = "map", "array"  # the only key of that of a mapping, of an array
+# Keys in JSON. A record: {"is": its class, "of": values of its fields}.
+_CLASS, _VALUES = "is", "of"
+_MAP, _ARRAY = "map", "array"  # {"map": pairs of key and value}, {"array": dtype, shape, bytes}
 
 
 def encoded(value: object) -> bytes:
@@ -34,9 +35,7 @@ def decoded(data: bytes, classes: Classes) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """A value made of lists, texts, numbers, None and mappings of these, as `record_of` reads
-    it.
-    """
+    """The value as lists, texts, numbers, None and dicts of these, for `record_of`."""
     if is_dataclass(value) and not isinstance(value, type):
         return {
             _CLASS: type(value).__name__,

@@ -295,7 +295,9 @@ def _write_back(arguments: Sequence[Any], opened: Sequence[Any]) -> None:
 
 
 def _opened(argument: Any) -> Any:
-    """A structured array as (lists of) objects, a named tuple with such items; else as it is."""
+    """A structured array as objects in lists; a named tuple with each item opened; any other
+    argument as it is.
+    """
     if isinstance(argument, tuple):
         return type(argument)(*map(_opened, argument))
     if not isinstance(argument, np.ndarray) or argument.dtype.names is None:

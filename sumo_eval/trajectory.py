@@ -361,10 +361,12 @@ class Recording:
         return float(self.ego.time[-1])
 
 
-def half_extents(heading: FloatArray, length: float, width: float) -> tuple[FloatArray, FloatArray]:
-    """Half the extents of a rotated body along x and along y, m, of the heading's shape.
+def half_extents(
+    heading: FloatArray, length: float | FloatArray, width: float | FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Half the extents of rotated bodies along x and along y, m, of the heading's shape.
 
-    heading: rad. length, width: of the body, m.
+    heading: rad. length, width: of all bodies, or of each, m.
     """
     cosine, sine = np.abs(np.cos(heading)), np.abs(np.sin(heading))
     along, across = length * cosine + width * sine, length * sine + width * cosine

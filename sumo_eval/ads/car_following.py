@@ -274,8 +274,8 @@ def idm(ego: Any, others: Any, own: Any, watched: Any, others_then: Any, scenari
         keep_lane(own.path, me, scenario[0].road)
         own.curvature = curvature_kept(own.path, me)
     if decides(own, scenario):
-        own.told, own.steered = _decide(me, others, own, watched, ego.way, scenario[1])
-    ego.command.acceleration, ego.command.steering = own.told, own.steered
+        own.commanded, own.steered = _decide(me, others, own, watched, ego.way, scenario[1])
+    ego.command.acceleration, ego.command.steering = own.commanded, own.steered
 
 
 @kernel
@@ -327,11 +327,11 @@ class Idm(Compiled):
 
     loop = staticmethod(each_row(idm))
     memory: ClassVar = [
-        *fields("desired_speed", "curvature", "told", "steered"),
+        *fields("desired_speed", "curvature", "commanded", "steered"),
         ("path", PATH),
         *flags("steps"),
     ]
-    """told: acceleration, m/s2, and steered: steering wheel angle, rad, in this cycle.
+    """commanded: acceleration, m/s2, and steered: steering wheel angle, rad, in this cycle.
 
     steps: driven so far.
     """

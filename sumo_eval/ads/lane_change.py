@@ -21,8 +21,8 @@ RATE = 1.0  # w of `steering`, 1/s: how fast an error decays
 SLOW = 8.0  # m/s; below it an error decays by distance, RATE / SLOW per metre
 
 PATH = fields("start", "offset", "begin", "length")
-"""A lane's centre line, and from `begin` on, over `length` m of road, the smooth step by `offset` m
-to the left."""
+"""A lane's centre line at y = `start`, m; from x = `begin` on, over `length` m of road, a smooth
+step by `offset` m to the left of it."""
 
 
 @kernel
@@ -71,8 +71,8 @@ def keep_lane(path: Any, me: Any, road: Any) -> None:
 def curvature_kept(path: Any, me: Any) -> float:
     """Curvature, 1/m, of the parallel to the road's line on which a path begins.
 
-    A drive begins with the steering wheel turned by it. A straight wheel would have to be turned
-    first, by more the longer a step is.
+    A drive begins with the steering wheel turned for it. From a straight wheel the ego would leave
+    the path first, by more the longer a step is.
     """
     line = line_curvature(me)
     return float(line / (1.0 - line * path.start))
@@ -112,9 +112,9 @@ def steering(
     critically damped with the rate w = `RATE`, per second. Below `SLOW` the rate w/v, per metre, no
     longer grows, so that a stopping vehicle does not turn its wheel without end.
 
-    On a curved road the path is y(x) in the road's frame, and the curvature of the line beside the
-    road on which the path lies is steered ahead of the feedback. Single-track model: Rajamani,
-    Vehicle Dynamics and Control (2012), ch. 2.
+    On a curved road the path is y(x) in the road's frame. The curvature of the parallel to the
+    road's line through the path's point is added. Single-track model: Rajamani, Vehicle Dynamics
+    and Control (2012), ch. 2.
 
     memory: holds the present `curvature`, 1/m; receives the new one.
     path_y and the two arguments after it: the values of `path_at` at `rear_axle_next`.
@@ -186,7 +186,7 @@ def lane_kept(ego: Any, scenario: Any) -> float:
     """Steering wheel angle, rad, for rules that decide on the pedals alone.
 
     The ego follows `ego.way` (see `cosim.records`): the parallel to the road's line on which it
-    began, and the lane change that it has to make. On a straight road without one it is 0.
+    began, and the lane change that it has to make. On a straight road without one the angle is 0.
     """
     if scenario.road.bent == 0 and ego.way.asked == 0:
         return 0.0

@@ -154,9 +154,9 @@ def lane_changer(
     if decides(own, scenario):
         for j in range(len(others)):
             sight(watched[j].sighting, others[j], scenario[1].step)
-        own.told = _decide((me, own, watched, others_then, ego.way, scenario[1]))
+        own.commanded = _decide((me, own, watched, others_then, ego.way, scenario[1]))
     y, slope, bend = path_at(own.decided.path, rear_axle_next(me, scenario[0]))
-    ego.command.acceleration = own.told
+    ego.command.acceleration = own.commanded
     ego.command.steering = steering(own.decided, me, y, slope, bend, scenario[0])
 
 
@@ -175,12 +175,12 @@ class LaneChanger(Compiled):
     loop = staticmethod(each_row(lane_changer))
     memory: ClassVar = [
         ("decided", OVERTAKING), ("tried", OVERTAKING), ("pedals", PEDALS), ("then", MOVER),
-        *fields("desired_speed", "told"), *flags("steps"),
+        *fields("desired_speed", "commanded"), *flags("steps"),
     ]  # fmt: skip
     """decided: what it does.
     tried: what it would do at an instant of the cycle.
     then: the ego at that instant, as foreseen.
-    told: acceleration commanded in this cycle, m/s2.
+    commanded: acceleration in this cycle, m/s2.
     steps: number driven so far.
     """
     watched: ClassVar = [*WATCHED, *fields("kept"), *SIGHTED]

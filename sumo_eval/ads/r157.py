@@ -95,14 +95,14 @@ SAFETY_MEMORY = [
     ("braking", SAFETY_BRAKING),
     ("me", MOVER),
     ("then", MOVER),
-    *fields("told"),
+    *fields("commanded"),
     *flags("steps"),
 ]
 """Memory of a baseline with safety braking; all 0 at the beginning.
 
 me: the ego as it is, with the baseline's braking.
 then: where the ego is foreseen to be at some instant.
-told: acceleration of this cycle, m/s2.
+commanded: acceleration of this cycle, m/s2.
 steps: driven so far.
 """
 # parameter of a rule: its `Brakes`
@@ -198,8 +198,10 @@ def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable
             for j in range(len(others)):
                 sight(watched[j].sighting, others[j], cycle.step)
             scene = (own, watched, others_then, cycle)
-            own.told = -follow_demand(own.braking, demand, scene, ego.time, own.p.brakes, cycle)
-        ego.command.acceleration = own.told
+            own.commanded = -follow_demand(
+                own.braking, demand, scene, ego.time, own.p.brakes, cycle
+            )
+        ego.command.acceleration = own.commanded
         ego.command.steering = lane_kept(ego, scenario[0])
 
     return each_row(rule)

@@ -60,8 +60,8 @@ def needed_deceleration(
     """Constant deceleration that avoids the lead vehicle if it begins `delay` s from now, m/s2; inf
     if none does.
 
-    As if the lead vehicle keeps its speed w, and, if it brakes with b, at least enough to stop
-    before the point where it stops:
+    The larger of two: behind a lead vehicle that keeps its speed w, and, if it brakes with b, to a
+    standstill behind the point where it stops:
 
         (v - w)^2 / (2 (d - (v - w) delay)),  v^2 / (2 (d + w^2 / (2 b) - v delay))
 
@@ -193,14 +193,14 @@ def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None
         centre = scenario.road.lane_width * round(other.y / scenario.road.lane_width)
         # a vehicle parked off the centre has not strayed
         known.lane_y = centre if other.speed > 0.0 else other.y
-        known.offset, known.time = other.y - known.lane_y, time
     else:
         # it may have been hidden for some steps
         steps = max(round((time - known.time) / scenario.step), 1)
         braking = (known.speed - other.along) / (steps * scenario.step)
     offset = other.y - known.lane_y
+    # the last comparison is false for nan, when it is first seen
     if math.isnan(known.strayed_at) and abs(offset) > p.wander and abs(offset) > abs(known.offset):
-        # of the time since it was last seen, until it crossed `wander`
+        # share of the time since it was last seen after which it crossed `wander`
         share = max((p.wander - abs(known.offset)) / (abs(offset) - abs(known.offset)), 0.0)
         known.strayed_at = known.time + share * (time - known.time)
     if math.isnan(known.braked_at) and braking > p.lead_braking:
@@ -224,7 +224,7 @@ def _is_over(me: Any, other: Any, known: Any, scenario: Any) -> bool:
 
 
 @kernel
-def _is_from_own_lane(me: Any, known: Any, scenario: Any) -> bool:
+def _began_in_ego_lane(me: Any, known: Any, scenario: Any) -> bool:
     """Whether the vehicle was in the ego's lane when it was first seen."""
     return bool(abs(known.lane_y - me.y) < 0.5 * scenario.road.lane_width)
 
@@ -232,7 +232,7 @@ def _is_from_own_lane(me: Any, known: Any, scenario: Any) -> bool:
 @kernel
 def _comes_towards(me: Any, known: Any, scenario: Any) -> bool:
     """Whether the vehicle has left its own lane towards the ego's."""
-    if math.isnan(known.strayed_at) or _is_from_own_lane(me, known, scenario):
+    if math.isnan(known.strayed_at) or _began_in_ego_lane(me, known, scenario):
         return False
     return bool(known.offset * (me.y - known.lane_y) > 0.0)  # to the same side
 
@@ -283,7 +283,7 @@ def _judge_path(
             # the nearest step decides, as for a cut-in; false for nan
             if time >= known.evaluated_at - 0.5 * scenario.step:
                 known.necessary_at = known.evaluated_at
-        if not math.isnan(known.strayed_at) and _is_from_own_lane(me, known, scenario):
+        if not math.isnan(known.strayed_at) and _began_in_ego_lane(me, known, scenario):
             leaves = j if leaves < 0 else leaves
         elif in_path:
             return
@@ -294,6 +294,8 @@ def _judge_path(
 def _revealed(own: Any, others: Any, watched: Any, j: int, leaves: int, time: float) -> float:
     """Instant at which the driver perceived a near vehicle as revealed or braking, s; nan while it
     is neither.
+
+    Not longer ago than an evaluation takes, so that none has ended before now.
 
     leaves: index of the nearest vehicle that has left the ego's lane; -1: none.
     """
@@ -331,7 +333,7 @@ def _approached(
     other_then.braking = known.braking
     carry_on(other_then, -step)
     earlier = _needed(own.then, other_then, known, p)
-    # of the step, until the need crossed the limit
+    # share of the step after which the need crossed the limit
     share = (p.in_path_limit - earlier) / (needed - earlier) if earlier < p.in_path_limit else 0.0
     return float(time - (1.0 - share) * step)
 

@@ -581,7 +581,7 @@ class OneEach(Policies):
         commands, commanded_rows = [], []
         wall_time, terms = clock.perf_counter, self._terms
         if self._alone:
-            GUARD.heard()  # call the ADS's step listeners, before its policy
+            GUARD.call_listeners()  # before its policy
         # a single row is live, and need not be looked for
         for row in world.live.tolist() if len(egos) > 1 else (0,):
             case = int(world.rows[row])

@@ -88,9 +88,9 @@ class OnTraci(EgoControl):
     def begin(self, world: World, stage: Stage) -> None:
         """Reset the ADSs."""
         super().begin(world, stage)
-        # moded: an ADS that is alone may have changed the ego's speed mode in any step; in a batch
-        # `GUARD` sees every call
-        GUARD.shared, GUARD.moded = not self._alone, self._alone
+        # an ADS that is alone may have changed the ego's speed mode in any step; in a batch `GUARD`
+        # sees every call
+        GUARD.shared, GUARD.mode_may_differ = not self._alone, self._alone
         GUARD.positions, GUARD.speeds = stage.fronts, stage.speeds
         self._stage = stage
         world.egos["next"]["speed"] = world.egos["speed"]
@@ -242,7 +242,7 @@ class _Hook:
             if command is not None:
                 self._take_over(world, command)
             # else nothing changes, as in nearly every step: SUMO moves the ego already
-            elif self._placed[0] != SUMO or GUARD.moded or self._plant is not None:
+            elif self._placed[0] != SUMO or GUARD.mode_may_differ or self._plant is not None:
                 self._leave_to_sumo()
         except self._traci.TraCIException as error:
             raise ControllerError(
@@ -276,7 +276,7 @@ class _Hook:
         GUARD.moved = False
         try:
             if not GUARD.shared:
-                GUARD.heard()
+                GUARD.call_listeners()
             answer = self._act(TRACI, EGO, time)
         except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
             raise
@@ -331,7 +331,7 @@ class _Hook:
             self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
             self._placed[0] = SUMO
             self._stale[0] = 1
-        elif not self._native and GUARD.moded:
+        elif not self._native and GUARD.mode_may_differ:
             mode = self._calls.getSpeedMode(self.ego)
             if mode != EGO_SPEED_MODE:
                 world.note(self._case, "speed_mode", mode, EGO_SPEED_MODE)

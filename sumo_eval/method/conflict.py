@@ -288,10 +288,11 @@ def _most_critical(
     # all cases of one scenario have the same actors, at other places
     for number, (actor, result) in enumerate(zip(placed[0].actors, each, strict=True)):
         ways["long"], ways["wide"] = actor.length, actor.width
-        x, y, heading, speed, across = np.moveaxis(others[:, number], 2, 0)
+        columns = np.moveaxis(others[:, number], 2, 0)
+        heading, speed, across = columns[2:]
         c, s = np.cos(heading), np.sin(heading)
         # last the actor's velocity along the road, and to its left
-        motion = np.dstack([x, y, heading, speed * c - across * s, speed * s + across * c])
+        motion = np.dstack([*columns[:2], heading, speed * c - across * s, speed * s + across * c])
         _search_rows(ways, egos, motion, horizon, result)
         if actor.model is not None:
             behind = [it.actors[number].start.x < it.ego.x for it in placed]

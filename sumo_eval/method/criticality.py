@@ -246,7 +246,7 @@ def ideal_impact_speed(
     ramp_length = closing * ramp - strength * ramp**2 / 6.0
     on_plateau = np.sqrt(np.maximum(after_ramp**2 - 2.0 * strength * (left - ramp_length), 0.0))
 
-    # gap closed on a ramp that lasts until equal speeds, and which share of it the gap left is
+    # gap that a ramp up to equal speeds would close, m, and the gap left as a share of it
     needed = 2.0 / 3.0 * closing * np.sqrt(2.0 * closing * ramp / strength)
     free_gap = np.maximum(left, 0.0)
     share = checks.quotient(free_gap, needed, free_gap < needed, 1.0)

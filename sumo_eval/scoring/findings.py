@@ -107,8 +107,8 @@ class Findings(NamedTuple):
 
     @property
     def slow(self) -> BoolArray:
-        """Whether each case counts for D, has no contact, and is slower than the slowest reference,
-        whose share of the task is 1, (n,).
+        """Whether each case counts for D, has no incident, and is slower than the slowest
+        reference, whose share of the task is 1, (n,).
         """
         cases = self.cases
         late = cases.counts_for_index & (cases.task_share < 1.0 - NOTICEABLE)
@@ -212,7 +212,9 @@ class Findings(NamedTuple):
     def _means(self, counted: BoolArray, factors: Mapping[str, str]) -> dict[str, float]:
         """The mean of every factor over the cases that are counted, (n,)."""
         some = self.cases[counted]
-        means = {name: mean_of(getattr(some, it), some.exposure) for name, it in factors.items()}
+        means = {
+            name: mean_of(getattr(some, field), some.exposure) for name, field in factors.items()
+        }
         return {name: mean for name, mean in means.items() if mean is not None}
 
 
@@ -265,7 +267,7 @@ def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
             continue
         people = np.nan_to_num(cases.recorded_drivers[safe])
         points, group = np.unique(point_numbers([cases])[0][safe], return_inverse=True)
-        # at each point, where each ADS has a case: the largest number of recorded drivers
+        # each ADS has a case at a point; the largest of their numbers of recorded drivers counts
         most = np.zeros(len(points))
         np.maximum.at(most, group, np.where(people >= fewest, people, 0.0))
         scenarios.append(

@@ -84,7 +84,7 @@ class Ledger(NamedTuple):
         return 0.0 if abs(total) < ROUNDING else total
 
 
-_NO_CASES: Final[Any] = np.empty(0, dtype=np.intp)  # neither rows nor losses
+_NO_CASES: Final[Any] = np.empty(0, dtype=np.intp)  # as rows, and as their losses
 _Lines = Iterable[LedgerLine]
 
 
@@ -99,18 +99,18 @@ def ledger_plus(findings: Findings) -> Ledger:
         findings, "S+", "the task driven without avoidable harm, as people drive", alone=1.0
     )
     lines = _scaled(FULL, [whole])
-    terms = _task_lines, _avoided_lines, _human_lines
-    for term, lost in zip(terms, losses.tolist(), strict=True):
-        of_term = list(term(findings))
-        # the scale is points for 1 of T, A or H, so that a term's lines cost its Shapley value
-        taken = -math.fsum(line.index for line in of_term)
-        lines += _scaled(lost / taken if taken > 0.0 else 0.0, of_term)
+    factors = _task_lines, _avoided_lines, _human_lines
+    for lines_of, lost in zip(factors, losses.tolist(), strict=True):
+        of_factor = list(lines_of(findings))
+        # points for 1 of T, A or H, such that the lines cost their factor's Shapley value, `lost`
+        taken = -math.fsum(line.index for line in of_factor)
+        lines += _scaled(lost / taken if taken > 0.0 else 0.0, of_factor)
     return Ledger("S+", score, tuple(lines))
 
 
 def ledger(findings: Findings) -> Ledger:
     """S, Eq. 18: C = 1 and D = 1, less what collisions and the factors of D_i take from them."""
-    points = worth(findings.settings.method.score)  # of C = 1 and of D = 1
+    points = worth(findings.settings.method.score)  # points of S for C = 1 and for D = 1
     lines = _scaled(points.c, _collision_lines(findings)) + _scaled(
         points.d, _likeness_lines(findings)
     )
@@ -163,13 +163,13 @@ def _first_of(
     term: Term,
     groups: Mapping[str, BoolArray],
     lost: FloatArray,
-    counts: BoolArray,
+    noticeable: BoolArray,
 ) -> _Lines:
     """A line for each group, with the cases that lost something and are in no group before it.
 
     groups: cause -> whether each case belongs to it, (n,).
     lost: loss of each case in the index, (n,).
-    counts: whether each case lost something worth counting, (n,).
+    noticeable: whether a line's `cases` counts each case, (n,).
     """
     remaining = lost > 0.0
     for cause, belongs in groups.items():
@@ -177,7 +177,7 @@ def _first_of(
         remaining = remaining & ~belongs
         if len(places):
             line = _line(findings, term, cause, places, lost=lost[places])
-            yield replace(line, cases=int(np.count_nonzero(counts[places])))
+            yield replace(line, cases=int(np.count_nonzero(noticeable[places])))
 
 
 def _avoided_lines(findings: Findings) -> _Lines:

@@ -21,7 +21,7 @@ from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 from sumo_eval.trajectory import FloatArray
 
 ROOMS_OF_ZONES = ("method", "scenario", "settings")
-"""Rooms of this package that a partition comes from."""
+"""Rooms of this package whose code computes a partition."""
 
 
 def zones_of(run: Resolved, cache: KeptResults) -> dict[str, ZonePartition]:
@@ -67,6 +67,7 @@ def star_distance(zones: ZonePartition, row: FloatArray, weight: float) -> StarD
     """
     logical, star = zones.logical, zones.most_dangerous[int(zones.nearest_zone(row))]
     away = float(np.linalg.norm(logical.to_unit(row) - logical.to_unit(logical.row(star))))
+    # r = |x - x*| / |b - x*|
     return StarDistance(star, away, away / weight if weight > 0.0 else None)
 
 

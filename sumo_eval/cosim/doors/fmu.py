@@ -57,17 +57,17 @@ SIGNALS = signal_names()
 
 _STATE = ("x", "y", "heading", "speed")  # outputs that a vehicle model must have
 _SPEED_TOLERANCE = 0.01  # m/s, between a vehicle model's first speed and the case's: rounding only
-_MADE: Mapping[str, Callable[[Any], Any]] = {
+_MAKERS: Mapping[str, Callable[[Any], Any]] = {
     "Real": float, "Float32": float, "Float64": float, "Boolean": bool, "String": str,
     "Binary": lambda value: str(value).encode(),
 }  # fmt: skip
-"""Values of types other than whole numbers."""
+"""By type other than a whole number: the function that makes a value of it."""
 _WHOLE = {"Integer": 32, "Enumeration": 32} | {
     f"{sign}Int{bits}": bits for sign in ("", "U") for bits in (8, 16, 32, 64)
 }
-"""Types of whole numbers and their bits."""
+"""Number of bits by type of a whole number."""
 _TEXTS = ("String", "Binary")
-_TYPES = (*_MADE, *_WHOLE)
+_TYPES = (*_MAKERS, *_WHOLE)
 _FATAL = 4  # fmi2Fatal, fmi3Fatal
 AS_IT_STARTS = "start"
 """A mapping to this instead of a signal: the input keeps its start value.
@@ -83,8 +83,8 @@ PLAN = ("plan_time", "plan_x", "plan_y", "plan_heading", "plan_speed")
 """Outputs of an FMU that plans: arrays, or in FMI 2.0 scalars `NAME[1]`, `NAME[2]`, ...; the last
 two may be missing."""
 _OF_A_PLAN = ("plan_count", "plan_number")
-"""Outputs that an FMU that plans may also have: number of places of the arrays that are used, and
-number of the plan: the plan is new when it changes."""
+"""Outputs that an FMU that plans may also have: how many places of the arrays the plan fills, and a
+number that changes with each new plan."""
 
 Wired = tuple[Any, str | float]
 """A variable of the FMU, and the name of its signal or its constant (a text variable has only
@@ -230,36 +230,36 @@ class _Fmu:
             f"output in the mapping of FMU `{self.path.name}`", (*names, *lists), *wiring.outputs
         )
         wired = {}
-        for what in names:
-            variable = self._variables.get(what)
-            if what in wiring.outputs or (variable is not None and variable.causality == "output"):
-                wired[what] = self._output(wiring.outputs.get(what, what))
-            elif what in needed:
+        for name in names:
+            variable = self._variables.get(name)
+            if name in wiring.outputs or (variable is not None and variable.causality == "output"):
+                wired[name] = self._output(wiring.outputs.get(name, name))
+            elif name in needed:
                 outputs = [n for n, v in self._variables.items() if v.causality == "output"]
                 raise InputError(
-                    f"FMU `{self.path.name}` has no output `{what}`; `outputs` must map it."
-                    f"{did_you_mean(what, outputs)}"
+                    f"FMU `{self.path.name}` has no output `{name}`; `outputs` must map it."
+                    f"{did_you_mean(name, outputs)}"
                 )
         return wired
 
     def _wire_lists(self, wiring: FmuSettings, lists: Sequence[str]) -> dict[str, list[Any]]:
         """Outputs that are many numbers: the array, or the scalars of its places in their order."""
         wired = {}
-        for what in lists:
-            name = wiring.outputs.get(what, what)
+        for output in lists:
+            name = wiring.outputs.get(output, output)
             places = sorted(  # (2, variable `NAME[2]`)
                 (int(index), variable)
                 for full, variable in self._variables.items()
                 if full.startswith(f"{name}[") and (index := full[len(name) + 1 : -1]).isdecimal()
             )
             if name in self._variables:
-                wired[what] = [self._variable(name, "outputs")]
+                wired[output] = [self._variable(name, "outputs")]
             elif places:
-                wired[what] = [variable for _, variable in places]
-            elif what in wiring.outputs or what in PLAN[:3]:  # a plan needs time, x and y
+                wired[output] = [variable for _, variable in places]
+            elif output in wiring.outputs or output in PLAN[:3]:  # a plan needs time, x and y
                 raise InputError(
                     f"FMU `{self.path.name}` has no output `{name}`, nor `{name}[1]`, for "
-                    f"`{what}`; `outputs` must map it.{did_you_mean(name, list(self._variables))}"
+                    f"`{output}`; `outputs` must map it.{did_you_mean(name, list(self._variables))}"
                 )
         return wired
 
@@ -325,9 +325,9 @@ class _Fmu:
     def read(self, names: Iterable[str]) -> dict[str, float]:
         """The outputs of these names, all of them finite."""
         outputs = {}
-        for what in names:
-            variable, index = self._outputs[what]
-            outputs[what] = float(self._values([variable])[index]) * self._factor(variable)
+        for name in names:
+            variable, index = self._outputs[name]
+            outputs[name] = float(self._values([variable])[index]) * self._factor(variable)
         if not all(map(math.isfinite, outputs.values())):
             raise ControllerError(f"FMU `{self.path.name}` must give finite numbers, got {outputs}")
         return outputs
@@ -335,8 +335,8 @@ class _Fmu:
     def read_lists(self) -> dict[str, list[float]]:
         """The outputs that are many numbers."""
         return {
-            what: [float(value) * self._factor(variables[0]) for value in self._values(variables)]
-            for what, variables in self._lists.items()
+            name: [float(value) * self._factor(variables[0]) for value in self._values(variables)]
+            for name, variables in self._lists.items()
         }
 
     def _values(self, variables: Sequence[Any]) -> Sequence[Any]:
@@ -381,10 +381,10 @@ class _Fmu:
     def _set(self, variable: Any, value: Any, factor: float = 1.0) -> None:
         """Set a value, or one of each vehicle; `factor`: of `_factor`, for a value in SI units."""
         count = _count(variable)
-        values = [value] * (1 if count is None else count)
-        if isinstance(value, list):  # as many as the FMU holds, the rest of its places empty
-            padding = value[-1]  # of an empty place, see `_objects`
-            values = [*value[: len(values)], *([padding] * (len(values) - len(value)))]
+        size = 1 if count is None else count
+        values = [value] * size
+        if isinstance(value, list):  # the last one stands in each place without a vehicle
+            values = [*value, *(value[-1:] * size)][:size]
         plain = [self._plain(variable, it if factor == 1.0 else it / factor) for it in values]
         getattr(self._instance, f"set{self._kind(variable)}")([variable.valueReference], plain)
 
@@ -407,8 +407,8 @@ class _Fmu:
     def _plain(self, variable: Any, value: Any) -> Any:
         """A value as the type of a variable, whole numbers rounded."""
         kind = variable.type
-        if kind in _MADE:
-            return _MADE[kind](value)
+        if kind in _MAKERS:
+            return _MAKERS[kind](value)
         whole, span = round(value), 1 << _WHOLE[kind]
         low = 0 if kind.startswith("U") else -span // 2
         if not low <= whole < low + span:
@@ -420,7 +420,7 @@ class _Fmu:
 
 
 def _is_signal(variable: Any, given: Any) -> bool:
-    """Whether a variable receives a signal, by its name, and not a constant."""
+    """Whether what a variable is given is the name of a signal, not a constant."""
     return isinstance(given, str) and variable.type not in _TEXTS
 
 

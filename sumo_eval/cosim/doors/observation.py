@@ -26,7 +26,7 @@ from sumo_eval.scenario.played import Pairs
 from sumo_eval.scenario.road.reference_line import curvatures, map_places
 from sumo_eval.settings import ConditionSettings
 from sumo_eval.settings.random_streams import random_stream
-from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
+from sumo_eval.trajectory import BoolArray, FloatArray, IntArray, half_extents
 
 _tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long
 NO_LEAD_GAP = 1000.0  # m, what `signals` give as gap where no vehicle is ahead
@@ -440,8 +440,8 @@ class Observations:
         x, y, heading, acceleration.
         """
         me, others, x = self._egos[:, None], self._others, self._seen["x"]
-        my_half_length, my_half_width = _half_sizes(me)
-        half_length, half_width = _half_sizes(others)
+        my_half_length, my_half_width = half_extents(me["heading"], me["length"], me["width"])
+        half_length, half_width = half_extents(others["heading"], others["length"], others["width"])
         along, lateral_speed = _velocities(others)
         offset = others["y"] - me["y"]
         return SimpleNamespace(
@@ -684,13 +684,6 @@ def _velocity(body: Sequence[float]) -> tuple[float, float]:
         return speed, across
     c, s = math.cos(heading), math.sin(heading)
     return speed * c - across * s, speed * s + across * c
-
-
-def _half_sizes(bodies: Records) -> tuple[FloatArray, FloatArray]:
-    """`half_sizes` of many bodies."""
-    c, s = np.abs(np.cos(bodies["heading"])), np.abs(np.sin(bodies["heading"]))
-    length, width = bodies["length"], bodies["width"]
-    return 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)
 
 
 def _velocities(bodies: Records) -> tuple[FloatArray, FloatArray]:

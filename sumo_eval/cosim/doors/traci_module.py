@@ -108,13 +108,13 @@ class Guard:
         self.step = step
         self.interference = interference
         self.listeners = libsumo.StepManager()
-        self.touched: dict[str, int] = {}  # events, by the name of their clip
+        self.touched: dict[str, int] = {}  # number of calls, by the clip that shows it
         self.heeding = set(heeding)
         self.asked: dict[str, int] = {}  # number of each call that SUMO may ignore
         self.moved = False  # whether a call has moved the ego since the step began
         self.refusal: tuple[str, str] | None = None  # `deed` and `why` of `refuse`
         self.names, self.shared = SumoNames(), False  # whether other cases share the simulation
-        self.moded = True  # whether the ADS may have changed the ego's speed mode
+        self.mode_may_differ = True  # whether the ADS may have changed the ego's speed mode
         # Read after the last step, by the vehicles' names in SUMO. The first call that may change
         # a vehicle's speed or position deletes its speed: without a speed, neither is valid.
         self.positions: dict[str, Any] = {}
@@ -142,7 +142,7 @@ class Guard:
             self.leave()
         if call == "moveToXY":
             args = self._on_own_road(args)
-        self.moded = self.moded or call == "setSpeedMode"
+        self.mode_may_differ = self.mode_may_differ or call == "setSpeedMode"
         self.speeds.pop(self.names[EGO], None)
         return self.names[EGO], tuple(self.names[it] if type(it) is str else it for it in args)
 
@@ -208,7 +208,7 @@ class Guard:
             if IGNORED[call] not in self.heeding
         }
 
-    def heard(self) -> None:
+    def call_listeners(self) -> None:
         """Call every step listener of the ADS, as TraCI does after each step."""
         if self.listeners._stepListeners:
             self.listeners.manageStepListeners(0.0)

@@ -264,14 +264,16 @@ def _segment(road: Road) -> float:
     return SEGMENT * math.sqrt(min(tightest(road.line) / _TIGHT, 1.0))
 
 
-def _joints(one: RoadSection, other: RoadSection) -> list[tuple[tuple[str, int], tuple[str, int]]]:
-    """Lanes that continue from one section to the next: (edge, index) in both."""
-    # edge and index of each of the road's lanes; a section without a ramp has a lane -1 here, which
-    # does not continue
+def _joints(
+    section: RoadSection, following: RoadSection
+) -> list[tuple[tuple[str, int], tuple[str, int]]]:
+    """Lanes that continue from a section to the next one: (edge, index) in both."""
+    # by lane of the road: edge and index; a section without a ramp has a lane -1 here, which does
+    # not continue
     before, after = (
         {lane: (part.edge, index) for index, lane in enumerate(part.lanes)}
         | {part.ramp: (part.ramp_edge, 0)}
-        for part in (one, other)
+        for part in (section, following)
     )
     return [(before[lane], after[lane]) for lane in sorted(before) if lane >= 0 and lane in after]
 
@@ -415,9 +417,10 @@ def departures(
             insertionChecks="none",
         )  # fmt: skip
         if road.network is not None:
-            # SUMO counts from the edge's right-hand lane, which is lane 1 where lane 0 is missing
-            first = road.network.first_lane - (0 not in road.lanes_at(front))
-            attributes["departLane"] = str(lane + first)
+            index = lane + road.network.first_lane
+            if 0 not in road.lanes_at(front):  # SUMO counts from the road's lane 1 there
+                index -= 1
+            attributes["departLane"] = str(index)
         elif road.spans and not one_lane:
             attributes |= _departure(road, name, lane, front)
         if start.y != road.lane_centre(lane):

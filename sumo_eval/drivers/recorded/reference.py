@@ -30,7 +30,7 @@ from sumo_eval.trajectory import Trajectory
 # in a folder of the user's own drives: which file was driven in which concrete scenario
 NAMED_CASES = "cases.csv"
 _LEAST_SPACING = 1.0  # m between the lanes 0 and 1; less is no lane
-_STANDS = 0.1  # m/s
+_STANDS = 0.1  # m/s; a vehicle slower than this stands
 _MOTION = "heading", "speed", "acceleration"  # channels of a drive that a table may lack
 
 
@@ -154,18 +154,18 @@ def _aligned(
     """
     rows = track[track["t"] >= start - 1e-6]
     x = rows["x"] - rows["x"].iloc[0] + concrete.ego.x
-    # true up to the first sample past the road's end
-    before = x.cummax().shift(fill_value=-np.inf) < concrete.road.length
+    # up to the first sample past the road's end, that one included
+    kept = x.cummax().shift(fill_value=-np.inf) < concrete.road.length
     recording, lane = rows["recording"].iloc[0], rows["lane"].iloc[0]
     centre = people.centres.get((recording, lane), 0.0)
     right, left = (people.centres.get((recording, number), np.nan) for number in (0, 1))
-    spacing = left - right  # of all lanes: those of a road are alike
-    # lanes without a neighbour (nan) are as wide as the scenario's
+    spacing = left - right  # of lanes 0 and 1; all lanes of a road are alike
+    # a lane without a neighbour has spacing nan: it is as wide as the scenario's
     stretch = concrete.road.lane_width / spacing if spacing >= _LEAST_SPACING else 1.0
     y = concrete.ego.y + stretch * (rows["y"] - centre)
     moved = rows.assign(t=rows["t"] - rows["t"].iloc[0], x=x, y=y)
     body = {name: float(rows[name].iloc[0]) for name in ("length", "width")}
-    return _trajectory(moved[before], **body)
+    return _trajectory(moved[kept], **body)
 
 
 def _trajectory(rows: pd.DataFrame, **body: float) -> Trajectory:
@@ -197,9 +197,9 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
     if matching.empty:
         return None
     named = [
-        it
+        drive
         for file in matching["file"]
-        for it in _drives_in(people.folder / str(file), concrete.road.line)
+        for drive in _drives_in(people.folder / str(file), concrete.road.line)
     ]
     names, drives = zip(*named, strict=True)
     return Reference(drives, names)

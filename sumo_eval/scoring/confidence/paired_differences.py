@@ -43,6 +43,7 @@ def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> dict[
         for total, table in zip(sums, tables, strict=True):
             total += part.counts @ table[part.places]
 
+    # from sums that are known, the scores need no cases
     before, after = (
         _scores(run, slice(0, 0), KnownSums(total.T)) for total, run in zip(sums, runs, strict=True)
     )
