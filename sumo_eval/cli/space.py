@@ -87,8 +87,9 @@ def sample(
     from sumo_eval.scenario.sampling.samples import METHODS
     from sumo_eval.settings import EvaluationSettings, SamplingSettings, ScenarioSettings
 
-    # METHODS[method][1]: names of the settings that the method takes
-    if count is None and method is not None and method in METHODS and "count" in METHODS[method][1]:
+    # settings that the method takes
+    keys = METHODS[method][1] if method is not None and method in METHODS else ()
+    if count is None and "count" in keys:
         raise click.UsageError(
             f"`--method {method}` needs `--count`, the number of points, e.g. --count 64."
         )

@@ -52,7 +52,9 @@ _NUMBERS = "of numbers, names, + - * /, min, max, abs, `time` and " + ", ".join(
 EGO_NAME = "ego"
 
 Step = tuple[int, int, int, Expression | None]
-"""An operation of `Act.program`: op, one, two, and in place of a value its expression."""
+"""An operation of `Act.program`, with an expression instead of its value: an operation of `played`,
+numbers of the vehicles that it is about, and the expression, None without one.
+"""
 
 
 def trigger(text: str, owner: str, names: Names, *, departs: bool) -> list[Step]:
@@ -78,10 +80,15 @@ class _Writer:
     departs: bool
 
     def steps(self, node: ast.expr, *, condition: bool, depth: int = 0) -> list[Step]:
-        """Steps that leave on the stack whether a condition holds, or a number."""
+        """Steps that leave one value on the stack: whether a condition holds, or a number.
+
+        condition: whether the node must be a condition.
+        depth: of the node in the text: how many values at most wait on the stack meanwhile.
+        """
         if depth >= played.DEEPEST - 2:
-            raise InputError(f"Condition `{self.text[:200]}` of {self.owner} is nested too deep.")
+            raise InputError(f"Condition {self._place} is nested too deep.")
         if not condition and not self._of_the_moment(node):
+            # `time` is known too, so that the error of a misspelt name can propose it
             known = [*self.names.known, "time"]
             constant = checked_names(number(ast.unparse(node), self._place), known, self._place)
             self.names.scene.append(constant)
@@ -93,14 +100,14 @@ class _Writer:
         op = (_OF_CONDITIONS if condition else _OF_NUMBERS).get(name)
         if op is None:
             return [self._of_vehicles(node, name.removesuffix("()"), parts, condition=condition)]
-        joins = name in ("And", "Or")
-        if name.endswith("()") and (len(parts) != 1 if name == "abs()" else len(parts) < 2):
-            wanted = "one value" if name == "abs()" else "at least 2 values"
-            raise self._wrong(node, f"given {wanted}")
+        takes_one = name == "abs()"  # `min` and `max` take two or more
+        if name.endswith("()") and (len(parts) != 1 if takes_one else len(parts) < 2):
+            raise self._wrong(node, f"given {'one value' if takes_one else 'at least 2 values'}")
         if name in ("Gt", "GtE"):  # `a > b` is written as `b < a`
             parts = parts[::-1]
+        joins = name in ("And", "Or")  # conditions; all other operations take numbers
         steps, *further = [self.steps(it, condition=joins, depth=depth + 1) for it in parts]
-        # the operation follows the second part and every later one, or a single part
+        # a, op of one value; a, b, op of two; a, b, op, c, op of three
         for more in further or [[]]:
             steps += [*more, (op, 0, 0, None)]
         return steps
@@ -112,29 +119,30 @@ class _Writer:
         if self.departs:
             return played.DEPARTED, 0, 0, None
         raise InputError(
-            f"`departed` in the condition `{self.text[:200]}` of {self.owner} may stand in one of "
-            "a `follow` alone, where [ego] has `recorded` places."
+            f"`departed` in the condition {self._place} is allowed only in the `when` of a "
+            "`follow`, where [ego] has `recorded` places."
         )
 
     def _of_vehicles(
         self, node: ast.expr, name: str, args: list[ast.expr], *, condition: bool
     ) -> Step:
         """Step of a function of vehicles."""
-        vehicles = [arg.id for arg in args if isinstance(arg, ast.Name)]
-        match vehicles if len(vehicles) == len(args) else []:
-            case [one, move] if condition and name == "ended":
-                number = self._vehicle(one)
-                if number == played.EGO:
+        words = [arg.id for arg in args if isinstance(arg, ast.Name)]
+        match words if len(words) == len(args) else []:  # anything but names is an error below
+            case [vehicle, move] if condition and name == "ended":
+                index = self._vehicle(vehicle)
+                if index == played.EGO:
                     raise self._wrong(node, "of a vehicle with manoeuvres: the ego has none")
-                moves = self.names.vehicles[one]
-                check_known(f"manoeuvre of vehicle `{one}` in {self._place}:", moves, move)
-                return played.ENDED, number, moves[move], None
-            case [one] if not condition and name in OF_ONE:
-                return OF_ONE[name], self._vehicle(one), 0, None
+                moves = self.names.vehicles[vehicle]
+                check_known(f"manoeuvre of vehicle `{vehicle}` in {self._place}:", moves, move)
+                return played.ENDED, index, moves[move], None
+            case [vehicle] if not condition and name in OF_ONE:
+                return OF_ONE[name], self._vehicle(vehicle), 0, None
             case [one, two] if not condition and name in OF_TWO:
                 if one == two:
                     raise self._wrong(node, "of two vehicles")
                 return OF_TWO[name], self._vehicle(one), self._vehicle(two), None
+        # no function of vehicles: the error says what must stand here
         if isinstance(node, ast.Compare):
             raise self._wrong(node, "compared with <, <=, > or >=")
         if condition:
@@ -146,16 +154,17 @@ class _Writer:
     @property
     def _place(self) -> str:
         """Name of the condition in error messages."""
-        return f"`{self.text}` of {self.owner}"
+        return f"`{self.text[:200]}` of {self.owner}"
 
     def _of_the_moment(self, node: ast.expr) -> bool:
         """Whether a node holds `time`, `departed` or a function of vehicles."""
+        # a parameter of that name comes first
         moment = {"time", "departed"}.difference(self.names.known)
-        arithmetic = {f"{name}()" for name in ARITHMETIC}
         return any(
             part.id in moment
             if isinstance(part, ast.Name)
-            else isinstance(part, ast.Call) and operation(part)[0] not in arithmetic
+            else isinstance(part, ast.Call)
+            and operation(part)[0].removesuffix("()") not in ARITHMETIC
             for part in ast.walk(node)
         )
 

@@ -22,8 +22,7 @@ class ZoneTable(Checked):
     margin: Annotated[
         Formula | None,
         About(
-            "instead of all else here: what is left to spare of a limit that is known; hazardous "
-            "from 0 down",
+            "instead of an obstacle: distance to a known limit, hazardous at 0 and below",
             "m",
         ),
     ] = None
@@ -31,16 +30,18 @@ class ZoneTable(Checked):
     gap: Annotated[
         Formula | None, About("bumper to bumper at the start; default: the obstacle's", "m")
     ] = None
-    conflict_begin: Annotated[Formula, About("before it the obstacle is not in the way", "s")] = 0.0
+    conflict_begin: Annotated[
+        Formula, About("time from which the obstacle is in the ego's path", "s")
+    ] = 0.0
     passing_length: Annotated[
         PositiveOrNone,
-        About("an ego further ahead than that when the conflict begins has passed", "m"),
+        About("an ego further ahead than this when the conflict begins has passed", "m"),
     ] = None
     conflict: Annotated[
         bool,
         About(
-            "criticality by the time until both would touch on their ways, from all sides; "
-            "default: along the road"
+            "criticality by the time until both paths collide, from any side; default: by the gap "
+            "along the road"
         ),
     ] = False
     coordinates: Annotated[
@@ -57,10 +58,10 @@ class ZoneTable(Checked):
         """
         parts: dict[str, Any] = {}
         if self.coordinates:
-            formulas = [
+            formulas = (
                 names.expression(it, f"zone.coordinates `{name}`")
                 for name, it in self.coordinates.items()
-            ]
+            )
             parts["zone_coordinates"] = ZoneCoordinates(
                 tuple(self.coordinates), Formulas.of(definitions, *formulas)
             )
@@ -70,14 +71,16 @@ class ZoneTable(Checked):
             if (value := getattr(self, key)) is not None
         }
         if self.margin is not None:
-            self._refuse(" beside `margin`, which says all", names.where, "obstacle", "delay")
+            self._refuse(
+                " beside `margin`, which stands alone", names.where, "obstacle", "delay", "conflict"
+            )
             return parts | {"margin": Value(Formulas.of(definitions, numbers["margin"]))}
         if not self.obstacle:
             raise InputError(f"[zone] of {names.where} must have an `obstacle`, or a `margin`.")
         check_known(f"vehicle in `zone.obstacle` of {names.where}:", names.vehicles, self.obstacle)
         number = list(names.vehicles).index(self.obstacle)
         if searched:
-            self._refuse(": what a vehicle does that is played is searched as it is", names.where)
+            self._refuse(": the search takes the motion of both vehicles as it is", names.where)
             delay = Value(Formulas.of(definitions, numbers["delay"]))
             return parts | {"search": Search(number, delay, self.conflict)}
         obstacle = placement.vehicles[number]
@@ -89,7 +92,9 @@ class ZoneTable(Checked):
         brakes = [
             move.numbers["deceleration"] for move in obstacle.moves if move.table.do == "brake"
         ]
-        approach = Formulas.of(  # in the order of the fields of `Approach`
+        # in the order of the fields of `Approach`: speeds of ego and obstacle, gap, delay, braking
+        # of the obstacle, begin of the conflict
+        approach = Formulas.of(
             definitions, placement.numbers["speed"], obstacle.numbers["speed"],
             numbers.get("gap") or obstacle.numbers["gap"], numbers["delay"],
             *(brakes[:1] or [Expression("0.0")]),
@@ -98,7 +103,10 @@ class ZoneTable(Checked):
         return parts | {"approach": ZoneRule(approach, self.passing_length or math.inf)}
 
     def _refuse(self, why: str, where: str, *further: str) -> None:
-        """Refuse keys that say nothing here; `why` ends the message."""
+        """Refuse keys that have no effect here: `further` ones, and three in any case.
+
+        why: ends the message.
+        """
         defaults = {item.name: item.default for item in fields(self)}
         for key in (*further, "gap", "conflict_begin", "passing_length"):
             if getattr(self, key) != defaults[key]:

@@ -342,7 +342,8 @@ def test_a_margin_is_the_zone_to_the_last_digit_and_says_all():
     points = np.array([[10.0], [20.3], [20.30001], [30.0]])
     assert partition(logical).exactly_hazardous(points).tolist() == [False, True, True, True]
     assert partition(logical).most_dangerous[0] == {"v": 30.0}
-    with refusal("has no `obstacle` beside `margin`"):
-        scene(zone={**zone, "obstacle": "lead"})
+    for key, value in (("obstacle", "lead"), ("conflict", True)):
+        with refusal(f"has no `{key}` beside `margin`"):
+            scene(zone={**zone, key: value})
     with refusal("must have an `obstacle`, or a `margin`"):
         scene(zone={})

@@ -294,6 +294,7 @@ def test_a_sampler_of_the_users_is_a_function_of_space_number_and_stream(tmp_pat
         "def few(space, n, rng):\n    return space.from_unit(rng.random((n - 1, 3)))\n"
         "def broken(space, n, rng):\n    raise ValueError('no idea')\n"
         "def flat(space, n, rng):\n    return rng.random(n)\n"
+        "def lost(space, n, rng):\n    return [[20.0, 5.0, float('nan')]]\n"
     )
     request = Request(count=20, folder=tmp_path)
     chosen = sample(CUT_OUT, "mine.py:corners", request=request)
@@ -306,6 +307,8 @@ def test_a_sampler_of_the_users_is_a_function_of_space_number_and_stream(tmp_pat
         sample(CUT_OUT, "mine.py:broken", request=request)
     with refusal(r"an \(n, 3\) array"):
         sample(CUT_OUT, "mine.py:flat", request=request)
+    with refusal("`gap` of point 1 .* within 20..120, got nan"):
+        sample(CUT_OUT, "mine.py:lost", request=request)
 
 
 # --- what is refused ------------------------------------------------------------------------------

@@ -7,7 +7,6 @@ millionth of their range, so that the last digit of a machine's arithmetic decid
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -19,11 +18,12 @@ from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
 from sumo_eval.trajectory import FloatArray
 
 Attention = Callable[[FloatArray], FloatArray]
-"""Points (n, k) -> how much more often than by exposure each is drawn, up to a factor, (n,)."""
-CANDIDATES = 64  # drawn for each point that is chosen among them
+"""Points (n, k) -> factor (n,) by which each is drawn more often than its exposure asks for; only
+the ratios of the factors count.
+"""
+CANDIDATES = 64  # for each point that is wanted; the points are chosen among all candidates
 MOST_CANDIDATES = 2**18
-# share of the attention that goes where nothing is dangerous: no place is left out
-LEAST_DANGER = 0.05
+LEAST_DANGER = 0.05  # added to each point's danger, 0..1, so that points without any are drawn too
 
 
 def sequence(name: str) -> Callable[[LogicalScenario, Request], Drawn]:
@@ -50,15 +50,16 @@ def by_exposure(logical: LogicalScenario, request: Request) -> Drawn:
     """`count` points drawn with the scenario's exposure as density. A point counts as many times as
     it was drawn.
     """
+    # the attention is 1 everywhere, so `share` is 1 / how often each point was drawn
     points, share = _drawn(logical, request, "exposure", lambda rows: np.ones(len(rows)))
     return Drawn(points, exposure=1.0 / share, notes=_fewer(len(points), request))
 
 
 def by_exposure_and_danger(logical: LogicalScenario, request: Request) -> Drawn:
-    """`count` points, the more dangerous ones more often; each counts the less for that.
+    """`count` points, dangerous ones drawn more often than their exposure and counting less.
 
-    Drawn with a density in proportion to exposure * danger, so a point's exposure is 1 / danger, up
-    to a factor.
+    They are drawn with a density in proportion to exposure * danger. A point's weight is therefore
+    1 / danger: means over the points stay those over the exposure.
     """
     if request.danger is None:
         raise InputError(f"`exposure_danger` in {owner_of(logical)} needs a danger of each point.")
@@ -92,12 +93,11 @@ def steadily(k: int, count: int) -> FloatArray:
 def _drawn(
     logical: LogicalScenario, request: Request, label: str, attention: Attention
 ) -> tuple[FloatArray, FloatArray]:
-    """Points drawn in proportion to exposure times attention, and the attention that each got,
-    divided by how often it was drawn.
+    """Different points (m, k) drawn in proportion to exposure times attention, and for each its
+    attention divided by how often it was drawn, (m,).
 
-    Candidates come evenly from the parameters' distributions, or evenly over the range without one.
-    So a candidate's weight has only the rest of the exposure, without these distributions, times
-    the attention.
+    Candidates follow the distribution of each parameter that has one, and are even over the range
+    of the others. What the distributions give already is divided out of a candidate's weight.
     """
     count = request.wanted(logical)
     stream = request.stream(logical, label)
@@ -118,22 +118,22 @@ def _drawn(
     if not (np.all(np.isfinite(weight)) and weight.sum() > 0.0):
         must = "finite, and above 0 somewhere"
         raise must_be("The exposure", f"scenario `{logical.name}`", must, weight.sum())
-    if np.ptp(weight) <= 1e-9 * weight.max():
+    if np.ptp(weight) <= 1e-9 * weight.max():  # equal weights: the sequence is even as it is
         return points[:count], attentions[:count]
-    # Systematic sampling: the candidates' weights stand side by side, and picks at equal distances
-    # take the candidates they fall on, a heavy one perhaps twice. First the candidates are
-    # shuffled, because neighbours in a Sobol sequence are not neighbours in space.
+    # Systematic sampling. The weights are laid end to end on a line, divided by their sum. `count`
+    # picks at equal distances each take the candidate on whose part they fall, a heavy one perhaps
+    # twice. Shuffled first, because neighbours in a Sobol sequence are not neighbours in space.
     order = stream.permutation(len(points))
     points, attentions, weight = points[order], attentions[order], weight[order]
     picks = (stream.uniform() + np.arange(count)) / count
-    reach = np.cumsum(weight) / weight.sum()
-    places = np.minimum(np.searchsorted(reach, picks), len(points) - 1)
-    chosen, times = np.unique(places, return_counts=True)
+    ends = np.cumsum(weight) / weight.sum()
+    picked = np.minimum(np.searchsorted(ends, picks), len(points) - 1)  # rounding: the last end < 1
+    chosen, times = np.unique(picked, return_counts=True)
     return points[chosen], attentions[chosen] / times
 
 
 def _fewer(different: int, request: Request) -> tuple[str, ...]:
-    """A note where fewer different points came than were asked for."""
+    """A note where fewer different points were drawn than were asked for; else none."""
     if request.count == different:
         return ()
     return (
@@ -146,9 +146,8 @@ def _sobol(k: int, count: int, stream: np.random.Generator) -> FloatArray:
     """The first points (count, k) of a scrambled Sobol sequence; drawn to the next power of 2,
     where it is even.
     """
-    return np.asarray(
-        _qmc().Sobol(k, rng=stream).random_base2(max(0, math.ceil(math.log2(count))))[:count]
-    )
+    power = (count - 1).bit_length()  # the least with 2^power >= count
+    return np.asarray(_qmc().Sobol(k, rng=stream).random_base2(power)[:count])
 
 
 def _qmc() -> Any:

@@ -63,10 +63,10 @@ def from_function(logical: LogicalScenario, request: Request, locator: str) -> D
 
 
 def _check_box(logical: LogicalScenario, points: np.ndarray, owner: str) -> None:
-    """Raise InputError for a point outside the ranges: a mistake, unlike one that a constraint
-    excludes.
+    """Raise InputError for a point outside the ranges, or nan: a mistake, unlike a point that a
+    constraint excludes.
     """
-    outside = np.argwhere((points < logical.low) | (points > logical.high))
+    outside = np.argwhere(~((points >= logical.low) & (points <= logical.high)))
     for row, column in outside[:1].tolist():  # the error names the first one
         item = logical.parameters[column]
         what, must = f"`{item.name}` of point {row + 1}", f"within {item.low:g}..{item.high:g}"
