@@ -39,7 +39,8 @@ CHARTS = (
 )
 """The charts in order: quantity of the history, title, unit."""
 COLOURS = ("var(--c)", "var(--actor)", "var(--d)", "var(--off)", "var(--muted)", "var(--bad)")
-DASHES = ("", "7 3", "2 3", "9 3 2 3", "4 4", "1 3")
+# one fewer than colours: both go round, so the first 30 ADSs have lines of their own
+DASHES = ("", "7 3", "2 3", "9 3 2 3", "4 4")
 # of a chart, and its margins, in units of the SVG
 WIDTH, HEIGHT = 560, 210
 LEFT, RIGHT = 68, 12
@@ -50,8 +51,11 @@ TICKS = 5
 
 
 class Point(NamedTuple):
-    """One night on a chart, in the SVG's own units, what a person reads when pointing at it, and
-    its row of the saved table: night, series, value.
+    """One night on a chart.
+
+    x, y: in units of the SVG, y downwards.
+    words: shown while the mouse is over the point.
+    row: of the table that the page saves: night, series, value.
     """
 
     x: float
@@ -63,7 +67,7 @@ class Point(NamedTuple):
 class TrendLine(NamedTuple):
     """One ADS on a chart.
 
-    parts: runs of points; a night in which the quantity was not computed ends one.
+    parts: nights in a row in which the quantity was computed, a line through each.
     last: value of the last night, in words.
     """
 
@@ -77,8 +81,10 @@ class TrendLine(NamedTuple):
 class TrendChart(NamedTuple):
     """One quantity in one logical scenario.
 
-    gates: where each gate of a night fails, and its ADS's colour; a stroke of `half` to both sides.
-    ticks, dates: place on the vertical axis, or on that of nights, and words.
+    gates: limits, each the value at which a gate of that night fails, and the colour of its ADS.
+    half: half the width of a limit's stroke, in units of the SVG.
+    ticks: y and label of each value on the vertical axis.
+    dates: x and label of some nights.
     """
 
     title: str
@@ -94,6 +100,7 @@ def write_trend(folder: Path, database: History) -> Path:
     """Write `trend.html` beside the history and return its path."""
     nights, values, gates = database.nights(), database.values(), database.gates()
     scenarios = list(dict.fromkeys(value.scenario for value in values))
+    # nights whose report is still there: the folder of an old one may have been removed
     kept = {
         night.night
         for night in nights
@@ -116,9 +123,10 @@ def write_trend(folder: Path, database: History) -> Path:
 
 
 def failed_nights(nights: Sequence[Night]) -> list[dict[str, Any]]:
-    """Failed nights, with their place on every chart and the reason."""
-    step = _AXIS / max(len(nights), 1)
-    # a bar of 80 % of the night's part of the axis, in its middle
+    """Failed nights, each with a bar on every chart, 80 % of the night's part of the axis, and the
+    reason.
+    """
+    step = _step(nights)
     return [
         {
             "x": round(LEFT + step * (index + 0.1), 2),
@@ -143,14 +151,16 @@ def charts(
             for value in of_scenario
             if value.quantity == quantity and value.value is not None
         }
+        # The regret has two charts, one for each of its units, but one limit: a limit belongs to
+        # the chart that has values of its night.
         limit = "regret" if quantity == REGRET_OF_LOSSES else quantity
-        of_night = {night for night, _ in series}  # two units of the regret are in two charts
+        nights_of_chart = {night for night, _ in series}
         limits = [
             (gate.night, gate.ads, gate.threshold)
             for gate in gates
             if (gate.scenario, gate.quantity) == (scenario, limit)
             and gate.threshold is not None
-            and (limit != "regret" or gate.night in of_night)
+            and (limit != "regret" or gate.night in nights_of_chart)
         ]
         if series:
             drawn.append(_drawn(title, unit, names, nights, series, limits))
@@ -161,9 +171,14 @@ Series = Mapping[tuple[str, str], float]
 """Values by night and ADS."""
 
 
-def _place(number: int, nights: int) -> float:
-    """Place of a night on a chart."""
-    return round(LEFT + _AXIS / max(nights, 1) * (number + 0.5), 2)
+def _step(nights: Sequence[Night]) -> float:
+    """Width of a night's part of the axis, in units of the SVG."""
+    return _AXIS / max(len(nights), 1)
+
+
+def _place(number: int, nights: Sequence[Night]) -> float:
+    """x of the night of this number: the middle of its part of the axis."""
+    return round(LEFT + _step(nights) * (number + 0.5), 2)
 
 
 def _drawn(
@@ -181,7 +196,7 @@ def _drawn(
     """
     values = [*series.values(), *(bound for _, _, bound in limits)]
     ticks = _ticks(min(values), max(values), least=1.0 if unit == "cases" else 0.0)
-    at = {night.night: _place(index, len(nights)) for index, night in enumerate(nights)}
+    at = {night.night: _place(index, nights) for index, night in enumerate(nights)}
     colours, dashes = dict(zip(names, cycle(COLOURS))), dict(zip(names, cycle(DASHES)))
 
     def height(value: float) -> float:
@@ -214,38 +229,39 @@ def _drawn(
         tuple(map(line, names)),
         tuple(gates),
         # nearly half of a night's part of the axis: strokes of neighbours do not touch
-        half=round(0.42 * _AXIS / max(len(nights), 1), 2),
+        half=round(0.42 * _step(nights), 2),
         ticks=tuple((height(tick), f"{tick:g}") for tick in ticks),
         dates=_dates(nights),
     )
 
 
 def _dates(nights: Sequence[Night]) -> tuple[tuple[float, str], ...]:
-    """Places and words of at most `MOST_LABELS` nights, the last one among them."""
+    """x and label of at most `MOST_LABELS` nights: every n-th one back from the last.
+
+    A label is the day; the day without its year and the time where two nights began on one day.
+    """
     every = math.ceil(len(nights) / MOST_LABELS)
     repeated = len({night.night[:10] for night in nights}) < len(nights)
     return tuple(
-        (
-            _place(number, len(nights)),
-            _date(night.night)[5:] if repeated else night.night[:10],
-        )
-        for number, night in list(enumerate(nights))[::-1][::every]
-    )
+        (_place(number, nights), _date(nights[number].night)[5:] if repeated
+         else nights[number].night[:10])
+        for number in range(len(nights) - 1, -1, -every)
+    )  # fmt: skip
 
 
 def _ticks(low: float, high: float, least: float) -> list[float]:
     """Round numbers around a range, at least two of them, at least `least` apart."""
     if max(abs(low), abs(high)) < 1e-9:  # nothing but zeros, and what rounding leaves of them
         low, high = 0.0, 0.5
-    elif high - low < 1e-9 * max(1.0, abs(high)):
+    elif high - low < 1e-9 * max(1.0, abs(high)):  # one value: half of it to each side
         pad = 0.5 * abs(high)
         low, high = low - pad, high + pad
-    rough = (high - low) / (TICKS - 1)
+    rough = (high - low) / (TICKS - 1)  # between two ticks, before it is made a round number
     magnitude = 10.0 ** math.floor(math.log10(rough))
     step = next(
         factor * magnitude
         for factor in (1.0, 2.0, 2.5, 5.0, 10.0)
-        if factor * magnitude >= rough * 0.999  # but for rounding
+        if factor * magnitude >= rough * 0.999  # less 0.1 %, against rounding
     )
     step = max(step, least)
     first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)

@@ -16,7 +16,8 @@ from standard_run import SCENARIOS
 import sumo_eval
 from sumo_eval.evaluation import zone_partitions
 from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw
-from sumo_eval.extras.figures.style import MM, WIDTHS, save
+from sumo_eval.extras.figures.style import MM, WIDTHS, look_of, save
+from sumo_eval.nightly.history import open_history
 from sumo_eval.nightly.night import import_runs
 from sumo_eval.report.html import write_report
 from sumo_eval.scenario.road.reference_line import arc
@@ -45,6 +46,11 @@ def test_every_figure_of_a_run_fits_its_width_and_holds_its_words(done, tmp_path
             save(draw(done, name, width=width), tmp_path / "again.svg").read_bytes()
             == file.read_bytes()
         )
+
+
+def test_many_ads_look_different():
+    names = [str(number) for number in range(64)]
+    assert len({look_of(name, names) for name in names}) == 64
 
 
 def test_a_column_is_88_mm_and_a_page_180_mm():
@@ -144,8 +150,12 @@ def test_a_map_of_four_parameters_is_the_slice_with_most_collisions(tmp_path):
 def test_a_history_of_nights_is_drawn(done, tmp_path):
     history = tmp_path / "history"
     history.mkdir()
-    import_runs(history, [done.folder])
+    (night,) = import_runs(history, [done.folder])
+    with open_history(history) as database:  # a night without scores: the lines have a gap there
+        database.add(night._replace(night="later"), replace(done, scores=()), ())
+        database.add(night._replace(night="last"), done, ())
     figure = draw(history, "trend", ads="idm")
+    assert np.isnan(figure.axes[0].lines[0].get_ydata()).tolist() == [False, True, False]
     assert [panel.get_ylabel() for panel in figure.axes]
     lines = [line for panel in figure.axes for line in panel.lines]
     assert not [line for line in lines if line.get_linewidth() == 3.0], "no gate: it did not fail"

@@ -152,6 +152,14 @@ def test_regrets_of_two_units_have_a_chart_each(history, evaluation):
     assert told == {"m/s": (3, 0), "": (1, 1)}
 
 
+def test_lines_of_many_ads_differ(history):
+    with open_history(history) as lines:
+        nights, value = lines.nights(), lines.values()[0]
+    values = [value._replace(ads=str(number), quantity="S") for number in range(30)]
+    (chart,) = charts(value.scenario, nights, values, [])
+    assert len({(line.colour, line.dash) for line in chart.lines}) == 30
+
+
 def test_only_nights_of_a_failed_limit_are_marked_as_failed():
     """Status 3: cases without an outcome, in a good night."""
     nights = [night(f"2026-01-0{status + 1}T02-00-00Z", status) for status in (0, 1, 3)]

@@ -46,17 +46,21 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
     check_known("scenario", scenarios, chosen)
     check_known("ADS", all_ads, *names)
 
-    number_of = {night.night: number for number, night in enumerate(nights)}  # x of each night
-    failed = [number_of[it.night] for it in nights if it.exit_status == GATE_FAILED]
+    # x of a night is its number; a night without a value, as None, is nan: the line has a gap there
+    failed = [x for x, night in enumerate(nights) if night.exit_status == GATE_FAILED]
     panels = []
     for quantity in QUANTITIES:
         if not any(value.quantity == quantity for value in values):
             continue
         marks = []
         for name in names:
-            own = [v for v in values if (v.ads, v.scenario, v.quantity) == (name, chosen, quantity)]
-            x = [number_of[value.night] for value in own]
-            y = np.array([value.value for value in own], float)  # None becomes nan
+            by_night = {
+                it.night: it.value
+                for it in values
+                if (it.ads, it.scenario, it.quantity) == (name, chosen, quantity)
+            }
+            x = range(len(nights))
+            y = np.array([by_night.get(night.night) for night in nights], float)
             # with `all_ads` an ADS looks the same alone and among the rest
             colour, marker, line = look_of(name, all_ads)
             marks.append(Marks(name, x, y, colour, line, marker))

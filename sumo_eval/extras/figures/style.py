@@ -162,8 +162,9 @@ def look_of(ads: str, names: Sequence[str]) -> tuple[str, str, Any]:
 
     names: of all ADSs, among which it must be told apart.
     """
-    index = list(names).index(ads) % len(COLOURS)
-    return COLOURS[index], MARKERS[index], LINES[index]
+    count, index = len(COLOURS), list(names).index(ads)
+    style = (index + index // count) % count  # each round of colours has other styles
+    return COLOURS[index % count], MARKERS[style], LINES[style]
 
 
 def label(name: str, unit: str) -> str:
