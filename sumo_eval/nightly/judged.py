@@ -40,10 +40,10 @@ class JudgedNight(NamedTuple):
     """A night beside its bases.
 
     gates: each limit once.
-    noise: of tonight.
-    shaky: cases bad in some drives only.
-    builds: of each ADS, where known.
-    since: when each limit that failed tonight has failed, by its name.
+    noise: by how much the ADSs drove repeated cases differently tonight.
+    shaky: cases that ended badly in some of their drives only.
+    builds: build of each ADS, where known.
+    since: by name of each limit that failed tonight, since when it has failed.
     """
 
     bases: Bases
@@ -59,12 +59,12 @@ def judge_night(
 ) -> JudgedNight:
     """Compare a night with its bases and evaluate its limits.
 
-    Each limit is listed once: of the comparison with the accepted night, only what fails in
-    addition.
+    Each limit is listed once: as compared with the last good night, or, if it fails only beside the
+    accepted night, as compared with that one.
     """
     bases = find_bases(history, database, evaluation, gate)
     folder = history / AGAIN
-    # `bad_again` needs the repeats
+    # first the repeats alone: `bad_again` takes them
     noise = Noise(repeats_of(evaluation, gate, folder, progress) if bases.comparisons else {})
     bad = bad_again(bases.comparisons, evaluation, noise, gate, folder)
     noise = Noise(noise.repeats, bad, keys_of(evaluation, database.shaky()))
@@ -85,12 +85,14 @@ def judge_night(
         known = {result.name for result in failed(gates)}
         gates += [result for result in failed(results) if result.name not in known]
     since = failing_since(database, gates, evaluation.folder.name)
-    shaky, builds = (
+    return JudgedNight(
+        bases,
+        in_order(gates, {name: start.nights for name, start in since.items()}),
+        noise,
         frozenset(shaky_cases(evaluation, noise.bad, gate)),
         evaluation.manifest.get("builds", {}),
+        since,
     )
-    ordered = in_order(gates, {name: start.nights for name, start in since.items()})
-    return JudgedNight(bases, ordered, noise, shaky, builds, since)
 
 
 def failing_since(

@@ -46,7 +46,7 @@ def write_night(
     """Write `night.json` and `summary.md` into a night's folder, and `chat.json` beside the
     history.
 
-    word: the verdict in one word.
+    word: the verdict in one word, as in `verdict.Word`.
     """
     bases, folder = judged.bases, history / night.folder
     comparison = bases.comparison
@@ -100,7 +100,7 @@ def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
                 "link": f"{REPORT}#case:{case_key(change.case)}",
             }
             for change in gate.worst
-            for ways in [ways_to(folder, change.case)]
+            for ways in [ways_to(folder, change.case)]  # commands that drive the case again
         ],
         "keys": list(gate.cases),
     }
@@ -154,8 +154,10 @@ def github_annotations(gates: Sequence[GateResult]) -> list[str]:
 
 
 def morning_lines(result: NightResult) -> list[str]:
-    """The first screen of a night: differences in anything but the ADS, the verdict, new failures
-    first.
+    """The first screen of a night: differences in anything but the ADS, cases without a partner,
+    builds, the verdict, failed limits with new ones first.
+
+    A difference in capitals is one for which the nights are not compared.
     """
     judged, comparison = result.judged, result.judged.bases.comparison
     lines = [f"{'DIFFERS' if difference.decides else 'differs'}: {one_line(difference.words)}"
@@ -189,21 +191,21 @@ def tell_github(result: NightResult) -> list[str]:
 
 
 def _escaped(text: str) -> str:
-    """Text in which Markdown and HTML see no mark of their own."""
+    """Text on one line with Markdown's and HTML's special characters escaped."""
     return " ".join(re.sub(r"[\\`*_<|\[\]&]", r"\\\g<0>", text).split())
 
 
 def _code(text: str) -> str:
-    """Text as code of Markdown, behind more backticks than it has in a row."""
+    """Text as code of Markdown, between more backticks than it has in a row."""
     fence = "`"
     while fence in text:
         fence += "`"
     return f"{fence}{text}{fence}" if fence == "`" else f"{fence} {text} {fence}"
 
 
-def _command(text: str, also: str = "") -> str:
-    """Text in a workflow command.
+def _command(text: str, ends: str = "") -> str:
+    """Text in a workflow command, with the characters that would end it percent-encoded.
 
-    also: further signs that are encoded, those that end a property; GitHub decodes it there alone.
+    ends: further ones that end a property such as `title`; GitHub decodes them only there.
     """
-    return "".join(f"%{ord(it):02X}" if it in f"%\r\n{also}" else it for it in text)
+    return "".join(f"%{ord(it):02X}" if it in f"%\r\n{ends}" else it for it in text)

@@ -60,12 +60,12 @@ from sumo_eval.settings.config import read_evaluation
 from sumo_eval.whatif.search import CaseLevers, WhatIf
 
 NIGHTS = "nights"
-IMPORTED = -1  # exit status of a night that no gate judged
+IMPORTED = -1  # exit status of an imported night, which no gate judged
 LOCK = "lock"
-SPARE = 1.5  # factor by which a night may need more room than the last one
-LEVER_DRIVES = 500  # about the drives that finding the levers of a case takes
-LONGEST_LEVERS = 600.0  # s that a night may spend on them
-FIRST_NIGHT_ROOM = 200_000_000  # bytes; what a first night may need is not known
+SPARE = 1.5  # a night may need this many times the disk space of the last one
+LEVER_DRIVES = 500  # drives, about, that a search for the levers of one case takes
+LONGEST_LEVERS = 600.0  # s: a longer search is left to the user
+FIRST_NIGHT_ROOM = 200_000_000  # bytes that must be free for a first night, a guess
 
 
 def run_night(
@@ -91,9 +91,9 @@ def run_night(
     read_evaluation(evaluation)
     _refuse_without_history(history)
     with _only_one(history), open_history(history, create=True) as database:
-        # the night to continue: the newest stopped one that had begun to record
-        nights = reversed(database.stopped_last() if resume else ())
-        stopped = next((name for name in nights if is_run(history / NIGHTS / name)), None)
+        # the night to continue, if one was stopped: the newest of those that had begun to record
+        newest_first = reversed(database.stopped_last() if resume else ())
+        stopped = next((name for name in newest_first if is_run(history / NIGHTS / name)), None)
         notes = _clear_away(history, database, stopped)
         _refuse_without_room(history, database, stopped)
         clock = time.monotonic()
@@ -134,7 +134,9 @@ def run_night(
             pin=new_pin(line, judged, database, gate),
         )
         write_night(history, line, result.word, judged, notes)
-        notes += _discard(scored)  # last: a stopped night that continues needs trajectories
+        # after the history has the line: until then a stop leaves a night that --resume continues,
+        # and that needs its trajectories
+        notes += _discard(scored)
         notes += _prune(history, database, keep)
         return NightResult(
             line, scored, judged, tuple(notes), report, write_trend(history, database)
@@ -213,9 +215,11 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
         ) from error
     except (OSError, sqlite3.Error) as error:
         rest = "The same command with --resume continues."
-        if (isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)) or getattr(
-            error, "sqlite_errorcode", None
-        ) == sqlite3.SQLITE_FULL:
+        full = errno.ENOSPC, errno.EDQUOT  # the disk, the user's share of it
+        if (
+            getattr(error, "errno", None) in full
+            or getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+        ):
             # this night's cases must not keep the disk full until tomorrow
             shutil.rmtree(folder, ignore_errors=True)
             rest = "Its recorded cases were removed."
@@ -385,16 +389,17 @@ def _discard(evaluation: Evaluation) -> list[str]:
 
 
 def _prune(history: Path, database: History, keep: int) -> list[str]:
-    """Remove folders of old nights: the newest `keep` stay, the newest good one and the accepted
-    one at any age.
+    """Remove folders of old nights. At any age stay the newest good one and those whose acceptance
+    counts now or will again; of the others the newest `keep`.
     """
     nights = [night for night in database.nights() if not night.imported]
     good = [night for night in nights if night.good]
     kept = {night.night for night in (*nights[-keep:], *good[-1:])}
+    # The newest acceptance in force counts. When it ends, an older one may count again: so the one
+    # that counts on the last day of each acceptance stays, and one without an end (9999).
     pins = in_force(database.accepted())
-    # the acceptance that counts on each day on which one ends; 9999: without an end
-    for day in {pin.until or "" for pin in pins}:
-        kept |= {pin.night for pin in in_force(pins, day or "9999-12-31")[-1:]}
+    for day in {pin.until or "9999-12-31" for pin in pins}:
+        kept |= {pin.night for pin in in_force(pins, day)[-1:]}
     notes, removed = [], 0
     for night in nights:
         folder = history / night.folder
@@ -415,8 +420,8 @@ def _prune(history: Path, database: History, keep: int) -> list[str]:
 
 
 def _is_own(history: Path, night: Night) -> bool:
-    """Whether a line names the folder that its night was run in: no other place is removed,
-    whatever a line says.
+    """Whether a line names the folder that its night was run in, the only one that may be removed:
+    a line of a changed history could name any.
     """
     folder = history / NIGHTS / night.night
     return (

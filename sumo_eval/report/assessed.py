@@ -26,11 +26,11 @@ def write_assessed_report(
 ) -> Path:
     """Write `confidence.json` and `report.html` into the evaluation's folder; the report's path.
 
-    Both files are kept if they were made of the same scores, settings and sources, and have not
-    changed since.
+    Without additions, both files stay if they were made of the same scores, settings and sources,
+    and nothing has changed them since: the run's cache holds their hash under the key of these.
     """
     path, data = evaluation.folder / REPORT, evaluation.folder / CONFIDENCE
-    key = _key(evaluation) if additions is None else None
+    key = _key(evaluation) if additions is None else None  # None: written in any case
     with closing(KeptResults(evaluation.folder)) if key else nullcontext() as kept:
         if kept is None or key is None or kept.get("report", key) != _hash(path, data):
             # these imports take a second, and an unchanged page does not need them
@@ -72,6 +72,7 @@ def _key(evaluation: Evaluation) -> bytes | None:
 
 
 def _hash(*files: Path) -> bytes:
+    """One hash of the bytes of files; a missing one counts as empty."""
     digest = hashlib.blake2b(digest_size=16)
     for file in files:
         digest.update(file.read_bytes() if file.is_file() else b"")

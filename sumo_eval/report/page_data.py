@@ -75,17 +75,17 @@ EmbeddedCase = tuple[CaseResult, dict[str, Any]]
 def embedded_cases(
     evaluation: Evaluation, shown: Mapping[str, IntArray]
 ) -> dict[str, list[EmbeddedCase]]:
-    """The cases that the page has, by scenario, there ADS by ADS.
+    """The cases that the page has, by scenario, and within a scenario ADS by ADS.
 
-    shown: which these are, by scenario.
+    shown: by scenario, indices of these cases among those of an ADS, the same for all ADSs.
     """
     embedded: dict[str, list[EmbeddedCase]] = {zone.scenario: [] for zone in evaluation.zones}
     for findings in findings_of(evaluation):
         missing, judged = findings.missing, verdicts(evaluation, findings.score)
         ratios, lost, losses = findings.terms.ratio, findings.lost_of_c, findings.share_lost
         # an ADS with fewer cases than another lacks the last indices
-        places = shown[findings.score.scenario]
-        for row in places[places < len(findings.cases)].tolist():
+        indices = shown[findings.score.scenario]
+        for row in indices[indices < len(findings.cases)].tolist():
             case = findings.cases[row]
             details = {
                 "missing": why_missing(case) if missing[row] else None,
@@ -106,9 +106,9 @@ def _scenario(
     cases = evaluation.cases_in(logical.name)
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     telling = telling_slice(view, cases)
-    # the maps are for the slice at which the page opens
+    # maps are drawn in the slice at which the page opens: the most telling one, if there is one
     drawn = view._replace(fixed=telling or view.fixed)
-    rows = [_case(case, logical.row(case.values)) | beside for case, beside in embedded]
+    rows = [_case(case, logical.row(case.values)) | details for case, details in embedded]
     names_of_ads = [score.ads for score in evaluation.scores_in(logical.name)]
     return {
         "name": logical.name,
@@ -142,9 +142,9 @@ def _scenario(
 
 
 def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> dict[str, Any]:
-    """Groups of failures, ADS by ADS at most MOST_GROUPS, and how many more there are.
+    """Groups of failures, at most MOST_GROUPS of each ADS, and how many more there are.
 
-    keys: of the cases that the page has; a group names no other.
+    keys: of the cases that the page has. A group names only these, but its size counts all.
     """
     groups, names = failure_groups(logical, cases), cases.case
     of_ads: dict[str, list[FailureGroup]] = {}
@@ -256,12 +256,12 @@ def drawn_shape(road: Road) -> dict[str, Any]:
 
     gone: where an outermost lane is missing, four points [x, y], m, of which the last three are the
         edge of the road there.
-    solid: lines that no vehicle may cross, [x, x, y], m.
+    solid: lines that no vehicle may cross, [x of the begin, x of the end, y], m.
     crossings: [x, width, length to each side], m.
     """
     gone, solid, last = [], [], road.length + road.run_out
     for span in road.spans:
-        # x, m, at which the lane begins to open, is open, begins to narrow and is gone
+        # x, m, at which the lane begins to widen, is open, begins to narrow and is gone; inf: never
         (opens, is_open), (closes, is_gone) = span.places[:2], span.places[2:]
         middle, half = road.lane_centre(span.lane), 0.5 * road.lane_width
         outer, inner = (

@@ -38,7 +38,10 @@ def people_context(evaluation: Evaluation, _: Additions) -> dict[str, Any]:
 
 
 def drawn_words(drawn: Mapping[str, int]) -> str:
-    """How the road was drawn on the participants' screens: each way with its number of drives."""
+    """Ways in which the participants' screens showed the road, each with its number of drives.
+
+    drawn: description of a way -> number of drives.
+    """
     return ", ".join(f"{words} ({count(drives, 'drive')})" for words, drives in drawn.items())
 
 
@@ -77,7 +80,8 @@ def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     return [
         {
             "of": band,
-            # fewest and most drivers of a case; one number where they are equal, `no` without any
+            # `band.drivers`, the fewest and the most of a case: `3–10 a case`, `10 a case` where
+            # both are equal, `no a case` where it is empty
             "drivers": f"{'–'.join(dict.fromkeys(map(str, band.drivers))) or 'no'} a case, "
             f"{percent(band.recorded)} recorded",
             "warnings": [

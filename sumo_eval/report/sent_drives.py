@@ -52,7 +52,7 @@ class Embedded(NamedTuple):
 
 
 MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 10 MB at 5,000 cases
-BYTES_OF_A_RUN = 900  # about, of a trajectory (here a "run"); chosen ones are measured when packed
+BYTES_OF_A_RUN = 900  # of one trajectory, about: a first guess, before the chosen ones are packed
 BYTES_BEYOND = 40  # about, of an entry of `beyond` (`encode_trajectories`)
 
 
@@ -89,26 +89,26 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
     Reading, rounding and deflating hold the interpreter's lock for a quarter of the time, so this
     is for a thread.
     """
-    runs = MOST_BYTES // BYTES_OF_A_RUN  # trajectories
+    most = MOST_BYTES // BYTES_OF_A_RUN  # trajectories
     with open_store(facts) as store:
-        # of each scenario the points by case, in the order given; -1 keeps a case's place in it
+        # by scenario and case, in the order given, the number of its point; -1: not recorded
         points = {
             name: dict.fromkeys((case.case for case in cases), -1)
             for name, cases in cases_of.items()
         }
-        # only these are kept of the facts, of which there may be millions
+        # facts of other cases, of which there may be millions, are not kept in memory
         for name, own in points.items():
             own |= {case: at for case, at, _ in store.names("ads", name) if case in own}
         while True:
-            embedded = worth_embedding(cases_of, points, store, runs)
+            embedded = worth_embedding(cases_of, points, store, most)
             scenarios = {
                 name: _drives(name, store, embedded, of_cases) for name, of_cases in points.items()
             }
             size = sum(drives.size for drives in scenarios.values())
             if size <= MOST_BYTES or not embedded.points:
                 return SentDrives(embedded, scenarios)
-            # as many as fit by what these really took, less 5 %, so that the next choice fits
-            runs = int(runs * 0.95 * MOST_BYTES / size)
+            # too large: as many as fit by the size measured now, less 5 % so that the next ones do
+            most = int(most * 0.95 * MOST_BYTES / size)
 
 
 def _drives(scenario: str, store: Store, embedded: Embedded, points: Mapping[str, int]) -> Drives:
@@ -145,42 +145,43 @@ def worth_embedding(
     cases_of: Mapping[str, Sequence[CaseResult]],
     points_of: Mapping[str, Mapping[str, int]],
     store: Store,
-    most_runs: int,
+    most: int,
 ) -> Embedded:
-    """The points whose trajectories travel in the page: all, or as many as `most_runs` allows, the
-    most telling first.
+    """The points whose trajectories travel in the page: all, or the most telling ones.
 
-    The order: cases that could not be evaluated, incidents, the hardest first, then the least
-    human-like cases. First, points up to the last incident get room without their drivers. What is
-    left goes to the drivers, and from there on to points with their drivers, in the same order.
+    The order of points: first those with a case that could not be evaluated or with an incident, by
+    severity, then by their least human-like case. Room is given in two rounds in this order. The
+    first gives points up to the last incident room for their ADSs. The second gives these points
+    room for their drivers, and further points room for ADSs and drivers.
 
     cases_of: those that the page has, by scenario.
-    points_of: their points, by case.
-    most_runs: trajectories that the page may have.
+    points_of: their points, by scenario and case.
+    most: trajectories that the page may have.
     """
     # imported here because it imports scipy, which the animation of one case does not need
     from sumo_eval.scoring.shown_cases import HIT, telling
 
-    runs: dict[Role, Counter[Point]] = {"ads": Counter(), "human": Counter()}
-    tells: dict[Point, float] = {}
+    # trajectories at each point, by role
+    counts: dict[Role, Counter[Point]] = {"ads": Counter(), "human": Counter()}
     for name in cases_of:
         shown = set(points_of[name].values())
-        for role, counts in runs.items():
-            counts.update((name, at) for _, at, _ in store.names(role, name) if at in shown)
+        for role, at_point in counts.items():
+            at_point.update((name, at) for _, at, _ in store.names(role, name) if at in shown)
+    tells: dict[Point, float] = {}  # of each point, that of its most telling case
     every = [case for cases in cases_of.values() for case in cases]
     for case, tell in zip(every, telling(CaseTable.of(every)).tolist(), strict=True):
-        at = case.scenario, points_of[case.scenario][case.case]
-        tells[at] = max(tells.get(at, 0.0), tell)
+        point = case.scenario, points_of[case.scenario][case.case]
+        tells[point] = max(tells.get(point, 0.0), tell)
     order = sorted(tells, key=lambda point: (-tells[point], point))
-    # trajectories at each point, of the ADSs and of the drivers
-    own, humans = (np.array([number[point] for point in order]) for number in runs.values())
+    # trajectories at the points in this order, (n,)
+    ads, drivers = (np.array([at_point[point] for point in order]) for at_point in counts.values())
     hits = sum(tell >= HIT for tell in tells.values())
-    # the first points in this order that have room without drivers
-    alone = int(np.searchsorted(np.cumsum(own[:hits]), most_runs, side="right"))
-    # the first that have room with drivers: points of `alone` then need their drivers only
-    humans[alone:] += own[alone:]
-    left = most_runs - own[:alone].sum()
-    both = int(np.searchsorted(np.cumsum(humans), left, side="right"))
+    # first round: the points before `alone`, without their drivers
+    alone = int(np.searchsorted(np.cumsum(ads[:hits]), most, side="right"))
+    # second round: the points before `both`; those before `alone` need room for drivers only
+    drivers[alone:] += ads[alone:]
+    left = most - ads[:alone].sum()
+    both = int(np.searchsorted(np.cumsum(drivers), left, side="right"))
     return Embedded(frozenset(order[: max(alone, both)]), frozenset(order[:both]))
 
 
@@ -231,9 +232,9 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
         held = np.abs(whole) <= MOST_WHOLE
         beyond += [[name, *run] for run in _runs_of_one_value(channel, ~held)]
         change = np.diff(np.where(held, whole, 0.0).astype("<i4"), prepend=np.int32(0))
-        # zigzag: c >= 0 becomes 2 c, c < 0 becomes -2 c - 1, so small changes are small numbers; <<
-        # and >> bind before ^. Then the lowest bytes of all samples, the second ones, and so on.
-        folded = change << 1 ^ change >> 31
+        # Zigzag: c >= 0 becomes 2 c, c < 0 becomes -2 c - 1, so small changes are small numbers.
+        # Then the lowest bytes of all samples stand together, the second ones, and so on.
+        folded = (change << 1) ^ (change >> 31)
         planes.append(folded.astype("<i4").view(np.uint8).reshape(-1, 4).T.tobytes())
     return {
         "counts": counts,
@@ -246,11 +247,11 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
 
 
 def _runs_of_one_value(channel: FloatArray, chosen: BoolArray) -> Iterator[tuple[int, int, float]]:
-    """(place of the first, how many, value) of chosen samples, equal neighbours together."""
-    # place - rank stays the same from one neighbour to the next
+    """(index of the first, how many, value) of chosen samples, equal neighbours together."""
+    # index - rank among the chosen is the same for neighbours
     for (value, _), run in groupby(
         enumerate(np.flatnonzero(chosen).tolist()),
-        key=lambda pair: (float(channel[pair[1]]), pair[1] - pair[0]),
+        key=lambda ranked: (float(channel[ranked[1]]), ranked[1] - ranked[0]),
     ):
-        places = [index for _, index in run]
-        yield places[0], len(places), value
+        indices = [index for _, index in run]
+        yield indices[0], len(indices), value

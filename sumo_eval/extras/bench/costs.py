@@ -66,7 +66,7 @@ class Row(NamedTuple):
 
 
 Figures = tuple[Any, ...]
-"""The fields of a row from `what` on; the part that measures them is its group."""
+"""A `Row` without its group: `what`, `value`, `unit` and, if compared, `ratio`, `ratio_of`."""
 
 
 class TenLines:
@@ -135,24 +135,27 @@ def benchmark(
     progress: receives each part before it is measured.
     """
     rows: list[Row] = []
+    measure = {
+        "co-simulation": lambda: cosimulation(cases, rounds),
+        "field and D": lambda: field_and_index(rounds),
+        # fewer points where `--small` asks for 8 cases
+        "zones": lambda: zones(2000 if cases >= 100 else 100),
+    }
     for part in parts:
         progress(part)
-        if part == "co-simulation":
-            figures = cosimulation(cases, rounds)
-        elif part == "field and D":
-            figures = field_and_index(rounds)
-        else:
-            # training points; a benchmark of few cases takes few
-            figures = zones(2000 if cases >= 100 else 100)
-        rows += [Row(part, *it) for it in figures]
-    machine = {
-        "processor": platform.processor() or platform.machine(),
-        "cores": os.cpu_count(),
-        "load": os.getloadavg()[0],
-        "python": platform.python_version(),
-        "simulator": simulator_version(),
+        rows += [Row(part, *figures) for figures in measure[part]()]
+    return {
+        "format_version": 1,
+        "machine": {
+            "processor": platform.processor() or platform.machine(),
+            "cores": os.cpu_count(),
+            "load": os.getloadavg()[0],
+            "python": platform.python_version(),
+            "simulator": simulator_version(),
+        },
+        "cases": cases,
+        "rows": rows,
     }
-    return {"format_version": 1, "machine": machine, "cases": cases, "rows": rows}
 
 
 _ALONE = {
@@ -177,8 +180,9 @@ def cosimulation(cases: int, rounds: int) -> list[Figures]:
     """
     logical = catalogue.load("cut_in")
     grid = sample(logical).points
-    # evenly over the grid
-    concretes = logical.concretes(grid[:: max(len(grid) // cases, 1)][:cases])
+    # `cases` points evenly over the whole grid, from its first to its last
+    rows = np.linspace(0, len(grid) - 1, min(cases, len(grid)), dtype=int)
+    concretes = logical.concretes(grid[rows])
 
     def alone(ads: Any) -> list[Recording]:
         return [simulate(concrete, ads, SETTINGS) for concrete in concretes]
@@ -186,9 +190,10 @@ def cosimulation(cases: int, rounds: int) -> list[Figures]:
     def batched(ads: Any) -> list[Recording]:
         return list(simulate_many(concretes, ads, SETTINGS))
 
+    # row of the table -> function that simulates all its cases; "packed": in batches
     ways = {name: functools.partial(alone, ads) for name, ads in _ALONE.items()}
     ways |= {f"{name}, packed": functools.partial(batched, ads) for name, ads in _BATCHED.items()}
-    # this also compiles what is not compiled yet, and gives the number of steps of each case
+    # not timed: it compiles what is not compiled yet, and gives the number of steps of each case
     recordings = {name: way() for name, way in ways.items()}
     steps = {
         name: [round(recording.simulated_time / SETTINGS.step) for recording in drives]
@@ -196,12 +201,12 @@ def cosimulation(cases: int, rounds: int) -> list[Figures]:
     }
 
     seconds, bare = _least_seconds(ways, concretes, steps, rounds)
-    count, baseline = len(concretes), "careful_driver, packed"
+    count, fastest = len(concretes), "careful_driver, packed"
     return [
         *((f"{name} ({np.mean(steps[name]):.0f} steps a case)", count / seconds[name],
            "cases/s", bare[name] / seconds[name], "bare libsumo") for name in ways),
-        ("bare libsumo, one at a time, as many steps", count / bare[baseline], "cases/s"),
-        _storing(concretes, recordings[baseline]),
+        ("bare libsumo, one at a time, as many steps", count / bare[fastest], "cases/s"),
+        _storing(concretes, recordings[fastest]),
     ]  # fmt: skip
 
 
@@ -234,7 +239,7 @@ def _least_seconds(
         for _ in range(rounds):
             for name, way in ways.items():
                 seconds[name] = min(seconds[name], _seconds(way))
-                # a user's function makes the same calls in bare libsumo
+                # beside a user's function, bare libsumo makes the function's calls in every step
                 calls = [set_speed] if name.startswith("user's function") else []
                 took = process.submit(bare_seconds, command_lines, steps[name], *calls).result()
                 bare[name] = min(bare[name], took)
@@ -266,13 +271,14 @@ def field_and_index(rounds: int) -> list[Figures]:
     people = [human_controller(index, 10, 1, concrete) for index in range(10)]
     drivers = [recording.ego for recording in simulate_many([concrete] * 10, people)]
     ads = simulate(concrete, "lane_changer").ego
-    points = 10 * rounds  # repetitions of the concrete scenario, so that batches are as of a run
+    points = 10 * rounds  # copies of one concrete scenario, so that batches are as large as a run's
     simulated = _seconds(
         lambda: [
             *simulate_many([concrete] * 10 * points, people * points),
             *simulate_many([concrete] * points, "lane_changer"),
         ]
     )
+    # x of cross-sections 0.5 m apart, and the points (n, 2) on them at which D compares the field
     slices = slice_positions(ads.x[0], logical.road.length - ads.x[0], 0.5)
     places = slice_points(slices, lateral_position(ads, slices), logical.road).reshape(-1, 2)
     # the field at a place is a sum with a term for each sample of the trajectory, 0.02 s apart

@@ -30,7 +30,7 @@ from sumo_eval.scenario.road.reference_line import (
     tightest,
 )
 
-SAME = 1e-9  # rad, s or m/s between two values that count as equal
+SAME = 1e-9  # rad, s or m/s: values that differ by less count as equal
 ORIGIN = Pose(0.0, 0.0, 0.0)
 
 _beside = lru_cache(maxsize=64)(beside)
@@ -69,18 +69,17 @@ class Frame(NamedTuple):
         return self.line, self.lanes, self.lane_width, round(self.length, 6)
 
     def ground(self, at: Pose) -> float:
-        """Length over the ground for a metre along the road's line, at a place beside the line.
+        """Metres over the ground at a place beside the line, for each metre along the line.
 
-        In a curve it is below 1 on the inner side, above 1 on the outer side.
+        In a curve this is below 1 on the inner side, above 1 on the outer side.
         """
         if not self.line or self.turns:
             return 1.0
         return 1.0 - float(curvatures(self.line, at.x)) * at.y
 
     def pose_on_map(self, entity: Entity) -> Pose:
-        """The centre of a body that points along its path, on a map whose origin is this frame's.
-
-        On a straight road that is the place in the frame.
+        """The centre of an entity's body, which points along its path, on the map as seen from
+        `origin`. On a straight road this is its pose in the frame.
         """
         pose = entity.placed().pose._replace(heading=entity.heading)
         return pose.moved(entity.centre, entity.offset).seen_from(self.origin)
@@ -98,13 +97,13 @@ def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | 
         raise ego.element.fault(f"the ego must be placed in a driving lane{spot.reason}")
     if spot.way == 0:
         raise ego.element.fault("the ego must start along its lane")
-    width = MARKED if lane.width > WIDEST else lane.width
+    # a lane wider than WIDEST is an area without marks: it becomes a lane of the usual width around
+    # the ego's line, and one to its left
+    marked = lane.width <= WIDEST
+    width = lane.width if marked else MARKED
     if course is not None:
         return _turning(ego, road, width, network.path.stem, course)
-    # an area without marks: a lane around the ego's line, and one to its left
-    centre, lanes = lane.centre, 2
-    if lane.width <= WIDEST:
-        centre, lanes = _lanes(ego, road, lane, spot.way)
+    centre, lanes = _lanes(ego, road, lane, spot.way) if marked else (lane.centre, 2)
     begin, reference = (road.begin, road.line) if spot.way > 0 else road.begin.backward(road.line)
     origin = begin.moved(0.0, spot.way * centre)
     name = f"{network.path.stem}_{road.name}_{lanes}x{width:g}m_at_{centre:g}m"
@@ -120,8 +119,9 @@ def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | 
 
 
 def _lanes(ego: Entity, road: MapRoad, own: Lane, way: int) -> tuple[float, int]:
-    """The centre of the rightmost driving lane of the ego's width beside the ego's own without a
-    gap, m, and the number of such lanes.
+    """The centre, m, of the rightmost of the lanes that become the frame's, and their number.
+
+    These are the ego's own lane and all driving lanes of its width that adjoin it without a gap.
     """
     driving = sorted(
         (it for it in road.lanes.values() if it.kind in DRIVEN),
@@ -133,7 +133,7 @@ def _lanes(ego: Entity, road: MapRoad, own: Lane, way: int) -> tuple[float, int]
         )
     first = last = driving.index(own)
 
-    def adjoin(lane: int) -> bool:
+    def adjoin(lane: int) -> bool:  # the lane at this index, and the one to its right
         apart = abs(driving[lane].centre - driving[lane - 1].centre)
         return abs(apart - own.width) < ON
 
@@ -182,12 +182,12 @@ def framed(entity: Entity, frame: Frame) -> Pose:
     if not frame.line:
         at = pose.seen_from(frame.origin)
         return at._replace(heading=0.0) if along and spot.way == frame.way else at
-    # 4. on a curved road: the body's centre lies ahead along the curve, if it points along it
+    # 4. on a curved road. `way` 0: it points across; else its centre lies ahead along the curve
     assert spot.road is not None
     if spot.way:
         s, t = spot.s + spot.way * entity.centre, spot.t + spot.way * entity.offset
         pose = spot.road.pose(s, t)
-    # x where the search for the foot of the perpendicular begins, roughly
+    # about x: where the search for the foot of the perpendicular on the line begins
     near = spot.s + entity.centre if frame.way > 0 else spot.road.length - spot.s
     x, y, heading = in_frame(pose, frame.origin, frame.line, near)
     if spot.way:

@@ -28,8 +28,8 @@ Fact = float | played.Move
 """A time that has passed, s, or a move that has ended."""
 NEVER = math.inf
 AT_ONCE = 1e-6  # s: duration of a change that is a step
-_BENT = 0.1  # m by which a distance along a curve may differ from the one in a straight line
-_ACROSS = 0.1  # cosine of the largest angle to the road at which a body has a speed along it
+_BENT = 0.1  # m: largest error of a straight distance that is computed along and across a curve
+_ACROSS = 0.1  # a body whose heading has a smaller cosine to the road moves across it
 
 
 def operation(op: int) -> Step:
@@ -43,20 +43,23 @@ def from_time(time: float) -> Program:
 
 
 def implied(program: Program) -> set[Fact]:
-    """Times that have passed, s, and moves that have ended whenever a condition holds.
+    """The facts that are true whenever a condition holds: times that have passed, s, and moves that
+    have ended.
 
-    It runs the program with sets of such facts in place of values: both sets hold after AND, what
-    they share after OR. Each operation after `ENDED`, but `ABSOLUTE`, joins two values.
+    It runs the program with a set of facts for each value on the stack. AND unites two sets, OR
+    keeps what both have. Operations up to `ENDED` put a value on the stack. Later ones join two
+    values, except `ABSOLUTE`.
     """
     stack: list[set[Fact]] = [set()]
     for k, (op, one, two, _) in enumerate(program):
         if op == played.ENDED:
             stack.append({(one, two)})
-        elif op < played.ENDED:  # a number; before `TIME` stands the time, see `from_time`
+        elif op < played.ENDED:
+            # of a number only `TIME` implies a fact: the step before it has the time (`from_time`)
             stack.append({program[k - 1][3]} if op == played.TIME else set())
         elif op != played.ABSOLUTE:
             last = stack.pop()
-            # BELOW compares numbers, or whether a move has ended with 0.5: that implies nothing
+            # BELOW implies no fact: it compares numbers, or "has ended" with 0.5 to negate it
             if op in (played.OR, played.BELOW):
                 stack[-1] &= last
             else:
@@ -119,10 +122,10 @@ class Truth(NamedTuple):
 class Moment:
     """A time, or a condition on the drive.
 
-    time: s, inf for never; with a program it is the delay after its condition holds.
-    until: s, from when on nothing can begin any more; inf: no such time.
-    past: whether it counts even if the condition fails again, as the start of an element does.
-        A condition among others must still hold when they do.
+    time: s, inf for never; with a program the delay, s, after its condition holds.
+    until: time from which on nothing can begin any more, s; inf: no such time.
+    past: whether it is enough that the condition held before, as for the start of an element.
+        Otherwise it must still hold when the conditions beside it do.
     """
 
     time: float
@@ -160,10 +163,10 @@ class Span:
 
 @dataclass(slots=True)
 class Conditions:
-    """Conditions of a file as moments, with what they refer to.
+    """Reads the conditions of a file as moments.
 
-    actors: by number; none as long as their numbers are unknown.
-    spans: kind, path of names and span of each element of the storyboard above.
+    actors: in the order of their numbers; empty until the numbers are known.
+    spans: kind, path of names and span of each element read so far, for conditions on elements.
     """
 
     places: Places
@@ -210,7 +213,7 @@ class Conditions:
         return spans[0]
 
     def moment(self, trigger: Node | None, after: Moment) -> Moment:
-        """When a <StartTrigger> lets something begin that cannot begin before `after`.
+        """When an element with this <StartTrigger> begins, not before `after`.
 
         One of its groups of conditions must hold. Without groups it begins at `after`.
         """
@@ -261,13 +264,13 @@ class Conditions:
                 "another such condition"
             )
         # what counts even if it fails again is remembered; a time becomes a condition
-        first, second = (
+        programs = [
             self.latch(it.program, it.time)
             if it.past and it.program
             else it.program or from_time(it.time)
             for it in sorted((one, two), key=lambda it: it.known)
-        )
-        return Moment(0.0, _joined([first, second], played.AND))
+        ]
+        return Moment(0.0, _joined(programs, played.AND))
 
     def group(self, group: Node) -> Moment:
         """When all conditions of a group hold."""
@@ -336,15 +339,15 @@ class Conditions:
             raise element.fault(f"the state `{state}` is not supported")
         if span.ended:
             return Moment(0.0, span.ended, past=True)  # what has ended stays so
-        # nothing in it takes time: it ends when its condition lets it begin
+        # an element that takes no time ends as it begins, which may be by a condition
         at_once = not span.begin.known and span.end < NEVER
         return span.begin if at_once else Moment(span.end)
 
     def _by_entity(self, element: Node, edge: str) -> Program:
         """The program of a condition on entities.
 
-        edge: `rising`: it must have been false before, `falling`: the opposite of it, after it was
-            true; `risingOrFalling`: whichever can come first.
+        edge: `none`: it holds; `rising`: it holds after it was false; `falling`: it is false after
+            it was true; `risingOrFalling`: the one of these two that can come first.
         """
         triggering = element.child("TriggeringEntities")
         every = triggering.one_of("triggeringEntitiesRule", ("any", "all")) == "all"
@@ -353,14 +356,16 @@ class Conditions:
             raise triggering.fault("it must name an entity")
         condition = element.child("EntityCondition").only()
         truths = [self._of_entity(condition, self.places.entity(it, triggering)) for it in names]
-        both, either = (played.AND, played.OR) if every else (played.OR, played.AND)
-        holds = _joined([it.holds for it in truths], both)
-        fails = _joined([it.fails for it in truths], either)
+        # all hold, or one fails; or one holds, or all fail
+        op, opposite = (played.AND, played.OR) if every else (played.OR, played.AND)
+        holds = _joined([it.holds for it in truths], op)
+        fails = _joined([it.fails for it in truths], opposite)
         start = (all if every else any)(it.start for it in truths)
         if edge == "falling" or (edge == "risingOrFalling" and start):
             holds, fails, start = fails, holds, not start
         if edge == "none" or not start:
             return holds
+        # it holds at the start, so the edge comes only after it has failed once
         return (*holds, *self.latch(fails, 0.0), operation(played.AND))
 
     def _number(self, entity: Entity, element: Node) -> int:
@@ -380,6 +385,7 @@ class Conditions:
             "TraveledDistanceCondition": self._travelled,
         }  # fmt: skip
         number, limit = element.chosen(known, "conditions on an entity")(element, entity)
+        # kinds without the attribute `rule`
         default = {
             "TraveledDistanceCondition": "greaterOrEqual", "ReachPositionCondition": "lessOrEqual"
         }.get(element.tag)  # fmt: skip
@@ -419,14 +425,15 @@ class Conditions:
         """x or y of a place, of a body's centre, or of its reference point.
 
         axis: `played.X` or `played.Y`.
-        free: the centre.
+        free: True: of the centre; False: of the reference point.
         """
         k = axis - played.X  # 0 for x, 1 for y
         if isinstance(body, Pose):
             return constant(body[k])
         centre = of_vehicle(axis, self._number(body, element), body.frame[k])
-        ahead = body.frame.moved(-body.centre, -body.offset)[k] - centre.start
-        return centre if free or ahead == 0.0 else centre + constant(ahead)
+        # from the centre to the reference point, as at the start
+        shift = body.frame.moved(-body.centre, -body.offset)[k] - centre.start
+        return centre if free or shift == 0.0 else centre + constant(shift)
 
     def _ahead(self, element: Node, one: Entity, other: Entity | Pose, axis: int) -> DriveNumber:
         """Distance by which another body, or its reference point, is ahead or to the left, m."""
@@ -439,7 +446,7 @@ class Conditions:
         apart, free = abs(self._ahead(element, one, other, axis)), element.flag("freespace")
         bodies = constant(_half(one, axis) + _half(other, axis))
         if free and axis == played.X and isinstance(other, Entity):
-            # a gap is between the bodies as they point at that time
+            # GAP takes the bodies as they point at that time; the larger one is that to the front
             a, b = self._number(one, element), self._number(other, element)
             gaps = (played.GAP, a, b, 0.0), (played.GAP, b, a, 0.0), operation(played.LARGER)
             apart, free = DriveNumber(gaps, apart.start - bodies.start), False
@@ -449,17 +456,19 @@ class Conditions:
         return apart - bodies if free else apart
 
     def _scale(self, element: Node, entity: Entity) -> float:
-        """Length that a condition measures for a metre along the road's line.
+        """Metres that a condition measures for each metre along the frame's line.
 
         In the systems `entity` and `lane` it measures along the parallel of that line through the
-        entity's start, in the system `road` along the reference line. In a curve a metre becomes
-        1 - curvature * left on the parallel `left` m to the left. The mean curvature counts.
+        entity's start, in the system `road` along the file's reference line. In a curve, a metre of
+        the line is 1 - curvature * left on the parallel `left` m to its left. The mean curvature of
+        the whole line counts.
         """
         default = "lane" if element.flag("alongRoute") else "entity"
         system = element.one_of("coordinateSystem", ("entity", "lane", "road"), default)
         frame = self.frame
         if not frame.line:
             return 1.0
+        # angle from the first heading to the last, rad: curvature times length of each piece
         turned = sum(0.5 * (it.begin + it.end) * it.length for it in frame.line)
         left = -frame.way * frame.offset if system == "road" else entity.frame.y
         return 1.0 - turned / length_of(frame.line) * left
@@ -477,8 +486,10 @@ class Conditions:
     def _straight(
         self, element: Node, one: Entity, other: Entity | Pose, value: float
     ) -> tuple[DriveNumber, float]:
-        """The square of the distance in a straight line, m2, and that of `value`, with its sign."""
-        # x and y of the frame give it, but along a curve of radius r they are off by d^3 / (24 r^2)
+        """The square of the distance in a straight line, m2, and the square of `value`, m, with the
+        sign of `value`.
+        """
+        # From x and y of the frame; along a curve of radius r a distance d is off by d^3 / (24 r^2)
         line = self.frame.line
         if line and abs(value) ** 3 / (24.0 * tightest(line) ** 2) > _BENT:
             raise element.fault("a distance across a curve of the road is not supported")
@@ -514,16 +525,18 @@ class Conditions:
         return along if math.isclose(share, 1.0) else along * constant(1.0 / share)
 
     def _headway(self, element: Node, entity: Entity) -> tuple[DriveNumber, float]:
-        """gap - value v, m: the sign of time headway minus value, without a division by 0."""
+        """gap - value * speed, m, and 0: it has the sign of time headway minus value, without a
+        division by 0.
+        """
         speed = self._own(element, entity, "relativeDistanceType")
         gap = self._apart(element, entity, self._target(element), played.X)
         return gap - constant(element.number("value")) * speed, 0.0
 
     def _to_collision(self, element: Node, entity: Entity) -> tuple[DriveNumber, float]:
-        """gap |dx| - value dx dv, m2: the sign of time to collision minus value.
+        """gap |dx| - value dx dv, m2, and 0: it has the sign of time to collision minus value.
 
         dx: from this body to the other along the road, m. dv: its speed minus the other's, m/s.
-        Where the bodies close in, dx dv is above 0.
+        The bodies close in where dx dv is above 0.
         """
         other, value = self._target(element), constant(element.number("value"))
         speed = self._along(element, entity, "relativeDistanceType")

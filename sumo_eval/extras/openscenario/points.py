@@ -1,7 +1,8 @@
-"""Points from an OpenSCENARIO parameter variation (ParameterValueDistribution), mapped onto one of
-our spaces.
+"""Points from an OpenSCENARIO parameter variation (ParameterValueDistribution), mapped onto the
+space of a logical scenario.
 
-A mapping file says which of our parameters is which expression of theirs:
+A mapping file gives each parameter of the scenario as an expression of the variation's parameters.
+Below, "our" parameters are those of the scenario, "their" parameters those of the variation:
 
     distribution = "ALKS_Scenario_4.4_1_CutInNoCollision_Variation.xosc"
     [parameters]
@@ -63,7 +64,9 @@ class SpaceMapping(NamedTuple):
 class Variation(NamedTuple):
     """A parsed variation: combinations to try.
 
+    combinations: each, name of their parameter -> value.
     scenario: the file that declares the parameters; None where it is missing, or declares none.
+    notes: sentences on what of the file has no effect.
     """
 
     combinations: tuple[Combination, ...]
@@ -88,18 +91,19 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
     for name, expression in mapping.parameters.items():
         checked_names(expression, theirs, f"`{name}` of mapping {request.file}")
     check_known(f"parameter in [only] of mapping {request.file}:", theirs, *mapping.only)
-    # Both unions are equal where the combination does not contradict [only]. [only] also sets
-    # parameters that are declared but not varied.
+    # Kept: combinations that have the values of [only]. [only] also sets parameters that are
+    # declared but not varied, which a combination lacks.
     kept = [
         item | mapping.only
         for item in variation.combinations
-        if item | mapping.only == mapping.only | item
+        if all(item.get(name, value) == value for name, value in mapping.only.items())
     ]
     if not kept:
         raise InputError(f"[only] of mapping {request.file} keeps no combination.")
     allowed = kept
     if variation.scenario is not None:
-        # `scene.values` are the combination and the declared values of all other parameters
+        # of each combination the scene, whose `values` are its own and the declared values of all
+        # other parameters, and the constraint groups that it violates
         checked = map(variation.scenario.declared, kept)
         allowed = [dict(scene.values) for scene, violated in checked if not violated]
     if not allowed:
@@ -196,7 +200,7 @@ def _deterministic(distribution: Node, owner: str) -> tuple[Combination, ...]:
     total = math.prod(axis.count for axis in axes) if axes else 0
     if not 1 <= total <= MAX_POINTS:
         raise must_be("The combinations", owner, f"between 1 and {MAX_POINTS:,}", total)
-    # a value of an axis assigns one or several of the file's parameters
+    # a value of an axis sets one or several parameters: (name, value) of each
     assignments = [map(axis.assigned, axis.values) for axis in axes]
     combinations = itertools.product(*assignments)
     return tuple(dict(itertools.chain(*parts)) for parts in combinations)
@@ -231,22 +235,22 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
         picks = stream.choice(len(parts), runs, p=weights / weights.sum())
         if kind.tag != "Histogram":
             return [plain(parts[pick].attribute("value")) for pick in picks]
-        limits = np.array([range_of(part) for part in parts])
-        above_low = stream.uniform(size=runs) * np.ptp(limits[picks], axis=1)
-        return list((limits[picks, 0] + above_low).tolist())
+        low, high = np.array([range_of(part) for part in parts])[picks].T  # of each draw's bin
+        return list((low + stream.uniform(size=runs) * (high - low)).tolist())
     if kind.tag not in ("NormalDistribution", "LogNormalDistribution", "PoissonDistribution"):
         raise kind.unsupported()
     low, high = (-math.inf, math.inf) if kind.find("Range") is None else range_of(kind)
     normal, variance = kind.tag == "NormalDistribution", kind.not_negative("variance", 0.0)
     mean = kind.number("expectedValue") if normal else kind.above_zero("expectedValue")
     drawn: list[Value] = []
-    # values outside the Range are rejected; it is refused where not even 1 in 1000 lies within it
+    # Values outside the Range are drawn again. It is refused where fewer than `runs` of 1000 `runs`
+    # values lie within it.
     for _ in range(1000):
         if normal:
             values = stream.normal(mean, math.sqrt(variance), runs)
         elif kind.tag == "PoissonDistribution":
             values = stream.poisson(mean, runs).astype(float)
-        else:
+        else:  # mean and variance are those of the value, `spread` is the variance of its logarithm
             spread = math.log1p(variance / mean**2)
             values = stream.lognormal(math.log(mean) - spread / 2.0, math.sqrt(spread), runs)
         drawn += values[(values >= low) & (values <= high)].tolist()

@@ -49,7 +49,7 @@ def boundary(
     seed: int,
     workers: int,
 ) -> None:
-    """Find where ADS collides in SCENARIO, with few simulations, whatever the shape of that set.
+    """Find the points of SCENARIO where ADS collides, in any shape, with few simulations.
 
     SCENARIO is a shipped name, a scenario file (.toml) or module:name; ADS a controller as in an
     evaluation file.
@@ -66,10 +66,10 @@ def boundary(
     out = out or out_folder.default(scenario, ads)
     out_folder.ready(out)
     with Progress(at_most=True) as progress:
-        boundary = find_boundary(
+        result = find_boundary(
             logical, ads, setup, budget=budget, tolerance=tolerance, seed=seed,
             watch=lambda done, total: progress(f"{logical.name}: {ads}", done, total),
         )  # fmt: skip
-    say(sentences(boundary, held))
-    say(map(str, write_boundary(boundary, out, held)))
-    sys.exit(NOT_EVALUATED if boundary.not_evaluated else DONE)
+    say(sentences(result, held))
+    say(map(str, write_boundary(result, out, held)))
+    sys.exit(NOT_EVALUATED if result.not_evaluated else DONE)

@@ -37,7 +37,7 @@ EXPLORE_EVERY = 8  # every eighth point of a round has the largest sd(f)
 # The kernel's constants are learnt again each time the number of trials has grown by half, until
 # they were learnt from this many trials or more.
 LEARN_UNTIL = 300
-SIGNAL_BOUNDS = 1.0, 1e3  # of the variance of f
+SIGNAL_BOUNDS = 1.0, 1e3  # of the kernel's variance of f
 SCALE_BOUNDS = 0.02, 10.0  # of the kernel's length scales, in the unit box
 LABEL_VARIANCE = 1.0  # an outcome counts as a measurement of f with this variance
 CONVERGED = 1e-3  # largest difference of probabilities in `_at_mode`
@@ -91,15 +91,14 @@ class BoundarySearch:
         mean, variance, covariance = self._latent(unit)
         chosen: list[int] = []
         for number in range(min(n, len(untried))):
-            score = np.sqrt(np.maximum(variance, 0.0))
+            deviation = np.sqrt(np.maximum(variance, 0.0))
             explores = number % EXPLORE_EVERY == EXPLORE_EVERY - 1
-            if not explores:
-                score = STRADDLE * score - np.abs(mean)
+            score = deviation if explores else STRADDLE * deviation - np.abs(mean)
             score[chosen] = -np.inf
             best = int(np.argmax(score))
             chosen.append(best)
+            # a measurement at `best` reduces the variance everywhere, whatever its outcome
             shared = covariance(best)
-            # the outcome will reduce the variance of f by the same amount, whatever it is
             variance = variance - shared**2 / (shared[best] + LABEL_VARIANCE)
         return untried[chosen]
 
@@ -156,11 +155,11 @@ class BoundarySearch:
     def _fit(self) -> None:
         """Fit a model to all trials, and note which share of the pool changes its class."""
         n = len(self.outcomes)
-        # always for the first model, whose `_learnt_at` is 0
+        # True for the first model, because `_learnt_at` is 0 then
         learn = n >= 1.5 * self._learnt_at and self._learnt_at < LEARN_UNTIL
         if learn:
-            # always from the same start, a variance of 100 and scales of 0.3: the constants learnt
-            # before may be a poor local optimum
+            # each time from a variance of 100 and scales of 0.3, not from the constants learnt
+            # before, which may be a poor local optimum
             scales = RBF(np.full(len(self.logical.names), 0.3), SCALE_BOUNDS)
             kernel = ConstantKernel(100.0, SIGNAL_BOUNDS) * scales
             self._learnt_at = n
@@ -174,7 +173,8 @@ class BoundarySearch:
                 kernel, optimizer="fmin_l_bfgs_b" if learn else None
             ).fit(unit, self.outcomes)
             # Where the variance of f is large, Newton's steps can overshoot, and scikit-learn stops
-            # silently before the mode. Halve the variance until they converge, down to 1 at most.
+            # silently before the mode. So the variance is halved until they converge, or until it
+            # is 2 or less.
             while not _at_mode(model) and model.kernel_.k1.constant_value > 2.0:
                 signal = ConstantKernel(model.kernel_.k1.constant_value / 2.0, SIGNAL_BOUNDS)
                 kernel = signal * model.kernel_.k2
@@ -188,10 +188,12 @@ class BoundarySearch:
     def _latent(
         self, unit: FloatArray
     ) -> tuple[FloatArray, FloatArray, Callable[[int], FloatArray]]:
-        """Mean (n,) and variance (n,) of f at points (n, k) of the unit box, and its covariances.
+        """Mean (n,) and variance (n,) of f at points (n, k) of the unit box, and a function that
+        gives its covariances.
 
-        These are a function: of a point's row it gives the covariance of f there with f at all
-        points, (n,), given the trials and the points of all its earlier calls.
+        The function takes the row of a point and returns the covariance of f there with f at all
+        points, (n,). It is conditional on the trials and on the points of its own earlier calls,
+        as if these had been tried.
 
         Formulas: Rasmussen and Williams (2006), algorithm 3.2. scikit-learn's `pi_` are the
         probabilities of the trials, `W_sr_` the square roots of W, `L_` the Cholesky factor of

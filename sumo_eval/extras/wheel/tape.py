@@ -30,7 +30,7 @@ from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import CHANNELS, Recording
 
 FORMAT = 1
-OWN_WISH = "quit"  # why a drive was left: the driver wished it
+OWN_WISH = "quit"  # reason why a drive ended early: the driver's own wish
 ROW = ("acceleration", "steering", "seen", "kind", "keys", "steer", "throttle", "brake", "late")
 """Columns of a tape, a row for each step.
 
@@ -73,7 +73,7 @@ class Writer:
         self.line({"format": FORMAT, **head})
 
     def line(self, value: Any) -> None:
-        """Write a step, or another value."""
+        """Write a value as one line: the row of a step, or a head, note or end."""
         self._file.write(json.dumps(value, separators=(",", ":"), allow_nan=False) + "\n")
         self._file.flush()
 
@@ -87,9 +87,9 @@ class Writer:
 
 
 def json_lines(path: Path, what: str) -> list[Any]:
-    """The value of each line; a last line that was cut off in its middle is left out.
+    """The value of each line of a file; a last line that was cut off in its middle is left out.
 
-    what: names the file in error messages.
+    what: noun for the file in error messages, as `tape`.
     """
     *lines, last = read_input_text(path, what).split("\n")
     values = []
@@ -146,7 +146,7 @@ def head_of(
     concrete: ConcreteScenario, settings: SimulationSettings, **more: Any
 ) -> dict[str, Any]:
     """The head of a tape that begins now: all that a repetition needs."""
-    # every other setting has its default in a person's drive, or the scenario sets it
+    # all others have their defaults in a person's drive, or come from the scenario
     kept = (
         "step", "record_interval", "time_limit", "standstill_speed", "standstill_time",
         "lane_change_duration",
@@ -168,9 +168,9 @@ def head_of(
 
 
 class Player:
-    """Commands, (acceleration, steering) a step, instead of a driver.
+    """A policy that gives recorded commands, (acceleration, steering) a step, in place of a driver.
 
-    left: why the drive was left; empty while it continues.
+    left: reason why the drive ended early; empty while it continues.
     """
 
     def __init__(self, commands: Iterable[Sequence[float]]) -> None:
@@ -193,11 +193,11 @@ def drive_again(tape: Tape, concrete: ConcreteScenario) -> Recording:
 
 
 def with_quit(recording: Recording, left: str) -> Recording:
-    """The recording; of a drive that the driver left, its end reason is `quit`, which no ADS can
-    return.
+    """The recording of a person's drive. If the driver left, its end reason becomes `quit`, which
+    the drive of an ADS never has.
 
-    left: why the driver left it, which becomes the error unless they wished to leave; empty: they
-        did not leave it.
+    left: reason why the driver left, `OWN_WISH` or a fault, which becomes the error; empty: the
+        driver did not leave.
     """
     if not left:
         return recording
@@ -231,9 +231,9 @@ class Repetition(NamedTuple):
 
 
 def again(path: Path) -> Repetition:
-    """Repeat the drive of a tape.
+    """Repeat the drive of a tape, and compare it with the digest that the tape holds.
 
-    Raises InputError where it, or its scenario, cannot be used.
+    Raises InputError where the tape, or its scenario, cannot be used.
     """
     tape = read_tape(path)
     try:
@@ -246,10 +246,9 @@ def again(path: Path) -> Repetition:
     recording = drive_again(tape, find(str(use), path.parent).concrete(**point))
     steps = f"{len(tape.rows)} steps of {tape.head['simulation']['step']:g} s"
     same = None if tape.end is None else digest(recording) == tape.end.get("digest")
-    if same is None:
-        words = "broke off: no bytes to compare with"
-    elif same:
-        words = "comes to the same bytes"
-    else:
-        words = f"comes to OTHER bytes; versions then: {tape.head.get('versions')}"
-    return Repetition(same, f"The tape of {steps} ({recording.end_reason}) {words}.")
+    words = {
+        None: "broke off: no bytes to compare with",
+        True: "comes to the same bytes",
+        False: f"comes to OTHER bytes; versions then: {tape.head.get('versions')}",
+    }
+    return Repetition(same, f"The tape of {steps} ({recording.end_reason}) {words[same]}.")
