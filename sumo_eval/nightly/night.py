@@ -389,8 +389,8 @@ def _discard(evaluation: Evaluation) -> list[str]:
 
 
 def _prune(history: Path, database: History, keep: int) -> list[str]:
-    """Remove folders of old nights. At any age stay the newest good one and those whose acceptance
-    counts now or will again; of the others the newest `keep`.
+    """Remove folders of old nights, except the newest `keep`, the newest good one, and those whose
+    acceptance counts now or will count again.
     """
     nights = [night for night in database.nights() if not night.imported]
     good = [night for night in nights if night.good]

@@ -256,7 +256,7 @@ def drawn_shape(road: Road) -> dict[str, Any]:
 
     gone: where an outermost lane is missing, four points [x, y], m, of which the last three are the
         edge of the road there.
-    solid: lines that no vehicle may cross, [x of the begin, x of the end, y], m.
+    solid: lines that no vehicle may cross, [first x, last x, y], m.
     crossings: [x, width, length to each side], m.
     """
     gone, solid, last = [], [], road.length + road.run_out

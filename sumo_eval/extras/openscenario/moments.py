@@ -125,7 +125,7 @@ class Moment:
     time: s, inf for never; with a program the delay, s, after its condition holds.
     until: time from which on nothing can begin any more, s; inf: no such time.
     past: whether it is enough that the condition held before, as for the start of an element.
-        Otherwise it must still hold when the conditions beside it do.
+        Otherwise it must still hold when all conditions joined with it do.
     """
 
     time: float

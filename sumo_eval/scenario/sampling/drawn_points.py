@@ -97,7 +97,7 @@ def _drawn(
     attention divided by how often it was drawn, (m,).
 
     Candidates follow the distribution of each parameter that has one, and are even over the range
-    of the others. What the distributions give already is divided out of a candidate's weight.
+    of any other. What the distributions give already is divided out of a candidate's weight.
     """
     count = request.wanted(logical)
     stream = request.stream(logical, label)
