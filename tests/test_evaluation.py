@@ -68,45 +68,6 @@ def test_the_ideal_vehicle_scores_c_1_where_it_collides_itself(name, tmp_path):
     assert (score.c, score.collisions > 0) == (1.0, True)
 
 
-def test_the_score_is_eq_18_of_what_is_printed(done):
-    for result in done.scores:
-        assert result.s == pytest.approx(50 * result.c + 50 * (result.d or 0.0), abs=1e-12)
-
-
-def test_c_is_eq_17_of_the_case_table(done):
-    for result in done.scores:
-        hits = [
-            case
-            for case in done.cases
-            if (case.ads, case.scenario) == (result.ads, result.scenario) and case.collided
-        ]
-        if not hits:
-            assert result.c == 1.0
-            continue
-        weights = np.array([case.weight for case in hits])
-        ratios = np.array([min(1.0, case.ideal_severity / case.severity) for case in hits])
-        expected = (weights * ratios).sum() / weights.sum() if weights.sum() > 0 else ratios.mean()
-        assert result.c == pytest.approx(expected, abs=1e-12)
-
-
-def test_d_is_eq_13_of_the_case_table(done):
-    computed = [result for result in done.scores if result.d is not None]
-    assert len(computed) >= 4
-    for result in computed:
-        safe = [
-            case for case in done.cases
-            if (case.ads, case.scenario, case.zone) == (result.ads, result.scenario, "safe")
-        ]  # fmt: skip
-        assert all(case.index is not None for case in safe)
-        expected = sum(case.exposure * case.index for case in safe) / sum(
-            case.exposure for case in safe
-        )
-        assert result.d == pytest.approx(expected, abs=1e-12)
-        for case in safe:
-            product = case.length_factor * case.operation_factor * case.similarity
-            assert case.index == pytest.approx(product, abs=1e-12)
-
-
 def test_no_case_is_lost(done):
     for entry in done.settings.scenario:
         (zone,) = [zone for zone in done.zones if zone.scenario == entry.use]
@@ -116,25 +77,6 @@ def test_no_case_is_lost(done):
             ]
             assert len(rows) == zone.sampled
             assert len({case.case for case in rows}) == len(rows)
-
-
-def test_scoring_again_gives_the_same_numbers_without_a_simulation(done, monkeypatch):
-    import libsumo
-
-    def refuse(*_):
-        raise AssertionError("a simulation was started")
-
-    monkeypatch.setattr(libsumo, "start", refuse)
-    again = sumo_eval.score(done.folder)
-    assert again.scores == done.scores
-    assert list(again.cases) == list(done.cases)
-
-
-def test_scoring_with_another_a_moves_points_between_the_terms(done):
-    again = sumo_eval.score(done.folder, ["method.score.a=80"])
-    for before, after in zip(done.scores, again.scores, strict=True):
-        assert (after.c, after.d) == (before.c, before.d)
-        assert after.s == pytest.approx(80 * before.c + 20 * (before.d or 0.0), abs=1e-12)
 
 
 @pytest.mark.parametrize("change", ["simulation.step=0.1", "run.only=[]", "run.case_timeout=9"])
@@ -308,12 +250,6 @@ def test_a_plain_script_without_a_main_guard_runs_once(tmp_path):
     assert done.returncode == 0
 
 
-def test_a_misspelt_ads_is_found_before_the_first_case(tmp_path):
-    with refusal(r"Unknown ADS `idn`.*Did you mean `idm`"):
-        sumo_eval.evaluate(small(("idn",), SCENARIOS), tmp_path / "run")
-    assert not (tmp_path / "run").exists()
-
-
 HALF_BROKEN = """
 from sumo_eval import Command
 
@@ -342,19 +278,6 @@ def test_cases_that_cannot_be_evaluated_are_counted_and_named_not_dropped(tmp_pa
     assert result.not_evaluated == evaluation.not_evaluated == len(broken) == 3
     assert result.cases == len(broken) + sum(case.evaluated for case in evaluation.cases)
     assert any(isinstance(note, CasesMissing) and note.cases == 3 for note in result.notes)
-
-
-def test_an_ads_that_never_drives_has_no_c_and_no_points(tmp_path):
-    (tmp_path / "broken.py").write_text(
-        "def broken(traci, ego, time):\n    raise RuntimeError('no plan')\n"
-    )
-    settings = replace(
-        small(("idm",)), ads=(AdsSettings("broken", f"{tmp_path}/broken.py:broken"),)
-    )
-    (result,) = sumo_eval.evaluate(settings, tmp_path / "run").scores
-    assert (result.c, result.d, result.s) == (None, None, None)
-    assert result.s_plus == 0.0, "giving up everywhere counts"
-    assert result.not_evaluated == result.cases
 
 
 RECORDED = """

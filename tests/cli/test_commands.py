@@ -130,22 +130,6 @@ def test_bad_input_gets_a_sentence_and_status_2(arguments, sentence, tmp_path):
     assert not (tmp_path / "x").exists()
 
 
-def test_an_unknown_key_an_unknown_ads_and_a_missing_controller_file_get_a_sentence(tmp_path):
-    for before, after, sentence in (
-        ("levels = 2", "level = 2", "Did you mean `levels`?"),
-        ('controller = "idm"', 'controller = "gone.py:Ads"', "there is no file"),
-        (
-            'use = "front_vehicle_low_speed"',
-            'use = "front_vehicle_slow"',
-            "Unknown logical scenario",
-        ),
-    ):
-        (tmp_path / "evaluation.toml").write_text(EVALUATION.replace(before, after))
-        done = sumo_eval("run", "evaluation.toml", "--out", "out", cwd=tmp_path, status=2)
-        assert sentence in done.stderr
-        assert not (tmp_path / "out").exists()
-
-
 def test_cases_that_cannot_be_evaluated_give_status_3_and_are_listed(tmp_path):
     (tmp_path / "broken.py").write_text(
         "def broken(traci, ego, time):\n    raise RuntimeError('no plan')\n"

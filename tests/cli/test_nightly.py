@@ -177,20 +177,6 @@ def copied(folder, tmp_path):
     return copy / "evaluation.toml", copy / "history", left
 
 
-@pytest.mark.campaign
-def test_a_night_that_is_killed_leaves_nothing_that_counts(killed, tmp_path):
-    file, history, left = copied(killed, tmp_path)
-    assert nights(history) == []
-    evaluation(file.parent, "2")
-    result = run_night(file, history, GateSettings(resamples=100))
-    assert (
-        f"Night {left.name} was stopped before its end; its unfinished folder was removed."
-        in result.notes
-    )
-    assert [night.night for night in nights(history)] == [result.night.night]
-    assert not left.exists()
-
-
 def stop_when(reached, file, history):
     """Kill a night, and all that it started, once that is reached."""
     command = [sys.executable, "-m", "sumo_eval", "nightly", str(file), "--history", str(history)]

@@ -361,23 +361,6 @@ def test_an_actuation_delay_holds_each_command_back():
     assert late.ego.speed[2:].tolist() == pytest.approx(now.ego.speed[:-2].tolist())
 
 
-def test_a_late_command_is_dropped_the_last_one_holds_and_it_is_counted():
-    import time as clock
-
-    def slow(observation):
-        if observation.time > 0.24:
-            clock.sleep(0.03)
-            return 4.0
-        return -4.0
-
-    found = simulate(
-        case(), slow, replace(HALF_SECOND, conditions=ConditionSettings(step_budget=0.02))
-    )
-    late = {clip.what: clip.count for clip in found.clips}["late_command"]
-    assert late >= 5
-    assert (found.ego.acceleration[2:] == -4.0).all()  # as at 0.2 s
-
-
 EARLIER = [
     Command(-4.0), Command(speed=15.0), Command.pedals(brake=0.5),
     Plan([0.0, 0.5], [60.0, 69.0], [0.0, 0.3]), None,

@@ -1260,19 +1260,6 @@ def test_a_written_point_is_the_case_of_the_file(tmp_path, name):
         same_case(find(f"{number}.toml", tmp_path).concrete(only=0.0), concrete(read, point))
 
 
-@needs_catalogues
-def test_a_written_point_is_driven_with_the_same_outcome(tmp_path):
-    """CPNA at 40 km/h, both by who does nothing: contact at the same instant, with the same
-    velocity."""
-    read, point = read_file(NCAP / "CPNA.xosc"), {"Ego_speed_kph": 40.0, "ImpactLocation": 50.0}
-    write_scenario(scenario_content(read, point), tmp_path / "again.toml")
-    one = simulate(find("again.toml", tmp_path).concrete(only=0.0), "no_reaction").collision
-    two = simulate(concrete(read, point), "no_reaction").collision
-    assert (one.time, one.overlap, one.side) == (
-        pytest.approx(two.time, abs=1e-9), pytest.approx(two.overlap), two.side,
-    )  # fmt: skip
-
-
 def test_what_cannot_be_written_is_refused(tmp_path):
     read = read_file(written(tmp_path))
     with refusal("kph"):
