@@ -36,14 +36,14 @@ class NetworkFile:
     edges: edges that the scenario uses, in driving order. A road keeps its network only where they
         are straight together (`sumo_network.read_road`).
     sha256: of the file's content; a road of a changed file is not the same road.
-    first_lane: SUMO's index of the first edge's right-hand lane for cars; above 0 where a pavement
-        lies to the right of it.
+    sections: of each edge begin and end, x in m, and SUMO's index of the road's lane 0 there:
+        above 0 where a pavement lies to the right of it, -1 where the edge lacks that lane.
     """
 
     path: str
     edges: tuple[str, ...]
     sha256: str
-    first_lane: int = 0
+    sections: tuple[tuple[float, float, int], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

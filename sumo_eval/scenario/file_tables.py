@@ -104,9 +104,8 @@ class ParameterTable(Checked):
             low, high = self.values[0], self.values[-1]
             step = min(b - a for a, b in itertools.pairwise(self.values))
         else:
-            for key, value in ranged.items():
-                if value is None:
-                    raise InputError(f"`{key}` of {owner} is missing.")
+            if missing := [f"`{key}`" for key, value in ranged.items() if value is None]:
+                raise InputError(f"{' and '.join(missing)} of {owner} must be given.")
             low, high, step = (value for value in ranged.values() if value is not None)
         spread = self._distribution(owner)
         parameter = Parameter(

@@ -100,7 +100,6 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     root = _parsed(network)
     driven = _driven_edges(root, edges, owner)
     lanes = [_checked_lanes(edge, owner) for edge in driven]  # of each edge
-    network = replace(network, first_lane=lanes[0][0].index)
     _check_widths(lanes, edges, owner)
     _check_junctions(root, driven[1:], owner)
     links = [_links(root, one, other, owner) for one, other in itertools.pairwise(edges)]
@@ -109,10 +108,11 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     what = f"the road along {', '.join(edges)} of {owner}"
     line, places, along = straight or _along_curves(lanes, links, what, owner)
     spans = _spans(edges, places, along, owner)
+    first_lanes = [of_edge[0].index - min(it) for of_edge, it in zip(lanes, places, strict=True)]
+    sections = tuple(zip(along[::2], along[1::2], first_lanes, strict=True))
     if not 0.0 < end <= along[-1]:
-        raise must_be(
-            "The end of the case", owner, f"within the {along[-1]:.1f} m of its edges", end
-        )
+        wanted = f"above 0, within the {along[-1]:.1f} m of its edges"
+        raise must_be("`end.x`, the end of a case,", owner, wanted, end)
     stem = path.name.removesuffix(".net.xml").removesuffix(".xml")
     return Road(
         name=f"{stem}_{network.sha256[:8]}{bend_name(line, named=True)}",
@@ -121,7 +121,7 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
         lane_width=lanes[0][0].width,
         run_out=along[-1] - end,
         speed_limit=SPEED_LIMIT,
-        network=network if straight else None,
+        network=replace(network, sections=sections) if straight else None,
         line=line,
         spans=spans,
     )
@@ -332,7 +332,7 @@ def _line_along(way: FloatArray, what: str) -> tuple[Line, Pose]:
             "The lanes",
             what,
             f"without corners, so that a line can follow them within {WITHIN:g} m",
-            f"{off:.2f} m",
+            round(off, 2),
         )
     return line, begins
 
@@ -349,7 +349,7 @@ def _check_parallel(
         off = float(np.abs(across - lane.width * place).max())
         if off > PARALLEL:
             must = f"beside the first within {PARALLEL:g} m"
-            raise must_be(f"Lane `{lane.id}`", owner, must, f"{off:.2f} m")
+            raise must_be(f"Lane `{lane.id}`", owner, must, round(off, 2))
 
 
 def _edge_ends(path: Sequence[Sequence[Point]], line: Line, begins: Pose) -> list[float]:

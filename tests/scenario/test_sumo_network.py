@@ -21,6 +21,7 @@ from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, catalogue
 from sumo_eval.scenario import played as played_kinds
 from sumo_eval.scenario.concrete import brake_to_stop
 from sumo_eval.scenario.file import read_scenario
+from sumo_eval.scenario.first_places import STANDARD_EGO, misplaced
 from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.reference_line import Piece, arc, curvatures, map_places
@@ -497,12 +498,26 @@ def test_the_outermost_lanes_of_a_network_begin_and_end_where_its_edges_meet(tmp
         read_road(path, odd, 300.0)
 
 
-def test_a_vehicle_starts_in_the_lane_of_its_edge_where_the_right_hand_one_is_not_yet(tmp_path):
+@pytest.mark.parametrize(
+    ("ahead", "lane"),
+    [(0.0, "road0_0"), (430.0, "road1_1"), (560.0, "road2_1"), (700.0, "road3_0")],
+)
+def test_a_vehicle_starts_in_the_lane_of_its_edge_where_the_right_hand_one_is_not_yet(
+    tmp_path, ahead, lane
+):
     (tmp_path / "town.net.xml").write_text(network_xml(SHAPED))
     road = read_road(tmp_path / "town.net.xml", ["road0", "road1", "road2", "road3"], 900.0)
     concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=10.0)
-    lifted = replace(concrete, road=road, ego=replace(concrete.ego, y=3.5),
-                     actors=tuple(replace(it,
-                         start=replace(it.start, y=3.5)) for it in concrete.actors))  # fmt: skip
+
+    def moved(start):
+        return replace(start, x=start.x + ahead, y=3.5)
+
+    actors = tuple(replace(it, start=moved(it.start)) for it in concrete.actors)
+    lifted = replace(concrete, road=road, ego=moved(concrete.ego), actors=actors)
     with session(lifted, SimulationSettings()) as traci:  # which checks where everybody stands
-        assert traci.vehicle.getLaneID("ego") == "road0_0"
+        assert traci.vehicle.getLaneID("ego") == lane
+    in_a_junction = replace(road.network, sections=((0.0, 10.0, 0), (lifted.ego.x + 5.0, 900.0, 0)))
+    faults = misplaced(
+        replace(road, network=in_a_junction), lifted.ego, STANDARD_EGO, lifted.actors
+    )
+    assert [it.name for it in faults if "is a junction" in it.must] == ["ego"]

@@ -10,6 +10,7 @@ import functools
 import itertools
 import math
 import re
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -417,10 +418,12 @@ def departures(
             insertionChecks="none",
         )  # fmt: skip
         if road.network is not None:
-            index = lane + road.network.first_lane
-            if 0 not in road.lanes_at(front):  # SUMO counts from the road's lane 1 there
-                index -= 1
-            attributes["departLane"] = str(index)
+            ends = [end for _, end, _ in road.network.sections]
+            edge = min(bisect_left(ends, front), len(ends) - 1)
+            begin, _, first_lane = road.network.sections[edge]
+            attributes |= _texts(
+                departEdge=str(edge), departLane=str(lane + first_lane), departPos=front - begin
+            )
         elif road.spans and not one_lane:
             attributes |= _departure(road, name, lane, front)
         if start.y != road.lane_centre(lane):

@@ -112,7 +112,7 @@ def check_line(
         ):
             if inner < needed:
                 must = f"at least {needed + radius - inner:.1f} m, {why}"
-                raise must_be("The radius", owner, must, radius)
+                raise must_be("The radius", owner, must, round(radius, 3))
 
 
 def bend_name(line: Sequence[Piece], *, named: bool) -> str:
