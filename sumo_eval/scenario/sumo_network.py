@@ -442,9 +442,8 @@ def laid_along_x(network: NetworkFile) -> str:
 
 def _move(element: Element, to_axis: RigidMotion) -> None:
     """Move an element's shapes, and a junction's position."""
-    for key in ("shape", "customShape"):
-        if text := element.get(key):
-            element.set(key, _text([to_axis(point) for point in _points(text)]))
+    if text := element.get("shape"):
+        element.set("shape", _text([to_axis(point) for point in _points(text)]))
     if element.tag == "junction" and element.get("x"):
         position = to_axis((float(element.get("x", "0")), float(element.get("y", "0"))))
         for key, value in zip("xy", position, strict=True):

@@ -58,6 +58,8 @@ def turned(path, *, angle=0.7, shift=(1234.5, -987.0), digits=2, bend=0.0, road=
         return " ".join(f"{x},{y}" for x, y in points)
 
     for element in root.iter():
+        if element.tag == "junction":  # as netconvert marks one whose shape a user drew
+            element.set("customShape", "1")
         if element.get("shape"):
             text = element.get("shape")
             if element.tag == "lane" and bend:
