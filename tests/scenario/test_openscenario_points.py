@@ -171,7 +171,8 @@ def test_value_sets_vary_parameters_together(files):
         f'<ParameterValueSet><ParameterAssignment parameterRef="Ve0_kph" value="{ve}"/>'
         f'<ParameterAssignment parameterRef="Rel_kph" value="{rel}"/></ParameterValueSet>'
         for ve, rel in ((40, -10), (60, -30))
-    )
+    )  # the first set leaves the other parameter as it is declared
+    sets += '<ParameterValueSet><ParameterAssignment parameterRef="Ve0_kph" value="36"/></ParameterValueSet>'
     multi = f"<DeterministicMultiParameterDistribution><ValueSetDistribution>{sets}</ValueSetDistribution>"
     (files / "variation.xosc").write_text(
         variation(
@@ -181,7 +182,8 @@ def test_value_sets_vary_parameters_together(files):
     (files / "mapping.toml").write_text(MAPPING.replace("[only]\nRelativeLaneId = 1\n", ""))
     # the gap 30 m and 2 m/s are the declared defaults
     expected = {
-        (round(ve / 3.6, 9), round(vo / 3.6, 9), 30.0, 2.0) for ve, vo in ((40, 30), (60, 30))
+        (round(ve / 3.6, 9), round(vo / 3.6, 9), 30.0, 2.0)
+        for ve, vo in ((36, 16), (40, 30), (60, 30))
     }
     assert {tuple(row) for row in points(files).points.tolist()} == expected
 

@@ -51,11 +51,11 @@ class Axis:
     weights: tuple[float, ...] = ()
 
     def assigned(self, value: float) -> Assignments:
-        """The assignments at a value; between listed values, where only maps of the space look,
-        those of the nearest.
+        """The assignments at a value. Between listed values, where only maps of the space look: the
+        value itself if the list has nothing but the parameter's own values, else those of the
+        nearest.
         """
-        # a range, or listed values that are the parameter's own
-        if not self.choices or self.choices[0][1] == ((self.name, self.choices[0][0]),):
+        if all(sets == ((self.name, listed),) for listed, sets in self.choices):  # or a range
             return ((self.name, value),)
         return min(self.choices, key=lambda choice: abs(choice[0] - value))[1]
 
