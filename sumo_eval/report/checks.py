@@ -94,7 +94,9 @@ def _table(evaluation: Evaluation, scenario: str) -> dict[str, Any]:
         ads, point = checked.case.ads, tuple(checked.case.values.values())
         failed.update((ads, name) for name in checked.missed or ())
         passed[ads] += checked.verdict == PASSED
-        points.add(hash(point))  # of a million points the texts would be 100 MB
+        # the hash of a text, because the hashes of -1.0 and -2.0 are equal; a million texts
+        # themselves would take 100 MB
+        points.add(hash(str(point)))
         if len(rows) < MOST_ROWS or point in rows:
             rows.setdefault(point, {})[ads] = checked
     return {

@@ -27,7 +27,7 @@ PLAN = """<OpenDRIVE><road id="{id}" length="1"><planView>
 <geometry s="0" x="7" y="3" hdg="1.5" length="100"><line/></geometry>
 {more}</planView>{profile}<lanes><laneSection s="0"><right>
 <lane id="-1" type="border"><width sOffset="0" a="2" b="0" c="0" d="0"/></lane>
-<lane id="-2" type="driving"><width sOffset="0" a="3.5" b="{b}" c="0" d="0"/></lane>
+<lane id="-2" type="driving"><width sOffset="0" a="{width}" b="{b}" c="0" d="0"/></lane>
 <lane id="-3" type="driving"><width sOffset="0" a="{a}" b="0" c="0" d="0"/></lane>
 </right></laneSection></lanes></road></OpenDRIVE>"""
 
@@ -38,7 +38,9 @@ SLOPE = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevati
 def written(tmp_path, **parts):
     path = tmp_path / "road.xodr"
     path.write_text(
-        PLAN.format(**{"id": "0", "more": "", "profile": "", "a": 3.5, "b": 0, **parts})
+        PLAN.format(
+            **{"id": "0", "more": "", "profile": "", "width": 3.5, "a": 3.5, "b": 0, **parts}
+        )
     )
     return path
 
@@ -240,6 +242,7 @@ def test_a_scenario_file_drives_on_it(tmp_path):
         ({"more": NEXT.format(x="20", shape="line")}, "within 0.01 m and rad"),
         ({"b": 0.1}, "The width of lane -2 .* must be constant"),
         ({"a": 3.0}, "of one width"),
+        ({"a": 0.0, "width": 0.0}, "of one width above 0 m"),
         ({"profile": SLOPE}, "<elevation> .* must be constant"),
         ({"more": NEXT.format(x="oops", shape="line")}, "`x` of <geometry>"),
     ],

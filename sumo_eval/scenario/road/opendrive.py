@@ -294,8 +294,8 @@ def _driving_lanes(
     knots, ramps = _outermost(sections, outer, owner)
     width = max(value for _, value in knots)
     widths = [*(inner_widths[rank] for rank in most[:-1]), width]
-    if any(abs(value - width) > _SAME for value in widths):
-        raise must_be("The driving lanes", owner, "of one width", widths)
+    if width <= 0.0 or any(abs(value - width) > _SAME for value in widths):
+        raise must_be("The driving lanes", owner, "of one width above 0 m", widths)
     spans = _span_of(knots, width, ramps, length, owner, against=against)
     if spans and len(most) == 1:
         raise must_be("The driving lanes", owner, "at least one that is there throughout", most)
