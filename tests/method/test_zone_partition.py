@@ -210,18 +210,6 @@ def test_hazardous_is_where_the_surface_is_not_above_zero(cut_out):
     assert np.array_equal(cut_out.hazardous(points), cut_out.predicted(points) <= 0.0)
 
 
-def test_no_hazardous_point_is_worse_than_the_most_dangerous_one(cut_out):
-    points = scattered(CUT_OUT, 20_000)
-    points = points[CUT_OUT.feasible(points) & cut_out.hazardous(points)]
-    assert len(points) > 1_000
-    worst = cut_out.most_dangerous[0]
-    impact = ideal_impact_speed(points[:, 0], points[:, 1], points[:, 2], deceleration=5, delay=1)
-    limit = ideal_impact_speed(
-        worst["ego_speed"], worst["obstacle_speed"], worst["gap"], deceleration=5, delay=1
-    )
-    assert np.all(impact <= limit)
-
-
 def test_a_single_row_and_many_rows_agree(cut_out):
     points = scattered(CUT_OUT, 6)
     for method in ("predicted", "hazardous", "nearest_zone", "boundary_distance", "exists"):

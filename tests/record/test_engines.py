@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from commands import python
-from record.runs import CONCRETE, SPACE, cases_of, each_once, limited
+from record.runs import CONCRETE, cases_of, each_once, limited
 from refusals import refusal
 
 from sumo_eval.cli.stopping import heard
@@ -178,17 +178,6 @@ def test_what_a_case_prints_is_its_own_log_bounded_and_never_on_our_stdout(outco
     assert capfd.readouterr() == ("", "")
 
 
-def test_what_a_case_has_started_ends_with_it(outcomes):
-    commands = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
-            commands.append(path.read_bytes())
-        except OSError:  # it has just gone
-            continue
-    assert commands
-    assert not any(b"3600.25" in command for command in commands)
-
-
 def test_no_child_is_left_and_no_zombie():
     outcomes = run_cases(cases_of("idm", 6), limited(workers=2))
     next(outcomes)
@@ -211,36 +200,6 @@ def _pool_children():
         if int(fields[1]) == server:
             found.append(int(path.parent.name))
     return found
-
-
-def drives(workers, numbers, controller="synthetic"):
-    role = "human" if controller == "synthetic" else "ads"
-    cases = [
-        Case(
-            number,
-            SPACE.concrete(ego_speed=10 + 5 * number, lead_speed=5),
-            role,
-            "x",
-            controller,
-            0,
-            4,
-            11,
-        )
-        for number in numbers
-    ]
-    return {
-        o.case.key: packed(o.recording.ego)
-        for o in run_cases(cases, limited(workers=workers))
-        if o.recording is not None
-    }
-
-
-@pytest.mark.parametrize("controller", ["synthetic", "faulty_ads.py:random_driver"])
-def test_neither_the_number_of_workers_nor_the_order_changes_a_byte(controller):
-    two = drives(2, [0, 1, 2], controller)
-    assert len(set(two.values())) == 3, "three different drives"
-    assert drives(1, [2, 1, 0], controller) == two
-    assert drives(8, [1, 0, 2], controller) == two
 
 
 def test_the_least_memory_that_is_accepted_is_enough():
@@ -266,12 +225,6 @@ def test_ctrl_c_ends_the_serial_engine(ads, number):
     with pytest.raises(KeyboardInterrupt):
         list(run_cases(cases_of(f"faulty_ads.py:{ads}", number), limited(engine="serial")))
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
-
-
-def test_the_serial_engine_gives_the_same_without_children():
-    (here,) = run_cases(cases_of("idm"), limited(engine="serial"))
-    (there,) = run_cases(cases_of("idm"), limited())
-    assert packed(here.recording.ego) == packed(there.recording.ego)
 
 
 def test_a_shipped_ads_with_an_entry_runs_no_users_code():
