@@ -301,6 +301,10 @@ def test_identifiers_are_text_whatever_it_is(tmp_path, form):
 def test_sumo_keeps_ids_of_digits_beside_a_step_without_vehicles(tmp_path):
     (tmp_path / "a.csv").write_text(FCD + "0;;;;;\n1;90;01;3;2;3\n1;90;1;3;9;3\n")
     assert sumo_fcd.read(tmp_path / "a.csv")[0]["vehicle"].tolist() == ["01", "1"]
+    typed = FCD.strip() + ";vehicle_type\n1;90;a;3;2;3;DEFAULT_BIKETYPE\n"
+    (tmp_path / "b.csv").write_text(typed)
+    bicycle = sumo_fcd.read(tmp_path / "b.csv")[0].iloc[0]
+    assert (bicycle["class"], bicycle["length"]) == ("bicycle", 1.6)
 
 
 def test_openacc_reads_a_marked_file_with_other_speeds(tmp_path):

@@ -1,7 +1,8 @@
 """SUMO's floating car data (--fcd-output), XML and CSV.
 
 Traps: x, y is the centre of the FRONT bumper; angles are degrees clockwise from north. The output
-    knows no bodies: they are SUMO's default passenger car's unless the caller says otherwise.
+    knows no bodies: a vehicle has SUMO's default size of its class, if its type is called as one of
+    `BODIES`, else a car's.
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
 
 LENGTH, WIDTH = 5.0, 1.8  # m, SUMO's default passenger car
-# length and width of SUMO's other classes, m
+# length and width of SUMO's other classes of vehicles, m
 BODIES = {
     "truck": (7.1, 2.4),
     "trailer": (16.5, 2.55),
     "bus": (12.0, 2.5),
     "motorcycle": (2.2, 0.9),
+    "bicycle": (1.6, 0.65),
 }
 _NEEDED = ("x", "y", "angle", "speed")
 
@@ -32,6 +34,7 @@ def read(path: Path) -> Samples:
     """The recordings of a file."""
     rows = _from_xml(path) if path.suffix == ".xml" else _from_csv(path)
     kinds = rows.get("type", pd.Series("car", index=rows.index)).astype(str).str.lower()
+    kinds = kinds.replace("default_biketype", "bicycle")  # the name of SUMO's own type
     bodies = np.array([BODIES.get(kind, (LENGTH, WIDTH)) for kind in kinds])
     heading = np.radians(90.0 - rows["angle"])
     table = pd.DataFrame(
@@ -83,8 +86,8 @@ def _from_xml(path: Path) -> pd.DataFrame:
             no_network=True,
         ):
             for vehicle in step.iterchildren("vehicle"):
-                place = {"time": step.get("time"), "row": vehicle.sourceline}
-                rows.append({**vehicle.attrib, **place})
+                known = {"time": step.get("time"), "row": vehicle.sourceline}
+                rows.append({**vehicle.attrib} | known)
             step.clear()
     for row in rows:
         for name in ("id", *_NEEDED):
