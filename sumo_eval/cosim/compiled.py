@@ -66,14 +66,14 @@ def decides(own: Any, scenario: Any) -> bool:
 
 
 def _numbers(thing: Any, layout: Layout) -> tuple[Any, ...]:
-    """Attributes of an object as a record; a layout within a layout is an attribute's own."""
+    """Attributes of an object as a record; one whose kind is a layout becomes a record in it."""
     values = ((getattr(thing, name), kind) for name, kind in layout)
     return tuple(
         _numbers(value, kind) if isinstance(kind, list) else value for value, kind in values
     )
 
 
-def unknown(count: int, others: int, layout: Layout) -> Records:
+def unseen(count: int, others: int, layout: Layout) -> Records:
     """Records of actors that no rule has seen yet, (count, others): nan in every field of
     `records.fields`, 0 in every one of `records.flags`.
     """
@@ -121,7 +121,7 @@ class Compiled:
         scenario: the `SCENARIO` records.
         others: number of actors.
         """
-        watched = unknown(len(together), others, cls.watched)
+        watched = unseen(len(together), others, cls.watched)
         return cls.own_records(together), watched, np.zeros(watched.shape, MOVER)
 
     @classmethod

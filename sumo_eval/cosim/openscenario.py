@@ -83,6 +83,7 @@ def opendrive_xml(road: Road) -> str:
     aside = 0.0 if road.bent else road.left_edge
     changes = {it for span in road.spans for it in span.places if 0.0 < it < length}
     sections = list(itertools.pairwise([0.0, *sorted(changes), length]))
+    # of each section, with none before the first and after the last
     numbers = [{}, *(_numbers(road, *section) for section in sections), {}]
     lanes = E.lanes(
         *_left_edge(road, sections, aside),
@@ -134,7 +135,7 @@ def _section(
         )
         width = E.width(sOffset=0, a=first, b=(last - first) / (end - begin), c=0, d=0)
         beside = ("predecessor", before), ("successor", after)
-        links = [E(name, id=its[lane]) for name, its in beside if lane in its]
+        links = [E(name, id=section[lane]) for name, section in beside if lane in section]
         link = [E.link(*links)] if links else []
         right.append(E.lane(*link, width, id=number, type="driving", level="false"))
     return E.laneSection(E.center(E.lane(id=0, type="none", level="false")), right, s=begin)
@@ -326,7 +327,8 @@ def _act(concrete: ConcreteScenario, settings: SimulationSettings, recorded: Tra
         # the motion of a lively actor depends on more than time: it follows its recorded trajectory
         if actor.acts and not actor.lively:
             times = VERTEX_INTERVAL * np.arange(len(places))
-            on_road = np.append(places[:, 0] <= road.end, False).argmin()  # until it leaves it
+            # number of samples until it leaves the road
+            on_road = np.append(places[:, 0] <= road.end, False).argmin()
             vertices[actor.name] = np.column_stack([times, places])[:on_road]
     for name in (EGO, *(actor.name for actor in actors if actor.lively)):
         if path := recorded.get(name):

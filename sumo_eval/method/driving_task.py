@@ -99,6 +99,7 @@ def is_excused(ego: Trajectory, actors: Trajectories) -> bool:
     """
     if ego.speed[-1] >= STANDING:
         return False
+    # time of the sample after the last one at which it moved
     since = ego.time[np.flatnonzero(ego.speed >= STANDING).max(initial=-1) + 1]
     x, y = (corners[:, -1] for corners in _corners(ego))
     front, left, right = x.max(), y.max(), y.min()

@@ -56,7 +56,7 @@ def manoeuvre_of(trajectory: Trajectory, road: Road, keeping_time: float) -> Man
 
 
 def chosen(own: Manoeuvre, theirs: Sequence[Manoeuvre]) -> Choice:
-    """Drivers that an ADS is compared with, by its `own` manoeuvre and `theirs`."""
+    """Drivers that an ADS is compared with, by its `own` manoeuvre and `theirs`, at least one."""
     counts = Counter(theirs)
     numbers = {manoeuvre: number for number, manoeuvre in enumerate(sorted(counts))}
     groups = np.array([numbers[manoeuvre] for manoeuvre in theirs])
@@ -95,7 +95,7 @@ def spread(
         return mean, squares, np.maximum(number - 1, 0)
 
     mean, own, freedom = moments(choice.members)
-    # 1e-9: without any freedom the squares are 0, and so is the deviation
+    # 1e-9, not 0: with 0 degrees of freedom the squares are 0, and so is the deviation
     if not choice.manoeuvre:
         return mean, np.sqrt(own / np.maximum(freedom, 1e-9))
     by_group = [moments(choice.groups == group)[1:] for group in np.unique(choice.groups)]

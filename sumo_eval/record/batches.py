@@ -120,7 +120,7 @@ class Batches:
     def look_ahead(self) -> None:
         """Make the next cases ready; best done while the children work."""
         room = self._most_ahead - self._number_ahead
-        if room > 0 and not self._all_seen:
+        if room > 0:
             self._make_ready(room)
 
     @property
@@ -151,8 +151,8 @@ class Batches:
         return kind
 
     def record_success(self, batch: Batch) -> None:
-        """Make the next batches of the kind larger, up to the size before a failure: every case of
-        this batch has its result.
+        """Make the next batches of the kind larger after a failure, up to the largest, or to the
+        size that is in time: every case of this batch has its result.
         """
         kind = _kind(batch[0])
         size = self._largest_of.get(kind, 1)

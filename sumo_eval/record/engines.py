@@ -25,7 +25,7 @@ from sumo_eval.text import clean
 from sumo_eval.trajectory import Alone, AloneReason
 
 LATE: AloneReason = "late"
-# share of a late case's wall time without a processor, above which another drive may be in time
+# a late case that waited for a processor for more than this share of its wall time is driven again
 IDLE = 0.2
 # a locator, because that module imports this one
 _CLUSTER = "sumo_eval.record.cluster:run_on_cluster"
@@ -101,8 +101,8 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
     named: pairs of kind and locator.
 
     Raises InputError for one that cannot be loaded.
-    Loading runs a user's file, so each is loaded in a fresh child, which holds no imports of other
-    files. On a system that cannot fork, `serial` loads it in this process.
+    Loading runs a user's file, so each is loaded in a fresh child process, without imports of
+    other files. On a system that cannot fork, the engine `serial` loads all in this process.
     """
     if setup.run.engine == "serial":
         refuse_to_share(affinity_of_ads(locator, setup) for kind, locator in named if kind == "ADS")

@@ -23,7 +23,7 @@ from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.text import duration_words
 
 _TIMED = 32  # drives of a kind that an estimate times, at most
-_A_KIND_FOR = 1.0  # s that the drives of one kind may take, if a user's ADS drives
+_KIND_FOR = 1.0  # s that the drives of one kind may take, if a user's ADS drives
 _TIMED_FOR = 2.0  # s for all kinds: after that no further drives begin
 _LONGEST_DRIVE = 3.0  # s; a longer one is broken off
 _KINDS = 12  # ADSs that are loaded, at most, and pairs of ADS and scenario that are timed, at most
@@ -32,8 +32,8 @@ _SORTS = {"ads": "ADSs", "references": "references", "humans": "human drivers"}
 _LOOKED_AT = 2_000  # points of each scenario that are checked and classified, at most
 
 Kind = tuple[str, list[Case]]
-"""Cases that are timed together, and their sort (of `_SORTS`): all of one scenario, those of ADSs
-all of one ADS.
+"""A sort (key of `_SORTS`), and cases of it that are timed together: all of one scenario, those of
+ADSs all of one ADS.
 """
 
 
@@ -113,6 +113,7 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     took, timed, broken_off = _seconds_a_drive(_kinds(plan, spaces), setup)
     usual = fmean(took.values()) if took else 0.0
     seconds = sum(number * took.get(sort, usual) for sort, number in drives.items())
+    # a recorded drive counts as the mean of all drives
     share_left = max(1.0 - recorded / max(drives.total(), 1), 0.0)
     return Estimate(
         drives,
@@ -160,7 +161,7 @@ def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
         for it in spaces
     ]
     kinds = {sort: list[Iterable[Case]]() for sort in _SORTS}
-    # each scenario begins with another ADS: else every n-th pair may be of the same ones
+    # each scenario begins with another ADS: else every n-th pair might be of one and the same ADS
     ads = plan.run.settings.ads
     pairs = [
         (space, ads[(first + number) % len(ads)])
@@ -197,7 +198,7 @@ def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, flo
         number = _TIMED
         if affinity(cases[0], setup) != NO_USER_CODE:
             # a batch cannot be stopped: no more than there is time for
-            number = int(min(_A_KIND_FOR, until - clock.perf_counter()) / seconds)
+            number = int(min(_KIND_FOR, until - clock.perf_counter()) / seconds)
         if number > 0 and clock.perf_counter() < until:
             seconds, _ = _seconds_each(cases[:number], setup)
             timed += len(cases[:number])

@@ -101,9 +101,9 @@ class Behind(NamedTuple):
     what: `missed`: a lane change due there was missed. `stood`: the ego stood there. `short`: it
         came no further. `late`: it was late there.
     way: distance of the place from the ego's start, m.
-    time: of the ego there, s.
-    of: distance that was asked for, m; for `late`, time of the slowest reference there, s; nan for
-        `missed`.
+    time: at which the ego was there, s since its start.
+    of: what `way` or `time` is compared with: for `stood` and `short` the distance that was asked
+        for, m, for `late` the time of the slowest reference there, s; nan for `missed`.
     drivers: number of drivers among the references.
     car: whether the reference car is one of these.
     """
@@ -139,6 +139,7 @@ def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind
         return Behind("missed", start.way.by - start.x, when, np.nan, *compared_with)
     own, places = times_at(ego, task.places), task.places - start.x
     if np.isinf(own[-1]):
+        # the furthest place that it reached, and when
         gone, last = max(ego.x.max() - start.x, 0.0), ego.time[np.argmax(ego.x)] - ego.time[0]
         what: Literal["stood", "short"] = "stood" if ego.speed[-1] < STANDING else "short"
         return Behind(what, float(gone), float(last), float(places[-1]), *compared_with)
@@ -188,7 +189,7 @@ def _reached(scene: CaseDrives, name: str, value: float) -> float:
     ego = scene.ego
 
     def has(samples: int) -> bool:
-        """Whether the first samples have the extreme; more samples keep it."""
+        """Whether the drive's first samples reach the extreme; then any more do as well."""
         part = course_of(first_samples(ego, samples), scene.actors, None, scene.road)
         return bool(np.isclose(extremes_of(part)[name], value, rtol=1e-6))
 
@@ -253,8 +254,7 @@ def _at_places(drive: Trajectory, places: FloatArray, channel: str) -> FloatArra
 
 def way_of(*drives: Trajectory) -> float:
     """Mean length of the paths of drives, m."""
-    ways = [float(np.hypot(np.diff(it.x), np.diff(it.y)).sum()) for it in drives]
-    return float(np.mean(ways))
+    return float(np.mean([np.hypot(np.diff(it.x), np.diff(it.y)).sum() for it in drives]))
 
 
 def mean_speed(drives: Sequence[Trajectory], times: FloatArray) -> FloatArray:

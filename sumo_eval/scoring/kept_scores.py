@@ -66,7 +66,7 @@ def table_of(cache: KeptResults, key: bytes, chunks: Sequence[KeptChunk]) -> Cas
 
 def _reader(cache: KeptResults, key: bytes, place: int) -> Callable[[slice], list[bytes]]:
     def columns(places: slice) -> list[bytes]:
-        first = place * COLUMNS
+        first = place * COLUMNS  # each chunk has a part for each column
         data = cache.some("rows", key, first + (places.start or 0), first + places.stop)
         if not data:
             raise InputError(f"Rows of {cache.path} are missing: score the run again.")

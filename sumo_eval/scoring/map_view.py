@@ -17,7 +17,7 @@ from sumo_eval.trajectory import FloatArray
 # panels, one for each value of the first parameter; with more values there are GATHERED_PANELS
 MOST_PANELS = 12
 GATHERED_PANELS = 6
-SLICE_WORTH_SHOWING = 0.1  # share of the cases; a slice with fewer shows all cases, projected
+SMALLEST_SLICE = 0.1  # share of the cases; on a smaller slice all cases are drawn, projected
 
 
 class View(NamedTuple):
@@ -26,9 +26,9 @@ class View(NamedTuple):
     y: None for a space of one parameter, whose map is a strip.
     panel: the parameter that has a panel for each value; None: a single panel.
     panels: values of the `panel` parameter, one panel each; (None,) where it is None.
-    fixed: the slice, column -> value of each parameter that is not shown.
+    fixed: the slice that is shown: column -> value of each parameter without an axis or panels.
     projected: cases off the slice are drawn on it too.
-    gathered: panels stand at even distances, and a case lies in the nearest.
+    gathered: the panels' values are evenly spaced, and each case is drawn in the nearest panel.
     """
 
     names: tuple[str, ...]
@@ -80,14 +80,14 @@ def choose_view(
     x, y = sorted(by_variety[:2]) if axes is None else map(logical.column, axes)
     fixed = {column: common[column] for column in columns if column not in (x, y)}
     on_slice = np.all(points[:, list(fixed)] == list(fixed.values()), axis=1)
-    projected = int(np.count_nonzero(on_slice)) < SLICE_WORTH_SHOWING * len(cases)
+    projected = int(np.count_nonzero(on_slice)) < SMALLEST_SLICE * len(cases)
     return View(names, x, y, None, (None,), fixed, projected)
 
 
 def _variety(column: FloatArray) -> tuple[int, float]:
     """Number of different values of a parameter, and its most common value.
 
-    The least of several that are as common; the middle one where each occurs once.
+    Where several are equally common, the least of them; where each value occurs once, the middle.
     """
     values, counts = np.unique(column, return_counts=True)
     chosen = len(values) // 2 if counts.max() == 1 else np.argmax(counts)
@@ -97,7 +97,7 @@ def _variety(column: FloatArray) -> tuple[int, float]:
 def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
     """The slice with most collisions, at which a map opens, column -> value.
 
-    The first in order of the values where several have as many. Empty where the view fixes no
+    Where several have as many, the one with the least values. Empty where the view fixes no
     parameter or draws all cases on one slice.
     """
     if view.projected or not view.fixed:

@@ -28,7 +28,7 @@ from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, ControllerTimeoutError
 
 PROTOCOL = 1
-# s of wall time that a program has to start and to answer the reset, or a step's, if longer
+# s of wall time for a program's start and its answer to the reset; `step_timeout` if that is longer
 START_TIMEOUT = 10.0
 _OF_A_PLAN = ("time", "x", "y", "heading", "speed")
 
@@ -84,7 +84,7 @@ class JsonLinesProgram(Adapter):
         self._deadline = scenario.step_timeout
 
     def act(self, seen: Observation) -> Any:
-        """Send what is seen, read what is asked for; nothing may be left of the last answer."""
+        """Send what is seen, and read the request; the last answer must have been one line."""
         if self._unread or select.select([self._stdout], [], [], 0.0)[0]:
             more = self._unread or self._read()
             raise ControllerError(f"The ADS must answer with one line, got more: {more[:200]!r}")
@@ -140,7 +140,7 @@ class JsonLinesProgram(Adapter):
 
 
 def _asked(answer: dict[str, Any]) -> Any:
-    """Request of the ADS's answer."""
+    """The request that an answer of the ADS holds: a command or a plan."""
     kind = next((name for name in _ANSWERS if name in answer), "acceleration")
     names, make = _ANSWERS[kind]
     _refuse_other_names(answer, names, "answer")
@@ -171,7 +171,8 @@ _ANSWERS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     "brake": (("throttle", "brake", "steer"), Command.pedals),
     "plan": (("plan",), _plan),
 }
-"""Kinds of answers, by the name that each must have: all its names, and what it is made into."""
+"""Kinds of answers, by the name that each must have: all names that it may have, and the function
+that makes a request of their values."""
 
 
 def _refuse_other_names(answer: dict[str, Any], names: tuple[str, ...], what: str) -> None:

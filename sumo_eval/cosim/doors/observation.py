@@ -55,7 +55,7 @@ def limits_of(conditions: ConditionSettings) -> tuple[float, ...]:
 
 
 _NO_LIMITS = limits_of(ConditionSettings())
-# places in the limits: those that need random numbers, and those of what can be seen at all
+# places in `limits_of`: of those that need random numbers, and of those that hide an actor
 _CHANCE, _REACH = slice(1, 4), slice(4, 7)
 
 

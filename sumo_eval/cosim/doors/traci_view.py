@@ -3,8 +3,8 @@
 `cosim/simulation.py` opens `sharing()` around the drive of such a batch.
 
 The roads of all cases are at one place, so positions, times and speeds are those of the case alone.
-Names differ: those that a call is given get the row's suffix, those in its answer lose it. A call
-about more than the row takes the row out of its batch: `Guard.leave` raises.
+Names in SUMO end with the row's suffix: the arguments of a call get it, and its answer loses it. A
+call about more than the row takes the row out of its batch: `Guard.leave` raises.
 """
 
 from __future__ import annotations
@@ -22,40 +22,36 @@ from sumo_eval.cosim.sumo.insides import libsumo
 from sumo_eval.cosim.sumo.sumo_files import EGO
 
 _Call = Callable[..., Any]
-_OF_A_ROW = ("vehicle", "vehicletype", "lane", "edge", "route")
-_READS = ("get", "is", "could", "wants")
+_OF_A_ROW = ("vehicle", "vehicletype", "lane", "edge", "route")  # domains whose names have a suffix
+_READS = ("get", "is", "could", "wants")  # beginnings of calls that read
 _OF_ALL_ROWS = ("getTime", "getDeltaT", "getCurrentTime")  # the same in every row
-_OF_MANY = frozenset(
-    {
-        "getIDList",
-        "getIDCount",
-        "getLoadedIDList",
-        "getTeleportingIDList",
-        "getDrivingDistance2D",  # its position may lie on the road of another row
-        "getTaxiFleet",
-        "getFoes",
-        "getInternalFoes",
-        "getSubscriptionResults",
-        "getAllSubscriptionResults",
-        "getContextSubscriptionResults",
-        "getAllContextSubscriptionResults",
-    }
-)
+_OF_MANY = {
+    "getIDList",
+    "getIDCount",
+    "getLoadedIDList",
+    "getTeleportingIDList",
+    "getDrivingDistance2D",  # its position may lie on the road of another row
+    "getTaxiFleet",
+    "getFoes",
+    "getInternalFoes",
+    "getSubscriptionResults",
+    "getAllSubscriptionResults",
+    "getContextSubscriptionResults",
+    "getAllContextSubscriptionResults",
+}
 """Reading calls of a domain that are about more than one object of the row."""
-_OF_MODELS = frozenset(
-    {
-        "getActionStepLength",
-        "getLastActionTime",
-        "getStopSpeed",
-        "getLaneChangeState",
-        "getLaneChangeStatePretty",
-        "couldChangeLane",
-        "wantsAndCouldChangeLane",
-        "getSpeedWithoutTraCI",
-        "getParameter",
-        "getParameterWithKey",
-    }
-)
+_OF_MODELS = {
+    "getActionStepLength",
+    "getLastActionTime",
+    "getStopSpeed",
+    "getLaneChangeState",
+    "getLaneChangeStatePretty",
+    "couldChangeLane",
+    "wantsAndCouldChangeLane",
+    "getSpeedWithoutTraCI",
+    "getParameter",
+    "getParameterWithKey",
+}
 """Calls that SUMO's driver models answer. In a batch only the ego's is active: `cosim` moves the
 others."""
 

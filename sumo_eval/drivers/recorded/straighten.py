@@ -84,7 +84,7 @@ def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
         stream = _stream(rows[rows["vehicle"].isin(rest)], axis, rest[0])
         if len(stream):  # it is empty for a vehicle that reverses
             streams.append(stream)
-        # the longest track, even if none of its samples is in the stream: so the loop ends
+        # with the longest track, even if the stream has none of its samples: so the loop ends
         members = {rest[0], *stream["vehicle"].unique()}
         rest = [vehicle for vehicle in rest if vehicle not in members]
     driving = {vehicle for stream in streams for vehicle in stream["vehicle"].unique()}
@@ -195,8 +195,8 @@ def _projected(points: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatA
     course = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
     along = distances(axis)
     s = along[cKDTree(axis).query(points)[1]]
-    # to the foot of the perpendicular: with the tangent at the nearest point, then with that at the
-    # place found
+    # to the foot of the perpendicular in two steps: by the tangent at the nearest point of the axis
+    # and by that at the place found
     for _ in range(2):
         place = s
         angle = np.interp(place, along, course)

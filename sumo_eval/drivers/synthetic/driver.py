@@ -22,7 +22,7 @@ from sumo_eval.ads.lane_change import (
 )
 from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabits, overtake
 from sumo_eval.ads.perception import carry_on, is_visible, take
-from sumo_eval.cosim.compiled import Compiled, unknown
+from sumo_eval.cosim.compiled import Compiled, unseen
 from sumo_eval.cosim.records import MOVER, Records, fields, flags
 from sumo_eval.cosim.step_rules import first_of
 from sumo_eval.drivers.synthetic.population import AS_RECORDED, Driver, draw_driver
@@ -277,13 +277,13 @@ class SyntheticDriver(Compiled):
         """
         count, step = len(together), scenario["step"][0]
         longest = max(it.driver.reaction_time for it in together)
-        # The longest reaction time is one before an alert. Within it, the start and the end of each
-        # step have a look; two more are in reserve.
+        # The longest reaction time is one before an alert. A look at each step within it and at its
+        # ends is kept, with two more in reserve.
         mind = Mind(
             np.zeros((count, others, math.ceil(longest / step) + 3), LOOK),
             np.zeros((count, others), LOOKS),
             np.zeros((count, others), MOVER),
-            unknown(count, others, WATCHED),  # nan: not seen yet
+            unseen(count, others, WATCHED),
             np.array([(it.wander.waves, it.pedal.waves) for it in together]),
         )
         return np.zeros(count, _MEMORY), mind, parameters(together)

@@ -121,20 +121,20 @@ def intervals_of(score: ScenarioResult) -> dict[str, Interval]:
 
 
 def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
-    """Points of S by which each case moves it, (n,), with its share of the mean C or D: to first
-    order.
+    """Points by which each case moves S, (n,), to first order: its share of the mean C or D times
+    its distance from that mean.
     """
     moved, whole = np.zeros(len(terms.exposure)), worth(method.score)
     hit = np.isfinite(terms.ratio) & np.isfinite(terms.weight)
     # a void case leaves no D, which then no case moves
     counted = np.isfinite(terms.index) & ~terms.voids.any()
-    for part, points, weights, values in (
+    for rows, points, weights, values in (
         (hit, whole.c, terms.weight, terms.ratio),
         (counted, whole.d, terms.exposure, terms.index),
     ):
-        if part.any():
-            shares, value = mean_shares(weights[part]), values[part]
-            moved[part] += points * shares * (value - float(shares @ value))
+        if rows.any():
+            shares, value = mean_shares(weights[rows]), values[rows]
+            moved[rows] += points * shares * (value - float(shares @ value))
     return moved
 
 
@@ -153,7 +153,7 @@ def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] 
 
     exposure: p_i of the evaluated cases, (n,).
     loss: L of Eq. 14, (n,), 0 without a collision.
-    name: of the random stream.
+    name: parts of the random stream's name.
 
     Where no case with exposure collided, or each of them, all replicates are alike. Then the end of
     the interval that is not the value is the exact binomial limit for n effective cases, at a
@@ -172,6 +172,7 @@ def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] 
     drawn = over > 0.0  # replicates with exposure
     effective = float(exposure.sum() ** 2 / np.sum(exposure**2))
     tail = (1.0 - LEVEL) / 2.0
+    # largest probability of what none of the effective cases shows
     unseen = 1.0 - tail ** (1.0 / effective)
     weighing = hit[exposure > 0.0]  # outcomes of the cases that have exposure
 

@@ -51,7 +51,7 @@ def further_cases(
     candidates = candidates[logical.feasible(candidates)]
     where = logical.to_unit(candidates)
     distance, cell = (np.asarray(part) for part in tree.query(where))
-    held = np.ones(len(points))  # cases in each cell, with those that are chosen
+    held = np.ones(len(points))  # number of cases in each cell, chosen candidates included
     chosen: list[int] = []
     free = np.bincount(cell, minlength=len(points)) > 0  # cells with candidates
     for _ in range(min(count, len(candidates))):
@@ -61,7 +61,7 @@ def further_cases(
             break
         inside = np.flatnonzero(cell == best)
         pick = int(inside[np.argmax(distance[inside])])
-        if distance[pick] <= 0.0:
+        if distance[pick] <= 0.0:  # all candidates of the cell are cases already
             free[best] = False
             continue
         chosen.append(pick)

@@ -26,7 +26,7 @@ from sumo_eval.trajectory import FloatArray
 # Most numbers in a table of points and replicates, 16 MB; with 2,000 replicates all of 1,000
 # points. If there are more points, each table has an eighth of this.
 AT_ONCE = 2_000_000
-OF_MORE = 8
+SPLIT = 8
 # methods of sampling that leave no part of the space out
 EVEN = frozenset({"grid", "sobol", "halton"})
 SMALLEST = 4  # fewest points of a list that is halved
@@ -252,7 +252,7 @@ def resamples(
     """
     most = AT_ONCE // replicates  # points at a time
     if groups.points > most:
-        most = max(most // OF_MORE, 1)
+        most = max(most // SPLIT, 1)
     draws = partial(_draws, groups, most, replicates, seed, name)
     balance = None if groups.even is None else Balance.of(groups, groups.even)
     along: Any = 0.0
@@ -265,8 +265,8 @@ def resamples(
     for places, counts in draws():
         drawn += len(places)
         done(drawn, of)
-        even = counts if balance is None else balance.balanced(counts, places, along)
-        yield Resampled(places, even, counts)
+        balanced = counts if balance is None else balance.balanced(counts, places, along)
+        yield Resampled(places, balanced, counts)
 
 
 def _draws(

@@ -35,13 +35,12 @@ def read(path: Path) -> Samples:
     kinds = meta.set_index("id")
     direction = tracks["id"].map(kinds["drivingDirection"])
     parts = []
-    for name, upper in (("upper", True), ("lower", False)):
-        rows = tracks[(direction == _UPPER) == upper]
+    # x along the road is x of the image times `forward`; y to the left is y of the image, which
+    # points down, times the opposite
+    for name, forward in (("upper", -1.0), ("lower", 1.0)):
+        rows = tracks[(direction == _UPPER) == (forward < 0.0)]
         if rows.empty:
             continue
-        # x along the road is x of the image times `forward`; y to the left is y of the image, which
-        # points down, times the opposite
-        forward = -1.0 if upper else 1.0
         y = -forward * (rows["y"] + rows["height"] / 2)
         about_path = path.with_name(f"{stem}_recordingMeta.csv")
         edges = np.sort(-forward * _edges(about[f"{name}LaneMarkings"].iloc[0], about_path))
