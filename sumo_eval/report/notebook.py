@@ -83,7 +83,8 @@ def picture(evaluation: Evaluation) -> Any:
     figure = Drawing(figsize=(4.0 * len(scenarios), 1.0 + 0.4 * len(ads)), layout="constrained")
     panels = figure.subplots(1, len(scenarios), sharey=True, squeeze=False)[0]
     for panel, scenario in zip(panels, scenarios, strict=True):
-        for score in evaluation.scores_in(scenario):  # not of each ADS where `run.only` names cases
+        # `run.only` may leave a scenario without cases of some ADSs: these have no score here
+        for score in evaluation.scores_in(scenario):
             row = ads.index(score.ads)
             if score.s_plus is None:
                 panel.annotate("not computed", (1.0, row), va="center")

@@ -48,20 +48,22 @@ MOST_CHANGED = 200  # cases in the table of changes
 
 
 Content = Callable[[Evaluation, Additions], Mapping[str, Any] | None]
+"""Makes what the template of a section sees as `content.<name>`; None: the section is left out."""
 
 
 class Section(NamedTuple):
-    """One section: name of its template and anchor, words in the navigation, and what only it needs
-    to know.
+    """One section.
 
+    name: of its template, and of its anchor in the page.
+    title: words in the navigation.
     about: what a reader finds in it, beside its title while it is folded.
+    content: default: nothing of its own, in every report.
     folded: whether it opens on demand.
     """
 
     name: str
     title: str
     about: str = ""
-    # of a section that is there in every report and needs nothing of its own
     content: Content = lambda *_: {}
     folded: bool = True
 
@@ -111,7 +113,10 @@ def change_content(evaluation: Evaluation, additions: Additions) -> Mapping[str,
 
 
 def _counts(part: AdsComparison, confidence: float) -> tuple[Any, ...]:
-    """One ADS in one scenario: itself, its changes by kind, moved and unchanged quantities."""
+    """One ADS in one scenario, for the template: the comparison; (kind, number of cases, whether
+    for the worse) of each kind of change; (name, words, class) of each moved quantity; names of
+    the unchanged ones.
+    """
     kinds = [(kind, len(part.changed.of(kind)), kind in WORSE) for kind in (*WORSE, *BETTER)]
     values = part.quantities
     moved = [

@@ -192,9 +192,11 @@ class Start:
         if self.way is None:
             return np.asarray(self.x + driven)
         begin = self.way.begin
+        # knots through the lane change, and the path's length from the start to each of them, m
         x = np.linspace(begin, begin + self.way.length(self.speed), _PIECES + 1)
         pieces = np.hypot(np.diff(x), np.diff(self.y_at(x)))
-        along = begin - self.x + np.append(0.0, np.cumsum(pieces))  # m of path from the start to x
+        along = begin - self.x + np.append(0.0, np.cumsum(pieces))
+        # 0 before the lane change, that of the whole lane change after it
         detour = np.interp(driven, along, along - (x - self.x))
         return np.asarray(self.x + driven - detour)
 
@@ -328,8 +330,8 @@ class Model:
 class Actor:
     """An actor: keeps its speed along the road until one of its acts begins.
 
-    Positions and speeds by its methods are right unless it is `lively`. For a `lively` actor they
-    leave out the acts: it keeps its first speed there.
+    Positions and speeds by its methods hold unless it is `lively`. For a `lively` actor they ignore
+    its acts: they are those of a vehicle that keeps its first speed.
 
     length, width: m.
     slides: it keeps its heading while it moves across the road, as the rectangles behind UN R157's
@@ -386,7 +388,7 @@ class Actor:
 
     @property
     def _stands_from(self) -> float:
-        """Time at which its braking ends, s; -inf if it does not brake."""
+        """Time at which its braking to a standstill ends, s; -inf if it does not brake."""
         brake = self.braking
         if brake is None:
             return -math.inf
@@ -394,7 +396,7 @@ class Actor:
 
     def __post_init__(self) -> None:
         stands = self._stands_from
-        # a lateral move lasts longer than the braking, if there is one
+        # `script_end` is the later of both ends: a lateral move would outlast the braking
         if -math.inf < stands < self.script_end:
             wanted = f"over when it stands, at {stands:.2f} s"
             raise must_be(
@@ -529,7 +531,7 @@ class ConcreteScenario:
 
     def simulation(self, settings: SimulationSettings) -> SimulationSettings:
         """These settings with the changes, the ego's body and the limits of time of this case."""
-        # settings with an FMU have no hash, so the function is called without its cache
+        # `plant`, an FMU in place of the vehicle model, has no hash: called without the cache then
         changed = _changed.__wrapped__ if settings.plant else _changed
         return changed(settings, self.changes, self.ego_body, self.time_limit, self.standstill_time)
 

@@ -49,7 +49,7 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
     try:
         with input_file(path, f"file of {what}").open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)
-            # (number of the line, its cells), the head first; an empty file counts as an empty head
+            # (number of the line, its cells) of each line that is not empty, the head first
             (_, head), *lines = [(reader.line_num, row) for row in reader if row] or [(0, [])]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"The {what} {path} cannot be read: {error}.") from error
@@ -76,7 +76,7 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
             f"The {what} {path} must have every column once, got {shown(double[0])} twice."
         )
     names = list(units)
-    # without `further`, a column without a title is not read: pandas writes its index so
+    # "" is no name: pandas writes its index as a column without a title, which is not read
     if further and further in header and further not in units:
         names.append(further)
     table = []

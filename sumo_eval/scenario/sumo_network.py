@@ -43,13 +43,13 @@ from sumo_eval.scenario.xml_file import Element, read_xml
 from sumo_eval.text import number_in, shown
 from sumo_eval.trajectory import FloatArray
 
-STRAIGHT = 0.1  # m that a lane may be off its straight line; netconvert writes centimetres
+STRAIGHT = 0.1  # m: largest distance of a lane from its straight line; netconvert rounds to 0.01 m
 # m/s on the driven edges: the scenario says how fast vehicles are, not the network's signs
 SPEED_LIMIT = 60.0
 _INDEX_DIGITS = 3  # of the index of a lane
 _DEFAULT_LANE_WIDTH = 3.2  # m, SUMO's
-_ONE_PLACE = 0.05  # m: corners nearer than that are netconvert's rounding
-PARALLEL = 0.3  # m that a lane may be off its distance from the line of a curved road
+_ONE_PLACE = 0.05  # m: of corners nearer to each other one is left, as they come from rounding
+PARALLEL = 0.3  # m: largest distance of a lane from its parallel of a curved road's line
 
 # types of junctions for which SUMO needs no <request>
 _WITHOUT_RIGHT_OF_WAY = ("dead_end", "district", "internal", "unregulated")
@@ -58,11 +58,11 @@ _CARS = {"passenger", "all"}  # SUMO's vehicle classes that include the ego's
 Point = tuple[float, float]
 RigidMotion = Callable[[Point], Point]
 _Course = tuple[Line, list[set[int]], list[float]]
-"""How edges lie on a road.
+"""How edges lie on a road: (line, places, along).
 
-1. the line of its right-hand lane
-2. of each edge: its lanes as lanes of the road, 0 for the right-hand one
-3. begin and end of the first edge along the line, m, begin and end of the next one, and so on
+line: of the road's right-hand lane.
+places: for each edge, the places of its lanes on the road, 0 for the road's right-hand lane.
+along: begin and end of the first edge along the line, m, begin and end of the next, and so on.
 """
 
 
@@ -219,19 +219,19 @@ def _laid(lanes: _Lanes) -> tuple[RigidMotion, dict[str, int]]:
 
 def _spans(
     edges: Sequence[str],
-    lanes_of: Sequence[set[int]],
+    places: Sequence[set[int]],
     along: Sequence[float],
     owner: str,
 ) -> tuple[LaneSpan, ...]:
     """Spans of outermost lanes that do not exist throughout.
 
-    lanes_of, along: the second and the third part of a `_Course`.
+    places, along: as in `_Course`.
     """
-    count = max(set().union(*lanes_of)) + 1
+    count = max(set().union(*places)) + 1
     spans = []
     for lane in sorted({0, count - 1}):
         # numbers of the edges that have it
-        with_lane = [number for number, places in enumerate(lanes_of) if lane in places]
+        with_lane = [number for number, of_edge in enumerate(places) if lane in of_edge]
         if len(with_lane) == len(edges):
             continue
         first, last = with_lane[0], with_lane[-1]
@@ -245,8 +245,8 @@ def _spans(
         spans.append(LaneSpan(lane, begin, end))
 
     throughout = set(range(count)) - {span.lane for span in spans}
-    for name, places in zip(edges, lanes_of, strict=True):
-        if missing := throughout - places:
+    for name, of_edge in zip(edges, places, strict=True):
+        if missing := throughout - of_edge:
             must = "as wide as the road, except the outermost lane of each side"
             raise must_be(
                 f"Edge `{name}`", owner, must, f"no lane {min(missing)} (0: the right one)"
@@ -274,7 +274,8 @@ def _along_curves(
         raise InputError(f"The edges of {owner} must have a lane that goes through all of them.")
     path = _path(numbered, min(common), links)
     line, begins = _line_along(np.concatenate(path), what)
-    # the road's right-hand lane does not exist throughout, and is parallel to the lane of the path
+    # where the road's right-hand lane does not exist throughout, its line is the parallel of that
+    # of the path's lane, `left` m to the right of it
     left = min(common) * width
     if left > 0.0:
         s = drawn_points(line, 0.0, length_of(line), 2.0)
@@ -392,7 +393,7 @@ def _links(root: Element, one: str, other: str, owner: str) -> _Link:
         for it in connections
     ]
     shifts = Counter(before - after for before, after, _ in indices)
-    # that of most lanes; of several such the smallest
+    # the most frequent shift; of equally frequent ones the smallest
     shift = min(shifts, key=lambda it: (-shifts[it], abs(it)))
     ways = {
         before: _way_through(root, via) for before, after, via in indices if before - after == shift

@@ -67,7 +67,7 @@ _MANOEUVRES: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Act
 `when`), and the function that makes its act of its numbers.
 """
 _ENDLESS = Limits(above=0.0, endless=True)  # above 0, inf too
-# rad: a vehicle with a heading up to this may have a speed by `places`, which are along the road
+# rad: largest heading at which a vehicle may have a speed by `places`: those are along the road
 _AHEAD = 0.1
 
 
@@ -159,8 +159,7 @@ class EgoTable(Checked):
 
         Raises InputError for an impossible one.
         """
-        # lane: in which the ego starts; first, last: x between which both lanes are side by side
-        lane = min(max(round(y / road.lane_width), 0), road.lanes - 1)
+        lane = min(max(round(y / road.lane_width), 0), road.lanes - 1)  # in which the ego starts
         if abs(lane - goal) != 1:
             raise must_be(
                 "`goal_lane`", owner, f"a lane beside lane {lane}, in which the ego starts", goal
@@ -174,7 +173,8 @@ class EgoTable(Checked):
                 f"The ego of {owner} must have a `change_by`: neither its lane nor the other one "
                 "ends."
             )
-        # parted_until, parted_from: before, after, the lane is a ramp, which no lane change reaches
+        # x between which both lanes are side by side: before `parted_until` and after `parted_from`
+        # a lane is a ramp behind a solid line
         first = max(own.parted_until, other.parted_until, own.begin, other.begin, 0.0)
         last = min(own.end, other.end, own.parted_from, other.parted_from, road.length)
         if not first <= begin <= by - LEAST_CHANGE or by > last:
@@ -295,7 +295,7 @@ class ManoeuvreTable(Checked):
         what = f"`{self.do}` of {vehicle}"
         owner = f"{what} in {names.where}"
         needed, allowed, _ = _MANOEUVRES[self.do]
-        for item in fields(self)[4:]:  # the first four, do, name, begin and when, any may have
+        for item in fields(self)[4:]:  # after `do`, `name`, `begin`, `when`, which all may have
             key, absent = item.name, getattr(self, item.name) in (None, ())
             if absent and key in needed:
                 raise InputError(f"{owner} must have `{key}`.")
@@ -370,9 +370,9 @@ class Move:
         pairs = tuple((one.at(values), two.at(values)) for one, two in self.pairs)
         act = _MANOEUVRES[table.do][2](**numbers)
         if table.do == "sinus" and act.offset:
-            phase = 2.0 * math.pi * (table.cycles or 1.0)  # rad, of all swings
-            # A swing by A (1 - cos wt) / 2 has the largest acceleration A w^2 / 2, which is given.
-            # So w is sqrt(2 acceleration / A), and the duration phase / w.
+            phase = 2.0 * math.pi * (table.cycles or 1.0)  # w t at the end of the last swing, rad
+            # A swing by A (1 - cos wt) / 2 has the largest acceleration A w^2 / 2, the one that the
+            # table gives. So w is sqrt(2 acceleration / A), and the duration phase / w.
             act = act._replace(duration=phase / math.sqrt(2.0 * act.acceleration / abs(act.offset)))
         if table.do == "speed_profile":
             knots = [knot[0] for knot in pairs]
@@ -446,7 +446,7 @@ class VehicleTable(Checked):
         """Whether only a played vehicle or SUMO can drive like it, as in `Actor.lively`."""
         turned = self.heading is not None or self.lateral_speed is not None
         brakes = any(it.do == "brake" for it in self.manoeuvre)
-        # a condition may ask whether a named `keep_speed` has ended, and any may end a braking
+        # a `keep_speed` counts where a condition can ask for its end, or where it ends a braking
         keeps = any(it.do == "keep_speed" and (it.name or brakes) for it in self.manoeuvre)
         return turned or self.on_map or keeps or any(it.lively for it in self.manoeuvre)
 
@@ -564,7 +564,7 @@ class Vehicle:
                     Act(played.FOLLOW, begin, RECORDED_EVERY, table=recorded, program=program)
                 )
         elif table.lively and all(act.timed for act in acts):
-            # its acts have closed forms: one that changes no motion makes the actor `lively` too
+            # an `Actor` of acts with closed forms alone is not `lively`: one more act makes it so
             acts.append(keeps_on(acts))
         return Actor(
             table.name,

@@ -98,7 +98,8 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
 
     autoreset_mode: when a finished episode restarts. `NextStep`, gymnasium's usual: the next step
         gives the first observation of the new episode and reward 0. `SameStep`: the step that ends
-        an episode gives it, with the last observation in `final_obs`. `Disabled`: never.
+        an episode gives the new one's first observation, and the last one in `final_obs` of
+        `info`. `Disabled`: never.
     """
 
     def __init__(
@@ -160,7 +161,8 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
     ) -> tuple[Floats, Floats, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """One step of all, or the steps of one `period`."""
         answers = _answers(self.interface, actions, self.num_envs)
-        restarts = self._over  # those that ended with the last step; their actions do not count
+        # episodes that ended with the last step: they restart now, without regard to their actions
+        restarts = self._over
         if restarts.any():
             if self._mode is AutoresetMode.DISABLED:
                 raise gymnasium.error.ResetNeeded(
@@ -172,7 +174,7 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
         info: dict[str, Any] = {}
         if over.any():
             info = {"end_reason": reasons, "_end_reason": over.copy()}
-        # they restart after the step, in which they did not move
+        # after the step, in which an episode that is over does not move and gets no reward
         self.episodes.begin(np.flatnonzero(restarts), self._generators, {})
         seen = self.episodes.show()
         if self._mode is AutoresetMode.SAME_STEP and over.any():

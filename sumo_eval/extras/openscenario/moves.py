@@ -48,11 +48,11 @@ _DIMENSIONS = ("rate", "time", "distance")
 _SHAPES = ("linear", "step", "cubic", "sinusoidal")
 # kinds of acts that change a speed, and of those that move across
 _SPEEDS, _ACROSS = (played.SPEED, played.BY_TIME, played.MATCH), (played.COSINE, played.CONSTANT)
-# in place of a planned move that has no act: no condition waits for its end
+# stands for a planned move that became no act: the ego has no moves, so no condition names it
 _NO_MOVE = played.EGO, 0
 _SHARES = np.arange(1, 33) / 32  # knots of a curved change of speed, as shares of its time
-_THERE = 0.05  # m and m/s within which a distance is reached
-_MOST = 1e3  # m/s or m/s2: stands for a limit that the file does not give
+_THERE = 0.05  # m and m/s: at less from a distance and from a speed, both are reached
+_MOST = 1e3  # m/s or m/s2: a limit that never acts, where the file has none
 _STEADY = "over the distance of a lateral move the speed must stay the same, above 0 m/s"
 
 
@@ -62,9 +62,9 @@ def synchronized(distance: float, time: float, speed: float, final: float, stead
 
     It begins with `speed` and has `final` over the last `steady` m. Before that it changes its
     speed once, as gently as possible: it keeps the first speed and then changes, or changes and
-    then keeps the final one. Where neither is possible, it changes at an even rate to a speed in
-    the middle of the remaining time, and on to the final one; where that speed would be below 0 it
-    brakes, stands and starts.
+    then keeps the final one. Where neither is possible, it has two even changes, each half of the
+    remaining time, through a speed in the middle. Where that speed would be below 0, it brakes,
+    stands and starts.
 
     Raises InputError where no forward motion does it.
     """
@@ -83,7 +83,7 @@ def synchronized(distance: float, time: float, speed: float, final: float, stead
     if abs(mean - final) <= SAME and abs(mean - speed) <= SAME:
         return ((rest, final),)
     if min(speed, final) + SAME < mean < max(speed, final) - SAME:
-        # nearer to the first speed: it keeps that first
+        # one change, of `ramp` s. The mean speed is nearer to the first speed: it keeps that first
         if abs(mean - speed) < abs(mean - final):
             ramp = 2.0 * (ahead - speed * rest) / (final - speed)
             return _knots((rest - ramp, speed), (rest, final))
@@ -102,7 +102,7 @@ def synchronized(distance: float, time: float, speed: float, final: float, stead
 
 
 def _knots(*knots: tuple[float, float]) -> Pairs:
-    """Knots in ascending times; of several at one time, the first time with the last speed."""
+    """Knots in ascending times; several within `AT_ONCE` become one, with the last speed."""
     kept: list[tuple[float, float]] = []
     for time, speed in knots:
         if time > (kept[-1][0] if kept else 0.0) + AT_ONCE:
@@ -150,7 +150,8 @@ class Moves:
         }  # fmt: skip
         move = entity.next_move
         span = element.chosen(known, "moves")(element, entity, moment)
-        # it has no act, so its number goes to a later move: plans must not wait for that
+        # The action became no act, so a later act gets its number. Plans of actors that depend on
+        # this move must not take that later act for it.
         if entity.next_move == move:
             for other in self.places.entities.values():
                 if other is not entity:
@@ -161,8 +162,8 @@ class Moves:
     def _read(self, target: Node, mover: Entity, begin: Moment, kinds: tuple[int, ...]) -> Entity:
         """The entity to which a move is relative.
 
-        kinds: of that entity's moves on which the new move depends. Those that stand below it in
-            the file must not begin before it (`_plan`).
+        kinds: kinds of that entity's moves on which the new move depends. Such moves further down
+            in the file must not begin before the new one (`_plan`).
         """
         other = self.places.referred(target)
         if other is not mover:
@@ -174,7 +175,7 @@ class Moves:
     def _plan(
         self, entity: Entity, begin: Moment, kinds: tuple[int, ...], element: Node, move: Move
     ) -> None:
-        """Note that a move is planned from an entity's acts of some kinds above it in the file.
+        """Note that a move was planned from the acts of some kinds that an entity has so far.
 
         begin: of that move: `_add` refuses further acts of these kinds that may begin before.
         element: names the fault.
@@ -187,7 +188,8 @@ class Moves:
         entity.reads.append((begin.time if begin.known else math.inf, kinds, fault, move))
 
     def _add(self, entity: Entity, begin: Moment, act: Act, lasts: float) -> Span:
-        """Add an act, unless a move above it in the file was planned without this act.
+        """Add an act and return its span. Raises a fault if a move above it in the file was planned
+        without this act, which may begin before that move.
 
         lasts: duration, s, if it begins at a time.
         """
@@ -202,7 +204,7 @@ class Moves:
         return Span(begin, NEVER, entity.ended())
 
     def _implied(self, begin: Moment) -> tuple[float, set[Fact]]:
-        """Earliest time of a moment, s; and what lies behind when it comes: times that have passed,
+        """Earliest time of a moment, s, and the facts that are true then: times that have passed,
         moves that have ended.
         """
         past, programs = set[Fact]({0.0}), [begin.program]
@@ -216,7 +218,7 @@ class Moves:
         return begin.time + max(it for it in past if isinstance(it, float)), past
 
     def follows(self, begin: Moment, span: Span) -> bool:
-        """Whether a moment surely comes once an element has ended."""
+        """Whether a moment cannot come before an element has ended."""
         earliest, past = self._implied(begin)
         if span.begin.known:
             return span.end - SAME <= earliest
@@ -229,7 +231,7 @@ class Moves:
         speed = target_speed(element, self.places)
         dynamics = element.child("SpeedActionDynamics")
         target = element.child("SpeedActionTarget").only()
-        if target.flag("continuous"):  # kept relative to another's at every instant, without end
+        if target.flag("continuous"):  # relative to another's speed at every instant, without end
             if not is_step(dynamics):
                 raise dynamics.fault("a continuous speed is supported with the shape `step` only")
             entity.pace, value = speed, target.number("value")
@@ -237,7 +239,8 @@ class Moves:
             number = float(self.places.referred(target).number)
             return self._relative(entity, begin, (number, factor), (added, 0.0), (0.0, 0.0))
         shape = dynamics.one_of("dynamicsShape", _SHAPES)
-        # amid a change, the speed lies between those two: assume the one that takes longer
+        # During an earlier change, the speed lies between its ends: assume the end from which this
+        # change takes longer.
         between = (entity.pace, entity.before) if _changes(entity, begin) else (entity.pace,)
         first = max(between, key=lambda it: abs(it - speed))
         change = abs(speed - first)
@@ -246,10 +249,12 @@ class Moves:
             if self._unsure(other, begin, _SPEEDS) or _changes(other, begin):
                 raise target.fault(f"the speed of `{other.name}` when this begins is unknown")
         unsure = self._unsure(entity, begin, _SPEEDS)
-        if change <= SAME and begin.known and not unsure:  # no act, but it depends on the speed
+        # it has the speed: no act, but that must stay true (`_plan`)
+        if change <= SAME and begin.known and not unsure:
             self._plan(entity, begin, _SPEEDS, dynamics, _NO_MOVE)
             return Span(begin, begin.time)
-        # if it begins by a condition, an event below it in the file may change the speed before
+        # it has the speed now, but an event further down in the file may change that before it
+        # begins by its condition
         if unsure or change <= SAME:
             return self._from_any_speed(dynamics, entity, begin, speed)
         step = is_step(dynamics)
@@ -259,7 +264,7 @@ class Moves:
         lasts = change / rate
         act = Act(played.SPEED, speed=speed, acceleration=rate)
         if shape in _STRONGEST and not step:
-            # share of the change that is done after each share of the time: `cubic`, `sinusoidal`
+            # share of the change that is done after each share of the time: `cubic` 3 s^2 - 2 s^3
             shares = _SHARES * _SHARES * (3.0 - 2.0 * _SHARES)
             if shape == "sinusoidal":
                 shares = 0.5 * (1.0 - np.cos(math.pi * _SHARES))
@@ -268,7 +273,7 @@ class Moves:
             act = Act(played.BY_TIME, table=tuple(map(tuple, table)))
         entity.before, entity.pace = first, speed
         entity.steady = begin.time + lasts if begin.known else 0.0
-        # every change but a step and a linear rate depends on the speed at its begin
+        # only a step and a linear change by rate hold for any speed at which they begin
         if not step and (shape, dynamics.text("dynamicsDimension")) != ("linear", "rate"):
             self._plan(entity, begin, _SPEEDS, dynamics, entity.next_move)
         return self._add(entity, begin, act, lasts)
@@ -338,7 +343,8 @@ class Moves:
     def place_apart(self, element: Node, entity: Entity) -> None:
         """Put an entity at the distance of a LongitudinalDistanceAction at the start."""
         other, apart, gap = self._apart(element, entity)
-        further = -gap * (other.speed if gap < 0.0 else entity.speed)  # ahead, m over the ground
+        # the time gap counts at the speed of the one behind; m over the ground, ahead
+        further = -gap * (other.speed if gap < 0.0 else entity.speed)
         x = other.frame.x + (apart + further / self.frame.ground(other.frame))
         entity.frame = entity.frame._replace(x=x)
 
@@ -375,7 +381,8 @@ class Moves:
         other, apart, gap = self._apart(element, entity)
         if other is not self.ego:
             entity.pace = other.pace
-        # rows of the table: whom it follows; what is kept (1, 2: a position); the position
+        # as in `played.PLAY` under `match`: whom it follows, factor 1; no speed added, what it
+        # keeps (1: a position, 2: within limits); the position
         keeps = (float(other.number), 1.0), (0.0, 1.0 if limits is None else 2.0), (apart, gap)
         if limits is None:
             return self._relative(entity, begin, *keeps)

@@ -21,13 +21,13 @@ EVERY_KEY = LEFT | RIGHT | DRIVE | BRAKE | HARD | EVADE
 """Functions of keys, as bits of one number; `BITS` in drive.js has the same."""
 
 # The steering law: accelerations in m/s2, times in s.
-LATERAL = 3.0  # acceleration across the road that a held key steers for
-EVASIVE = 6.0  # with the key for evasion, and of a stick at its end
-TURN_TIME = 0.3  # in which a key turns the wheel from straight to its limit
-RETURN_TIME = 0.15  # in which the wheel returns
-FASTEST = 12.0  # rad/s of the steering wheel
-WIDEST = math.radians(450.0)  # rad of the steering wheel
-DRIVES, BRAKES, BRAKES_HARD = 2.5, 4.0, 9.0  # accelerations by keys, without signs
+LATERAL = 3.0  # acceleration across the path that the limit of a held steering key gives
+EVASIVE = 6.0  # the same with the key for evasion, and of a stick pushed to its end
+TURN_TIME = 0.3  # in which a held key turns the wheel from straight to its limit
+RETURN_TIME = 0.15  # in which the released wheel turns from its limit to straight
+FASTEST = 12.0  # rad/s: the wheel never turns faster
+WIDEST = math.radians(450.0)  # largest angle of the steering wheel to each side, rad
+DRIVES, BRAKES, BRAKES_HARD = 2.5, 4.0, 9.0  # size of the acceleration by each key
 
 
 class Given(NamedTuple):
@@ -102,5 +102,6 @@ class Hands:
         return Command(wanted, self.angle)
 
     def _turn_to(self, wanted: float, rate: float) -> None:
+        """Turn the wheel towards an angle, rad, for one step at a rate, rad/s."""
         reach = min(rate, FASTEST) * self._step
         self.angle = min(max(wanted, self.angle - reach), self.angle + reach)

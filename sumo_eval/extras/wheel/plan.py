@@ -141,7 +141,7 @@ def balanced_orders(n: int) -> list[list[int]]:
     Williams's design (Aust. J. Sci. Res. A 2, 149 (1949)): n rows for an even n, 2 n for an odd
     one.
     """
-    # 0, 1, -1, 2, -2, ...
+    # 0, 1, -1, 2, -2, ...; every other row is this one shifted, modulo n
     first = [step // 2 + 1 if step % 2 else -(step // 2) for step in range(n)]
     rows = [[(index + shift) % n for index in first] for shift in range(n)]
     return rows if n % 2 == 0 else rows + [row[::-1] for row in rows]
@@ -157,9 +157,9 @@ def read_study(path: Path) -> StudyPlan:
     resolved = resolved_run(run)
     uses = {logical.name: (entry.use, logical) for entry, logical in resolved.entries}
     with open_store(run / FACTS) as store:
-        # drivers drive at safe points alone
+        # a point is safe if drivers were recorded at it: they drive at no other
         safe_keys = {_key(fact) for fact in store.facts("human")}
-        # trajectories may have been discarded
+        # drives that can be replayed: the trajectories of others have been discarded
         driven = [fact for fact in store.facts("ads") if store.trajectories(fact.case)]
     names = list(dict.fromkeys(fact.driver for fact in driven))  # of the ADSs
     drives: dict[str, dict[str, Fact]] = {}

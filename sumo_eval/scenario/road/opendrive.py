@@ -29,14 +29,14 @@ from sumo_eval.scenario.road.reference_line import Line, Piece, bends, length_of
 from sumo_eval.scenario.xml_file import Element, read_xml
 from sumo_eval.text import capitalised, number_in
 
-_JOINT = 0.01  # m and rad that a geometry may begin off the end of the one before it
-# m: a line parallel to a spiral is no spiral, and is made of spirals of at most this length
+_JOINT = 0.01  # m and rad: largest distance of a geometry from the end of the one before it
+# m: a line parallel to a spiral is not a spiral, and is made of spirals of at most this length
 _PART = 2.0
 _SAME = 1e-6  # m: widths closer than this count as equal
-_MEETS = 0.05  # m and rad that a road of a chain may begin off the end of the one before it
-_MOST_ROADS = 8  # of a chain
-_Knots = list[tuple[float, float]]  # s and a lane's width there, m
-_Ramps = list[tuple[float, float, str]]  # begin, end and type of a lane's sections
+_MEETS = 0.05  # m and rad: the same of a road from the end of the one before it in a chain
+_MOST_ROADS = 8  # of a chain: several roads that are driven in order
+_Knots = list[tuple[float, float]]  # s, m, and a lane's width there, m
+_Ramps = list[tuple[float, float, str]]  # of each section with a lane: begin, end, the lane's type
 DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")  # types of lanes that cars use
 
 
@@ -98,14 +98,14 @@ def _chain(roads: Sequence[Element], owner: str) -> list[ReadRoad]:
         for element in roads:
             name = f"road `{element.get('id')}` of {owner}"
             directions = (False, True) if chain else (first_against,)
-            # Generators: the second direction is read only where the first does not meet, so that
-            # faults of lanes that are not driven stay unread.
+            # The first direction that meets. Both are generators, so the second direction is read
+            # only if the first does not meet: faults of lanes that are not driven do not matter.
             stretches = (_stretch_or_none(element, name, against) for against in directions)
             meeting = (it for it in stretches if it and (not chain or _meet(chain[-1], it.begin)))
             chain += itertools.islice(meeting, 1)  # where none meets, the chain stays too short
         if len(chain) == len(roads):
             break
-    else:  # in neither direction
+    else:  # too short in both directions of the first road
         names = " ".join(str(element.get("id")) for element in roads)
         raise InputError(
             f"The driving lanes of the roads {names} of {owner} must meet, each at the end of the "
@@ -265,9 +265,9 @@ def _driving_lanes(
 ) -> tuple[float, tuple[int, float, tuple[LaneSpan, ...]]]:
     """Where the driving lanes lie, and the lanes: offset, (number, width, spans).
 
-    against: the left-hand lanes, driven the other way.
-    offset: from the reference line to the right-hand driving lane's centre, m, to the left as seen
-        by the drivers.
+    against: True: the left-hand lanes, driven against the reference line.
+    offset: from the reference line to the centre of the outermost driving lane, m, to the left in
+        the direction of driving.
     number, width: of the driving lanes; m.
     spans: of the outermost one, if it does not exist throughout.
     """
@@ -275,7 +275,8 @@ def _driving_lanes(
     side = "left" if against else "right"
     sections = _sections(road, owner, length, side)
 
-    # ranks of the driving lanes where there are most; elsewhere the outermost may be missing
+    # ranks of the driving lanes in the section with most of them; in others the outermost of these
+    # may be missing
     most = max((section.driven for section in sections), key=len)
     if not most:
         raise InputError(
@@ -336,7 +337,7 @@ def _inner_lanes(
                 continue
             name = f"lane {lane.get('id')}"
             knots = _widths(lane, section.begin, section.end, owner)
-            # a constant width is one entry of two equal knots
+            # a constant width has two knots, at the section's begin and end
             width, at_end, *more = (value for _, value in knots)
             if width != at_end or more:
                 raise must_be(f"The width of {name}", owner, "constant", f"{width:g}..{at_end:g} m")
@@ -424,6 +425,7 @@ def _span_of(
     opens, closes = max(before, default=begin), min(behind, default=end)
     for s, value in knots:
         wanted = width * (1.0 - missing(s, opens, begin, end, closes))
+        # where it opens or ends without a taper, one of the two knots at that s is 0 m wide
         at_once = s in (begin, end) and abs(value) <= _SAME
         # a slope in the file has six decimals, an error of 1e-4 m after 200 m
         if abs(value - wanted) > 1e-4 and not at_once:
@@ -465,7 +467,7 @@ def beside(reference: Line, offset: float, owner: str) -> Line:
             begin, end = (curvature / (1.0 - curvature * offset) for curvature in ends)
             length, mean = piece.length / count, 0.5 * (ends[0] + ends[1])
             own_length = length * (1.0 - mean * offset)
-            # so that it turns exactly as far as the reference
+            # to its curvature, so that the piece turns by the same angle as the reference line
             correction = mean * length / own_length - 0.5 * (begin + end)
             pieces.append(Piece(own_length, begin + correction, end + correction))
     return tuple(pieces)
