@@ -420,6 +420,12 @@ def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(week, 
     ) == len(before)
 
 
+def add(lines, name, place):
+    """A line of a good night."""
+    values = "?, 'x', ?, 1.0, 0, NULL, '', '', '', 0"
+    lines._connection.execute(f"INSERT INTO nights VALUES ({values})", (name, place))
+
+
 @pytest.mark.parametrize("known_lines", [0, 1], ids=["no line", "the oldest line"])
 def test_old_history_put_back_keeps_complete_nights(week, tmp_path, known_lines):
     _, history = copy_of(week, tmp_path, "nights")
@@ -432,10 +438,7 @@ def test_old_history_put_back_keeps_complete_nights(week, tmp_path, known_lines)
         for name in (*complete, unfinished.name):
             lines.begin(name)
         for name in complete[:known_lines]:
-            values = (name, f"nights/{name}")
-            lines._connection.execute(
-                "INSERT INTO nights VALUES (?, 'x', ?, 1.0, 0, NULL, '', '', '', 0)", values
-            )
+            add(lines, name, f"nights/{name}")
         notes = _clear_away(history, lines, None)
     assert sorted(path.name for path in (history / "nights").iterdir()) == complete
     assert (
@@ -478,13 +481,8 @@ def test_no_history_removes_a_complete_night(week, tmp_path, seeds):
                 if draw.random() < 0.7:
                     lines.begin(name)
                 if draw.random() < 0.3:
-                    values = (
-                        name,
-                        draw.choice([f"nights/{name}", "nights", "", "..", f"nights/{name}/.."]),
-                    )
-                    lines._connection.execute(
-                        "INSERT INTO nights VALUES (?, 'x', ?, 1.0, 0, NULL, '', '', '', 0)", values
-                    )
+                    places = [f"nights/{name}", "nights", "", "..", f"nights/{name}/.."]
+                    add(lines, name, draw.choice(places))
             with suppress(InputError):
                 _clear_away(history, lines, None)
         left = {path.name for path in (history / "nights").iterdir()}
@@ -503,9 +501,7 @@ def test_a_line_that_names_another_place_removes_nothing_there(tmp_path):
             ("..", "nights/.."),
             ("d", "nights/d"),
         ):
-            lines._connection.execute(
-                "INSERT INTO nights VALUES (?, 'x', ?, 1.0, 0, NULL, '', '', '', 0)", (name, place)
-            )
+            add(lines, name, place)
         notes = _prune(history, lines, keep=1)
     assert precious.is_dir()
     assert not (history / "nights" / "b").exists()

@@ -80,16 +80,6 @@ def test_trap_2_our_contact_test_sees_the_overlap():
     )
 
 
-def test_trap_2_a_side_swipe_on_the_way_into_the_next_lane_is_seen():
-    neighbour = Actor("neighbour", Start(50.0, 3.5, 20.0))
-    found = simulate(case(neighbour), lambda *_: Command(0.0, 0.3))
-    assert (found.end_reason, found.collision.other, found.collision.side) == (
-        "contact",
-        "neighbour",
-        "left",
-    )
-
-
 # 3 ------------------------------------------------------------------------------------------------
 
 
@@ -242,15 +232,6 @@ def test_trap_7_scripted_lateral_motion_is_smooth_in_what_sumo_shows():
 
 
 # 8 ------------------------------------------------------------------------------------------------
-
-
-def test_trap_8_one_simulation_a_process_but_hundreds_in_order():
-    concrete = case()
-    for _ in range(300):
-        with session(concrete, SimulationSettings()) as traci:
-            traci.simulationStep()
-            assert traci.vehicle.getPosition("ego") == pytest.approx((53.25, 0.0))
-    assert not libsumo.simulation.isLoaded()
 
 
 # 9 ------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from browser import Page, needs_chromium, needs_node, node
 from packed_pages import unpacked, with_packed
-from page_checks import CONTRAST, WRITTEN_IN_CELLS, press
+from page_checks import CONTRAST, WRITTEN_IN_CELLS, press, size
 
 from sumo_eval.method.trajectory_field import trajectory_field
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, encode_trajectories
@@ -177,13 +177,7 @@ def opened(report, tmp_path_factory):
     with Page(tmp_path_factory.mktemp("profile")) as page:
         page.open(report.as_uri(), "document.documentElement.dataset.report === 'ready'")
         for width, height in ((390, 844), (1400, 900)):
-            page.call(
-                "Emulation.setDeviceMetricsOverride",
-                width=width,
-                height=height,
-                deviceScaleFactor=1,
-                mobile=False,
-            )
+            size(page, width, height)
             screens = page.run("document.documentElement.scrollHeight") / height
             assert screens <= 3.0, (
                 f"{screens:.2f} screens of {width} px before anything is unfolded"
@@ -643,13 +637,7 @@ def test_the_terms_of_c_are_the_numbers_of_the_table(opened, evaluation):
 @needs_chromium
 @pytest.mark.parametrize("width", [390, 1400, pytest.param(2560, marks=pytest.mark.campaign)])
 def test_no_page_is_wider_than_its_window(opened, width):
-    opened.call(
-        "Emulation.setDeviceMetricsOverride",
-        width=width,
-        height=800,
-        deviceScaleFactor=1,
-        mobile=width < 500,
-    )
+    size(opened, width, 800)
     # charts follow the window a little later
     opened.wait(f"document.documentElement.scrollWidth <= {width}", 20.0)
     cut = """[...document.querySelectorAll('.scroll, .overflow')].filter((one) => one.scrollWidth > one.clientWidth + 1)

@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 from refusals import refusal
 
@@ -11,6 +10,7 @@ from sumo_eval.method.severity import injury_risk
 from sumo_eval.report.tables import write_tables
 from sumo_eval.results import BeyondRange
 from sumo_eval.scoring.comparability import differences
+from sumo_eval.scoring.quantities import combine
 
 OWN = """
 def by_speed(contact):
@@ -63,21 +63,9 @@ def test_an_own_severity_replaces_u_in_every_score(found):
         assert case.loss in (0.4, 0.7, 1.0), "L stays the class of U"
     for score in found.scores:
         cases = [case for case in found.cases if case.ads == score.ads]
-        struck = [case for case in cases if case.collided]
-        weights = np.array([case.weight for case in struck])
-        ratios = np.array([min(1.0, case.ideal_severity / case.severity) for case in struck])
-        assert score.c == pytest.approx(np.sum(weights * ratios) / np.sum(weights))
-        weights, own, ideal, unreacting = np.array(
-            [
-                (case.weight, case.severity or 0.0, case.ideal_severity, case.no_reaction_severity)
-                for case in cases
-            ]
-        ).T
-        lost, at_stake = (
-            np.sum(weights * np.maximum(value - ideal, 0.0)) for value in (own, unreacting)
-        )
-        assert score.avoided_share == pytest.approx(1.0 - lost / at_stake)
-        assert score.regret == pytest.approx(lost / np.sum(weights))
+        rows = combine(score.ads, score.scenario, cases, found.settings.method)
+        for name in ("c", "avoided_share", "regret"):
+            assert getattr(score, name) == pytest.approx(getattr(rows, name))
 
 
 def test_the_scores_tell_which_severity_they_were_made_with(found):
