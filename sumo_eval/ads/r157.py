@@ -177,7 +177,7 @@ def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable
 
     @kernel
     def demand(scene: Any, after: float) -> float:
-        # the largest of all actors `after` s from now, if all continue as now
+        # the strongest that any actor demands `after` s from now, if all continue as now
         own, watched, others_then = scene[:3]
         cycle = scene[3]
         foresee_all(own, watched, others_then, after, cycle.step)

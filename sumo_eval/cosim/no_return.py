@@ -90,7 +90,7 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
     high = {i: len(it.commands) for i, it in contacts.items()}
 
     def narrow(steps: Mapping[int, int]) -> None:
-        """Move one of the two to a step of each contact."""
+        """Try a step for each contact: it becomes its `low` if braking avoids, else its `high`."""
         for i, hit in braked(steps).items():
             # a vehicle that runs into the braking ego from behind is another contact
             behind = isinstance(hit, Collision) and hit.side == "rear"

@@ -4,7 +4,7 @@ limits.
 Within one step the acceleration is piecewise linear in time (brakes build up, drive rises) and the
 motion along the path is its exact integral, so that stopping distances and impact speeds do not
 depend on the step. The path within a step is a circular arc with the step's mean road wheel angle.
-That is the kinematic model: its tyres do not slip, which is honest below about 0.4 g across. The
+That is the kinematic model: its tyres do not slip, which is true below about 0.4 g across. The
 dynamic one has side slip and a yaw rate of its own (`move_dynamic`).
 """
 
@@ -370,7 +370,7 @@ def drive(
         duration = left if jerk == 0.0 else (goal - a) / jerk
         duration = min(duration, left)
         reached = a + jerk * duration
-        # it may come to stand: twice the largest deceleration throughout would stop it
+        # a loose bound: only where twice the strongest braking would stop it may it come to stand
         if v + 2.0 * min(a, reached) * duration <= 0.0:
             stop = _time_to_stop(v, a, jerk, duration)
             if stop >= 0.0:

@@ -54,7 +54,7 @@ def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings =
 
 
 def most_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = DEFAULTS) -> int:
-    """f_n+ of H: n of Eq. 12 at that level of |acceleration|, from 0.5 m/s2 on, at which it is
+    """n of Eq. 12 for f_n+ of H: with that level of |acceleration| above 0.5 m/s2 at which n is
     largest.
 
     Eq. 12 counts an oscillation without neutral time as one operation, so a stronger oscillation
@@ -124,7 +124,7 @@ def _operations(
     samples = np.flatnonzero(active)
     if samples.size == 0:
         return []
-    # of each active sample but the last: whether its operation ends with it
+    # of each active sample but the last: neutral time after it, and whether its operation ends
     neutral = time[samples[1:]] - time[samples[:-1] + 1]
     ended = (np.diff(samples) > 1) & (neutral >= settings.neutral_time - SAME_TIME)
     if released is not None:

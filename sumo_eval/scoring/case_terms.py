@@ -130,8 +130,8 @@ def scores_of(
     """Every score of `COMPUTED` in each of m samples, (m,), nan where it does not exist.
 
     counts: of the cases in each sample, (m, n), see `score_terms`.
-    hits: counts by which C and the existence of D are computed in each sample, (m, n). None: C by
-        `counts`, and D exists in all samples or in none, by the cases in `terms`.
+    hits: counts of the cases, (m, n), for C and for whether a sample has a D. None: C by `counts`,
+        and D exists in all samples or in none, by the cases in `terms`.
     exposed: whether any case has an exposure; None: by the cases in `terms`.
     """
     collisions = terms.ratio, terms.weight, terms.collided, terms.evaluated

@@ -84,7 +84,7 @@ def rooms_of(logical: LogicalScenario, points: FloatArray) -> list[Levels]:
         holds = np.broadcast_to(constraint.holds(values), len(points))
         room = np.ones(len(points)) if constraint.room is None else np.abs(constraint.room(values))
         room = np.broadcast_to(np.nan_to_num(room, nan=0.0, posinf=0.0), len(points))
-        # What is at the limit or not a number is still on the side that the constraint says.
+        # 1 more than the room: a room of 0 or nan, too, shows whether the constraint holds
         steps = np.round(room / max(float(room.max()), 1e-300) * 31_999.0) + 1.0
         rooms.append(np.where(holds, steps, -steps).astype("<i2"))
     return rooms

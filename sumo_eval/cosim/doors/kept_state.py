@@ -159,7 +159,7 @@ def _parts(value: Any) -> tuple[Any, ...]:
     Functions within a `staticmethod`, `classmethod` or `property` are not looked into.
     """
     if isinstance(value, GeneratorType):
-        return _place(value)
+        return _generator_state(value)
     kind = value if isinstance(value, type | FunctionType) else type(value)
     module = kind.__module__ or ""
     # objects of `_LOOKED_INTO` have parts, its classes and functions none
@@ -178,7 +178,7 @@ def _slots(kind: type) -> list[str]:
     return [name for name, it in inspect.getmembers_static(kind) if inspect.ismemberdescriptor(it)]
 
 
-def _place(generator: Any) -> tuple[Any, ...]:
+def _generator_state(generator: Any) -> tuple[Any, ...]:
     frame = generator.gi_frame
     return () if frame is None else (frame.f_lasti, dict(frame.f_locals))
 

@@ -388,7 +388,7 @@ def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -
         behind = traffic.follower[change.row - 1]
         if behind < 0:
             continue
-        ego, now = names[behind], behind + 1  # `behind` is its row just before the crossing
+        ego, now = names[behind], behind + 1  # rows of the ego just before the crossing, and at it
         stop = traffic.slices[ego].stop
         reach = max(CUT_OUT_HEADWAY * speed[behind], CUT_OUT_GAP)
         if now == stop or gap[behind] > reach:
@@ -436,7 +436,7 @@ def _cut_ins(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) ->
         if row == part.start or traffic.lane[row - 1] != traffic.lane[row]:
             continue
         begin, start = traffic.onset_of(row, change)
-        other = change.row - row + begin
+        other = change.row - row + begin  # row of the vehicle that cuts in, at the time of `begin`
         braking = traffic.acceleration[row : min(row + _REACTION, part.stop)]
         events.append(
             {

@@ -222,8 +222,8 @@ def _declared(
 
     def density(values: Values) -> FloatArray:
         product = uniform_exposure(values)
-        for name, distribution in declared.items():
-            product = product * _frozen(distribution).pdf(values[name])
+        for name, item in declared.items():
+            product = product * _distribution(item).pdf(values[name])
         return product
 
     words = ", ".join(
@@ -233,8 +233,8 @@ def _declared(
     return RunExposure(density, f"declared: {words}; other parameters uniform")
 
 
-def _frozen(item: DeclaredDistribution) -> Any:
-    """Distribution with its two numbers: mean and deviation, for `lognormal` those of the
+def _distribution(item: DeclaredDistribution) -> Any:
+    """A declared distribution. Its two numbers: mean and deviation, for `lognormal` those of the
     logarithm, or the two ends of `uniform`.
     """
     stats = _stats()

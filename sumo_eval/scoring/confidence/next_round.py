@@ -85,7 +85,7 @@ def standing(
     if math.isfinite(half):
         state = f"half the widest 95 % interval is {width}{unit}"
     further = size_of_next(budget, size, done)
-    # why there are no more rounds; if there are more, why they are not driven yet
+    # why there is no further round; where there is one, why it is not driven yet
     reason = f"{state}; it was stopped, `--resume` drives more rounds"
     if sampling.until is not None and half <= sampling.until:
         further, reason = 0, f"{state}, no more than the {sampling.until:g} asked for"
@@ -131,8 +131,8 @@ def further_round(
     # points of each round, by cell
     taken = np.bincount(points.stratum, minlength=stands.rounds * cells).reshape(-1, cells)
     # cells hold equally many candidates, so V_h s_h is in proportion to s_h
-    row = spread(stands.further, np.sqrt(variance), capacity - taken.sum(axis=0))
-    return replace(sampling, rounds=(*(tuple(map(int, before)) for before in taken), row))
+    further = spread(stands.further, np.sqrt(variance), capacity - taken.sum(axis=0))
+    return replace(sampling, rounds=(*(tuple(map(int, before)) for before in taken), further))
 
 
 def variance_in_cells(values: FloatArray, cell: IntArray, cells: int) -> FloatArray:
@@ -202,7 +202,8 @@ def _collided_half_width(terms: CaseTerms, points: Sample, place: IntArray) -> f
     stratum, weight = points.stratum[place], points.stands_for[place] / len(points.points)
     number = np.maximum(np.bincount(stratum), 1)
     mean = np.bincount(stratum, hit) / number
-    # weight is one per stratum: (weight n)^2 s^2 / n, with s^2 = sum((hit - mean)^2) / (n - 1)
+    # of a stratum: (weight n)^2 s^2 / n, with s^2 = sum((hit - mean)^2) / (n - 1); weight: of each
+    # of its n points, which all have the same
     squares = np.bincount(stratum, (weight * (hit - mean[stratum])) ** 2)
     variance = float(np.sum(squares * number / np.maximum(number - 1, 1)))
     return float(ndtri(0.5 + LEVEL / 2.0)) * math.sqrt(variance)

@@ -58,7 +58,7 @@ def with_intervals(
 
     An ADS with fewer than two cases that count keeps the intervals that it has.
     """
-    judged = {}  # index of an ADS in `scores` -> its cases
+    judged = {}  # by index of an ADS in `scores`: its cases
     for number, (score, cases) in enumerate(zip(scores, rows, strict=True)):
         terms = case_terms(cases, settings.method)
         if np.count_nonzero(terms.counted) >= LEAST:
@@ -86,14 +86,14 @@ def with_intervals(
 
 
 def _joined(score: ScenarioResult, intervals: ScoreIntervals, most_of_s: float) -> ScenarioResult:
-    """A result whose intervals have both sources.
+    """A result whose intervals hold what missing cases leave open and the chance of the sample.
 
     score: the result; its intervals are what missing cases leave open.
     intervals: intervals by the sample, of the cases that are there.
     most_of_s: largest value of S.
 
-    Each end is the one that missing cases allow, moved further by the distance of the sample's end
-    from the score, but not out of the score's range.
+    Each end is the one that missing cases leave open, moved outwards by the distance of the
+    sample's end from the score, but not out of the score's range.
     """
     ends: dict[str, Any] = {}
     for name, (low, high) in intervals.limits.items():
