@@ -41,12 +41,10 @@ def summary_content(evaluation: Evaluation, additions: Additions) -> Mapping[str
         for gate in bad
         for change in gate.worst[:1]
     ][:MOST_CHANGES]
-    notes = (
-        builds_besides(evaluation.manifest.get("builds", {}), comparison)
-        + [difference.words for difference in comparison.differences]
-        if comparison
-        else []
-    )
+    notes = []
+    if comparison:
+        notes = builds_besides(evaluation.manifest.get("builds", {}), comparison)
+        notes += [difference.words for difference in comparison.differences]
     return {
         "verdict": verdict(comparison, additions.gates, evaluation).sentence
         if comparison or additions.gates

@@ -136,9 +136,9 @@ def requirement(
                 "it."
             )
     tree = parsed(text, f"Requirement `{text[:200]}` of {owner}")
-    replaced = _Parts(text, owner, vehicles)
+    replaced = _Parts(text, owner, vehicles, known)
     outer = condition(ast.unparse(replaced.visit(tree)), owner)
-    moments = [*SERIES, *(placeholder for placeholder, _, _ in replaced.asks)]
+    moments = [*SERIES, *(ask[0] for ask in replaced.asks)]
     for _, _, inner in replaced.parts:
         checked_names(inner, [*names, *moments], owner)
         if not inner.names & set(moments):
@@ -163,13 +163,16 @@ def requirement(
 class _Parts(ast.NodeTransformer):
     """Replaces values over time by placeholders, and within these the quantities of actors.
 
-    text, owner, vehicles: as in `requirement`.
+    text, owner, vehicles, known: as in `requirement`.
     parts, asks: what the placeholders stand for, as in `Requirement`.
     within: whether the node visited is the argument of a value over time.
     """
 
-    def __init__(self, text: str, owner: str, vehicles: Sequence[str]) -> None:
-        self.text, self.owner, self.vehicles = text, owner, vehicles
+    def __init__(
+        self, text: str, owner: str, vehicles: Sequence[str], known: Collection[str]
+    ) -> None:
+        self.text, self.owner = text, owner
+        self.vehicles, self.known = vehicles, known
         self.parts: list[tuple[str, str, Expression]] = []
         self.asks: list[tuple[str, str, str]] = []
         self.within = False
@@ -201,7 +204,10 @@ class _Parts(ast.NodeTransformer):
                     f"vehicle in requirement `{self.text}` of {self.owner}:", self.vehicles, vehicle
                 )
                 placeholder = f"{function}_of_{vehicle}"
-                if (placeholder, function, vehicle) not in self.asks:
-                    self.asks.append((placeholder, function, vehicle))
+                while placeholder in self.known:  # `speed_of_lead` may be a parameter's name
+                    placeholder += "_"
+                ask = placeholder, function, vehicle
+                if ask not in self.asks:
+                    self.asks.append(ask)
                 return ast.Name(placeholder, ast.Load())
         return self.generic_visit(node)

@@ -67,6 +67,14 @@ def test_a_requirement_by_hand(text, holds):
     assert one.holds(series, {"limit": 2.5, "collided": 0.0, "reached_end": 0.0}) is holds
 
 
+def test_a_parameter_may_be_called_speed_of_lead():
+    text = "max(speed(lead) - speed_of_lead) <= 0.5"
+    one = requirement("r", text, "", "a test", ["speed_of_lead"], ["lead"])
+    ((placeholder, _, _),) = one.asks
+    series = {"time": np.arange(2.0), placeholder: np.array([5.0, 20.0])}
+    assert not one.holds(series, {"speed_of_lead": 10.0})
+
+
 def test_without_a_lead_the_gap_is_infinite():
     one = requirement(
         "r", "min(gap) > 1000 and min(ttc) > 1000 and min(thw) > 1000", "", "a test", []

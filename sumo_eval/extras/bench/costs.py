@@ -221,7 +221,8 @@ def _least_seconds(
     ways: name -> function that simulates all concrete scenarios.
     steps: name of a way -> number of steps of each case.
     """
-    seconds, bare = dict.fromkeys(ways, math.inf), dict.fromkeys(ways, math.inf)
+    seconds = dict.fromkeys(ways, math.inf)
+    bare = seconds.copy()
     # bare libsumo runs in a new process, in which the harness has set up nothing
     with (
         ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process,

@@ -155,8 +155,9 @@ class Moves:
         if entity.next_move == move:
             for other in self.places.entities.values():
                 if other is not entity:
-                    reads = [(*it[:3], _NO_MOVE) if it[3] == move else it for it in other.reads]
-                    other.reads = reads
+                    other.reads = [
+                        (*it[:3], _NO_MOVE) if it[3] == move else it for it in other.reads
+                    ]
         return span
 
     def _read(self, target: Node, mover: Entity, begin: Moment, kinds: tuple[int, ...]) -> Entity:
