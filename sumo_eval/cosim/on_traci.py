@@ -7,6 +7,7 @@ harness checks that the ego moves as a vehicle can. Calls through TraCI are guar
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -62,6 +63,7 @@ from sumo_eval.scenario.road.reference_line import curvatures, frame_places
 from sumo_eval.scenario.touch import Body
 
 _SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
+_SHARPEST = 25.0  # m/s2 across; no vehicle that is faster sideways turns more sharply
 _ALONG = 0.5  # rad off the road's direction: up to it SUMO finds the lane on which a vehicle is
 _PLACE_TOLERANCE = 1e-3  # m
 # share of a step's motion in a curve by which SUMO's may differ: its lanes are polylines, stretched
@@ -164,6 +166,7 @@ class _Hook:
         self.waits = hasattr(ads, "took")  # for a program that drives in its own time
         self.target = ads.target
         self._bend = 0.0  # 1/m, the road's curvature beside the ego
+        self._course = 0.0  # rad, the direction of its last motion, relative to the road
 
     # -- the ADS -----------------------------------------------------------------------------------
 
@@ -367,7 +370,7 @@ class _Hook:
     def _check_placed_ego(self, now: float) -> None:
         state = self._state
         GUARD.speeds.pop(self.ego, None)
-        state[_LANE_SPEED] = state[3]
+        state[_LANE_SPEED], self._course = state[3], state[2]
         front_x, front_y = state[_FRONT_X], state[_FRONT_Y]
         x, y = self._calls.getPosition(self.ego)
         # `not <=`: true of nan as well
@@ -400,14 +403,16 @@ class _Hook:
             ):
                 raise LeftTheRoadError
             before = front(Body(last_x, last_y, last_heading, last_speed, *sizes))
-            raise impossible(calls, self.ego, before, now, self._step)
+            fault = impossible(calls, self.ego, before, now, self._step)
+            raise ControllerError(f"The ADS is responsible: {fault}") if GUARD.moved else fault
         heading = math.remainder(math.radians(STRAIGHT - angle), math.tau)
         x, y = front_x - self._half * math.cos(heading), front_y - self._half * math.sin(heading)
         # motion of the front bumper
         moved_x = front_x - last_x - self._half * math.cos(last_heading)
         moved_y = front_y - last_y - self._half * math.sin(last_heading)
         stretch = 1.0  # metres on the map for each metre along the line
-        state[MAP], state[MAP + 1], state[MAP + 2] = x, y, heading
+        pose: tuple[float, ...] = x, y, heading
+        state[MAP], state[MAP + 1], state[MAP + 2] = pose
         if self._bent:
             line = self.road.line
             # along and across the road's line, m, and heading relative to it
@@ -417,6 +422,7 @@ class _Hook:
             # all of it is checked as motion along the lane
             moved_x, moved_y = math.hypot(moved_x, moved_y) / stretch, 0.0
         self._check_native_motion(moved_x, moved_y, speed, now)
+        self._check_course(pose, now)
         acceleration = (speed - state[_LANE_SPEED]) / self._step
         state[_LANE_SPEED] = speed
         if self._stale[0]:  # the first step in which SUMO moves it: it may turn it into the lane
@@ -432,11 +438,10 @@ class _Hook:
                 f"SUMO gave vehicle `{EGO}` the speed {across:g} m/s across at {now:.2f} s."
             )
         if self._bent:
-            x, y, heading = pose
             speed *= stretch
         if across:
             speed = math.hypot(speed, across)
-        state[0], state[1], state[2] = x, y, heading
+        state[0], state[1], state[2] = pose
         state[3], state[7] = speed, acceleration
 
     def _went_straight(self) -> bool:
@@ -456,6 +461,7 @@ class _Hook:
         ):
             return False
         state[_LANE_SPEED] = state[3] = speed
+        self._course = 0.0
         state[0], state[2], state[7] = x, 0.0, (speed - before) / self._step
         state[MAP] = x
         return True
@@ -495,6 +501,26 @@ class _Hook:
                 f"The ADS moved its vehicle {moved:.2f} m in a step that its speed makes "
                 f"{max(least, 0.0):.2f}..{most:.2f} m long, at {now:.2f} s (moveToXY needs a "
                 "setSpeed to go with it).",
+            )  # fmt: skip
+
+    def _check_course(self, pose: Sequence[float], now: float) -> None:
+        """Refuse fast sideways motion into which no vehicle can turn.
+
+        pose: the new x, y and heading, relative to the road.
+        """
+        old, new = (
+            complex(x, y) + cmath.rect(self._half, heading)  # the front bumper
+            for x, y, heading in (self._state[:3], pose)
+        )
+        moved, step = new - old, self._step
+        course, last_course = cmath.phase(moved), self._course
+        self._course = course
+        sharp = abs(moved * math.remainder(course - last_course, math.tau)) / step**2
+        if abs(moved.imag) > _SIDEWAYS_SPEED * step and sharp > _SHARPEST:
+            self._unphysical(
+                "unphysical_turn", sharp, _SHARPEST,
+                f"The ADS must turn its vehicle within {_SHARPEST:g} m/s2, got {sharp:.1f} m/s2 "
+                f"at {now:.2f} s.",
             )  # fmt: skip
 
     def _unphysical(self, what: str, requested: float, possible: float, sentence: str) -> None:

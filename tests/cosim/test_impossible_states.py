@@ -108,20 +108,20 @@ def test_a_braking_vehicle_that_passes_the_end_of_the_lanes_has_left_the_network
 
 
 def crabs_off(traci, ego, time):
-    """An ADS of moveToXY that turns on the spot where SUMO has the front bumper beside the lanes,
-    then lets go."""
+    """An ADS of moveToXY that turns right as sharply as is possible, then lets go where SUMO has
+    the front bumper beside the lanes."""
     x, y = traci.vehicle.getPosition(ego)
-    if time < 0.4:
-        traci.vehicle.setSpeed(ego, 20.0)
-        angle = math.radians(60.0)
-        traci.vehicle.moveToXY(
-            ego, "", -1, x + 1.0 * math.cos(angle), y - 1.0 * math.sin(angle), 150.0, 2
-        )
+    if time < 1.15:
+        traci.vehicle.setSpeed(ego, 8.0)
+        degrees = min(60.0, 140.0 * (time + 0.05))
+        angle = math.radians(degrees)
+        x, y = x + 0.4 * math.cos(angle), y - 0.4 * math.sin(angle)
+        traci.vehicle.moveToXY(ego, "", -1, x, y, 90.0 + degrees, 2)
 
 
 @pytest.mark.parametrize("y", [0.0, 3.5])
 def test_an_ego_of_traci_calls_that_sumo_has_lost_beside_the_road_ended_off_the_road(y):
-    found = alone(controller=crabs_off, y=y)
+    found = alone(controller=crabs_off, y=y, speed=8.0)
     assert physical(found)
     # from the left lane SUMO loses it first
     assert (found.ego.y[-1] > ROAD.right_edge) == (y > 0.0)

@@ -475,6 +475,10 @@ def test_an_ego_that_its_lanes_end_stops_is_told_why():
             "moved its vehicle 0.00 m in a step",
         ),
         (lambda v, ego: v.moveTo(ego, "road_1", 400.0), "moved its vehicle"),
+        # sideways as fast as ahead
+        (lambda v, ego: v.moveToXY(ego, "", -1, 58.25, 1.0, 90.0, 2), "got 628.3 m/s2"),
+        # beyond what SUMO's answers can be
+        (lambda v, ego: v.setPreviousSpeed(ego, 5000.0), "is responsible: SUMO gave vehicle `ego`"),
     ],
 )
 def test_motion_that_no_vehicle_can_do_is_the_adss_error(trick, sentence):
