@@ -512,8 +512,9 @@ class Policies(EgoControl):
         target: the user's code, for the place of the error.
         """
         out_of_memory = isinstance(error, MemoryError)
-        asks_sumo = isinstance(error, RefusedCallError | self._traci.TraCIException)
+        asks_sumo = GUARD.refusal is not None or isinstance(error, self._traci.TraCIException)
         if (out_of_memory or asks_sumo) and not self._alone:
+            GUARD.refusal = None
             reason = Alone("together_failed", said(error)) if out_of_memory else ASKS_SUMO
             for row in rows:
                 world.leave(row, reason)
@@ -530,6 +531,14 @@ class Policies(EgoControl):
             world.keep_fault(world.case_of(row), error, target, self._terms.folder)
             if not (self.checks and isinstance(error, RefusedCallError)):
                 world.fail(row, fault, sentence)
+
+    def _error_of(self, call: Callable[..., Any], *arguments: Any) -> BaseException | None:
+        """The error of a call of the user's code, or a refusal that it caught and `_check` does not
+        report; None without one.
+        """
+        error, refusal = error_of(call, *arguments), GUARD.refusal
+        caught = refusal is not None and not (self._alone and self.checks)
+        return RefusedCallError("; ".join(refusal or ())) if caught and error is None else error
 
     def _look(self, time: float) -> tuple[list[Any], list[Any], list[Any]]:
         """The ego as it is, the ego as the ADS sees it, and the actors as it sees them, of each
@@ -558,7 +567,7 @@ class OneEach(Policies):
             if case in world.errors:
                 continue
             briefing = make_briefing(world.cases[case], world.each[case], self._terms)
-            error = error_of(policy.reset, briefing, TRACI, EGO)
+            error = self._error_of(policy.reset, briefing, TRACI, EGO)
             if error is not None:
                 self._fail(world, [case], error, "in reset", policy.target)
         self._check(world, 0.0)
@@ -610,6 +619,8 @@ class OneEach(Policies):
                     command = executor.command(wanted, egos[row], time, late=late)
                     answer = command.acceleration, command.steering
                 took = wall_time() - started
+                if GUARD.refusal is not None and not self._alone:  # the ADS caught it
+                    raise RefusedCallError
                 if took > terms.step_timeout:
                     raise ControllerTimeoutError(
                         f"The ADS must answer within {terms.step_timeout:g} s, took longer"
@@ -637,6 +648,7 @@ class OneEach(Policies):
             self._close_guarded(world, row, policy.close, policy.target)
         else:
             self._closed(world, row, policy.close, "ads_error", policy.target)
+            GUARD.refusal = None
         super().release(world, row)
 
 
@@ -725,7 +737,7 @@ class OverArrays(Policies):
 
     def _call(self, world: World, when: str, call: Callable[..., Any], *arguments: Any) -> bool:
         """Call the policy; whether it raised no error, which fails all rows."""
-        error = error_of(call, *arguments)
+        error = self._error_of(call, *arguments)
         if error is not None:
             rows = world.live.tolist()
             self._fail(world, rows, error, when, self._policy.target)

@@ -47,7 +47,7 @@ from sumo_eval.cosim.doors.controller import (
 from sumo_eval.cosim.doors.entry import split_entry, steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.kept_state import first_change, kept_state, reached_modules
-from sumo_eval.cosim.doors.traci_module import RefusedCallError, seen_as_traci
+from sumo_eval.cosim.doors.traci_module import GUARD, seen_as_traci
 from sumo_eval.cosim.doors.traci_program import TraciProgram, served
 from sumo_eval.cosim.doors.traci_view import sharing
 from sumo_eval.cosim.loop import (
@@ -610,4 +610,4 @@ class _Refused(ModuleType):
     """The module of `import traci` where SUMO holds many cases: it answers nothing."""
 
     def __getattr__(self, name: str) -> Any:
-        raise RefusedCallError(f"The ADS asked for traci.{name}; it is driven together with others")
+        GUARD.refuse(f"The ADS asked for traci.{name}", "it is driven together with others")
