@@ -19,6 +19,7 @@ from sumo_eval.scoring.rule import (
     got_worse,
     holm,
     many,
+    most_lost,
     newly_bad,
     severity_limit,
     tallies,
@@ -187,6 +188,8 @@ def _result(
     sentence += f" (P = {tally.chance:z.2g})"
     if tally.near and tally.least_kept <= settings.near_miss.kept_margin:
         sentence += f"; one kept {tally.least_kept:z.0%} of its margin"
+    if (lost := most_lost(tally)) >= settings.shift.lost:
+        sentence += f"; one lost {lost:z.2g}"
     keys = tuple(
         worse.part.changed.paired.new[pair].case for worse in tally.worse for pair in worse.which
     )

@@ -209,12 +209,17 @@ class ShiftSettings(Checked):
     cases: Annotated[PositiveInt, About("least number of worse cases")] = 3
     share: Annotated[Share, About("least share of worse cases")] = 0.05
     share_alone: Annotated[Share, About("share that fails if no case is better")] = 0.15
+    lost: Annotated[
+        Share, About("loss of task or likeness in a case from which `cases` fail if none is better")
+    ] = 0.3
     measure: Annotated[tuple[MeasureSettings, ...], About("what is watched")] = (
         MeasureSettings("task_share", 0.01),
         MeasureSettings("simulated_time", 0.25, 0.02, higher_is_better=False),
         MeasureSettings("human_likeness", 0.01),
         MeasureSettings("index", 0.01),
         MeasureSettings("overshoot", 0.1, higher_is_better=False),
+        MeasureSettings("min_thw", 0.1, 0.1),
+        MeasureSettings("max_jerk", 2.0, 0.2, higher_is_better=False),
         MeasureSettings("latency_relative", 10.0, 0.5, higher_is_better=False),
     )
 

@@ -331,15 +331,23 @@ def got_worse(total: Tally, settings: GateSettings) -> bool:
 
     Part two: W > B, and one of: P < 0.1; B = 0; a worse case kept at most 60 % of its margin.
     Part three: W >= max(3, 5 % of all cases) and P < 0.02; or W >= max(3, 15 % of all cases) and
-    B = 0.
+    B = 0; or W >= 3, B = 0, and a case lost 0.3 of its task or likeness.
     """
     if total.near:
         rule = settings.near_miss
         certain = total.chance < rule.chance or not total.better
         return total.number > total.better and (certain or total.least_kept <= rule.kept_margin)
     shift = settings.shift
-    none_better = not total.better and many(total, settings, shift.share_alone)
+    alone = 0.0 if most_lost(total) >= shift.lost else shift.share_alone
+    none_better = not total.better and many(total, settings, alone)
     return none_better or (many(total, settings, shift.share) and total.chance < shift.chance)
+
+
+def most_lost(total: Tally) -> float:
+    """The largest loss of task or likeness in a case, 0..1; 0 of any other measure."""
+    graded = total.measure.quantity in ("task_share", "human_likeness", "index")
+    worst = [(it, pair) for it in total.worse for pair in it.which[:1] if graded]
+    return max((float(it.before[pair] - it.after[pair]) for it, pair in worst), default=0.0)
 
 
 def many(total: Tally, settings: GateSettings, share: float) -> bool:
