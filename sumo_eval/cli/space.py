@@ -43,8 +43,10 @@ def partition(scenario: str) -> None:
 
     logical = find(scenario, Path.cwd())
     result = describe_zones(logical, split(logical), draw(logical))
-    share = f"{result.hazardous_share:z.1%} of {result.sampled} grid points"
-    tell(f"{logical.name}: {result.zones} hazardous zone(s), {share}")
+    tell(
+        f"{logical.name}: {result.zones} hazardous zone(s), {result.hazardous_share:z.1%} of "
+        f"{result.sampled} grid points"
+    )
     say(f"  most dangerous point: {point_words(point)}" for point in result.most_dangerous)
     wrong = f"{result.boundary_error:z.2%} of the possible points"
     if math.isnan(result.boundary_error):

@@ -61,11 +61,11 @@ def find_with(vehicle: VehicleSettings, use: str, folder: Path) -> LogicalScenar
     from the bumpers of this vehicle.
     """
     logical, length = catalogue.find(use, folder), vehicle.length
-    place, body = logical.place, EgoBody(length, vehicle.width)
+    place = logical.place
     if logical.ego_body or length == STANDARD_EGO.length or not isinstance(place, Placement):
         return logical
     ego = replace(place.ego, length=length, width=vehicle.width)
-    return replace(logical, ego_body=body, place=replace(place, ego=ego))
+    return replace(logical, ego_body=EgoBody(length, vehicle.width), place=replace(place, ego=ego))
 
 
 def refuse_doubles(names: Sequence[str]) -> None:

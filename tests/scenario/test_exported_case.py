@@ -12,7 +12,7 @@ from sumo_eval.extras.openscenario.logical import concrete, read_file
 from sumo_eval.extras.openscenario.written import scenario_content
 from sumo_eval.extras.wheel.tape import digest
 from sumo_eval.scenario.catalogue import SCENARIOS, load
-from sumo_eval.scenario.concrete import Actor, Model, Start
+from sumo_eval.scenario.concrete import Actor, Model, Start, brake_to_stop
 from sumo_eval.settings import SimulationSettings
 
 
@@ -43,6 +43,13 @@ def test_exported_case_drives_to_the_same_digest(tmp_path, name):
     again = concrete(read_file(exported(tmp_path, case)), {})
     for controller in ("idm", "no_reaction"):
         assert digest(simulate(again, controller)) == digest(simulate(case, controller))
+
+
+def test_a_written_braking_keeps_its_jerk(tmp_path):
+    case = middle("front_vehicle_braking")
+    lead = replace(case.actors[0], acts=(brake_to_stop(1.0, 5.0, 10.0),))
+    read = read_file(exported(tmp_path, replace(case, actors=(lead,))))
+    assert scenario_content(read, {})["vehicle"][0]["manoeuvre"][0]["jerk"] == 10.0
 
 
 def test_a_written_curve_has_its_name_once(tmp_path):

@@ -146,6 +146,8 @@ def _act(act: played.Act, name: str, names: Sequence[str]) -> dict[str, Any]:
     table: dict[str, Any] = {"name": name, "begin": act.begin}
     if act.program:
         table["when"] = condition_text(act.program, names)
+    if act.jerk < math.inf:  # of a change of speed in an exported case
+        table["jerk"] = act.jerk
     match act.kind:
         case played.KEEP:
             return {"do": "keep_speed", **table}

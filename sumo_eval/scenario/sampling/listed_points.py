@@ -44,11 +44,12 @@ def from_function(logical: LogicalScenario, request: Request, locator: str) -> D
     count, owner = request.wanted(logical), f"sampler `{locator}`"
     function = load_object(locator, request.folder, "Sampler")
     if not callable(function):
-        kind = type(function).__name__
-        raise must_be(f"Sampler `{locator}`", f"scenario `{logical.name}`", "a function", kind)
+        raise must_be(
+            f"Sampler `{locator}`", f"scenario `{logical.name}`", "a function",
+            type(function).__name__,
+        )  # fmt: skip
     try:
-        chosen = function(logical, count, request.stream(logical, locator))
-        points = np.asarray(chosen, float)
+        points = np.asarray(function(logical, count, request.stream(logical, locator)), float)
     except KeyboardInterrupt:
         raise
     except BaseException as error:
@@ -69,5 +70,7 @@ def _check_box(logical: LogicalScenario, points: np.ndarray, owner: str) -> None
     outside = np.argwhere(~((points >= logical.low) & (points <= logical.high)))
     for row, column in outside[:1].tolist():  # the error names the first one
         item = logical.parameters[column]
-        what, must = f"`{item.name}` of point {row + 1}", f"within {item.low:g}..{item.high:g}"
-        raise must_be(what, owner, must, float(points[row, column]))
+        raise must_be(
+            f"`{item.name}` of point {row + 1}", owner, f"within {item.low:g}..{item.high:g}",
+            float(points[row, column]),
+        )  # fmt: skip
