@@ -48,4 +48,7 @@ def read_xml(path: Path, what: str, largest: int = LARGEST) -> Element:
             f"{what} {path} must not declare a document type or entities: none is ever expanded "
             "here."
         )
+    # the default namespace of some writers: without it tags are as in all other files
+    for element in root.iter("{*}*") if root.tag.startswith("{") else ():
+        element.tag = etree.QName(element).localname
     return root

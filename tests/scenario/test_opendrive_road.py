@@ -10,6 +10,7 @@ import pytest
 from refusals import refusal
 
 from sumo_eval.cosim.openscenario import opendrive_xml
+from sumo_eval.extras.openscenario.network import read_network
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.road.lanes import Crossing, LaneSpan
@@ -45,11 +46,28 @@ def written(tmp_path, **parts):
     return path
 
 
-def test_a_comment_before_a_shape_is_skipped(tmp_path):
+BORDER = '<width sOffset="0" a="2" b="0" c="0" d="0"/>'
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("<line/>", "<!-- straight --><line/>"),
+        ("<OpenDRIVE>", '<OpenDRIVE xmlns="http://www.opendrive.org">'),
+        (BORDER, BORDER + BORDER.replace('sOffset="0"', 'sOffset="50"')),
+        (BORDER, BORDER.replace('b="0" c="0"', 'b="1e-11" c="-1e-13"')),
+        ("<lanes>", '<lanes><laneOffset s="0" a="0" b="0" c="1e-13" d="-1e-15"/>'),
+        ("</lanes>", "{section}</lanes>"),
+    ],
+)
+def test_law_content_without_shape_changes_no_road(tmp_path, old, new):
     path = written(tmp_path)
-    plain = read_opendrive(path)
-    path.write_text(path.read_text().replace("<line/>", "<!-- straight --><line/>"))
-    assert read_opendrive(path) == plain
+    plain, text = read_opendrive(path), path.read_text()
+    roads = read_network(path).roads
+    section = text[text.index("<laneSection") : text.index("</lanes>")]
+    new = new.format(section=section.replace('s="0"', 's="40"', 1))
+    path.write_text(text.replace(old, new))
+    assert (read_opendrive(path), read_network(path).roads) == (plain, roads)
 
 
 @needs_catalogues

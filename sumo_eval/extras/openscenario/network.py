@@ -13,7 +13,14 @@ from typing import NamedTuple
 
 from sumo_eval.errors import InputError, did_you_mean
 from sumo_eval.extras.openscenario.reading import Node, depends_on
-from sumo_eval.scenario.road.opendrive import DRIVEN, PROFILES, lane_offset, reference_line
+from sumo_eval.scenario.road.opendrive import (
+    DRIVEN,
+    PROFILES,
+    constant,
+    cubics_of,
+    lane_offset,
+    reference_line,
+)
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Line, bends, frame_places, length_of
 from sumo_eval.scenario.xml_file import read_xml
@@ -183,20 +190,24 @@ def _read(path: Path, changed: int) -> Network:
 def _road(element: Node, name: str) -> MapRoad:
     owner = f"road `{name}` of OpenDRIVE file {element.file.name}"
     line, begin = reference_line(element.element, owner)
-    sections = element.all("lanes/laneSection")
-    if len(sections) != 1:
+    sections, length = element.all("lanes/laneSection"), length_of(line)
+    shift = lane_offset(element.element, owner, length, flat=True)
+    lanes = [_lanes(it, shift, length) for it in sections]
+    if not lanes or lanes.count(lanes[0]) < len(lanes):
         raise element.fault(f"it must have one <laneSection>, got {len(sections)}")
-    lanes = _lanes(sections[0], lane_offset(element.element, owner, flat=True))
     # with left-hand traffic too vehicles are in the lanes of the file, but the report must say so:
     # an ADS here overtakes on the left
-    kinds = {"elevation": _sloped(element), "left-hand traffic": element.get("rule") == "LHT"}
-    return MapRoad(name, begin, line, lanes, tuple(kind for kind, has in kinds.items() if has))
+    kinds = {
+        "elevation": _sloped(element, length),
+        "left-hand traffic": element.get("rule") == "LHT",
+    }
+    return MapRoad(name, begin, line, lanes[0], tuple(kind for kind, has in kinds.items() if has))
 
 
-def _lanes(section: Node, shift: float) -> dict[float, Lane]:
+def _lanes(section: Node, shift: float, length: float) -> dict[float, Lane]:
     """The lanes of a section by number.
 
-    shift: of all lanes to the left, m.
+    shift: of all lanes to the left, m. length: of the road, m.
     """
     lanes: dict[float, Lane] = {}
     for side, sign, must in (("left", 1.0, "above"), ("right", -1.0, "below")):
@@ -207,22 +218,17 @@ def _lanes(section: Node, shift: float) -> dict[float, Lane]:
                 raise lane.fault(f"its `id` must be {must} 0, got {number}")
             if number in lanes:
                 raise lane.fault(f"there is another lane with the `id` {number}")
-            widths = lane.all("width")
-            if len(widths) != 1 or any(widths[0].number(key, 0.0) for key in "bcd"):
+            widths = cubics_of(lane.all("width"), "sOffset", Node.number)
+            if not widths or not constant(widths, length):
                 raise lane.fault("its width must be one constant")
-            width = widths[0].number("a")
+            width = widths[0][1]
             centre = shift + sign * (edge + 0.5 * width)
             lanes[number] = Lane(number, str(lane.get("type")), centre, width)
             edge += width
     return lanes
 
 
-def _sloped(road: Node) -> bool:
+def _sloped(road: Node, length: float) -> bool:
     """Whether a road is not level: its height changes, or it has a superelevation."""
-    # the different polynomials of either profile, each as its coefficients a, b, c, d
-    heights, tilts = (
-        {tuple(it.number(key, 0.0) for key in "abcd") for it in road.all(name)} for name in PROFILES
-    )
-    # level: one height `a`, whatever it is, and b, c, d of 0
-    level = len(heights) < 2 and not any(any(slopes) for _, *slopes in heights)
-    return not level or any(map(any, tilts))
+    heights, tilts = (cubics_of(road.all(name), "s", Node.number) for name in PROFILES)
+    return not (constant(heights, length) and constant([(0.0, 0.0), *tilts], length))

@@ -15,9 +15,10 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from lxml import etree
 
@@ -147,12 +148,14 @@ def _stretch(road: Element, owner: str, *, against: bool) -> ReadRoad:
     return ReadRoad(line, *lanes, length_of(line), begin.moved(0.0, offset))
 
 
-def _number(element: Element, name: str, owner: str, default: str = "nothing") -> float:
+def _number(owner: str, element: Element, name: str, default: float | None = None) -> float:
     """A finite number in an attribute; `default` counts where it is missing."""
-    text = element.get(name, default)
+    text = element.get(name)
+    if text is None and default is not None:
+        return default
     value = number_in(text)
     if math.isnan(value):
-        raise must_be(f"`{name}` of <{element.tag}>", owner, "a finite number", text)
+        raise must_be(f"`{name}` of <{element.tag}>", owner, "a finite number", text or "nothing")
     return value
 
 
@@ -167,18 +170,21 @@ def reference_line(road: Element, owner: str) -> tuple[Line, Pose]:
     pieces: list[Piece] = []
     begin = None
     for geometry in road.iterfind("planView/geometry"):
-        pose = Pose(*(_number(geometry, name, owner) for name in ("x", "y", "hdg")))
+        pose = Pose(*(_number(owner, geometry, name) for name in ("x", "y", "hdg")))
         if begin is None:
             begin = pose
-        _check_joint(pieces, begin, pose, owner)
+        # each geometry must begin where the ones before it end
+        s = length_of(pieces)
+        what, off = f"The <geometry> at s = {s:g}", begin.along(pieces, s).off(pose)
+        _check_near(what, owner, "where the one before it ends", *off)
         # an empty <geometry> stands for its shape, and is refused below as none that is supported
         shape = next(geometry.iterfind("*"), geometry)
         kind = str(shape.tag)
-        length = _number(geometry, "length", owner)
+        length = _number(owner, geometry, "length")
         if kind == "paramPoly3":
             pieces += pieces_along(_cubic(shape, length, owner), length, owner)
         elif kind in _CURVATURES:
-            ends = (_number(shape, name, owner) for name in _CURVATURES[kind])
+            ends = (_number(owner, shape, name) for name in _CURVATURES[kind])
             pieces.append(piece_of_file(capitalised(owner), length, *ends))
         else:
             raise must_be("A <geometry>", owner, "a line, an arc, a spiral or a paramPoly3", kind)
@@ -191,7 +197,7 @@ def reference_line(road: Element, owner: str) -> tuple[Line, Pose]:
 def _cubic(shape: Element, length: float, owner: str) -> Cubic:
     """The curve of a <paramPoly3>, which must begin where and as its geometry says."""
     along, left = (
-        tuple(_number(shape, f"{letter}{axis}", owner) for letter in "abcd") for axis in "UV"
+        tuple(_number(owner, shape, f"{letter}{axis}") for letter in "abcd") for axis in "UV"
     )
     kinds = {"arcLength": length, "normalized": 1.0}
     kind = shape.get("pRange", "normalized")
@@ -200,13 +206,6 @@ def _cubic(shape: Element, length: float, owner: str) -> Cubic:
     what = "one that begins at its <geometry>"
     _check_near("A <paramPoly3>", owner, what, off, turned)
     return Cubic(along, left, kinds[kind])
-
-
-def _check_joint(pieces: list[Piece], begin: Pose, pose: Pose, owner: str) -> None:
-    """Each geometry must begin where the ones before it end."""
-    s = length_of(pieces)
-    off, what = begin.along(pieces, s).off(pose), f"The <geometry> at s = {s:g}"
-    _check_near(what, owner, "where the one before it ends", *off)
 
 
 def _check_near(what: str, owner: str, must: str, off: float, turned: float) -> None:
@@ -220,31 +219,49 @@ PROFILES = ("elevationProfile/elevation", "lateralProfile/superelevation")
 """Elements that give a road height and tilt, which the plane of the map does not have."""
 
 
-def lane_offset(road: Element, owner: str, *, flat: bool = False) -> float:
+def constant(cubics: Sequence[tuple[float, ...]], length: float) -> bool:
+    """Whether cubics (start s, a, b, c, d) have one value over a length, within `_SAME`."""
+    return all(
+        abs(a - cubics[0][1]) + sum(abs(it) * length**power for power, it in enumerate(rest, 1))
+        <= _SAME
+        for _, a, *rest in cubics
+    )
+
+
+def cubics_of(
+    entries: Sequence[Any], place: str, number: Callable[[Any, str, float | None], float]
+) -> list[tuple[float, ...]]:
+    """Cubics for `constant`.
+
+    place: attribute in which each begins.
+    number: reads an attribute of an entry, which must be there unless a default is given.
+    """
+    keys = place, *"abcd"
+    return [tuple(number(it, key, None if key == "a" else 0.0) for key in keys) for it in entries]
+
+
+def lane_offset(road: Element, owner: str, length: float, *, flat: bool = False) -> float:
     """Shift of a level road's lanes to the left of its reference line, m.
 
+    length: of the road, m.
     flat: ignore heights and tilts.
 
     Raises InputError where the shift or the height changes along the road, or where the road is
     tilted.
     """
-    constants = []  # of the shift, then of the profiles
-    for name in ("lanes/laneOffset", *(() if flat else PROFILES)):
-        entries = list(road.iterfind(name))
-        # each entry: a + b ds + c ds^2 + d ds^3 from its s on
-        values = {_number(entry, "a", owner) for entry in entries}
-        if all(_number(entry, "s", owner, "0") > 0.0 for entry in entries):
-            values.add(0.0)  # before the first entry, or throughout where there is none
-        changing = [
-            entry for entry in entries if any(_number(entry, key, owner, "0") for key in "bcd")
-        ]
-        tilted = name == "lateralProfile/superelevation" and values != {0.0}
-        if changing or len(values) > 1 or tilted:
-            shown = etree.tostring((changing or entries)[0]).decode().strip()
-            wanted = "0: roads are driven on the plane" if tilted else "constant along the road"
+    for name in (*(() if flat else PROFILES), "lanes/laneOffset"):
+        entries, tilt = list(road.iterfind(name)), name == PROFILES[1]
+        cubics = cubics_of(entries, "s", partial(_number, owner))
+        if tilt or all(cubic[0] > 0.0 for cubic in cubics):
+            # before the first entry, or throughout where there is none; and of each tilt
+            cubics.insert(0, (0.0, 0.0))
+        if not constant(cubics, length):
+            own = zip(entries, cubics[-len(entries) :], strict=True)
+            changed = next(it for it, cubic in own if not constant([cubics[0], cubic], length))
+            shown = etree.tostring(changed).decode().strip()
+            wanted = "0: roads are driven on the plane" if tilt else "constant along the road"
             raise must_be(f"<{entries[0].tag}>", owner, wanted, shown)
-        constants.append(values.pop())
-    return constants[0]
+    return cubics[0][1]
 
 
 class _Section(NamedTuple):
@@ -271,7 +288,7 @@ def _driving_lanes(
     number, width: of the driving lanes; m.
     spans: of the outermost one, if it does not exist throughout.
     """
-    shift = lane_offset(road, owner)
+    shift = lane_offset(road, owner, length)
     side = "left" if against else "right"
     sections = _sections(road, owner, length, side)
 
@@ -309,7 +326,7 @@ def _sections(road: Element, owner: str, length: float, side: str) -> list[_Sect
     elements = road.findall("lanes/laneSection")
     if not elements:
         raise must_be("The lane sections", owner, "at least one", 0)
-    begins = [_number(it, "s", owner) if len(elements) > 1 else 0.0 for it in elements]
+    begins = [_number(owner, it, "s") if len(elements) > 1 else 0.0 for it in elements]
     return [
         _Section(begin, end, sorted(element.findall(f"{side}/lane"), key=_rank))
         for element, begin, end in zip(elements, begins, [*begins[1:], length], strict=True)
@@ -336,11 +353,11 @@ def _inner_lanes(
                 begins[rank] = offset
                 continue
             name = f"lane {lane.get('id')}"
-            knots = _widths(lane, section.begin, section.end, owner)
-            # a constant width has two knots, at the section's begin and end
-            width, at_end, *more = (value for _, value in knots)
-            if width != at_end or more:
-                raise must_be(f"The width of {name}", owner, "constant", f"{width:g}..{at_end:g} m")
+            values = [value for _, value in _widths(lane, section.begin, section.end, owner)]
+            width = values[0]
+            if max(values) - min(values) > _SAME:
+                got = f"{width:g}..{values[-1]:g} m"
+                raise must_be(f"The width of {name}", owner, "constant", got)
             moved = abs(begins.setdefault(rank, offset) - offset)
             if max(moved, abs(widths.setdefault(rank, width) - width)) > _SAME:
                 at = f"{width:g} m at s = {section.begin:g}"
@@ -380,18 +397,16 @@ def _widths(lane: Element, begin: float, end: float, owner: str) -> _Knots:
     begin, end: s of its section, m.
     """
     knots: _Knots = []
-    entries = lane.findall("width")
-    if not entries:
+    cubics = cubics_of(lane.findall("width"), "sOffset", partial(_number, owner))
+    if not cubics:
         raise InputError(f"Lane {lane.get('id')} of {owner} must have a <width>.")
-    offsets = [_number(it, "sOffset", owner) if len(entries) > 1 else 0.0 for it in entries]
-    ends = [begin + offset for offset in offsets[1:]]
-    for entry, offset, last in zip(entries, offsets, [*ends, end], strict=True):
+    ends = [*(begin + offset for offset, *_ in cubics[1:]), end]
+    for (offset, a, b, *curved), last in zip(cubics, ends, strict=True):
         first = begin + offset
-        if any(_number(entry, key, owner, "0") for key in "cd"):
+        if not constant([(0.0, 0.0, 0.0, *curved)], last - first):
             raise must_be(
                 f"The width of lane {lane.get('id')}", owner, "constant, or linear", "a polynomial"
             )
-        a, b = _number(entry, "a", owner), _number(entry, "b", owner, "0")
         knots += [(first, a), (last, a + b * (last - first))]
     return knots
 
