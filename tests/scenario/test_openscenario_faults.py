@@ -256,6 +256,12 @@ def test_a_road_with_one_thing_wrong_is_refused_with_its_element(tmp_path, sente
     assert re.search(sentence, found), found
 
 
+def test_ego_at_the_end_of_its_road_is_refused(tmp_path):
+    path = change(written(tmp_path), EGO_PLACE, EGO_PLACE.replace("20", "994"))
+    change(path, OTHER_PLACE, EGO_PLACE)
+    assert "<ScenarioObject>: its front must be over 5 m before its road's end" in said(path)
+
+
 def test_two_lateral_moves_each_start_from_their_lane(tmp_path):
     """From lane 1 one lane to the right and one to the left again, each relative to itself: 0 m and
     then as it began, 0.25 m beside its lane's middle at the start.

@@ -186,6 +186,10 @@ def _impossible(path: Path, case: FileCase) -> Iterator[InputError]:
 
     for wrong in misplaced(road, case.ego, case.ego_body, case.actors):
         yield declared(wrong.name).fault(f"its body must be {wrong.must}")
+    if case.ego.x + 0.5 * case.ego_body.length + _BEFORE_END >= frame.length:
+        yield declared("ego").fault(
+            f"its front must be over {_BEFORE_END:g} m before its road's end"
+        )
     for name, start in ("ego", case.ego), *((it.name, it.start) for it in case.actors):
         if start.speed > road.speed_limit:
             fastest = f"at most {road.speed_limit:g} m/s, the fastest that roads here allow"
