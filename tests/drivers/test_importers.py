@@ -69,6 +69,8 @@ def test_highd_width_is_the_length_y_points_down_and_the_corner_is_the_upper_lef
 def test_ngsim_feet_front_centre_and_lanes_from_the_left(tmp_path):
     path = recording("samples", "ngsim_layout_i80_pairs.csv")
     table, raw = ngsim.read(path)[0], pd.read_csv(path)
+    raw.to_csv(tmp_path / path.name)  # with a column of row numbers
+    assert ngsim.read(tmp_path / path.name)[0].equals(table)
     # Local_X 6.627 ft, Local_Y 77.133 ft, v_length 16.798 ft, lane 1
     first = raw[raw["Vehicle_ID"] == 101].iloc[0]
     row = table[table["vehicle"] == "101"].iloc[0]
@@ -458,6 +460,16 @@ def test_lanes_are_found_when_the_axis_changes_lanes(tmp_path):
     pd.concat(cars).to_csv(tmp_path / "a.csv", index=False)
     table = import_recordings("map", [tmp_path / "a.csv"]).table.query("vehicle != '0'")
     assert table["lane"].eq(table["vehicle"].astype(int) % 2).all()
+
+
+def test_law_places_do_not_jump_from_lap_to_lap(tmp_path):
+    angle = np.arange(0.0, 14.0, 0.013)  # 1.3 m a sample, over two laps of 628 m
+    x, y = 100.0 * np.sin(angle), 100.0 * np.cos(angle)
+    laps = pd.DataFrame({"vehicle": "v", "t": 10.0 * angle, "x": x, "y": y})
+    laps.to_csv(tmp_path / "a.csv", index=False)
+    table = import_recordings("map", [tmp_path / "a.csv"]).table
+    assert np.diff(table["x"]) == pytest.approx(10.0 * np.diff(table["t"]), rel=0.02)
+    assert np.ptp(table["x"]) > 400.0
 
 
 def test_a_table_on_a_map_without_a_place_is_refused_with_its_row(tmp_path):

@@ -93,7 +93,8 @@ def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
     return streams, {
         f"vehicles that move less than {SHORTEST_AXIS:g} m are left out": standing,
         "vehicles that drive along no path are left out": len(lengths) - standing - len(driving),
-        "samples of vehicles beside or beyond the path that they drive along are left out": samples,
+        "samples of vehicles off the path that they drive along or on another lap of it are left "
+        "out": samples,
     }
 
 
@@ -104,13 +105,22 @@ def _chained(longest: str, paths: dict[str, FloatArray]) -> FloatArray:
     A path that is joined on is shifted sideways to where the axis ends, so the axis keeps to its
     lane. The axis does not come back to a place where it has been.
     """
-    line = _line(paths[longest])
+    line = _first_lap(_line(paths[longest]))
     for order in (1, -1):  # ahead, then (turned round) behind
         lines = {name: _line(path)[::order] for name, path in paths.items() if name != longest}
         while (part := _continuation(line, lines)) is not None:
             line = np.vstack((line, part))
         line = line[::-1]
     return _axis(line)
+
+
+def _first_lap(line: FloatArray) -> FloatArray:
+    """A line (n, 2) up to where it comes back to itself in one direction."""
+    first, later = cKDTree(line).query_pairs(HALF_WIDTH, output_type="ndarray").T
+    course = np.gradient(line, axis=0)
+    same_way = (course[first] * course[later]).sum(axis=1) > np.cos(WRONG_WAY)
+    back = later[same_way & (later - first > 2 * HALF_WIDTH)]
+    return line[: back.min(initial=len(line))]
 
 
 def _stream(rows: pd.DataFrame, axis: FloatArray, longest: str) -> pd.DataFrame:
@@ -123,7 +133,10 @@ def _stream(rows: pd.DataFrame, axis: FloatArray, longest: str) -> pd.DataFrame:
     share = pd.Series(along, index=rows.index).groupby(rows["vehicle"]).transform("mean")
     member = (share >= MEMBER_SHARE) | (rows["vehicle"] == longest)
     stream: pd.DataFrame = rows.assign(x=s, y=d, heading=heading)[member.to_numpy() & along]
-    return stream
+    # on another lap places jump back to the begin
+    steps = stream.groupby("vehicle")[["x", "t"]].diff()
+    jumps = steps["x"].abs() > 2.0 * (HALF_WIDTH + stream["speed"] * steps["t"])
+    return stream[jumps.groupby(stream["vehicle"]).cumsum() == 0]
 
 
 def _continuation(line: FloatArray, lines: dict[str, FloatArray]) -> FloatArray | None:
