@@ -80,8 +80,8 @@ def _rows(path: Path) -> pd.DataFrame:
     """The file's samples, with a column `place`, sorted by place, vehicle and time."""
     with input_file(path, "file").open("rb") as file:
         first = file.readline().lstrip()
-    # a title, maybe behind a quote or a byte order mark
-    has_head_row = first[:1].isalpha() or first[:1] in (b'"', b"\xef")
+    # a title, maybe behind a quote, a byte order mark, or the comma of a column of row numbers
+    has_head_row = first[:1] not in b"+-.0123456789"
     if has_head_row:
         spelling = {name.lower(): name for name in (*_NEEDED, "Location")}
         rows = read_table(path, (), dtype={"Location": str}).rename(
