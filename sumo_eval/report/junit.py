@@ -277,7 +277,7 @@ def _change_test(case: CaseResult, change: ChangedCase | None, unit: str) -> Tes
 def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> Iterator[Test]:
     """One test for each cell of the sampled box that holds cases.
 
-    It is a failure if any case in it is one, else an error if any case in it is one.
+    The test is a failure if any of its cases is a failure, else an error if any is an error.
     """
     if not len(cases):
         return

@@ -95,12 +95,13 @@ def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
     """Cases that could not be evaluated: the first of each of `MOST_LISTED` kinds, and how many
     more there are.
 
-    A kind is: one ADS, one status, and one place of its code or one reason, whatever its numbers in
-    a case that was driven to its end. Only the first case of a kind is held: a million may be
-    missing.
+    Cases are of one kind if ADS, status and place in the ADS's code are equal, or without a place
+    the reason. Numbers in the reason of a case that was driven to its end do not count. Only the
+    first case of a kind is kept in memory: a million may be missing.
     """
     first: dict[tuple[str, str, str], tuple[str, str]] = {}
-    more: Counter[tuple[str, str, str] | None] = Counter()  # None: all kinds that are not listed
+    # number of further cases of each kind that is listed; None: of all that are not
+    more: Counter[tuple[str, str, str] | None] = Counter()
     for case in chain.from_iterable(unevaluated(evaluation)):
         sentence = why_missing(case)
         alike = without_numbers(sentence) if case.evaluated else case.error_place or sentence

@@ -15,8 +15,7 @@ from sumo_eval.scenario.concrete import Actor, EgoBody, Road, Start
 STANDARD_EGO = EgoBody(4.5, 1.8)
 """The ego's body where a scenario has none of its own."""
 _TOUCH = 1e-6  # m: bodies that overlap by less only touch
-# m beside the road up to which actors may be that come from there or stand there
-_BESIDE = 300.0
+_BESIDE = 300.0  # m: largest distance from the road of an actor that may be beside it (`_reach`)
 
 
 class Misplaced(NamedTuple):
@@ -87,8 +86,8 @@ def _in_junctions(
 
 
 def _reach(actor: Actor, furthest: float) -> float:
-    """Distance that an actor may be beside the lanes, m: 0 for a motor vehicle that SUMO drives
-    from the start, or whose script depends on time alone.
+    """Largest distance of an actor from the lanes, m: 0 for a motor vehicle that SUMO drives from
+    the start, or whose script depends on time alone.
     """
     beside = actor.body in VULNERABLE or (actor.lively and not actor.follows_at_once)
     return furthest if beside else 0.0

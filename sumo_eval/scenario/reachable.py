@@ -52,7 +52,7 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
     }
     keeps = {index for index, act in acts.items() if act.kind == played.KEEP}
     # Moves that never end: those that keep the speed, and those that never begin. A move that waits
-    # for the end of one of them never begins either: repeat until no more follow.
+    # for one of these to end never begins either, so repeat until a round finds no further move.
     endless: set[tuple[int, int]] = set()
     while True:
         never = {
@@ -70,8 +70,8 @@ def leaves_at(concrete: ConcreteScenario, time_limit: float) -> Iterator[tuple[s
 
     time_limit: of the case, s.
 
-    The ego keeps its speed, or follows a slower vehicle at a headway of `_HEADWAY`. A vehicle that
-    a SUMO model drives keeps its first speed.
+    The ego is assumed to keep its speed, or to follow a slower vehicle at a headway of `_HEADWAY`,
+    and a vehicle that a SUMO model drives to keep its first speed.
     """
     ego, road, end = concrete.ego, concrete.road, concrete.road.end
     if not concrete.actors:

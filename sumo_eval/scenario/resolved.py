@@ -57,8 +57,8 @@ class Resolved:
 
 
 def find_with(vehicle: VehicleSettings, use: str, folder: Path) -> LogicalScenario:
-    """A scenario by its name, file or locator. Where it prescribes no body of the ego, its gaps are
-    from the bumpers of this vehicle.
+    """A scenario by its name, file or locator. Where it prescribes no body of the ego, its gaps
+    begin at the bumpers of this vehicle.
     """
     logical, length = catalogue.find(use, folder), vehicle.length
     place = logical.place

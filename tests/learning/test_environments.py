@@ -324,8 +324,9 @@ def test_an_action_of_a_discrete_set_is_its_values():
     for action in (0, 4):
         env.step(action)
     assert asked == [[-2.0, -0.1], [1.0, 0.0]]
-    with refusal("whole numbers from 0 to 5"):
-        env.step(6)
+    for wrong in (6, [1, 2]):
+        with refusal("whole numbers from 0 to 5"):
+            env.step(wrong)
     with refusal("given for every action or for none"):
         Interface(RAW.features, (set_of[0], Action("steering")))
 

@@ -41,8 +41,9 @@ def _answers(interface: Interface, actions: Any, count: int) -> Floats:
             return values.reshape(count, -1)
         wanted, given = f"{count} x {width} numbers", values.shape
     else:
-        index = np.asarray(actions).reshape(count)
-        if index.dtype.kind in "iu" and ((index >= 0) & (index < width)).all():
+        index = np.asarray(actions).ravel()
+        whole = len(index) == count and index.dtype.kind in "iu"
+        if whole and 0 <= index.min() <= index.max() < width:
             return np.asarray(np.eye(width)[index])
         wanted, given = f"whole numbers from 0 to {width - 1}", actions
     raise must_be("The actions", "an environment", wanted, given)

@@ -40,10 +40,10 @@ ROUND = 0.2  # share of the budget in each later round
 POOL = 4096  # points of each of the three kinds in `_pool`
 ASKED = 1024  # about how many points of the pool have their danger computed
 STRETCHED = 2.5  # factor by which the pool spreads exposed points away from their median
-LIKELY = 0.3  # least probability of a collision for a point of the first mixture
-SURE = 0.8  # least probability of a collision for a point of the second mixture
+LIKELY = 0.3  # the first mixture lies over points that collide with at least this probability
+SURE = 0.8  # the second mixture: the same
 CENTRES = 256  # Gaussians in a mixture
-POLISHED = 3  # times that a mixture is fitted to draws from itself
+POLISHED = 3  # times that a mixture is fitted again, to draws from itself
 NORMALISED = 65_536  # draws that estimate the integral of the exposure
 
 Limits = tuple[float, float, float]
@@ -58,7 +58,7 @@ class Met(NamedTuple):
 
     joint: distribution of all parameters; None: each parameter has its own.
     scale: integral of the exposure over the possible points, by which p is divided.
-    heaviest: largest p over `base_density`.
+    heaviest: largest ratio of p to `base_density`: the largest weight of a point drawn by `base`.
     """
 
     logical: LogicalScenario
@@ -276,7 +276,7 @@ class RareEvents:
         """Draw `size` points that count; impossible ones have no drive."""
         logical, mixtures = self.met.logical, self._mixtures(stream)
         defensive = DEFENSIVE if mixtures else 1.0
-        # the mixtures take turns: for each, whether each point may come from it
+        # the mixtures take turns: of each, which points (size,) it may draw
         turns = [np.arange(size) % len(mixtures) == turn for turn in range(len(mixtures))]
         drawn, density = 0, np.zeros(size)
         while not density.any():  # until at least one point is possible

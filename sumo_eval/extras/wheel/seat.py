@@ -20,7 +20,7 @@ from sumo_eval.extras.wheel.tape import LeftTheWheelError, Player, Writer
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
-STALL = 0.1  # s that a step may be late before the clock is reset, so that time does not jump
+STALL = 0.1  # s: a step that is later than this resets the clock, so that time does not jump
 GLANCE = 0.005  # s between two looks whether a drive on hold may continue
 # s without a step, or without an answer of the window, after which a drive is put on hold
 ASLEEP = 2.0
@@ -51,10 +51,10 @@ class Desk:
     """State of a drive that `Seat` and `Window` share.
 
     newest: the latest input of the page.
-    on_hold: why the drive is on hold; empty: it is not.
-    was_held: why it was put on hold since the seat last looked, even if it is released by now.
-    end_reason: why it is to end; empty: it is not.
-    due: when a drive that is released continues, by `perf_counter`, s.
+    on_hold: reason why the drive is on hold; empty: it is not.
+    was_held: reason why it was put on hold since the seat last looked, even if it no longer is.
+    end_reason: reason why it must end; empty: it continues.
+    due: when the countdown after a hold is over, by `perf_counter`, s.
 
     Two threads use it without a lock: an attribute is read or set as a whole.
     """

@@ -24,11 +24,11 @@ Numbers = NDArray[np.intp]
 
 
 def combinations(logical: LogicalScenario, request: Request) -> Drawn:
-    """Every possible combination of values of `strength` parameters, in few points; by default, as
-    in the method `pairwise`, of 2.
+    """Few points with every possible combination of values of any `strength` parameters, by
+    default 2, as in the method `pairwise`.
 
-    A covering array, and further points for combinations that only its excluded points hold.
-    `sample` takes out the points that a constraint excludes.
+    A covering array, and further points for possible combinations that it holds only in points that
+    a constraint excludes. `sample` takes out the excluded points.
     """
     most = len(logical.parameters)
     strength = min(2, most) if request.strength is None else request.strength
@@ -45,11 +45,11 @@ def combinations(logical: LogicalScenario, request: Request) -> Drawn:
     else:
         values = [list(range(size)) for size in sizes]
         rows = list(covertable.make(values, strength=strength, salt=str(request.seed)))
-    # numbers of the chosen points in the grid; codes: numbers of the combinations in every point
+    # numbers in the grid of the array's points
     chosen = np.ravel_multi_index(tuple(np.array(rows, dtype=np.intp).T), tuple(sizes))
     codes = tuples_of(levels, sizes, strength)
     added = _complete(chosen[feasible[chosen]], np.flatnonzero(feasible), codes)
-    numbers = np.unique(np.concatenate([chosen, added]))
+    numbers = np.union1d(chosen, added)
     total = sum(map(math.prod, itertools.combinations(sizes, strength)))
     held = sum(len(np.unique(code[feasible])) for code in codes)
     if held < total:
