@@ -6,6 +6,8 @@ from collections import Counter
 import pytest
 
 from sumo_eval.extras.wheel.plan import balanced_orders
+from sumo_eval.extras.wheel.study import Participant
+from sumo_eval.extras.wheel.tape import json_lines
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 8])
@@ -18,3 +20,11 @@ def test_everything_stands_everywhere_and_follows_everything_equally_often(n):
     after = Counter(pair for row in rows for pair in itertools.pairwise(row))
     assert len(after) == n * (n - 1)
     assert len(set(after.values())) <= 1
+
+
+def test_a_journal_continues_after_a_line_that_was_cut_off(tmp_path):
+    journal, person = tmp_path / "journal.jsonl", Participant("P01", 0, tmp_path)
+    person.finish("begun", number=0)
+    journal.write_bytes(journal.read_bytes() + b'{"step": "con')
+    person.finish("consent", agrees=True)
+    assert [entry["step"] for entry in json_lines(journal, "journal")] == ["begun", "consent"]

@@ -61,8 +61,11 @@ class Participant:
     def finish(self, step: str, **entry: Any) -> None:
         """Note that a step is done, in the journal on disk before the next step begins."""
         entry = {"step": step, "when": datetime.now(UTC).isoformat(timespec="seconds"), **entry}
-        with (self.folder / "journal.jsonl").open("a", encoding="utf-8") as file:
-            file.write(json.dumps(entry, allow_nan=False) + "\n")
+        # a last line without its end, of a machine that went down, is written over
+        with (self.folder / "journal.jsonl").open("ab+") as file:
+            file.seek(0)
+            file.truncate(file.read().rfind(b"\n") + 1)
+            file.write(json.dumps(entry, allow_nan=False).encode() + b"\n")
         self.done[step] = entry
 
 
@@ -122,15 +125,17 @@ async def study(window: Window, plan: StudyPlan, tell: Callable[[str], None]) ->
             ended = "stopped"
             person.finish(ended)
         tell(f"{person.code}: {ended}")
-        thanks = "Thank you for coming. Please tell the team."
         answer = await window.ask(
-            sheet("Thank you", "You have finished." if ended == "done" else thanks,
+            sheet("Thank you", "You have finished." if ended == "done" else
+                  "Thank you for coming. Please tell the team.",
                   buttons=[["next", "Next participant"], ["end", "End the session"]])
         )  # fmt: skip
         if answer.get("button") == "end":
             break
-    over = sheet("The session is over", "You can close this window.")
-    await window.show({**over, "show": "over"})  # a sheet, after which the page does not reconnect
+    # a sheet, after which the page does not reconnect
+    await window.show(
+        {**sheet("The session is over", "You can close this window."), "show": "over"}
+    )
 
 
 class StopsError(Exception):
@@ -158,12 +163,12 @@ async def steps_of(window: Window, plan: StudyPlan, person: Participant) -> str:
     that is not done.
     """
     if "consent" not in person.done:
-        freely = "You may stop at any time without giving a reason."
-        agrees = {"key": "agrees", "kind": "yes", "text": "Your consent", "label": "I agree."}
-        buttons = [CONTINUE, ["skip", "I do not take part"]]
         given = await window.ask(
-            sheet("Before you begin", plan.settings.consent, freely, questions=[agrees],
-                  buttons=buttons)
+            sheet("Before you begin", plan.settings.consent,
+                  "You may stop at any time without giving a reason.",
+                  questions=[{"key": "agrees", "kind": "yes", "text": "Your consent",
+                              "label": "I agree."}],
+                  buttons=[CONTINUE, ["skip", "I do not take part"]])
         )  # fmt: skip
         person.finish("consent", agrees=given.get("agrees") is True and given.get("button") == "go")
     if not person.done["consent"]["agrees"]:
@@ -175,14 +180,18 @@ async def steps_of(window: Window, plan: StudyPlan, person: Participant) -> str:
         if f"drive:{case.key}" in person.done:
             continue
         if number and number % plan.settings.break_after == 0:
-            done = f"{number} of {count} drives are done. Continue when you like."
-            await asked_of(window, sheet("Time for a break", done, buttons=[CONTINUE]))
+            await asked_of(
+                window,
+                sheet("Time for a break", f"{number} of {count} drives are done. Continue when you "
+                      "like.", buttons=[CONTINUE]),
+            )  # fmt: skip
         await own_drive(window, plan, person, case, f"Drive {number + 1} of {count}")
     replays = plan.ratings(person.code)
     for number, (case, ads) in enumerate(replays):
         if f"rate:{case.key}:{ads}" not in person.done:
-            title = f"Drive {number + 1} of {len(replays)} to rate"
-            await rate(window, plan, person, case, ads, title)
+            await rate(
+                window, plan, person, case, ads, f"Drive {number + 1} of {len(replays)} to rate"
+            )
     if "done" not in person.done:
         person.finish("done")
     return "done"
@@ -213,8 +222,9 @@ async def practised(window: Window, plan: StudyPlan, person: Participant) -> boo
         person.finish(f"practice:{number}", passed=good, share=round(share, 4), tape=path.name,
             quality=asdict(quality))  # fmt: skip
         words = f"You kept lane and speed for {share:.0%} of the time; {rule.share:.0%} are needed."
-        title = "Well done" if good else "Once more"
-        await asked_of(window, sheet(title, words, buttons=[CONTINUE]))
+        await asked_of(
+            window, sheet("Well done" if good else "Once more", words, buttons=[CONTINUE])
+        )
     return bool(sum(trials) >= rule.passes)
 
 
@@ -244,8 +254,10 @@ async def own_drive(
     The participant may repeat a drive that they ended early.
     """
     settings = settings_at(plan.settings.rate)
-    wanted = f"Your speed: about {3.6 * case.concrete.ego.speed:.0f} km/h, as the traffic allows."
-    view = drive_view(case.concrete, settings, title, (TASK, wanted))
+    view = drive_view(
+        case.concrete, settings, title,
+        (TASK, f"Your speed: about {3.6 * case.concrete.ego.speed:.0f} km/h, as traffic allows."),
+    )  # fmt: skip
     button = "again"
     while button == "again":
         path = new_tape(person.folder, case.key)
@@ -255,9 +267,9 @@ async def own_drive(
         )  # fmt: skip
         button = ""
         if recording.end_reason == "quit":
-            choice = "You can drive it again, or leave it out."
             answer = await window.ask(
-                sheet("The drive was ended", recording.error or "", choice,
+                sheet("The drive was ended", recording.error or "",
+                      "You can drive it again, or leave it out.",
                       buttons=[["again", "Drive again"], ["leave", "Leave it out"],
                           ["stop", "I want to stop"]])
             )  # fmt: skip
