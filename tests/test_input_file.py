@@ -9,12 +9,14 @@ from pathlib import Path
 import pytest
 from refusals import refusal
 
+from sumo_eval.cosim.doors.controller import find_controller
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.given import load_given
 from sumo_eval.drivers.recorded.importing import FORMATS, import_recordings
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.points import read_variation
 from sumo_eval.extras.openscenario.reading import read_openscenario, read_xml
+from sumo_eval.extras.rates.campaign import read_campaign
 from sumo_eval.extras.wheel.tape import read_tape
 from sumo_eval.input_file import hash_of, read_input
 from sumo_eval.record.qualification import read_qualification
@@ -23,6 +25,7 @@ from sumo_eval.scenario.number_table import read_numbers
 from sumo_eval.scenario.sampling.listed_points import from_csv
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sumo_network import read_road
+from sumo_eval.scoring.gate_settings import read_gate
 from sumo_eval.settings import FmuSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.settings.toml_file import read_toml
@@ -62,12 +65,20 @@ READERS = {
     "vehicle model": lambda path: FmuPlant(FmuSettings(), path.name, path.parent),
     "qualification": lambda path: read_qualification(path.name, path.parent),
     "hash": lambda path: hash_of(path, "file"),
+    "model": lambda path: find_controller(f"onnx:{path.name}", path.parent),
+    "gate": read_gate,
+    "campaign": read_campaign,
     **{
         f"recording, {form}": lambda path, form=form: import_recordings(form, [path])
         for form in FORMATS
     },
 }
-NAMES = {"scenario": "special.toml", "ADS": "special.py", "recording, osi": "special.osi"}
+NAMES = {
+    "model": "special.onnx",
+    "scenario": "special.toml",
+    "ADS": "special.py",
+    "recording, osi": "special.osi",
+}
 # each named after its number, beside its NN_tracksMeta.csv
 LEVELX = ("highd", "ind", "exid", "round", "unid")
 NAMES |= {f"recording, {form}": "01_tracks.csv" for form in LEVELX}
@@ -86,6 +97,16 @@ def test_special_files_are_refused_unopened(what, kind, tmp_path):
     given = place.with_suffix("") if what in ("scenario", "ADS") else place
     with refusal(r"must be a regular file, got a (named pipe|character device)\.$"):
         READERS[what](given)
+
+
+@pytest.mark.parametrize("what", READERS)
+def test_a_loop_of_links_is_refused(what, tmp_path):
+    for name in ("01_tracksMeta.csv", "01_recordingMeta.csv"):
+        (tmp_path / name).write_text("id\n1\n")
+    place = tmp_path / NAMES.get(what, "special")
+    place.symlink_to(place)
+    with refusal(r"symbolic links|[Tt]here is no"):
+        READERS[what](place.with_suffix("") if what in ("scenario", "ADS") else place)
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -94,7 +95,7 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     Raises InputError where the file is not a network, an edge is not in it, or the edges are not
     one road: lanes of one width, the same on all edges except the outermost of each side.
     """
-    path = path.resolve()
+    path = Path(os.path.realpath(path))  # a loop of links is refused below
     owner = f"network {path.name}"
     network = NetworkFile(str(path), tuple(edges), hash_of(path, "network"))
     root = _parsed(network)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import importlib.util
+import os
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -56,7 +57,7 @@ def _load_module(name: str, folder: Path | None, owner: str) -> ModuleType:
 
 
 def _load_file(file: str, folder: Path | None, owner: str) -> ModuleType:
-    path = ((folder or Path()) / file).resolve()
+    path = Path(os.path.realpath((folder or Path()) / file))  # a loop of links raises no error
     if not path.exists():
         raise InputError(f"{owner}: there is no file {path}.")
     try:
