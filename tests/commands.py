@@ -127,3 +127,13 @@ def is_a_users(name):
     """Whether a loaded module comes from a file that is neither installed nor this repository's."""
     file = getattr(sys.modules.get(name), "__file__", None)
     return file is not None and not file.startswith(INSTALLED)
+
+
+def in_a_shell(line, folder, **variables):
+    """Have bash run a line, with this installation first on its path."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return subprocess.run(
+        ["bash", "-c", line], cwd=folder, env={**os.environ, "PATH": path, **variables},
+        capture_output=True,
+        text=True, timeout=300, check=False,
+    )  # fmt: skip

@@ -1,16 +1,13 @@
 """Each example of `--help`, and a locator of each scheme, runs as it is typed into a shell: quotes,
 spaces, options."""
 
-import os
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from commands import ROOT, typed
+from commands import ROOT, in_a_shell, typed
 from doc_blocks import code_of
 from example_files import ADS, CASES, EVALUATION, GATE, RATINGS, SMALL, write_needs, write_policy
 
@@ -87,16 +84,6 @@ def test_an_example_runs_in_a_real_shell_and_opens_the_page(desk, tmp_path):
     done = in_a_shell(EXAMPLES["replay"], desk, BROWSER=str(browser))
     assert done.returncode == 0, done.stderr
     assert "replay-cut_in-0007-idm" in (tmp_path / "opened").read_text()
-
-
-def in_a_shell(line, folder, **variables):
-    """Have bash run a line, with this installation first on its path."""
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    return subprocess.run(
-        ["bash", "-c", line], cwd=folder, env={**os.environ, "PATH": path, **variables},
-        capture_output=True,
-        text=True, timeout=300, check=False,
-    )  # fmt: skip
 
 
 def test_a_terminal_without_a_character_shows_a_question_mark(tmp_path):

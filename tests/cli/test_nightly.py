@@ -18,6 +18,7 @@ from pathlib import Path
 import junitparser
 import pytest
 from commands import sumo_eval
+from record.runs import rows
 from refusals import refusal
 
 from cli.nights import evaluation, plant
@@ -191,13 +192,7 @@ def stop_when(reached, file, history):
 
 def recorded(history):
     """How many drives a night that has no line holds."""
-    for facts in history.glob("nights/*/facts.sqlite"):
-        try:
-            with closing(sqlite3.connect(f"file:{facts}?mode=ro", uri=True)) as connection:
-                return int(connection.execute("SELECT count(*) FROM facts").fetchone()[0])
-        except sqlite3.Error:  # it is being made
-            return 0
-    return 0
+    return sum(map(rows, history.glob("nights/*")))
 
 
 def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path):
@@ -213,8 +208,7 @@ def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path)
     (night,) = nights(history)
     assert (night.night, night.folder, night.wall_time) == (left.name, f"nights/{left.name}", None)
     assert "before its end and continued" in (left / "report.html").read_text()
-    with closing(sqlite3.connect(left / "facts.sqlite")) as facts:
-        assert 0 < kept < facts.execute("SELECT count(*) FROM facts").fetchone()[0]
+    assert 0 < kept < rows(left)
     assert len(json.loads((left / "manifest.json").read_text())["resumed"]) == 1
 
     after = sumo_eval("nightly", file, "--history", history, "--resume")

@@ -1,7 +1,5 @@
 """Concrete scenarios that the tests of the co-simulation share."""
 
-from dataclasses import replace
-
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, catalogue
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
@@ -23,13 +21,6 @@ def lead(gap, speed=0.0, y=0.0, x=50.0):
 def points(name, every):
     logical = catalogue.load(name)
     return list(logical.concretes(sample(logical).points[::every]))
-
-
-def shifted(concrete, dx):
-    """The same case, everything starting dx m further along the road."""
-    move = lambda start: replace(start, x=start.x + dx)  # noqa: E731
-    actors = tuple(replace(actor, start=move(actor.start)) for actor in concrete.actors)
-    return replace(concrete, ego=move(concrete.ego), actors=actors)
 
 
 def once(action):

@@ -10,7 +10,7 @@ import libsumo
 import numpy as np
 import pytest
 from commands import python
-from cosim_cases import HALF_SECOND, ROAD, case, lead, shifted
+from cosim_cases import HALF_SECOND, ROAD, case, lead
 from refusals import refusal
 from road_scenes import every_point
 
@@ -700,20 +700,6 @@ def test_steps_and_samples_that_do_not_fit_are_refused(settings, sentence):
 
 
 # --- laws -----------------------------------------------------------------------------------------
-
-
-def late_brake(traci, ego, time):
-    return Command(-9.0) if time > 0.99 else Command(0.0)
-
-
-def test_law_moving_the_world_moves_nothing():
-    here = case(lead(gap=25.0, speed=5.0))
-    found, there = simulate(here, late_brake), simulate(shifted(here, 123.456), late_brake)
-    assert found.end_reason == there.end_reason == "contact"
-    assert there.collision.time == pytest.approx(found.collision.time, abs=1e-9)
-    assert there.collision.relative_speed == pytest.approx(found.collision.relative_speed, abs=1e-9)
-    assert there.ego.x - 123.456 == pytest.approx(found.ego.x, abs=1e-9)
-    assert there.ego.speed == pytest.approx(found.ego.speed, abs=1e-9)
 
 
 def test_law_the_same_case_gives_the_same_recording():

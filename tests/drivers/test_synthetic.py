@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from commands import python
 from drivers.populations import draw_population, synthetic_reference
 from refusals import refusal
 from road_scenes import (
@@ -287,16 +286,6 @@ def test_a_follower_in_danger_evades_when_braking_is_not_enough():
     recording = simulate(concrete, SyntheticDriver(follower, concrete, 1))
     assert recording.collision is None
     assert recording.ego.y[-1] > 2.5
-
-
-def test_a_child_process_that_drives_imports_no_heavy_package():
-    # numba itself looks for scipy
-    script = (
-        "import sys, numba; there = set(sys.modules)\n"
-        "import sumo_eval.ads.lane_changer, sumo_eval.drivers.synthetic.driver;"
-        "print(sorted({'scipy', 'pandas', 'sklearn', 'pydantic'} & (set(sys.modules) - there)))"
-    )
-    assert python(script).stdout.strip() == "[]"
 
 
 def test_driver_numbers_are_stable():

@@ -1,6 +1,8 @@
 """Small evaluations on disk, and commands on them."""
 
+import sqlite3
 import sys
+from contextlib import closing
 from pathlib import Path
 
 from commands import sumo_eval as sumo_eval_cli  # noqa: F401 - as those who write runs call it
@@ -54,6 +56,16 @@ def write_evaluation(folder, ads=MY_ADS, levels=3, case_timeout=20.0):
 
 def command(*arguments):
     return [sys.executable, "-m", "sumo_eval", *map(str, arguments)]
+
+
+def rows(run):
+    """Rows in the facts of a run that may still be in the making."""
+    try:
+        address = f"file:{run / 'facts.sqlite'}?mode=ro"
+        with closing(sqlite3.connect(address, uri=True)) as connection:
+            return int(connection.execute("SELECT count(*) FROM facts").fetchone()[0])
+    except sqlite3.Error:
+        return 0
 
 
 def digest(folder):

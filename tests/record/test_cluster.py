@@ -3,21 +3,19 @@ middle."""
 
 import json
 import random
-import sqlite3
 import subprocess
 import sys
 import time
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from record.runs import MY_ADS, command, digest, sumo_eval_cli, write_evaluation
+from record.runs import MY_ADS, command, digest, rows, sumo_eval_cli, write_evaluation
 from refusals import refusal
 
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import run_cases
 from sumo_eval.record.kept import packed
-from sumo_eval.record.run_folder import FACTS
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import RunSettings, SimulationSettings
 
@@ -189,7 +187,7 @@ def test_a_run_whose_scheduler_is_killed_continues_with_another(tmp_path):
         )
         process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         until = time.monotonic() + 240.0
-        while not recorded(far) and process.poll() is None and time.monotonic() < until:
+        while not rows(far) and process.poll() is None and time.monotonic() < until:
             time.sleep(0.05)
         cluster.processes[0].kill()
         _, said = process.communicate(timeout=120)
@@ -197,7 +195,7 @@ def test_a_run_whose_scheduler_is_killed_continues_with_another(tmp_path):
     assert "Traceback" not in said
     assert said.count("sumo-eval: ") == 1
     assert f"The Dask scheduler at {cluster.address} does not answer any more" in said
-    before = recorded(far)
+    before = rows(far)
     assert before > 0
     (tmp_path / "second").mkdir()
     with started(tmp_path / "second") as cluster:
@@ -214,19 +212,9 @@ def test_a_run_whose_scheduler_is_killed_continues_with_another(tmp_path):
             "--scheduler",
             cluster.address,
         )
-    assert recorded(far) > before
+    assert rows(far) > before
     sumo_eval_cli("run", path, "--out", tmp_path / "near")
     assert digest(far) == digest(tmp_path / "near")
-
-
-def recorded(folder):
-    """How many cases a run's file holds, 0 where it is not there yet."""
-    try:
-        with closing(sqlite3.connect(f"file:{folder / FACTS}?mode=ro", uri=True)) as connection:
-            (found,) = connection.execute("SELECT count(*) FROM facts").fetchone()
-            return int(found)
-    except sqlite3.Error:
-        return 0
 
 
 def test_without_a_scheduler_there_is_a_message():

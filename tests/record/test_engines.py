@@ -303,7 +303,8 @@ def test_a_child_imports_no_more_than_it_needs():
     # the packages that only scoring needs. numba imports scipy's outermost package, which holds
     # nothing.
     code = (
-        "import sys, sumo_eval.record.worker\n"
+        "import sys, sumo_eval.record.worker, sumo_eval.ads.lane_changer\n"
+        "import sumo_eval.drivers.synthetic.driver\n"
         "heavy = {'pandas', 'sklearn', 'pydantic', 'covertable', 'fmpy', 'plotly', 'jinja2'}\n"
         "heavy |= {f'scipy.{part}' for part in ('linalg', 'optimize', 'sparse', 'spatial', "
         "'special', 'stats')}\n"

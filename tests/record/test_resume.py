@@ -5,21 +5,17 @@ import json
 import os
 import re
 import resource
-import shlex
 import signal
-import sqlite3
 import subprocess
-import sys
 import time
-from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
-from commands import python
+from commands import in_a_shell, python
 from evaluations import small
 from record.edited_store import edit
-from record.runs import MY_ADS, command, digest, sumo_eval_cli, write_evaluation
+from record.runs import MY_ADS, command, digest, rows, sumo_eval_cli, write_evaluation
 from refusals import refusal
 
 import sumo_eval
@@ -42,16 +38,6 @@ def whole(tmp_path_factory):
     path = write_evaluation(folder)
     sumo_eval.evaluate(path, folder / "run", workers=1)
     return folder / "run"
-
-
-def rows(run):
-    """Rows in the facts of a run that may still be in the making."""
-    try:
-        address = f"file:{run / 'facts.sqlite'}?mode=ro"
-        with closing(sqlite3.connect(address, uri=True)) as connection:
-            return int(connection.execute("SELECT count(*) FROM facts").fetchone()[0])
-    except sqlite3.OperationalError:
-        return 0
 
 
 def started(run, path, *options, at_rows=1):
@@ -277,29 +263,9 @@ def sbatch(script, folder):
     asked = dict(re.findall(r"^#SBATCH --([\w-]+)=(\S+)", script, flags=re.MULTILINE))
     first, last = map(int, asked["array"].split("-"))
     (folder / "job.sh").write_text(script)
-    return [in_shell("bash job.sh", folder, SLURM_ARRAY_TASK_ID=f"{job}",
+    return [in_a_shell("bash job.sh", folder, SLURM_ARRAY_TASK_ID=f"{job}",
         SLURM_CPUS_PER_TASK=asked["cpus-per-task"])
             for job in range(first, last + 1)]  # fmt: skip
-
-
-def in_shell(line, folder, **variables):
-    """A line as a shell runs it where `sumo-eval` is installed."""
-    bin_folder = folder / "bin"
-    bin_folder.mkdir(exist_ok=True)
-    (bin_folder / "sumo-eval").write_text(
-        f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m sumo_eval "$@"\n'
-    )
-    (bin_folder / "sumo-eval").chmod(0o755)
-    environment = {**os.environ, **variables, "PATH": f"{bin_folder}:{os.environ['PATH']}"}
-    return subprocess.run(
-        ["bash", "-c", line],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
 
 
 @pytest.mark.campaign
@@ -331,7 +297,7 @@ def test_shards_make_the_whole_and_only_together(whole, tmp_path):
             "merge", *(shards / part for part in parts), "--out", tmp_path / "merged", status=2
         )
         assert sentence in refused.stderr
-    done = in_shell(merging, tmp_path)
+    done = in_a_shell(merging, tmp_path)
     assert done.returncode == 0, done.stderr
     merged = tmp_path / "results" / "night"
     assert digest(merged) == digest(whole)

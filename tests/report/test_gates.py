@@ -315,15 +315,6 @@ def test_the_scores_that_order_can_be_limited_by_value(evaluation, quantity, fie
     assert quantity in broken.sentence
 
 
-def test_more_avoidable_collisions_than_the_base_fail(evaluation):
-    case = pick(evaluation, collided=False)
-    limit = LimitSettings(
-        "avoidable_collisions", ads=case.ads, scenario=case.scenario, worse_by=0.0
-    )
-    (result,) = judged(evaluation, with_case(evaluation, case.case, hit), limit)
-    assert result.passed is False
-
-
 @pytest.mark.parametrize(
     ("by", "tolerance", "passes"), [(1e-12, 1e-9, True), (1e-6, 1e-9, False), (1e-6, 1e-5, True)]
 )

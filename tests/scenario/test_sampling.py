@@ -10,10 +10,12 @@ from hypothesis import strategies as st
 from refusals import refusal
 from road_scenes import every_point
 
-from sumo_eval.scenario import Approach, LogicalScenario, Parameter, Road, Start, catalogue
+from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.joint import Joint
 from sumo_eval.scenario.sampling.drawn_points import steadily
 from sumo_eval.scenario.sampling.samples import central_point, sample
+from tests.scenario.test_samplers import axis
+from tests.scenario.test_samplers import space as box
 
 CUT_OUT = catalogue.load("front_vehicle_cut_out")
 LOW_SPEED = catalogue.load("front_vehicle_low_speed")
@@ -21,14 +23,7 @@ LOW_SPEED = catalogue.load("front_vehicle_low_speed")
 
 def space(*ranges):
     """A space without constraints: (low, high, step) of a, b, c."""
-    return LogicalScenario(
-        name="test", about="", source="",
-        parameters=tuple(Parameter(name, *r, "m", "") for name,
-            r in zip("abc", ranges, strict=False)),
-        constraints=(), road=Road("r", 100.0, 1, 3.5, 0.0),
-        place=lambda v: (Start(10.0, 0.0, 5.0), ()),
-        approach=lambda v: Approach(v["a"], v["a"], v["a"], 0.0),
-    )  # fmt: skip
+    return box(*(axis(name, *it) for name, it in zip("abc", ranges, strict=False)))
 
 
 def test_the_first_parameter_is_the_slowest():

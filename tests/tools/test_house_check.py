@@ -46,13 +46,6 @@ def house(tmp_path):
     return tmp_path
 
 
-@pytest.mark.campaign
-def test_the_project_has_nothing_to_mend():
-    done = check(ROOT)
-    assert done.stdout == ""
-    assert done.returncode == 0
-
-
 def test_a_house_without_a_fault_is_clean_and_its_size_is_known(house):
     done = check(house, "--facts")
     assert done.stdout == "11 lines in 4 files, 2 of them loose at the top\n"
