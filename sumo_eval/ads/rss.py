@@ -35,19 +35,24 @@ LATERAL_MARGIN = 0.3  # mu, m
 
 
 @kernel
+def stopping_distance(speed: float, braking: float) -> float:
+    """D(v, b) = v rho + a rho^2 / 2 + (v + rho a)^2 / (2 b), m."""
+    # squares are products: compiled code computes them to the same bits as Python
+    faster = speed + RESPONSE * ACCELERATION
+    reaction = speed * RESPONSE + 0.5 * ACCELERATION * RESPONSE * RESPONSE
+    return reaction + faster * faster / (2.0 * braking)
+
+
+@kernel
 def longitudinal_safe_distance(speed: float, other_speed: float) -> float:
-    """d_lon = v rho + a rho^2 / 2 + (v + rho a)^2 / (2 b) - w^2 / (2 bl), m.
+    """d_lon = D(v, b) - w^2 / (2 bl), to an oncoming vehicle D(v, b) + D(|w|, bl), m.
 
     speed: v, other_speed: w, m/s.
     """
-    # squares are products: compiled code computes them to the same bits as Python
-    faster = speed + RESPONSE * ACCELERATION
-    driven = speed * RESPONSE + 0.5 * ACCELERATION * RESPONSE * RESPONSE
-    return (
-        driven
-        + faster * faster / (2.0 * BRAKING)
-        - other_speed * other_speed / (2.0 * OTHER_BRAKING)
-    )
+    own = stopping_distance(speed, BRAKING)
+    if other_speed < 0.0:
+        return own + stopping_distance(-other_speed, OTHER_BRAKING)
+    return own - other_speed * other_speed / (2.0 * OTHER_BRAKING)
 
 
 @kernel
