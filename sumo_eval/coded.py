@@ -36,7 +36,7 @@ def decoded(data: bytes, classes: Classes) -> Any:
 
 def plain(value: Any) -> Any:
     """The value as lists, texts, numbers, None and dicts of these, for `record_of`."""
-    if is_dataclass(value) and not isinstance(value, type):
+    if is_dataclass(value):
         return {
             _CLASS: type(value).__name__,
             _VALUES: [plain(getattr(value, field.name)) for field in fields(value)],

@@ -43,11 +43,10 @@ _CONTACT = {
     "side": "side",
 }  # fmt: skip
 """Columns of a drive's contact, and the field of `Collision` that each shows."""
-_SQL = {"str": "VARCHAR", "float": "DOUBLE"}
-_TYPES = {"collision_with": "VARCHAR", "d_i": "DOUBLE", "incident_severity": "DOUBLE"} | {
-    field.name: _SQL[kind]
-    for field in (*fields(CaseResult), *fields(Fact))
-    if (kind := str(field.type).partition(" ")[0]) in _SQL
+_TYPES = {
+    **dict.fromkeys((*_NAMES, "driver", "collision_with"), "VARCHAR"),
+    **{it.name: "DOUBLE" for it in fields(CaseResult) if str(it.type).startswith("float")},
+    **dict.fromkeys(("d_i", "incident_severity", "collision_time"), "DOUBLE"),
 }
 """DuckDB's types of columns. Else it would take a name of digits for a number, and an empty column
 of numbers for text."""

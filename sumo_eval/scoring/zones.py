@@ -20,9 +20,6 @@ from sumo_eval.scoring.fingerprint import sources, space_key
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 from sumo_eval.trajectory import FloatArray
 
-ROOMS_OF_ZONES = ("method", "scenario", "settings")
-"""Rooms of this package whose code computes a partition."""
-
 
 def zones_of(run: Resolved, cache: KeptResults) -> dict[str, ZonePartition]:
     """The partition of each scenario by its name, kept or computed."""
@@ -42,7 +39,7 @@ def zones_key(entry: ScenarioSettings, settings: EvaluationSettings, source: Pat
         settings.method.zones,
         entry.use,
         space_key(entry, source),
-        sources(*ROOMS_OF_ZONES),
+        sources("method", "scenario", "settings"),  # rooms whose code computes a partition
     )
 
 

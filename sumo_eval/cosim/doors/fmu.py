@@ -270,29 +270,20 @@ class _Fmu:
         """
         plain, bracket, rest = name.partition("[")
         index = rest.rstrip("]")
-        variable = self._variable(name if name in self._variables else plain, "outputs")
+        whole = not bracket or name in self._variables
+        variable = self._variable(name if whole else plain, "outputs")
+        size = _count(variable)
         if variable.type in _TEXTS:
-            raise must_be(
-                f"The output `{name}`", f"FMU `{self.path.name}`", "a number", variable.type
-            )
-        if not bracket or name in self._variables:
-            if _count(variable) is not None:
-                raise must_be(
-                    f"The output `{name}`",
-                    f"FMU `{self.path.name}`",
-                    f"one value, `{name}[0]`",
-                    "an array",
-                )
+            wanted, got = "a number", variable.type
+        elif whole and size is not None:
+            wanted, got = f"one value, `{name}[0]`", "an array"
+        elif whole:
             return variable, 0
-        size = _count(variable) or 1
-        if not index.isdecimal() or int(index) >= size:
-            raise must_be(
-                f"The output `{name}`",
-                f"FMU `{self.path.name}`",
-                f"within its {size} values",
-                index,
-            )
-        return variable, int(index)
+        elif index.isdecimal() and int(index) < (size or 1):
+            return variable, int(index)
+        else:
+            wanted, got = f"within its {size or 1} values", index
+        raise must_be(f"The output `{name}`", f"FMU `{self.path.name}`", wanted, got)
 
     def load(self) -> None:
         """Load the library and make an instance."""

@@ -87,7 +87,7 @@ _NO_TASK = Task(math.nan, (math.nan, math.nan))
 
 def kinds_of(concrete: ConcreteScenario) -> tuple[str, ...]:
     """Kinds of the other vehicles of a concrete scenario (`scenario.bodies`)."""
-    return tuple([actor.body for actor in concrete.actors])
+    return tuple(actor.body for actor in concrete.actors)
 
 
 def stream_of(seed: int, concrete: ConcreteScenario) -> str:

@@ -36,7 +36,7 @@ def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> dict[
 
     base, new: their cases at the same points, in the same order.
     """
-    runs = (base, new)
+    runs = base, new
     tables = [_terms(run, seed) for run in runs]
     sums = [np.zeros((replicates, table.shape[1])) for table in tables]
     for part in resamples(one_list(len(tables[0])), replicates, seed, ("comparison",)):

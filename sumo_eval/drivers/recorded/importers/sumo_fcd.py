@@ -86,8 +86,7 @@ def _from_xml(path: Path) -> pd.DataFrame:
             no_network=True,
         ):
             for vehicle in step.iterchildren("vehicle"):
-                known = {"time": step.get("time"), "row": vehicle.sourceline}
-                rows.append({**vehicle.attrib} | known)
+                rows.append(dict(vehicle.attrib, time=step.get("time"), row=vehicle.sourceline))
             step.clear()
     for row in rows:
         for name in ("id", *_NEEDED):
