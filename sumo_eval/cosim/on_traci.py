@@ -417,10 +417,13 @@ class _Hook:
             line = self.road.line
             # along and across the road's line, m, and heading relative to it
             pose = tuple(float(it) for it in frame_places(line, x, y, heading, near=last_s))
-            self._bend = float(curvatures(line, pose[0]))
+            self._bend, at_front = curvatures(line, [pose[0], pose[0] + self._half]).tolist()
             stretch = 1.0 - self._bend * pose[1]
-            # all of it is checked as motion along the lane
-            moved_x, moved_y = math.hypot(moved_x, moved_y) / stretch, 0.0
+            # all of it is checked as motion along the lane; where a curve begins or ends, its
+            # metres are those at the centre, those at the front, or between
+            moved = math.hypot(moved_x, moved_y)
+            least, most = sorted((moved / stretch, moved / (1.0 - at_front * pose[1])))
+            moved_x, moved_y = min(max(speed * self._step, least), most), 0.0
         self._check_native_motion(moved_x, moved_y, speed, now)
         self._check_course(pose, now)
         acceleration = (speed - state[_LANE_SPEED]) / self._step

@@ -26,8 +26,10 @@ from sumo_eval.cosim.records import STRAIGHT, SUMO
 from sumo_eval.cosim.sumo.insides import simulation_step, vehicles
 from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
 from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
+from sumo_eval.cosim.sumo.sumo_files import departure_speed
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, SimulationError
+from sumo_eval.scenario.concrete import Actor
 from sumo_eval.trajectory import Alone, BoolArray, FloatArray, IntArray
 
 # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
@@ -95,7 +97,7 @@ class Stage:
             actor.on_map is not None or math.cos(actor.heading) < 0.0
             for it in world.cases for actor in it.actors
         )  # fmt: skip
-        self._on_map = frozenset(compress(actors, on_map))
+        self._on_map = set(compress(actors, on_map))
         self.keep(world)
 
     def keep(self, world: World) -> None:
@@ -121,15 +123,18 @@ class Stage:
         calls = self.calls
         for case, concrete in enumerate(world.cases):
             try:
-                check_start(self.traci, concrete, world.settings, self.names[case])
+                names = self.names[case]
+                check_start(self.traci, concrete, world.settings, names, by_map=self.as_read)
             except SimulationError as error:
                 world.fail(case, "sim_error", str(error))
                 continue
-            starts: list[tuple[Any, bool]] = [(concrete.ego, False)]
-            starts += [(actor.start, actor.follows_at_once) for actor in concrete.actors]
-            for name, (start, follows) in zip(self.names[case], starts, strict=True):
+            starts: list[tuple[Any, Actor | None]] = [(concrete.ego, None)]
+            starts += [(actor.start, actor) for actor in concrete.actors]
+            for name, (start, actor) in zip(self.names[case], starts, strict=True):
                 calls.setLaneChangeMode(name, 0)
-                if follows:  # SUMO's model drives it
+                if actor is not None and departure_speed(actor) < start.speed:
+                    calls.setPreviousSpeed(name, start.speed)
+                if actor is not None and actor.follows_at_once:  # SUMO's model drives it
                     continue
                 calls.setSpeedMode(name, EXACT_SPEED_MODE)
                 calls.setSpeed(name, start.speed)
@@ -194,12 +199,14 @@ class Stage:
 
         SUMO's step then moves a vehicle by the mean of its old and new speed. So it is put that
         much behind its place at the step's end. A vehicle of `_on_map`, which drives straight on
-        the map or against the lanes, gets a place on the map.
+        the map or has driven against the lanes, gets a place on the map.
         """
         calls, end = self.calls, self._road.end
         for number, x, y, angle, speed, s, d, along in world.tell[:count].tolist():
             number = int(number)
             name = self._flat[number]
+            if along < 0.0:
+                self._on_map.add(name)
             if name in self._on_map:
                 self._move(number, x, y, angle, speed)
                 continue

@@ -114,13 +114,23 @@ class Traffic(Stage):
         super().take_charge(world)
         self._handed: set[str] = set()  # vehicles that SUMO has begun to drive within their case
         self._shown_shadows: set[str] = set()
+        # in a curve: position along the lane, m, where each told vehicle's front is to be after the
+        # step
+        self._meant: dict[str, float] = {}
         calls = self.calls
         for name in filter(None, self._shadow_of):
             calls.setSpeedMode(name, EXACT_SPEED_MODE)
             calls.setLaneChangeMode(name, 0)
             self._hide(name)
-        if not self.as_read:
-            world.egos["stale"] = 1
+        if self.as_read:
+            return
+        world.egos["stale"] = 1
+        # SUMO moves a vehicle in a lane by its speeds along the lane, also in the first step
+        for names, concrete in zip(self.names, world.cases, strict=True):
+            for name, actor in zip(names[1:], concrete.actors, strict=True):
+                if actor.heading and actor.model is None:
+                    along = actor.start.speed * math.cos(actor.heading)
+                    calls.setPreviousSpeed(name, max(along, 0.0))
 
     def sends(self, steps: int) -> bool:
         """Whether SUMO receives everything: vehicles that react see all at every step."""
@@ -163,7 +173,8 @@ class Traffic(Stage):
         if self._bent:
             s, y, along = received[:, 5:].T
             heading = of_all(now, "heading")
-            names = (self._flat[n] for n in number.tolist())
+            names = [self._flat[n] for n in number.tolist()]
+            self._meant = dict(zip(names, s.tolist(), strict=True))
             # m/s, that each received last; of one that received none, this step's
             last = [self._told.get(name, v) for name, v in zip(names, along, strict=True)]
             # SUMO moves it by the mean of the speed that it received last and this one
@@ -183,6 +194,7 @@ class Traffic(Stage):
         for vehicle, *motion in received[~on_lanes, :5].tolist():
             self._move(int(vehicle), *motion)
             self._hide_shadow(int(vehicle))
+            self._told.pop(self._flat[int(vehicle)], None)  # it is on no lane
         along, speed_before = np.maximum(along, 0.0), of_all(before, "speed")
         columns = number, lane, shadow_lane, begin, y, along, speed_before
         for values in zip(*(column[on_lanes].tolist() for column in columns), strict=True):
@@ -329,9 +341,7 @@ class Traffic(Stage):
                     continue
                 if self.calls.getLaneIndex(name) < 0:  # on no lane
                     continue
-                ground = float(self._ground_of_lane(body["x"], body["y"]))
-                ahead = 0.5 * float(body["length"]) * math.cos(float(body["heading"])) / ground
-                off = self.calls.getLanePosition(name) - float(body["x"]) - ahead
+                off = self.calls.getLanePosition(name) - self._meant[name]
                 if not abs(off) <= _TOLERANCE_IN_A_CURVE:  # `not <=`: true of nan as well
                     self._fail(
                         world, row, j, f"put {{}} {off:.3f} m along its lane from its place."

@@ -86,8 +86,10 @@ def _in_junctions(
 
 
 def _reach(actor: Actor, furthest: float) -> float:
-    """Largest distance of an actor from the lanes, m: 0 for a motor vehicle that SUMO drives from
-    the start, or whose script depends on time alone.
+    """Distance that an actor may be beside the lanes, m: 0 for one that SUMO drives and that no act
+    brings to a lane, and for a motor vehicle whose script depends on time alone.
     """
-    beside = actor.body in VULNERABLE or (actor.lively and not actor.follows_at_once)
-    return furthest if beside else 0.0
+    along = all(act.kind in (played.SPEED, played.KEEP, played.FOLLOW) for act in actor.acts)
+    if actor.model is not None and actor.heading == 0.0 and along:
+        return 0.0
+    return furthest if actor.body in VULNERABLE or actor.lively else 0.0

@@ -72,3 +72,43 @@ def test_an_ego_that_begins_sideways_returns_on_a_curve_too():
     count = min(map(len, offsets))
     assert 0.2 < offsets[0].max() < 1.75
     np.testing.assert_allclose(offsets[1][:count], offsets[0][:count], atol=0.05)
+
+
+CURVE = {
+    "lanes": 3, "lane_width": 3.5, "length": 900.0,
+    "line": [{"length": 60.0}, {"length": 100.0, "radius": 72.0}],
+}  # fmt: skip
+EXIT = {**CURVE, "line": [{"length": 70.0}, {"length": 140.0, "radius": -690.0}],
+        "lane": [{"lane": 0, "taper": 60.0, "begin": 410.0, "ramp_from": 560.0}]}  # fmt: skip
+RAMP = {**EXIT, "lane": [{"lane": 0, "taper": 60.0, "end": 530.0, "ramp_until": 410.0}]}
+SLOWER = {"do": "follow", "model": "Krauss", "speed": 10.5}
+BACK = [{"do": "path", "begin": 0.5, "points": [[50.0, 4.5], [120.0, 3.5], [210.0, 3.0]]}]
+AHEAD = {"name": "a", "gap": 40.0, "speed": 18.0}
+
+
+@pytest.mark.parametrize(
+    ("road", "y", "vehicle"),
+    [
+        (CURVE, 3.5, {**AHEAD, "manoeuvre": [SLOWER]}),
+        (CURVE, 3.5, {**AHEAD, "body": "truck", "y": 7.0,
+                      "manoeuvre": [{**SLOWER, "when": "speed(ego) > 90"}]}),
+        (CURVE, 3.5, {**AHEAD, "manoeuvre": BACK}),
+        (EXIT, 3.5, {**AHEAD, "y": 3.5}),
+        (RAMP, 6.6, {**AHEAD, "y": 3.5}),
+        ({"lanes": 2}, 0.0, {"name": "a", "x": 180.0, "y": 8.0, "speed": 16.0, "heading": -90.0}),
+    ],
+    ids=["slower", "past_the_arc", "back", "exit", "ramp", "across"],
+)  # fmt: skip
+@pytest.mark.parametrize("ads", ["no_reaction", "traci"])
+def test_what_check_accepts_is_played(road, y, vehicle, ads):
+    """A straight drive that leaves the road in a curve included, beside traffic that reacts."""
+    stream = {"name": "st", "lane": 1, "begin": -30.0, "end": 200.0, "density": 20.0, "speed": "v"}
+    content = {
+        "name": "odd", "zone": "none", "road": road, "ego": {"speed": "v", "x": 30.0, "y": y},
+        "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 20.0, "step": 10.0}],
+        "vehicle": [vehicle], "stream": [] if "lane" in road else [{**stream, "begin": 60.0}],
+    }  # fmt: skip
+    concrete = scenario_from(content, "it", Path()).concrete(v=10.0)
+    drive = simulate(concrete, (lambda traci, ego, time: None) if ads == "traci" else ads)
+    assert drive.error is None
+    assert drive.simulated_time > 1.0

@@ -28,6 +28,8 @@ from sumo_eval.cosim.sumo.sumo_files import (
     EGO,
     SEGMENT,
     SIMULATION_OPTIONS,
+    departure_speed,
+    first_front,
     network_xml,
     routes_xml,
 )
@@ -228,17 +230,23 @@ def check_start(
     concrete: ConcreteScenario,
     settings: SimulationSettings,
     names: Sequence[str] | None = None,
+    *,
+    by_map: bool = True,
 ) -> None:
     """Raise SimulationError unless SUMO shows every vehicle at its start.
 
     SUMO may move a vehicle or delay it.
 
     names: of the vehicles in SUMO, the ego's first; None: as in the scenario.
+    by_map: `on_map` of `sumo_files.departures`.
     """
     road, calls = concrete.road, vehicles(traci)
-    starts: list[tuple[Any, ...]] = [(EGO, concrete.ego, settings.vehicle.length, None)]
-    starts += [(it.name, it.start, it.length, it.on_map) for it in concrete.actors]
-    for in_sumo, (name, start, length, on_map) in zip(
+    ego = concrete.ego
+    starts: list[tuple[Any, ...]] = [(EGO, ego, settings.vehicle.length, None, ego.speed)]
+    starts += [
+        (it.name, it.start, it.length, it.on_map, departure_speed(it)) for it in concrete.actors
+    ]
+    for in_sumo, (name, start, length, on_map, departs) in zip(
         names or [it[0] for it in starts], starts, strict=True
     ):
         try:
@@ -249,8 +257,8 @@ def check_start(
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
         if on_map is not None:  # no lane leads there: it gets its place before the first step
             continue
-        front = start.x + length / 2
-        if road.bent and not concrete.reacts:
+        front = first_front(road, start, length)
+        if road.bent and (by_map or not concrete.reacts):
             meant, tolerance = map_places(road.line, front, start.y), bend_tolerance(road, start.y)
             # one distance, on the map: beside the line, a metre along it is another length
             ahead = left = math.hypot(x - float(meant[0]), y - float(meant[1]))
@@ -259,17 +267,17 @@ def check_start(
             if road.bent:  # vehicles that SUMO drives have places along their lanes
                 x, lane = calls.getLanePosition(in_sumo), calls.getLaneIndex(in_sumo)
                 y = road.lane_width * lane + calls.getLateralLanePosition(in_sumo)
-            ahead, left = abs(x - length / 2 - start.x), abs(y - start.y)
+            ahead, left = abs(x - front), abs(y - start.y)
             tolerance = POSITION_TOLERANCE
         if not (ahead <= tolerance and left <= tolerance):  # `not <=`: true of nan as well
             raise SimulationError(
-                f"SUMO placed vehicle `{name}` at ({x - length / 2:.3f}, {y:.3f}) m "
+                f"SUMO placed vehicle `{name}` at ({x - front + start.x:.3f}, {y:.3f}) m "
                 f"instead of ({start.x:.3f}, {start.y:.3f}) m."
             )
-        if not abs(speed - start.speed) <= SPEED_TOLERANCE:
+        if not abs(speed - departs) <= SPEED_TOLERANCE:
             raise SimulationError(
                 f"SUMO gave vehicle `{name}` the speed {speed:.3f} m/s instead of "
-                f"{start.speed:.3f} m/s."
+                f"{departs:.3f} m/s."
             )
 
 

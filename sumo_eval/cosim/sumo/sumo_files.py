@@ -21,8 +21,8 @@ from lxml.builder import ElementMaker  # type: ignore[import-not-found]
 
 from sumo_eval.cosim.doors.observation import lane_at
 from sumo_eval.scenario.bodies import BODIES, CAR
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
-from sumo_eval.scenario.road.reference_line import drawn_points, map_places, tightest
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
+from sumo_eval.scenario.road.reference_line import curvatures, drawn_points, map_places, tightest
 from sumo_eval.scenario.sumo_network import laid_along_x
 from sumo_eval.settings import VehicleSettings
 from sumo_eval.trajectory import FloatArray
@@ -334,7 +334,8 @@ def routes_xml(
     goals = [(y, None if way is None else y + way.offset)] + [
         (it.start.y, it.y(math.inf) if it.lateral_moves else None) for it in concrete.actors
     ]
-    for attributes, goal in zip(departures(concrete, vehicle.length), goals, strict=True):
+    starts = departures(concrete, vehicle.length, on_map=True)
+    for attributes, goal in zip(starts, goals, strict=True):
         edges = " ".join(vehicle_edges(concrete.road, *goal))
         if routes.find(f"route[@id='{attributes['route']}']") is None:
             routes.append(E.route(id=attributes["route"], edges=edges))
@@ -389,12 +390,29 @@ def _own_attributes(actor: Actor) -> dict[str, str]:
     return attributes
 
 
+def first_front(road: Road, start: Start, length: float) -> float:
+    """x of a vehicle's front bumper at the start, m: beside the line of a curve, a metre of the
+    body is another length along the line.
+    """
+    bend = float(curvatures(road.line, start.x)) if road.bent else 0.0
+    return start.x + 0.5 * length / (1.0 - bend * start.y)
+
+
+def departure_speed(actor: Actor) -> float:
+    """Speed at which SUMO inserts an actor, m/s: it refuses more than the speed that the actor's
+    model wants. `Stage.take_charge` then gives it its first speed.
+    """
+    speed = actor.start.speed
+    return speed if actor.model is None else min(speed, _desired(actor.model.desired))
+
+
 def departures(
-    concrete: ConcreteScenario, ego_length: float, *, one_lane: bool = False
+    concrete: ConcreteScenario, ego_length: float, *, one_lane: bool = False, on_map: bool = False
 ) -> list[dict[str, str]]:
     """Attributes of the vehicles of a case, the ego first.
 
     one_lane: the network has only lane 0 (`shared_files.fits_one_lane`).
+    on_map: in a curve, vehicles depart in their own lanes, where their places are on the map.
     """
     vehicles, road = [], concrete.road
     starts = [(EGO, concrete.ego, ego_length)]
@@ -404,13 +422,14 @@ def departures(
         # and moves it to its position on the map before the first step.
         if actor.on_map is not None:
             start = replace(start, x=min(max(start.x, length / 2), road.end - length))
-        starts.append((actor.name, start, length))
+        starts.append((actor.name, replace(start, speed=departure_speed(actor)), length))
     for name, start, length in starts:
-        front = start.x + length / 2  # SUMO's position is the front bumper
+        front = first_front(road, start, length)  # SUMO's position is the front bumper
         # In a curve a position along the road is exact on lane 0 alone (`network_xml`). So every
-        # vehicle departs there, but not where vehicles react: SUMO's drivers ask for real lanes.
-        in_lane_0 = one_lane or (road.bent and not concrete.reacts)
-        lane = 0 if in_lane_0 else lane_at(road, start.y)
+        # vehicle departs there, but not where SUMO's drivers or an ADS ask for real lanes.
+        in_lane_0 = one_lane or (road.bent and not (concrete.reacts or on_map))
+        own_lane = lane_at(road, start.y)
+        lane = 0 if in_lane_0 else own_lane
         attributes = _texts(
             id=name, type=name, route="along", depart="0", departLane=str(lane), departPos=front,
             departSpeed=start.speed,
@@ -425,28 +444,49 @@ def departures(
                 departEdge=str(edge), departLane=str(lane + first_lane), departPos=front - begin
             )
         elif road.spans and not one_lane:
-            attributes |= _departure(road, name, lane, front)
+            lane, departure = _departure(road, name, (own_lane, lane), front, on_map=on_map)
+            attributes |= departure
+        elif road.bent and on_map:
+            attributes |= _texts(departPos=_lane_metres(road, lane, (0.0, front, road.end)))
         if start.y != road.lane_centre(lane):
             attributes["departPosLat"] = _number(start.y - road.lane_centre(lane))
         vehicles.append(attributes)
     return vehicles
 
 
-def _departure(road: Road, name: str, lane: int, front: float) -> dict[str, str]:
-    """Attributes of a vehicle that departs on a road of several sections, in the section's lane
-    nearest to `lane`; none beyond the road's end.
+def _departure(
+    road: Road, name: str, wanted: tuple[int, int], front: float, *, on_map: bool
+) -> tuple[int, dict[str, str]]:
+    """The lane in which a vehicle departs on a road of several sections, and its attributes; none
+    beyond the road's end.
 
+    wanted: the vehicle's own lane, whose edge it takes, and the lane in which it is to depart: of
+        that edge it gets the nearest one.
     front: x of its front bumper, m.
     """
+    own_lane, lane = wanted
     for index, section in enumerate(sections(road)):
         if front <= section.end:
-            lanes = (section.ramp,) if lane == section.ramp else section.lanes
-            nearest = min(max(lane, lanes[0]), lanes[-1])
-            return _texts(
+            lanes = (section.ramp,) if own_lane == section.ramp else section.lanes
+            nearest, position = min(max(lane, lanes[0]), lanes[-1]), front - section.begin
+            if road.bent and (on_map or nearest != lane):
+                position = _lane_metres(road, nearest, (section.begin, front, section.end))
+            return nearest, _texts(
                 route=f"along_{name}", departEdge=str(index),
-                departLane=str(lanes.index(nearest)), departPos=front - section.begin,
+                departLane=str(lanes.index(nearest)), departPos=position,
             )  # fmt: skip
-    return {}
+    return lane, {}
+
+
+def _lane_metres(road: Road, lane: int, x: tuple[float, float, float]) -> float:
+    """Position along a lane of a curved road, in SUMO's metres: for SUMO each lane of a section is
+    as long as the road's line there.
+
+    x: of the beginning of the section, of the position, and of the section's end, m.
+    """
+    turn = np.unwrap(map_places(road.line, np.array(x), 0.0)[2])
+    begin, position, end = (np.array(x) - road.lane_centre(lane) * turn).tolist()
+    return float((x[2] - x[0]) * (position - begin) / (end - begin)) if lane else x[1] - x[0]
 
 
 def _remarks(concrete: ConcreteScenario, origin: str) -> str:
