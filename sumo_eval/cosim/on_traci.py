@@ -493,7 +493,7 @@ class _Hook:
             self._world.note(self._case, "vtype_limit", gained, gained)
         # the step is as long as one of the speeds between both allows
         slower, faster = (speed, lane_speed) if speed < lane_speed else (lane_speed, speed)
-        tolerance = JUMP_TOLERANCE + (_CHORD_SHARE * faster * step if self._bend else 0.0)
+        tolerance = JUMP_TOLERANCE + (_CHORD_SHARE * faster * step if self._bent else 0.0)
         least, most = slower * step - tolerance, faster * step + tolerance
         if least <= ahead <= most and -sideways <= across <= sideways:
             return

@@ -76,7 +76,7 @@ def test_an_ego_that_begins_sideways_returns_on_a_curve_too():
 
 CURVE = {
     "lanes": 3, "lane_width": 3.5, "length": 900.0,
-    "line": [{"length": 60.0}, {"length": 100.0, "radius": 72.0}],
+    "line": [{"length": 60.0}, {"length": 260.0, "radius": 72.0}],  # more than half a circle
 }  # fmt: skip
 EXIT = {**CURVE, "line": [{"length": 70.0}, {"length": 140.0, "radius": -690.0}],
         "lane": [{"lane": 0, "taper": 60.0, "begin": 410.0, "ramp_from": 560.0}]}  # fmt: skip

@@ -484,7 +484,10 @@ def _lane_metres(road: Road, lane: int, x: tuple[float, float, float]) -> float:
 
     x: of the beginning of the section, of the position, and of the section's end, m.
     """
-    turn = np.unwrap(map_places(road.line, np.array(x), 0.0)[2])
+    near = np.linspace(x[0], x[2], 100)  # so near that no turn between two of them is half a circle
+    rough = np.interp(x, near, np.unwrap(map_places(road.line, near, 0.0)[2]))
+    turn = map_places(road.line, np.array(x), 0.0)[2]
+    turn += math.tau * np.round((rough - turn) / math.tau)
     begin, position, end = (np.array(x) - road.lane_centre(lane) * turn).tolist()
     return float((x[2] - x[0]) * (position - begin) / (end - begin)) if lane else x[1] - x[0]
 
