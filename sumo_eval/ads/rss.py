@@ -32,6 +32,7 @@ BRAKING = 6.0  # b, m/s2, of the ego
 OTHER_BRAKING = 6.0  # bl, m/s2, of the actor ahead
 LATERAL_ACCELERATION = 1.0  # ay, m/s2
 LATERAL_MARGIN = 0.3  # mu, m
+ROUNDING = 1e-6  # m/s by which the speed of a standing vehicle may be below 0
 
 
 @kernel
@@ -50,7 +51,7 @@ def longitudinal_safe_distance(speed: float, other_speed: float) -> float:
     speed: v, other_speed: w, m/s.
     """
     own = stopping_distance(speed, BRAKING)
-    if other_speed < 0.0:
+    if other_speed < -ROUNDING:
         return own + stopping_distance(-other_speed, OTHER_BRAKING)
     return own - other_speed * other_speed / (2.0 * OTHER_BRAKING)
 

@@ -147,6 +147,8 @@ def test_rss_by_hand():
     assert longitudinal_safe_distance(20.0, 10.0) == pytest.approx(48.765625)
     # both must stop where the other is oncoming: 57.098958 m from 20 m/s, 20.848958 m from 10 m/s
     assert longitudinal_safe_distance(20.0, -10.0) == pytest.approx(77.947917)
+    # rounding
+    assert longitudinal_safe_distance(20.0, -1e-15) == longitudinal_safe_distance(20.0, 0.0)
     assert lateral_safe_distance(1.0) == pytest.approx(2.8625)
 
 
