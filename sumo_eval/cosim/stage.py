@@ -29,7 +29,6 @@ from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
 from sumo_eval.cosim.sumo.sumo_files import departure_speed
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, SimulationError
-from sumo_eval.scenario.concrete import Actor
 from sumo_eval.trajectory import Alone, BoolArray, FloatArray, IntArray
 
 # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
@@ -128,17 +127,18 @@ class Stage:
             except SimulationError as error:
                 world.fail(case, "sim_error", str(error))
                 continue
-            starts: list[tuple[Any, Actor | None]] = [(concrete.ego, None)]
-            starts += [(actor.start, actor) for actor in concrete.actors]
-            for name, (start, actor) in zip(self.names[case], starts, strict=True):
+            starts: list[tuple[Any, bool]] = [(concrete.ego, False)]
+            starts += [(actor.start, actor.follows_at_once) for actor in concrete.actors]
+            for name, (start, follows) in zip(self.names[case], starts, strict=True):
                 calls.setLaneChangeMode(name, 0)
-                if actor is not None and departure_speed(actor) < start.speed:
-                    calls.setPreviousSpeed(name, start.speed)
-                if actor is not None and actor.follows_at_once:  # SUMO's model drives it
+                if follows:  # SUMO's model drives it
                     continue
                 calls.setSpeedMode(name, EXACT_SPEED_MODE)
                 calls.setSpeed(name, start.speed)
                 self._told[name] = start.speed
+            for name, actor in zip(self.names[case][1:], concrete.actors, strict=True):
+                if departure_speed(actor) < actor.start.speed:
+                    calls.setPreviousSpeed(name, actor.start.speed)
 
     def sends(self, steps: int) -> bool:
         """Whether SUMO receives the vehicles in the step after `steps`; else it receives none."""

@@ -86,7 +86,7 @@ def _in_junctions(
 
 
 def _reach(actor: Actor, furthest: float) -> float:
-    """Distance that an actor may be beside the lanes, m: 0 for one that SUMO drives and that no act
+    """Largest distance of an actor from the lanes, m: 0 for one that SUMO drives and that no act
     brings to a lane, and for a motor vehicle whose script depends on time alone.
     """
     along = all(act.kind in (played.SPEED, played.KEEP, played.FOLLOW) for act in actor.acts)

@@ -18,6 +18,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -241,12 +242,12 @@ def check_start(
     by_map: `on_map` of `sumo_files.departures`.
     """
     road, calls = concrete.road, vehicles(traci)
-    ego = concrete.ego
-    starts: list[tuple[Any, ...]] = [(EGO, ego, settings.vehicle.length, None, ego.speed)]
+    starts: list[tuple[Any, ...]] = [(EGO, concrete.ego, settings.vehicle.length, None)]
     starts += [
-        (it.name, it.start, it.length, it.on_map, departure_speed(it)) for it in concrete.actors
+        (it.name, replace(it.start, speed=departure_speed(it)), it.length, it.on_map)
+        for it in concrete.actors
     ]
-    for in_sumo, (name, start, length, on_map, departs) in zip(
+    for in_sumo, (name, start, length, on_map) in zip(
         names or [it[0] for it in starts], starts, strict=True
     ):
         try:
@@ -274,10 +275,10 @@ def check_start(
                 f"SUMO placed vehicle `{name}` at ({x - front + start.x:.3f}, {y:.3f}) m "
                 f"instead of ({start.x:.3f}, {start.y:.3f}) m."
             )
-        if not abs(speed - departs) <= SPEED_TOLERANCE:
+        if not abs(speed - start.speed) <= SPEED_TOLERANCE:
             raise SimulationError(
                 f"SUMO gave vehicle `{name}` the speed {speed:.3f} m/s instead of "
-                f"{departs:.3f} m/s."
+                f"{start.speed:.3f} m/s."
             )
 
 

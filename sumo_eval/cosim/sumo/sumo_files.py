@@ -446,7 +446,7 @@ def departures(
         elif road.spans and not one_lane:
             lane, departure = _departure(road, name, (own_lane, lane), front, on_map=on_map)
             attributes |= departure
-        elif road.bent and on_map:
+        elif road.bent and on_map and lane:
             attributes |= _texts(departPos=_lane_metres(road, lane, (0.0, front, road.end)))
         if start.y != road.lane_centre(lane):
             attributes["departPosLat"] = _number(start.y - road.lane_centre(lane))
@@ -469,7 +469,7 @@ def _departure(
         if front <= section.end:
             lanes = (section.ramp,) if own_lane == section.ramp else section.lanes
             nearest, position = min(max(lane, lanes[0]), lanes[-1]), front - section.begin
-            if road.bent and (on_map or nearest != lane):
+            if road.bent and nearest and (on_map or nearest != lane):
                 position = _lane_metres(road, nearest, (section.begin, front, section.end))
             return nearest, _texts(
                 route=f"along_{name}", departEdge=str(index),
@@ -479,17 +479,14 @@ def _departure(
 
 
 def _lane_metres(road: Road, lane: int, x: tuple[float, float, float]) -> float:
-    """Position along a lane of a curved road, in SUMO's metres: for SUMO each lane of a section is
-    as long as the road's line there.
+    """Position along a lane beside a curved road's line, in SUMO's metres: for SUMO each lane of a
+    section is as long as the line there.
 
     x: of the beginning of the section, of the position, and of the section's end, m.
     """
-    near = np.linspace(x[0], x[2], 100)  # so near that no turn between two of them is half a circle
-    rough = np.interp(x, near, np.unwrap(map_places(road.line, near, 0.0)[2]))
     turn = map_places(road.line, np.array(x), 0.0)[2]
-    turn += math.tau * np.round((rough - turn) / math.tau)
     begin, position, end = (np.array(x) - road.lane_centre(lane) * turn).tolist()
-    return float((x[2] - x[0]) * (position - begin) / (end - begin)) if lane else x[1] - x[0]
+    return float((x[2] - x[0]) * (position - begin) / (end - begin))
 
 
 def _remarks(concrete: ConcreteScenario, origin: str) -> str:
