@@ -141,11 +141,13 @@ def safe_gap(speed: float, lead_speed: float, deceleration: float, response: flo
     Responsibility-Sensitive Safety for one that does not speed up in between (Shalev-Shwartz et al.
     2017, Definition 1).
 
-    speed: v, lead_speed: w, m/s.
+    speed: v, m/s.
+    lead_speed: w, m/s; below 0: the lead is oncoming, and its way to a stop adds to the gap.
     deceleration: b, m/s2.
     response: rho, s.
     """
-    rolled = speed * response + (speed * speed - lead_speed * lead_speed) / (2.0 * deceleration)
+    squares = speed * speed - lead_speed * abs(lead_speed)
+    rolled = speed * response + squares / (2.0 * deceleration)
     return max(rolled, 0.0) + LEAST_GAP
 
 

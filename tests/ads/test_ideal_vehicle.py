@@ -330,10 +330,11 @@ def test_only_the_ideal_vehicle_itself_receives_the_scripts():
 
 def test_the_safe_gap_by_hand():
     # equal speeds: 30 * 0.15 + 2 m; 20 behind 10 m/s: 20 * 0.15 + (400 - 100) / 18 + 2 m; who is
-    # much slower: 2 m
+    # much slower: 2 m; 10 m/s that comes towards one: (400 + 100) / 18
     assert safe_gap(30.0, 30.0, 9.0, 0.15) == pytest.approx(6.5)
     assert safe_gap(20.0, 10.0, 9.0, 0.15) == pytest.approx(3.0 + 300.0 / 18.0 + 2.0)
     assert safe_gap(10.0, 30.0, 9.0, 0.15) == 2.0
+    assert safe_gap(20.0, -10.0, 9.0, 0.15) == pytest.approx(3.0 + 500.0 / 18.0 + 2.0)
 
 
 @pytest.mark.parametrize(("gap", "keeps"), [(6.4, False), (6.6, True)])

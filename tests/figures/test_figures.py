@@ -160,6 +160,11 @@ def test_a_history_of_nights_is_drawn(done, tmp_path):
     lines = [line for panel in figure.axes for line in panel.lines]
     assert not [line for line in lines if line.get_linewidth() == 3.0], "no gate: it did not fail"
     save(figure, tmp_path / "trend.pdf")
+    with open_history(history) as database:  # an ADS of another scenario has no trend in this one
+        other = replace(done.scores[0], ads="new", scenario="other")
+        database.add(night._replace(night="more"), replace(done, scores=(other,)), ())
+    with refusal("A night must have driven new"):
+        draw(history, "trend", ads="new")
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,9 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
     names = all_ads if ads is None else [ads]
     check_known("scenario", scenarios, chosen)
     check_known("ADS", all_ads, *names)
+    values = [it for it in values if it.scenario == chosen and it.ads in names]
+    if not values:
+        raise InputError(f"A night must have driven {ads} in {chosen} before this trend is drawn.")
 
     # x of a night is its number; a night without a value, as None, is nan: the line has a gap there
     failed = [x for x, night in enumerate(nights) if night.exit_status == GATE_FAILED]
@@ -55,9 +58,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
         marks = []
         for name in names:
             by_night = {
-                it.night: it.value
-                for it in values
-                if (it.ads, it.scenario, it.quantity) == (name, chosen, quantity)
+                it.night: it.value for it in values if (it.ads, it.quantity) == (name, quantity)
             }
             x = range(len(nights))
             y = np.array([by_night.get(night.night) for night in nights], float)
