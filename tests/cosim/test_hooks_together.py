@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cosim_cases import case, lead
+from cosim_cases import case, lead, once
 
 from sumo_eval import Command, kernels
 from sumo_eval.cosim import world
@@ -57,21 +57,6 @@ def brakes(traci, ego, time):
     traci.vehicle.setSpeed(ego, 0.0)
 
 
-def slows_down(traci, ego, time):
-    if abs(time - 1.0) < 1e-6:
-        traci.vehicle.slowDown(ego, 5.0, 3.0)
-
-
-def sets_accelerations(traci, ego, time):
-    if abs(time - 1.0) < 1e-6:
-        traci.vehicle.setAcceleration(ego, -2.0, 2.0)
-
-
-def changes_lane(traci, ego, time):
-    if abs(time - 1.0) < 1e-6:
-        traci.vehicle.changeLane(ego, 1, 5.0)
-
-
 def moves(traci, ego, time):
     (x, y), speed, step = (
         traci.vehicle.getPosition(ego), traci.vehicle.getSpeed(ego), traci.simulation.getDeltaT()
@@ -105,8 +90,10 @@ class Mixture:
 
 
 HOOKS = [
-    returns_commands, sets_speeds, slows_down, sets_accelerations, changes_lane, moves,
-    looks_where_it_is, Mixture,
+    returns_commands, sets_speeds, moves, looks_where_it_is, Mixture,
+    once(lambda traci: traci.vehicle.slowDown("ego", 5.0, 3.0)),
+    once(lambda traci: traci.vehicle.setAcceleration("ego", -2.0, 2.0)),
+    once(lambda traci: traci.vehicle.changeLane("ego", 1, 5.0)),
 ]  # fmt: skip
 
 

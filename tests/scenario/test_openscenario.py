@@ -396,12 +396,10 @@ def _line(*places):
     return f"<Polyline>{''.join(f'<Vertex>{place}</Vertex>' for place in places)}</Polyline>"
 
 
-def _segment(length, begin, end, first=""):
-    first = first.replace("Position>", "PositionStart>", 1)
-    first = first[: -len("</Position>")] + "</PositionStart>" if first else ""
+def _segment(length, curvature, first=""):
     return (
-        f'<ClothoidSplineSegment length="{length}" curvatureStart="{begin}" '
-        f'curvatureEnd="{end}">{first}'
+        f'<ClothoidSplineSegment length="{length}" curvatureStart="{curvature}" '
+        f'curvatureEnd="{curvature}">{first.replace("Position>", "PositionStart>")}'
         "</ClothoidSplineSegment>"
     )
 
@@ -414,22 +412,10 @@ def turning(folder):
     beside, and comes back."""
     path = written(folder, v="5")
     text = path.read_text().replace('value="-5" speedT', 'value="0" speedT')
-    quarter = 5.0 * math.pi
-    shape = (
-        _segment(100.0, 0.0, 0.0, _at(-1, 20.0))
-        + _segment(quarter, 0.1, 0.1)
-        + _segment(60.0, 0.0, 0.0)
-    )
-    ways = (
-        _following(f"<ClothoidSpline>{shape}</ClothoidSpline>"),
-        _following(_line(_at(1, 200.0), _at(1, 20.0))),
-    )
-    for way in ways:
-        begin, end = (
-            text.index("<TeleportAction>"),
-            text.index("</TeleportAction>") + len("</TeleportAction>"),
-        )
-        text = text[:begin] + way + text[end:]
+    shape = _segment(100.0, 0.0, _at(-1, 20.0)) + _segment(5.0 * math.pi, 0.1) + _segment(60.0, 0.0)
+    for way in f"<ClothoidSpline>{shape}</ClothoidSpline>", _line(_at(1, 200.0), _at(1, 20.0)):
+        place = "<TeleportAction>.*?</TeleportAction>"
+        text = re.sub(place, _following(way), text, count=1, flags=re.S)
     path.write_text(text)
     return path
 
@@ -543,9 +529,9 @@ def _ends_in_frame():
 def test_a_speed_that_is_reached_within_no_time_is_the_one_at_the_start(tmp_path):
     was = only_case(written(tmp_path))
     linear = STEP.replace('"step"', '"linear"')
-    assert only_case(written_again(written(tmp_path, step=linear))).actors == was.actors
+    assert only_case(changed(tmp_path, step=linear)).actors == was.actors
     with refusal("its first speed must be a step"):
-        find(str(written_again(written(tmp_path, step=linear.replace('"0"', '"2"')))))
+        find(str(changed(tmp_path, step=linear.replace('"0"', '"2"'))))
 
 
 def test_the_ego_can_be_named(tmp_path):
@@ -590,10 +576,10 @@ SLOPE = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevati
     ],
 )
 def test_what_a_road_file_says_in_vain_is_noted(tmp_path, old, new, kind):
-    plain = find(str(written(tmp_path)))
+    plain, path = find(str(written(tmp_path))), changed(tmp_path, minor=1)
     (tmp_path / "road.xodr").write_text(ROAD.replace(old, new, 1))
     for option in ("", "?flat=1"):
-        other = find(f"{written_again(tmp_path / 'scenario.xosc')}{option}")
+        other = find(f"{path}{option}")
         assert other.concrete(only=0.0).actors == plain.concrete(only=0.0).actors
         assert kind in other.notes[0]
     assert not any(kind in note for note in plain.notes)
@@ -971,32 +957,18 @@ def test_an_edge_needs_the_opposite_before(tmp_path):
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""
-    plain = written(tmp_path, events=CUT_IN)
-    was = only_case(plain).actors
-    own = "<ParameterDeclarations>{}</ParameterDeclarations>"
-    one = '<ParameterDeclaration name="{}" parameterType="string" value="{}"/>'
-    text = plain.read_text().replace(
-        '<Story name="s">',
-        '<Story name="s">' + own.format(one.format("who", "Other") + one.format("far", "99")),
+    one = '<ParameterDeclaration name="{}" parameterType="string" value="{}"/>'.format
+    own = "<ParameterDeclarations>{}</ParameterDeclarations>".format
+    story, move = '<Story name="s">', '<Maneuver name="m">'
+    path = changed(
+        tmp_path,
+        (story, story + own(one("who", "Other") + one("far", "99"))),
+        (move, move + own(one("far", "${10 * 3}"))),
+        ('"Other"/></Actors>', '"$who"/></Actors>'),
+        ('value="30"/></EntityCondition>', 'value="$far"/></EntityCondition>'),
+        events=CUT_IN,
     )
-    text = text.replace(
-        '<Maneuver name="m">', '<Maneuver name="m">' + own.format(one.format("far", "${10 * 3}"))
-    )
-    text = text.replace(
-        '<EntityRef entityRef="Other"/></Actors>', '<EntityRef entityRef="$who"/></Actors>'
-    )
-    text = text.replace('value="30"/></EntityCondition>', 'value="$far"/></EntityCondition>')
-    again = tmp_path / "stories.xosc"
-    again.write_text(text)
-    assert text.count("$who") == text.count("$far") == 1
-    assert only_case(again).actors == was
-
-
-def written_again(path):
-    """The file under another name: what was read of a path is kept while it does not change."""
-    again = path.with_name("again.xosc")
-    again.write_text(path.read_text())
-    return again
+    assert only_case(path).actors == only_case(written(tmp_path, events=CUT_IN)).actors
 
 
 def test_a_case_ends_before_sumo_takes_the_ego_off_the_road(tmp_path):
