@@ -46,31 +46,18 @@ class Mover(SimpleNamespace):
 
 def mover(name, x, y=0.0, along=20.0, across=0.0):
     """A vehicle of 4.5 m x 1.8 m, straight along the road."""
-    return Mover(
-        name=name,
-        x=x,
-        y=y,
-        heading=0.0,
-        along=along,
-        across=across,
-        half_length=2.25,
-        half_width=0.9,
-        braking=0.0,
-        curvature=0.0,
-    )
+    size = {"half_length": 2.25, "half_width": 0.9}
+    motion = {"heading": 0.0, "along": along, "across": across, "braking": 0.0, "curvature": 0.0}
+    return Mover(name=name, x=x, y=y, **motion, **size)
 
 
 def fresh(layout):
     """A record as a rule finds it at the start: nothing is known (nan), nothing has happened
     (0)."""
     dtype = np.dtype(layout)
-    found = SimpleNamespace()
-    for name in dtype.names:
-        inner = dtype[name]
-        setattr(
-            found, name, fresh(inner) if inner.names else (math.nan if inner == np.float64 else 0)
-        )
-    return found
+    if dtype.names is None:
+        return math.nan if dtype == np.float64 else 0
+    return SimpleNamespace(**{name: fresh(dtype[name]) for name in dtype.names})
 
 
 def case(*actors, speed=20.0, road=ROAD, **values):
@@ -78,9 +65,14 @@ def case(*actors, speed=20.0, road=ROAD, **values):
     return ConcreteScenario("test", values, 1.0, road, Start(50.0, 0.0, speed), actors)
 
 
-def actor(name, gap, speed, y=0.0):
+def actor(name, gap, speed, y=0.0, *acts, **body):
     """A vehicle `gap` m (bumper to bumper) ahead of the ego's start."""
-    return Actor(name, Start(50.0 + 4.5 + gap, y, speed))
+    return Actor(name, Start(50.0 + 4.5 + gap, y, speed), acts, **body)
+
+
+def at_point(name, *values):
+    """A shipped scenario with values in the order of its parameters."""
+    return catalogue.load(name).concretes([values])[0]
 
 
 def drawn_cases(name, count, seed):

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from road_scenes import actor, case, drawn_cases
+from road_scenes import actor, at_point, case, drawn_cases
 
 from sumo_eval.ads.foresight import evasion, foresee
 from sumo_eval.ads.known_answers import IdealBraking, safe_gap
@@ -73,12 +73,8 @@ def test_no_shipped_ads_is_gentler_at_10000_points(name):
 
 
 def test_no_ads_sees_a_child_through_parked_cars():
-    child = catalogue.load("child_from_behind_parked_cars")
-    case = child.concrete(ego_speed=13.9545, running_speed=2.74439, time_to_place=0.546293)
-    ideal, careful = (
-        simulate(case, "ideal_braking", SETTINGS),
-        simulate(case, "careful_driver", SETTINGS),
-    )
+    case = at_point("child_from_behind_parked_cars", 13.9545, 2.74439, 0.546293)
+    ideal, careful = (simulate(case, ads, SETTINGS) for ads in ("ideal_braking", "careful_driver"))
     assert 0.0 < severity(ideal) < severity(careful)
     # the child runs from 24 m before it on; until then there are parked cars, which stand
     assert careful.ego.speed[careful.ego.x < 160.0 - 24.0].min() == 13.9545
@@ -87,50 +83,23 @@ def test_no_ads_sees_a_child_through_parked_cars():
 NARROW = [
     # in its own lane change it would graze the other, and is up to 0.13 m behind one that keeps its
     # speed beside it
-    (
-        "exit",
-        {
-            "ego_speed": 16.6837,
-            "other_speed": 14.0662,
-            "gap": 27.5042,
-            "other_acceleration": -5.21963,
-        },
-    ),
-    ("lane_drop_cut", {"ego_speed": 16.7039, "other_speed": 10.1173, "gap": 5.49282, "side": 1.0}),
+    ("exit", 16.6837, 14.0662, 27.5042, -5.21963),
+    ("lane_drop_cut", 16.7039, 10.1173, 5.49282, 1.0),
     # the other turns its front into the lane 3 cm behind it, and reaches it with a corner
-    ("side_vehicle", {"ego_speed": 25.38993, "ahead": -4.53052, "lateral_speed": 0.959677}),
+    ("side_vehicle", 25.38993, -4.53052, 0.959677),
     # the way as it lies misses the other by 0.01 mm, the way as it is driven touches it
-    (
-        "exit",
-        {
-            "ego_speed": 29.42476,
-            "other_speed": 15.3235,
-            "gap": 41.73862,
-            "other_acceleration": -2.501959,
-        },
-    ),
+    ("exit", 29.42476, 15.3235, 41.73862, -2.501959),
     # who keeps his speed has left after 22 s; the other slows down for 46 s, to 6 m/s
-    (
-        "cut_in_from_ramp",
-        {
-            "ego_speed": 31.60413,
-            "other_speed": 12.01993,
-            "gap": 49.57272,
-            "other_acceleration": -0.129984,
-        },
-    ),
+    ("cut_in_from_ramp", 31.60413, 12.01993, 49.57272, -0.129984),
 ]
 
 
-@pytest.mark.parametrize(("name", "point"), NARROW)
-def test_it_touches_no_vehicle_where_bodies_pass_by_centimetres(name, point):
-    assert (
-        simulate(catalogue.load(name).concrete(**point), "ideal_braking", SETTINGS).collision
-        is None
-    )
+@pytest.mark.parametrize("point", NARROW)
+def test_it_touches_no_vehicle_where_bodies_pass_by_centimetres(point):
+    assert simulate(at_point(*point), "ideal_braking", SETTINGS).collision is None
 
 
-FAST = catalogue.load("r157_cut_out").concrete(ego_speed=37.0, obstacle_gap=2.0, lateral_speed=1.0)
+FAST = at_point("r157_cut_out", 37.0, 2.0, 1.0)
 
 
 def test_it_steers_round_what_shows_too_late_to_brake():
@@ -144,13 +113,9 @@ def test_it_steers_round_what_shows_too_late_to_brake():
 
 
 def test_it_steers_where_lane_changer_would_be_gentler():
-    logical, stream = catalogue.load("r157_cut_out"), np.random.default_rng(3)
+    stream = np.random.default_rng(3)
     cases = [
-        logical.concrete(
-            ego_speed=stream.uniform(36.0, 37.5),
-            obstacle_gap=stream.uniform(0.0, 8.0),
-            lateral_speed=1.0,
-        )
+        at_point("r157_cut_out", stream.uniform(36.0, 37.5), stream.uniform(0.0, 8.0), 1.0)
         for _ in range(12)
     ]
     ideal, other = severities(cases, "ideal_braking"), severities(cases, "lane_changer")
@@ -180,9 +145,8 @@ def test_a_lane_is_free_with_1_6_seconds_to_the_lead_in_it(headway):
 
 
 def test_it_only_brakes_where_braking_will_do_or_the_lane_is_not_free():
-    logical = catalogue.load("r157_cut_out")
     # 76.3 m, 74.7 m needed
-    slower = logical.concrete(ego_speed=36.0, obstacle_gap=2.0, lateral_speed=1.0)
+    slower = at_point("r157_cut_out", 36.0, 2.0, 1.0)
     beside = Actor("beside", Start(FAST.ego.x - 10.0, 3.5, 37.0), (), 4.3, 1.9)
     assert path_of(slower)[1] == 0.0
     # 5.7 m behind, and no faster
@@ -226,10 +190,7 @@ def test_six_drivers_of_known_order_have_six_c_in_cut_out():
 
 
 def test_the_ideal_vehicle_reacts_to_the_first_lateral_motion_and_not_to_the_overlap():
-    cut_in = catalogue.load("cut_in").concrete(
-        ego_speed=20.0, cut_in_speed=10.0, gap=15.0, lateral_speed=0.8
-    )
-    ego = simulate(cut_in, "ideal_braking").ego
+    ego = simulate(at_point("cut_in", 20.0, 10.0, 15.0, 0.8), "ideal_braking").ego
     assert ego.acceleration[2] == -9.0, (
         "0.2 s after the lateral motion began; the bodies overlap from 2 s on"
     )
@@ -238,23 +199,18 @@ def test_the_ideal_vehicle_reacts_to_the_first_lateral_motion_and_not_to_the_ove
 def test_it_passes_where_keeping_its_speed_is_free():
     # 15 m/s faster, 5 m behind: it is 5 + 8.6 m further ahead after 0.907 s, the overlap begins
     # after 1.6 / 1.6 = 1 s
-    passed = catalogue.load("cut_in").concrete(
-        ego_speed=25.0, cut_in_speed=10.0, gap=5.0, lateral_speed=1.6
+    passed, touched = (
+        simulate(at_point("cut_in", 25.0, 10.0, gap, 1.6), "ideal_braking", SETTINGS)
+        for gap in (5.0, 8.0)
     )
-    recording = simulate(passed, "ideal_braking", SETTINGS)
-    assert (recording.collision, recording.ego.speed.min()) == (None, 25.0)
-    touched = catalogue.load("cut_in").concrete(
-        ego_speed=25.0, cut_in_speed=10.0, gap=8.0, lateral_speed=1.6
-    )
-    assert simulate(touched, "ideal_braking", SETTINGS).ego.speed.min() < 25.0
+    assert (passed.collision, passed.ego.speed.min()) == (None, 25.0)
+    assert touched.ego.speed.min() < 25.0
 
 
 def test_it_falls_behind_a_vehicle_that_it_would_be_beside_of_at_equal_speed():
     # 5 m/s faster and 1 m behind, it is beside the other when it is as slow: 25 / 18 + 0.375 m; 8 s
     # to the overlap
-    beside = catalogue.load("cut_in").concrete(
-        ego_speed=15.0, cut_in_speed=12.5, gap=0.0, lateral_speed=0.9
-    )
+    beside = at_point("cut_in", 15.0, 12.5, 0.0, 0.9)
     recording = simulate(beside, "ideal_braking", SETTINGS)
     assert recording.collision is None
     assert recording.ego.speed.min() < 12.5
@@ -264,34 +220,24 @@ def test_it_falls_behind_a_vehicle_that_it_would_be_beside_of_at_equal_speed():
 def test_it_sees_the_obstacle_once_a_share_of_its_width_shows(share):
     # sliding to the left at 1.8 m/s: a share of 1.8 m shows after that share of a second; all of it
     # at 1 s
-    lead = Actor(
-        "lead", Start(80.0, 0.0, 20.0), (constant_lateral(0.3, 1.8, 3.5),), 4.5, 1.8, slides=True
-    )
-    hidden = actor("obstacle", 60.0, 0.0)
-    known = dict(
-        zip(("lead", "obstacle"), foresee(case(lead, hidden, speed=20.0), at(share)), strict=True)
-    )
-    assert known["obstacle"].meets
-    assert not known["lead"].meets
-    assert known["obstacle"].noticed == pytest.approx(
-        0.0 if share == 0.0 else 0.3 + share, abs=1e-6
-    )
-
-
-def at(share):
-    return SimulationSettings(ideal_visible_share=share)
+    lead = actor("lead", 25.5, 20.0, 0.0, constant_lateral(0.3, 1.8, 3.5), slides=True)
+    settings = SimulationSettings(ideal_visible_share=share)
+    first, obstacle = foresee(case(lead, actor("obstacle", 60.0, 0.0)), settings)
+    assert obstacle.meets
+    assert not first.meets
+    assert obstacle.noticed == pytest.approx(0.0 if share == 0.0 else 0.3 + share, abs=1e-6)
 
 
 def test_the_first_braking_of_a_lead_is_noticed_when_it_begins():
-    lead = Actor("lead", Start(80.0, 0.0, 20.0), (brake_to_stop(0.73, 6.0),))
-    (known,) = foresee(case(lead, speed=20.0), SimulationSettings())
+    lead = actor("lead", 25.5, 20.0, 0.0, brake_to_stop(0.73, 6.0))
+    (known,) = foresee(case(lead), SimulationSettings())
     assert known == (0.73, True, 0.0, False)
 
 
 @pytest.mark.parametrize("step", [0.02, 0.05, 0.1])
 def test_braking_that_begins_within_a_step_hits_as_fast_as_in_closed_form(step):
     # the lead brakes from 0.73 s on, so hard that it stands at once
-    lead = Actor("lead", Start(50.0 + 4.5 + 40.0, 0.0, 30.0), (brake_to_stop(0.73, 1e6),))
+    lead = actor("lead", 40.0, 30.0, 0.0, brake_to_stop(0.73, 1e6))
     recording = simulate(
         case(lead, speed=30.0), "ideal_braking", SimulationSettings(step=step, record_interval=0.1)
     )
@@ -310,10 +256,7 @@ def test_the_step_in_which_the_case_ends_is_foreseen_to_its_end(gap, meets):
 def test_a_touch_of_corners_on_a_curve_is_foreseen_on_the_map():
     # 0.02 m apart by the road's frame, 5 mm into each other on the map: the left curve turns the
     # corners together
-    bend = catalogue.load("curve_cut_in")
-    grazes = bend.concrete(
-        ego_speed=24.8564, cut_in_speed=14.8803, gap=1.67441, lateral_speed=1.55033
-    )
+    grazes = at_point("curve_cut_in", 24.8564, 14.8803, 1.67441, 1.55033)
     settings = grazes.simulation(SETTINGS)
     assert not foresee(replace(grazes, road=replace(grazes.road, line=())), settings)[0].meets
     assert foresee(grazes, settings)[0].meets
@@ -341,23 +284,13 @@ def test_the_safe_gap_by_hand():
 def test_it_brakes_at_once_where_it_is_too_close_to_what_hides(gap, keeps):
     # fronts at 50 + 2.25 m and the lead's rear `gap` further on; the obstacle shows after 0.2 s at
     # the earliest
-    lead = Actor(
-        "lead",
-        Start(54.5 + gap, 0.0, 30.0),
-        (constant_lateral(0.0, 1.8, 3.5),),
-        4.5,
-        1.8,
-        slides=True,
-    )
+    lead = actor("lead", gap, 30.0, 0.0, constant_lateral(0.0, 1.8, 3.5), slides=True)
     ego = simulate(case(lead, actor("obstacle", 200.0, 0.0), speed=30.0), "ideal_braking").ego
     assert (ego.speed[1] == 30.0) == keeps
 
 
 def test_who_stands_in_the_way_of_an_oncoming_vehicle_waits_until_it_has_passed():
-    meeting = catalogue.load("oncoming_in_lane").concrete(
-        ego_speed=10, oncoming_speed=25, distance=300, moves_back_at=0.9
-    )
-    waited = simulate(meeting, "ideal_braking", SETTINGS)
+    waited = simulate(at_point("oncoming_in_lane", 10, 25, 300, 0.9), "ideal_braking", SETTINGS)
     assert (waited.collision, waited.end_reason, waited.ego.speed[-1]) == (None, "time_limit", 0.0)
     assert waited.actors["oncoming"].x[-1] < waited.ego.x[-1]
 
@@ -365,16 +298,13 @@ def test_who_stands_in_the_way_of_an_oncoming_vehicle_waits_until_it_has_passed(
 def test_who_has_driven_into_another_hides_it_no_longer():
     # 20 m/s: its front, 2.25 m ahead of its centre, meets the obstacle's rear, 9 - 2.25 m on, after
     # 4.5 / 20 s
-    lead = Actor(
-        "lead", Start(80.0, 0.0, 20.0), (constant_lateral(0.0, 0.1, 3.5),), 4.5, 1.8, slides=True
-    )
-    hidden = Actor("obstacle", Start(89.0, 0.0, 0.0))
-    known = foresee(case(lead, hidden, speed=20.0), SimulationSettings())
+    lead = actor("lead", 25.5, 20.0, 0.0, constant_lateral(0.0, 0.1, 3.5), slides=True)
+    known = foresee(case(lead, actor("obstacle", 34.5, 0.0)), SimulationSettings())
     assert known[1].noticed == pytest.approx(0.225, abs=1e-6)
     assert known[1].hidden
 
 
 def test_what_is_never_seen_is_never_noticed():
     lead, hidden = actor("lead", 20.0, 20.0), actor("obstacle", 40.0, 20.0)
-    known = foresee(case(lead, hidden, speed=20.0), SimulationSettings())
+    known = foresee(case(lead, hidden), SimulationSettings())
     assert [one.noticed for one in known] == [0.0, math.inf]

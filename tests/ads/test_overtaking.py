@@ -56,13 +56,8 @@ class Ego:
 def decide(*others, speed=20.0, habits=WILLING, road=BRIEFING.road, free=0.3):
     """What is decided in the first step of an ego at x = 0 on the right lane that drives at
     `speed`."""
-    me = mover("ego", 0.0, along=speed)
-    briefing = (
-        BRIEFING
-        if road is BRIEFING.road
-        else type(BRIEFING)("test", road, BRIEFING.vehicle, BRIEFING.step)
-    )
-    overtaking = Ego(habits, briefing)
+    briefing = type(BRIEFING)("test", road, BRIEFING.vehicle, BRIEFING.step)
+    overtaking, me = Ego(habits, briefing), mover("ego", 0.0, along=speed)
     return overtaking, overtaking.acceleration(me, others, speed, free)
 
 
@@ -126,22 +121,22 @@ def test_when_braking_will_not_do_it_evades_if_that_is_possible(habits):
 
 
 @pytest.mark.parametrize(
-    ("other", "free"),
+    ("x", "y", "speed", "free"),
     [
-        (ahead(10.0, 20.0, y=3.5), False),
-        (ahead(14.0, 20.0, y=3.5), True),
-        (ahead(30.0, 15.0, y=3.5), False),
-        (mover("rear", -20.0, 3.5, along=20.0), False),
-        (mover("rear", -25.0, 3.5, along=20.0), True),
-        (mover("rear", -60.0, 3.5, along=35.0), False),
-        (mover("rear", -120.0, 3.5, along=35.0), True),
-        (mover("beside", 1.0, 3.5, along=20.0), False),
-        (mover("beside", -1.0, 3.5, along=20.0), False),
-        (mover("two lanes away", 1.0, 7.0, along=20.0), True),
+        (14.5, 3.5, 20.0, False),
+        (18.5, 3.5, 20.0, True),
+        (34.5, 3.5, 15.0, False),
+        (-20.0, 3.5, 20.0, False),
+        (-25.0, 3.5, 20.0, True),
+        (-60.0, 3.5, 35.0, False),
+        (-120.0, 3.5, 35.0, True),
+        (1.0, 3.5, 20.0, False),
+        (-1.0, 3.5, 20.0, False),
+        (1.0, 7.0, 20.0, True),
     ],
 )
-def test_the_left_lane_must_be_free_ahead_and_behind(other, free):
-    overtaking, _ = decide(ahead(60.0, 10.0), other)
+def test_the_left_lane_must_be_free_ahead_and_behind(x, y, speed, free):
+    overtaking, _ = decide(ahead(60.0, 10.0), mover("other", x, y, along=speed))
     assert overtaking.changing is free
 
 
@@ -161,22 +156,21 @@ def test_the_gap_behind_is_that_of_un_r79():
 @pytest.mark.parametrize("habits", [WILLING, UNWILLING], ids=["willing", "unwilling"])
 @pytest.mark.parametrize("gap", [150.0, 60.0])
 def test_oncoming_vehicles_are_neither_overtaken_nor_approached(habits, gap):
-    oncoming, parked = ahead(gap, -15.0), ahead(gap, 0.0)
-    evading, wanted = decide(oncoming, speed=30.0, habits=habits)
+    evading, wanted = decide(ahead(gap, -15.0), speed=30.0, habits=habits)
     assert not evading.changing
     assert wanted < -3.0, "it brakes"
-    assert (
-        decide(ahead(gap, -0.5), speed=30.0, habits=habits)[0].changing
-        is decide(parked, speed=30.0, habits=habits)[0].changing
-    ), "who rolls back does not come towards it"
+    back, still = (
+        decide(ahead(gap, speed), speed=30.0, habits=habits)[0].changing for speed in (-0.5, 0.0)
+    )
+    assert back is still, "who rolls back does not come towards it"
 
 
 def test_an_evasion_needs_only_room_not_comfort():
-    obstacle = ahead(45.0, 0.0)
-    assert decide(obstacle, ahead(5.0, 30.0, y=3.5, name="left"), speed=30.0)[0].changing
-    assert not decide(obstacle, ahead(1.9, 30.0, y=3.5, name="left"), speed=30.0)[0].changing
-    assert not decide(obstacle, mover("beside", 1.0, 3.5, along=30.0), speed=30.0)[0].changing
-    assert not decide(obstacle, mover("rear", -15.0, 3.5, along=35.0), speed=30.0)[0].changing
+    for x, speed, evades in (
+        (9.5, 30.0, True), (6.4, 30.0, False), (1.0, 30.0, False), (-15.0, 35.0, False)
+    ):  # fmt: skip
+        other = mover("left", x, 3.5, along=speed)
+        assert decide(ahead(45.0, 0.0), other, speed=30.0)[0].changing is evades
 
 
 def test_on_the_leftmost_lane_it_follows():

@@ -106,18 +106,9 @@ def test_cfs_by_hand(speed, acceleration, unsafe, safe):
 def test_cfs_as_the_jrc_has_it_divides_by_the_braking_itself():
     # 18.8 - 4 * 0.75 = 15.8 m/s is below the other's 15.9: 2.9^2 / 8 = 1.051 m as printed, 2.9^2 /
     # 12 = 0.701 m coded
-    assert [critical_fuzzy_safety(1.0, 18.8, 15.9, -6.0, coded) for coded in (False, True)] == [
-        1.0,
-        0.0,
-    ]
-    assert [critical_fuzzy_safety(0.7, 18.8, 15.9, -6.0, coded) for coded in (False, True)] == [
-        1.0,
-        1.0,
-    ]
-    assert [critical_fuzzy_safety(1.0, 18.8, 15.9, -4.0, coded) for coded in (False, True)] == [
-        1.0,
-        1.0,
-    ]
+    for gap, acceleration, as_coded in ((1.0, -6.0, 0.0), (0.7, -6.0, 1.0), (1.0, -4.0, 1.0)):
+        for coded, value in ((False, 1.0), (True, as_coded)):
+            assert critical_fuzzy_safety(gap, 18.8, 15.9, acceleration, coded) == value
 
 
 def test_cfs_is_zero_behind_a_vehicle_as_fast():
@@ -125,11 +116,8 @@ def test_cfs_is_zero_behind_a_vehicle_as_fast():
 
 
 def test_the_fuzzy_braking_by_hand():
-    assert [demanded_braking(0.0, 0.0), demanded_braking(0.0, 0.5), demanded_braking(0.5, 1.0)] == [
-        0.0,
-        2.0,
-        5.0,
-    ]
+    for safeties, braking in (((0.0, 0.0), 0.0), ((0.0, 0.5), 2.0), ((0.5, 1.0), 5.0)):
+        assert demanded_braking(*safeties) == braking
 
 
 def test_a_vehicle_is_considered_when_it_comes_over_before_the_ego_is_past():
@@ -215,10 +203,8 @@ def test_safety_braking_begins_and_rises_within_its_step():
 
 def test_the_reaction_is_waited_for_once():
     brakes = safety_braking()
-    for count in range(5):
-        told(brakes, 8.0, 0.1 * count, reaction=0.2)
-    for count in range(5, 10):
-        told(brakes, 0.0, 0.1 * count, reaction=0.2)
+    for count in range(10):
+        told(brakes, 8.0 if count < 5 else 0.0, 0.1 * count, reaction=0.2)
     assert brakes.path.level == 0.0
     assert told(brakes, 8.0, 1.0, reaction=0.2) > 0.5
 
@@ -246,7 +232,7 @@ def test_a_slower_vehicle_far_enough_ahead_is_not_hit(driver):
 
 @pytest.mark.parametrize("driver", DRIVERS)
 def test_a_lead_that_brakes_hard_at_a_long_headway_is_not_hit(driver):
-    lead = Actor("lead", Start(50.0 + 4.5 + 40.0, 0.0, 20.0), (brake_to_stop(1.0, 6.0),))
+    lead = actor("lead", 40.0, 20.0, 0.0, brake_to_stop(1.0, 6.0))
     recording = simulate(case(lead), driver)
     assert (recording.error, recording.collision) == (None, None)
     assert recording.end_reason == "standstill"
@@ -260,9 +246,7 @@ def test_a_steady_lead_at_two_seconds_headway_is_followed_at_constant_speed(driv
 
 
 def test_the_careful_driver_brakes_after_the_wandering_zone():
-    other = Actor(
-        "cut_in", Start(50.0 + 4.5 + 23.0, 3.5, 11.0), (constant_lateral(0.0, 1.0, -3.5),)
-    )
+    other = actor("cut_in", 23.0, 11.0, 3.5, constant_lateral(0.0, 1.0, -3.5))
     ego = simulate(case(other), "careful_driver").ego
     begins = 0.375 / 1.0 + 0.4 + 0.75
     braking = ego.acceleration < -0.01
@@ -284,16 +268,14 @@ def test_a_standing_pedestrian_is_perceived_once_it_has_walked():
 
 
 def test_a_cut_in_far_ahead_is_left_alone_until_its_ttc_is_below_two_seconds():
-    other = Actor(
-        "cut_in", Start(50.0 + 4.5 + 60.0, 3.5, 10.0), (constant_lateral(0.0, 1.0, -3.5),)
-    )
+    other = actor("cut_in", 60.0, 10.0, 3.5, constant_lateral(0.0, 1.0, -3.5))
     ego = simulate(case(other), "careful_driver").ego
     first = ego.time[ego.acceleration < -0.01][0]
     assert first == pytest.approx((60.0 - 20.0) / 10.0 + 0.75, abs=0.15)
 
 
 def test_a_vehicle_that_stays_in_its_lane_is_not_an_event():
-    beside = Actor("beside", Start(50.0 + 4.5 + 20.0, 3.5 - 0.3, 10.0))
+    beside = actor("beside", 20.0, 10.0, 3.5 - 0.3)
     for driver in ("careful_driver", "fsm", "reg157"):
         assert simulate(case(beside), driver).ego.speed == pytest.approx(20.0)
 
@@ -301,14 +283,7 @@ def test_a_vehicle_that_stays_in_its_lane_is_not_an_event():
 def test_the_aeb_stage_does_not_see_through_a_vehicle():
     # 29 m to one that stands, TTC 1.45 s, behind one that slides aside at 1.8 m/s from 0.2 s on: a
     # fifth of the hidden one's 1.8 m shows 0.2 s after that
-    lead = Actor(
-        "lead",
-        Start(50.0 + 4.5 + 6.0, 0.0, 20.0),
-        (constant_lateral(0.2, 1.8, 3.5),),
-        4.5,
-        1.8,
-        slides=True,
-    )
+    lead = actor("lead", 6.0, 20.0, 0.0, constant_lateral(0.2, 1.8, 3.5), slides=True)
     ego = simulate(case(lead, actor("standing", 29.0, 0.0), speed=20.0), "careful_driver_aeb").ego
     assert (ego.speed[ego.time <= 0.4] == 20.0).all()
     assert ego.speed[np.searchsorted(ego.time, 0.6)] < 20.0

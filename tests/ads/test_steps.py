@@ -2,10 +2,11 @@
 small one."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from road_scenes import ROAD, drawn_cases
+from road_scenes import ROAD, at_point, drawn_cases
 
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.scenario import catalogue
@@ -35,10 +36,6 @@ def at(step):
     return SimulationSettings(
         step=step, record_interval=0.1, time_limit=35.0, end_when_decided=True
     )
-
-
-def at_point(name, point):
-    return catalogue.load(name).concretes([point])[0]
 
 
 def driven(concrete, ads, step):
@@ -116,9 +113,8 @@ def outcomes(cases, ads, step):
 def test_rss_behind_a_braking_lead_hits_at_every_step(step):
     # A driver that held the level of a step's end for the whole step kept 2.2, 0.21 and 0.16 m at
     # the first three.
-    lead = catalogue.load("front_vehicle_braking")
-    concrete = lead.concrete(ego_speed=28.785, headway=0.639, lead_deceleration=6.284)
-    assert driven(concrete, "rss", step).collision is not None
+    braking = at_point("front_vehicle_braking", 28.785, 0.639, 6.284)
+    assert driven(braking, "rss", step).collision is not None
 
 
 NEAR = [
@@ -133,7 +129,7 @@ NEAR = [
 
 @pytest.mark.parametrize(("ads", "name", "point"), NEAR)
 def test_the_least_gap_hardly_moves_with_the_step(ads, name, point):
-    found = [least_gap(driven(at_point(name, point), ads, step)) for step in (0.05, 0.01)]
+    found = [least_gap(driven(at_point(name, *point), ads, step)) for step in (0.05, 0.01)]
     assert 0.0 < found[1] < 0.5
     assert found[0] == pytest.approx(found[1], abs=GRAZE)
 
@@ -166,12 +162,8 @@ def far_flips(name, ads, count):
 def test_law_on_a_curve_none_leaves_the_line_without_reason(ads, step):
     # A wheel that is taken to be straight when the drive begins was turned anew: 4 mm to the left
     # at a step of 0.05 s.
-    concrete = catalogue.load("curve_braking").concrete(
-        ego_speed=20.0, headway=2.4, lead_deceleration=2.0
-    )
-    ego = simulate(
-        concrete, ads, SimulationSettings(step=step, record_interval=0.1, time_limit=0.3)
-    ).ego
+    settings = replace(at(step), time_limit=0.3, end_when_decided=False)
+    ego = simulate(at_point("curve_braking", 20.0, 2.4, 2.0), ads, settings).ego
     assert len(ego) == 4
     assert np.abs(ego.y - ego.y[0]).max() < 2e-5
     assert np.abs(ego.steering_wheel_angle - ego.steering_wheel_angle[0]).max() < 1e-4
@@ -186,7 +178,7 @@ HUNG_ON_MILLIMETRES = [
 
 @pytest.mark.parametrize(("name", "point"), HUNG_ON_MILLIMETRES)
 def test_lane_changer_on_a_curve_ends_the_same_at_every_step(name, point):
-    coarse, fine = (driven(at_point(name, point), "lane_changer", step) for step in (0.05, 0.01))
+    coarse, fine = (driven(at_point(name, *point), "lane_changer", step) for step in (0.05, 0.01))
     assert coarse.end_reason == fine.end_reason
     assert (coarse.collision is None) == (fine.collision is None)
 

@@ -6,21 +6,19 @@ from dataclasses import replace
 import builders
 
 
-def with_case(evaluation, key, change):
-    """The evaluation with one case changed."""
-    return replace(
-        evaluation,
-        cases=tuple(change(case) if case.case == key else case for case in evaluation.cases),
-    )
+def every(evaluation, which=lambda case: True, **values):
+    """The evaluation with all cases, or some, changed."""
+    cases = (replace(case, **values) if which(case) else case for case in evaluation.cases)
+    return replace(evaluation, cases=tuple(cases))
+
+
+def with_case(evaluation, case, **values):
+    return every(evaluation, lambda it: it.case == case.case, **values)
 
 
 def calm(evaluation, **values):
     """A run in which every case of `calm` that ended well has these values."""
-    cases = [
-        replace(case, **values) if case.ads == builders.CALM and case.status == "ok" else case
-        for case in evaluation.cases
-    ]
-    return replace(evaluation, cases=tuple(cases))
+    return every(evaluation, lambda it: it.ads == builders.CALM and it.status == "ok", **values)
 
 
 def pick(evaluation, *, collided, zone="hazardous"):
@@ -33,9 +31,7 @@ def pick(evaluation, *, collided, zone="hazardous"):
     )
 
 
-def hit(case):
-    return replace(
-        case, status="collision", collided=True, impact_speed=5.0, overlap=1.0, side="front",
-        severity=5.0, loss=0.4,
-        ideal_severity=0.0, weight=0.5, end_reason="contact",
-    )  # fmt: skip
+HIT = {
+    "status": "collision", "collided": True, "impact_speed": 5.0, "overlap": 1.0, "side": "front",
+    "severity": 5.0, "loss": 0.4, "ideal_severity": 0.0, "weight": 0.5, "end_reason": "contact",
+}  # fmt: skip

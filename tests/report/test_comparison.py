@@ -6,7 +6,7 @@ from dataclasses import replace
 import builders
 import pytest
 from refusals import refusal
-from report_cases import hit, pick, with_case
+from report_cases import HIT, pick, with_case
 
 from sumo_eval.errors import InputError
 from sumo_eval.record.kept_results import KeptResults
@@ -52,29 +52,16 @@ def test_the_quantities_over_all_pairs_are_the_printed_ones(evaluation):
 
 def test_every_kind_of_change_is_found_and_named(evaluation):
     safe, struck = pick(evaluation, collided=False), pick(evaluation, collided=True)
-    likened = next(
-        case for case in evaluation.cases if case.ads == builders.CALM and case.index is not None
-    )
-    expected = [
-        ("new collision", "collision gone", safe, hit),
-        ("harsher", "softer", struck, lambda case: replace(case, severity=12.0)),
-        (
-            "less human",
-            "more human",
-            likened,
-            lambda case: replace(case, index=(case.index or 0.0) - 0.1),
-        ),
-        ("left the road", "back on the road", safe, lambda case: replace(case, status="off_road")),
-        ("left the road", "back on the road", safe, lambda case: replace(case, departure_time=2.0)),
-        (
-            "not evaluated any more",
-            "evaluated again",
-            safe,
-            lambda case: replace(case, status="timeout"),
-        ),
-    ]
-    for worse, better, case, change in expected:
-        other = with_case(evaluation, case.case, change)
+    likened = pick(evaluation, collided=False, zone="safe")
+    for worse, better, case, change in (
+        ("new collision", "collision gone", safe, HIT),
+        ("harsher", "softer", struck, {"severity": 12.0}),
+        ("less human", "more human", likened, {"index": likened.index - 0.1}),
+        ("left the road", "back on the road", safe, {"status": "off_road"}),
+        ("left the road", "back on the road", safe, {"departure_time": 2.0}),
+        ("not evaluated any more", "evaluated again", safe, {"status": "timeout"}),
+    ):
+        other = with_case(evaluation, case, **change)
         forth, back = compare(evaluation, other, GATE), compare(other, evaluation, GATE)
         assert changes(forth) == [(worse, case.case)]
         assert changes(back) == [(better, case.case)]
@@ -84,13 +71,9 @@ def test_every_kind_of_change_is_found_and_named(evaluation):
 
 
 def test_a_case_that_is_less_human_only_in_h_is_found_with_what_it_moved(evaluation):
-    likened = next(
-        case
-        for case in evaluation.cases
-        if case.ads == builders.CALM and case.index is not None and case.evaluated
-    )
+    likened = pick(evaluation, collided=False, zone="safe")
     less = (likened.human_likeness or 0.0) - 0.2
-    other = with_case(evaluation, likened.case, lambda case: replace(case, human_likeness=less))
+    other = with_case(evaluation, likened, human_likeness=less)
     (item,) = (item for one in compare(evaluation, other, GATE).ads for item in one.changed.worse)
     assert (item.change, item.by) == ("less human", pytest.approx(-0.2))
     assert item.moved == {"H_i": pytest.approx(-0.2)}
@@ -100,7 +83,7 @@ def test_a_case_that_is_less_human_only_in_h_is_found_with_what_it_moved(evaluat
 def test_a_new_collision_says_by_how_much_the_regret_grew(evaluation):
     """The ideal vehicle avoids, so the regret of the case grows by U = 5 m/s, and A falls."""
     safe = pick(evaluation, collided=False)
-    comparison = compare(evaluation, with_case(evaluation, safe.case, hit), GATE)
+    comparison = compare(evaluation, with_case(evaluation, safe, **HIT), GATE)
     (item,) = (item for one in comparison.ads for item in one.changed.worse)
     assert item.moved["regret"] == pytest.approx(5.0)
     (change,) = [
@@ -113,9 +96,7 @@ def test_a_new_collision_says_by_how_much_the_regret_grew(evaluation):
 
 def test_a_change_below_the_tolerance_is_none(evaluation):
     struck = pick(evaluation, collided=True)
-    other = with_case(
-        evaluation, struck.case, lambda case: replace(case, severity=(case.severity or 0.0) + 0.05)
-    )
+    other = with_case(evaluation, struck, severity=struck.severity + 0.05)
     assert changes(compare(evaluation, other, GATE)) == []
     assert changes(compare(evaluation, other, replace(GATE, harsher_by=0.04))) == [
         ("harsher", struck.case)
@@ -124,7 +105,7 @@ def test_a_change_below_the_tolerance_is_none(evaluation):
 
 def test_kept_rows_compare_as_rows_in_memory_do(evaluation, tmp_path):
     """Columns that are read in arrays have every number, missing ones too, that the rows have."""
-    changed = with_case(evaluation, pick(evaluation, collided=False).case, hit)
+    changed = with_case(evaluation, pick(evaluation, collided=False), **HIT)
     kept, runs = KeptResults(tmp_path), []
     for key, run in ((b"base", evaluation), (b"new", changed)):
         writer = RowWriter(kept, key)
@@ -176,17 +157,11 @@ def test_a_case_in_one_run_only_is_counted_and_said(evaluation):
 
 
 def test_an_ads_without_a_partner_is_said_and_a_pair_can_be_named(evaluation):
-    renamed = replace(
-        evaluation,
-        scores=tuple(
-            replace(score, ads="new") if score.ads == builders.CALM else score
-            for score in evaluation.scores
-        ),
-        cases=tuple(
-            replace(case, ads="new") if case.ads == builders.CALM else case
-            for case in evaluation.cases
-        ),
+    scores, cases = (
+        tuple(replace(it, ads="new") if it.ads == builders.CALM else it for it in items)
+        for items in (evaluation.scores, evaluation.cases)
     )
+    renamed = replace(evaluation, scores=scores, cases=cases)
     comparison = compare(evaluation, renamed, GATE)
     assert {one.ads for one in comparison.ads} == {builders.HOSTILE}
     assert any("`new` is not in the base" in note for note in comparison_notes(comparison))

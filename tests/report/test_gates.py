@@ -8,7 +8,7 @@ from dataclasses import replace
 import builders
 import pytest
 from refusals import refusal
-from report_cases import hit, pick, with_case
+from report_cases import HIT, every, pick, with_case
 
 from sumo_eval.nightly import gates
 from sumo_eval.nightly.gates import judge
@@ -49,11 +49,8 @@ def test_a_repeat_of_the_same_run_passes_every_gate(evaluation):
     results = judged(evaluation, evaluation)
     assert {result.ads for result in results} == {score.ads for score in evaluation.scores}
     assert not failed(results)
-    assert {result.quantity for result in results if result.passed} >= {
-        "collided",
-        "simulated_time",
-        "index",
-    }
+    passed = {result.quantity for result in results if result.passed}
+    assert passed >= {"collided", "simulated_time", "index"}
     blind = [result for result in results if result.passed is None]
     assert all("cannot see a change with 0 cases" in result.sentence for result in blind)
 
@@ -82,11 +79,11 @@ def test_a_limit_on_missed_requirements_is_about_the_scenarios_that_have_some(ev
 
 def test_one_new_collision_fails_the_gate_that_names_it(evaluation):
     case = pick(evaluation, collided=False)
-    (outcome,) = failed(judged(evaluation, with_case(evaluation, case.case, hit)))
+    (outcome,) = failed(judged(evaluation, with_case(evaluation, case, **HIT)))
     assert (outcome.quantity, outcome.cases) == ("collided", (case.case,))
     assert outcome.worst[0].words == "ok -> contact with U 5.0 m/s"
     limit = LimitSettings("new_collisions", at_most=0.0)
-    bad = failed(judged(evaluation, with_case(evaluation, case.case, hit), limit))
+    bad = failed(judged(evaluation, with_case(evaluation, case, **HIT), limit))
     named = [result for result in bad if result.quantity == "new_collisions"]
     assert [result.cases for result in named] == [(case.case,)]
     assert case.case in named[0].sentence
@@ -95,13 +92,10 @@ def test_one_new_collision_fails_the_gate_that_names_it(evaluation):
 
 def test_limits_are_absolute_relative_or_of_the_value_itself(evaluation):
     """D of `calm` falls by 0.05 in every case; its printed base value is in the run."""
-    lower = replace(
-        evaluation,
-        cases=tuple(
-            case if case.index is None else replace(case, index=case.index - 0.05)
-            for case in evaluation.cases
-        ),
-    )
+    lower = evaluation
+    for case in evaluation.cases:
+        if case.index is not None:
+            lower = with_case(lower, case, index=case.index - 0.05)
     base = evaluation.score(builders.CALM, builders.SCENARIOS[0]).d
     share = 100.0 * 0.05 / base
     for limit, passes in (
@@ -141,21 +135,14 @@ def test_a_limit_on_a_change_says_what_may_change(evaluation, quantity, by, word
 
 @pytest.mark.parametrize(("column", "worse"), [("min_ttc", -1.0), ("max_jerk", 1.0)])
 def test_a_column_gets_worse_in_its_own_direction(evaluation, column, worse):
-    base, *moved = (
-        replace(
-            evaluation, cases=tuple(replace(it, **{column: 5.0 + by}) for it in evaluation.cases)
-        )
-        for by in (0.0, worse, -worse)
-    )
+    base, *moved = (every(evaluation, **{column: 5.0 + by}) for by in (0.0, worse, -worse))
     limit = LimitSettings(column, worse_by=0.5)
     assert [bool(failed(judged(base, new, limit))) for new in moved] == [True, False]
 
 
 def test_an_uncertain_change_is_excused_only_by_its_limit(evaluation):
-    case = next(
-        case for case in evaluation.cases if case.ads == builders.CALM and case.index is not None
-    )
-    other = with_case(evaluation, case.case, lambda one: replace(one, index=0.0))
+    case = pick(evaluation, collided=False, zone="safe")
+    other = with_case(evaluation, case, index=0.0)
     where = {"ads": builders.CALM, "scenario": case.scenario}
     (strict,) = judged(evaluation, other, LimitSettings("D", worse_by=0.0, **where))
     (lenient,) = judged(
@@ -166,7 +153,7 @@ def test_an_uncertain_change_is_excused_only_by_its_limit(evaluation):
 
 def test_an_index_that_is_not_computed_any_more_fails(evaluation):
     case = pick(evaluation, collided=False, zone="safe")
-    other = with_case(evaluation, case.case, hit)
+    other = with_case(evaluation, case, **HIT)
     (result,) = judged(
         evaluation,
         other,
@@ -188,8 +175,7 @@ def test_an_index_that_is_not_computed_any_more_fails(evaluation):
 def test_why_a_score_is_not_computed_any_more(evaluation, quantity, lost, why):
     note = NotComputed("no_safe_case")
     new = with_scores(evaluation, task_share=lost.get("task_share", 1.0), h_reason=note)
-    new = replace(new, cases=tuple(replace(case, **lost) for case in new.cases))
-    result = judged(evaluation, new, LimitSettings(quantity, worse_by=0.0))[0]
+    result = judged(evaluation, every(new, **lost), LimitSettings(quantity, worse_by=0.0))[0]
     assert result.passed is False
     assert result.sentence.endswith(f" and is not computed any more: {why}")
 
@@ -197,11 +183,11 @@ def test_why_a_score_is_not_computed_any_more(evaluation, quantity, lost, why):
 @pytest.mark.parametrize(("most", "end"), [(5, ")"), (3, " and 2 others")])
 def test_a_limit_names_some_of_its_cases_and_counts_others(evaluation, most, end, monkeypatch):
     monkeypatch.setattr(gates, "MOST_NAMED", most)
-    free = [case for case in evaluation.cases if case.ads == builders.CALM and case.evaluated
-        and case.scenario == builders.SCENARIOS[0] and not case.collided]  # fmt: skip
+    cases = evaluation.cases_of(builders.CALM, builders.SCENARIOS[0])
+    free = [case for case in cases if case.evaluated and not case.collided]
     new = evaluation
     for case in free[:5]:
-        new = with_case(new, case.case, hit)
+        new = with_case(new, case, **HIT)
     (gate,) = failed(judged(evaluation, new, LimitSettings("new_collisions", at_most=0.0)))
     assert (gate.value, len(gate.cases), len(gate.worst)) == (5.0, 5, most)
     assert gate.sentence.endswith(end)
@@ -219,13 +205,10 @@ def test_a_limit_on_what_the_run_has_not_says_so(evaluation):
 
 
 def test_without_a_base_only_limits_on_values_are_evaluated(evaluation):
-    settings = GateSettings(
-        limit=(LimitSettings("new_collisions", at_most=0.0), LimitSettings("S", at_least=100.0))
-    )
-    results = judge(evaluation, None, settings)
-    assert {result.passed for result in results if result.quantity == "new_collisions"} == {None}
-    assert {result.passed for result in results if result.quantity == "S"} == {False}
-    assert all(result.threshold == 100.0 for result in results if result.quantity == "S")
+    limits = LimitSettings("new_collisions", at_most=0.0), LimitSettings("S", at_least=100.0)
+    results = judge(evaluation, None, GateSettings(limit=limits))
+    found = {(result.quantity, result.passed, result.threshold) for result in results}
+    assert found == {("new_collisions", None, 0.0), ("S", False, 100.0)}
 
 
 def test_a_value_that_is_missing_cannot_be_at_least_something(evaluation):
@@ -321,8 +304,7 @@ def test_the_scores_that_order_can_be_limited_by_value(evaluation, quantity, fie
 def test_worse_by_has_a_tolerance_of_its_own(evaluation, by, tolerance, passes):
     """A regret of 0 that rises by the last digit of 1 fails no limit, though any share of 0 is
     0."""
-    still = replace(evaluation, cases=tuple(replace(case, index=0.5) for case in evaluation.cases))
-    lower = replace(still, cases=tuple(replace(case, index=0.5 - by) for case in still.cases))
+    still, lower = (every(evaluation, index=value) for value in (0.5, 0.5 - by))
     limit = LimitSettings(
         "D", ads=builders.CALM, scenario=builders.SCENARIOS[0], worse_by=0.0, tolerance=tolerance
     )
@@ -335,11 +317,11 @@ def test_worse_by_has_a_tolerance_of_its_own(evaluation, by, tolerance, passes):
 def test_a_column_is_evaluated_case_by_case(evaluation):
     """Gaps of 5 m, one of them 3 m now: 2 m worse, 40 % worse, below 4 m; a case without a value is
     not judged."""
-    base = replace(evaluation, cases=tuple(replace(case, min_gap=5.0) for case in evaluation.cases))
+    base = every(evaluation, min_gap=5.0)
     case = pick(base, collided=False)
-    new = with_case(base, case.case, lambda one: replace(one, min_gap=3.0))
-    other = next(one.case for one in new.cases if one.case != case.case and one.ads == case.ads)
-    new = with_case(new, other, lambda one: replace(one, min_gap=None))
+    new = with_case(base, case, min_gap=3.0)
+    other = next(one for one in new.cases if one.case != case.case and one.ads == case.ads)
+    new = with_case(new, other, min_gap=None)
     for bound, fails in (
         # 0.22 of the bound, not of the base's 5 m
         ({"at_least": 4.0, "tolerance": 0.22}, True),

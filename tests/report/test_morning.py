@@ -58,11 +58,7 @@ def calm(evaluation, gap):
 
 def nearer(evaluation, gap):
     """One case of `calm` alone came as near as that, m."""
-    return with_case(
-        evaluation,
-        pick(evaluation, collided=False).case,
-        lambda case: replace(case, min_gap=gap, min_ttc=9.0),
-    )
+    return with_case(evaluation, pick(evaluation, collided=False), min_gap=gap, min_ttc=9.0)
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from browser import Page, needs_chromium, needs_node, node
 from lxml import etree
 from page_checks import press
 from refusals import refusal
+from report_cases import pick
 
 from sumo_eval.cosim.sumo.gui_replay import sumo_gui
 from sumo_eval.errors import InputError
@@ -82,10 +83,7 @@ def lorry(driven):
 
 
 def collision(evaluation):
-    key = next(
-        case.case for case in evaluation.cases if case.ads == builders.CALM and case.collided
-    )
-    return recorded(evaluation.folder, key)
+    return recorded(evaluation.folder, pick(evaluation, collided=True).case)
 
 
 def replay_of_collision(evaluation, folder, beside=None):

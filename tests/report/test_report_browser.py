@@ -10,6 +10,7 @@ import pytest
 from browser import Page, needs_chromium, needs_node, node
 from packed_pages import unpacked, with_packed
 from page_checks import CONTRAST, WRITTEN_IN_CELLS, press, size
+from report_cases import pick
 
 from sumo_eval.method.trajectory_field import trajectory_field
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, encode_trajectories
@@ -172,8 +173,14 @@ def test_extreme_samples_come_back_from_the_page_as_they_were():
             )
 
 
+@pytest.fixture
+def opened(page_opened):
+    yield page_opened
+    assert page_opened.problems == []
+
+
 @pytest.fixture(scope="module")
-def opened(report, tmp_path_factory):
+def page_opened(report, tmp_path_factory):
     with Page(tmp_path_factory.mktemp("profile")) as page:
         page.open(report.as_uri(), "document.documentElement.dataset.report === 'ready'")
         for width, height in ((390, 844), (1400, 900)):
@@ -192,7 +199,6 @@ def opened(report, tmp_path_factory):
 
 @needs_chromium
 def test_the_report_opens_without_an_error_and_without_a_request(opened, report):
-    assert opened.problems == []
     outside = [address for address in opened.requests if not address.startswith(("data:", "blob:"))]
     assert outside == [report.as_uri()]
     assert opened.run("document.getElementById('failure').hidden")
@@ -223,7 +229,6 @@ def test_a_case_of_every_kind_can_be_shown(opened, evaluation, most):
     look_at(opened, crashed.case)
     opened.wait("document.getElementById('case-error').textContent.includes('exit code -11')")
     assert opened.run("document.getElementById('case-charts').hidden")
-    assert opened.problems == []
 
 
 @needs_chromium
@@ -261,12 +266,11 @@ def test_a_case_that_the_page_lacks_is_said_to_be_elsewhere(opened):
         assert not opened.run(f"{absent}.hidden")
     opened.run("(location.hash = '', null)")
     opened.wait(f"{absent}.hidden")
-    assert opened.problems == []
 
 
 @needs_chromium
 def test_choosing_another_ads_keeps_the_point(opened, evaluation):
-    case = next(case for case in evaluation.cases if case.ads == builders.CALM and case.collided)
+    case = pick(evaluation, collided=True)
     look_at(opened, case.case)
     words = ", ".join(f"{name} {value:g}" for name, value in case.values.items())
     opened.wait(
@@ -280,7 +284,6 @@ def test_choosing_another_ads_keeps_the_point(opened, evaluation):
         f"document.getElementById('case-name').textContent.endsWith({json.dumps(f': {words}')})"
     )
     assert opened.run("document.getElementById('case-name').textContent").startswith("</script>")
-    assert opened.problems == []
 
 
 @needs_chromium
@@ -326,7 +329,6 @@ def test_the_preventability_map_shows_the_verdicts_of_the_chosen_ads(opened, eva
             }})()""")
             judged = list(verdicts(evaluation, evaluation.score(ads, scenario)))
             assert sorted(letters) == sorted(map(list(LOOKS).index, judged))
-    assert opened.problems == []
 
 
 @needs_chromium
@@ -485,7 +487,6 @@ def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(open
     assert opened.run(f"{card}.querySelector('[type=search]').value") == ""
     opened.run(clear)
     opened.run(f"{card}.querySelector('input[data-ads]').click()")
-    assert opened.problems == []
 
 
 @pytest.mark.campaign
@@ -501,7 +502,6 @@ def test_every_word_can_be_read_in_the_light_and_in_the_dark(opened):
         written = opened.run(WRITTEN_IN_CELLS)
         assert written
         assert min(written) >= 4.5
-    assert opened.problems == []
 
 
 @needs_chromium
@@ -535,7 +535,6 @@ def test_every_chart_can_be_saved(opened):
     assert "" not in names
     assert drivers == ("drivers" in names)
     assert any(name.startswith(shown[:5]) for name in names)
-    assert opened.problems == []
 
 
 @needs_chromium
@@ -550,7 +549,7 @@ def test_a_copy_button_keeps_its_words_when_clicked_twice(opened):
 @pytest.mark.campaign
 @needs_chromium
 def test_the_replay_plays_beside_another_ads_and_printing_redraws(opened, evaluation):
-    case = next(case for case in evaluation.cases if case.ads == builders.CALM and case.collided)
+    case = pick(evaluation, collided=True)
     opened.run(
         "(location.hash = '', location.hash = '#case:' + "
         f"encodeURIComponent({json.dumps(case.case)}), null)"
@@ -573,7 +572,6 @@ def test_the_replay_plays_beside_another_ads_and_printing_redraws(opened, evalua
     opened.run("window.dispatchEvent(new Event('afterprint'))")
     assert not opened.run("document.querySelector('details.fold').open")
     opened.run("document.querySelector('details.fold').open = true")
-    assert opened.problems == []
 
 
 @needs_chromium
@@ -603,7 +601,6 @@ def test_keys_alone_unfold_sections_change_the_case_and_are_seen_where_they_are(
         && getComputedStyle(one).cursor === 'pointer' && !one.closest('a, button, summary, label, select, input, svg'))
         .map((one) => one.className)"""
     assert opened.run(by_mouse_alone) == []
-    assert opened.problems == []
 
 
 @needs_chromium
@@ -631,7 +628,6 @@ def test_the_terms_of_c_are_the_numbers_of_the_table(opened, evaluation):
                 .flatMap((trace) => (trace.type === 'heatmap' ? trace.z.flat() : trace.marker.color))
                 .filter((z) => z !== null)""")
             assert sorted(shown) == pytest.approx(sorted(numbers)), term
-    assert opened.problems == []
 
 
 @needs_chromium

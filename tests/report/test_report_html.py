@@ -71,14 +71,10 @@ def visible(page):
 def test_the_scores_stand_in_the_verdict(evaluation, page):
     text = visible(page)
     for score in evaluation.scores:
-        assert f"{score.c:.3f}" in text
-        assert f"{score.s:.1f}" in text
-        if score.d is not None:
-            assert f"{score.d:.3f}" in text
-        assert f"{score.avoided_share:.3f}" in text
-        assert f"{score.s_plus:.1f}" in text
-        if score.human_likeness is not None:
-            assert f"{score.human_likeness:.3f}" in text
+        for value in (score.c, score.d, score.avoided_share, score.human_likeness):
+            assert value is None or f"{value:.3f}" in text
+        for value in (score.s, score.s_plus):
+            assert f"{value:.1f}" in text
         if score.collisions:
             assert f"{score.avoidable_collisions} avoidable" in text
             assert f"{score.unavoidable_collisions} unavoidable" in text
@@ -128,13 +124,8 @@ def test_the_scores_headings_have_tooltips(tags):
 
 
 def test_an_interval_stands_below_its_score(evaluation, partitions):
-    page = write_report(
-        replace(
-            evaluation,
-            scores=tuple(replace(s, s_plus_interval=(12.0, 87.0)) for s in evaluation.scores),
-        ),
-        partitions,
-    ).read_text()
+    scores = tuple(replace(s, s_plus_interval=(12.0, 87.0)) for s in evaluation.scores)
+    page = write_report(replace(evaluation, scores=scores), partitions).read_text()
     assert page.count('<small class="pair">12..87</small>') == len(evaluation.scores)
 
 
@@ -167,18 +158,10 @@ def test_d_that_was_not_computed_is_said_with_its_reason(evaluation, page):
 
 
 def test_the_drivers_are_called_synthetic_and_only_when_they_are(evaluation, partitions, page):
-    assert (
-        visible(page).count(
-            "synthetic: drawn from distributions fitted to recorded traffic. They are not"
-        )
-        == 3
-    )  # first screen, scores, human-likeness
-    recorded = replace(
-        evaluation,
-        settings=replace(
-            evaluation.settings, drivers=DriverSettings(count=3, source="mine:drivers")
-        ),
-    )
+    words = "synthetic: drawn from distributions fitted to recorded traffic. They are not"
+    assert visible(page).count(words) == 3  # first screen, scores, human-likeness
+    drivers = DriverSettings(count=3, source="mine:drivers")
+    recorded = replace(evaluation, settings=replace(evaluation.settings, drivers=drivers))
     other = visible(write_report(recorded, partitions).read_text())
     write_report(evaluation, partitions)
     assert "not recorded people" not in other
@@ -240,21 +223,17 @@ def test_nothing_is_fetched_from_anywhere(page, tags):
 
 
 def test_every_label_and_picture_has_words(tags):
+    ids, targets = [], set()
     for tag, attributes in tags:
         if attributes.get("role") == "img":
             assert attributes.get("aria-label"), (tag, attributes)
-    ids = [attributes["id"] for _, attributes in tags if "id" in attributes]
+        ids += [attributes["id"]] if "id" in attributes else []
+        link = (attributes.get("href") or "") if tag == "a" else ""
+        if link.startswith("#") and ":" not in link:
+            targets.add(link[1:])
+        if "aria-labelledby" in attributes:
+            targets.add(attributes["aria-labelledby"])
     assert len(ids) == len(set(ids))
-    targets = {
-        attributes["aria-labelledby"] for _, attributes in tags if "aria-labelledby" in attributes
-    }
-    targets |= {
-        attributes["href"][1:]
-        for tag, attributes in tags
-        if tag == "a"
-        and (attributes.get("href") or "").startswith("#")
-        and ":" not in attributes["href"]
-    }
     assert targets <= set(ids)
 
 
@@ -262,18 +241,11 @@ def test_the_preventability_of_every_ads_stands_in_a_table(evaluation, page):
     text = visible(page)
     assert "No ADS of this run is “careful_driver”, so the reference is the ideal vehicle" in text
     for row in preventability(evaluation):
-        counts = (
-            row.cases,
-            row.avoided,
-            row.better,
-            row.incidents,
-            row.preventable,
-            row.unpreventable,
-        )
-        assert " ".join(map(str, counts)) in text
+        counts = f"{row.cases} {row.avoided} {row.better} {row.incidents} {row.preventable}"
+        assert f"{counts} {row.unpreventable}" in text
 
 
-ROWS = [[float(a), 1.0, float(b), float(c)] for a in range(2) for b in range(4) for c in range(3)]
+ROWS = np.argwhere(np.ones((2, 1, 4, 3))).astype(float).tolist()
 
 
 def test_a_map_of_many_parameters_takes_the_two_that_vary_most(evaluation):
@@ -296,13 +268,7 @@ def test_a_map_shows_the_two_chosen_parameters(evaluation):
 
 
 def test_a_map_with_slices_opens_where_most_collisions_are(evaluation):
-    rows = [
-        [float(a), float(b), float(c), float(d)]
-        for a in range(3)
-        for b in range(3)
-        for c in range(2)
-        for d in range(2)
-    ]
+    rows = np.argwhere(np.ones((3, 3, 2, 2))).astype(float).tolist()
     calm = CaseTable.of(replace(case, collided=False) for case in points(evaluation, rows))
     view = choose_view(space(4), calm)
     assert telling_slice(view, calm) == {2: 0.0, 3: 0.0}

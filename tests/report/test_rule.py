@@ -8,7 +8,7 @@ from typing import Any
 import builders
 import numpy as np
 import pytest
-from report_cases import calm, hit, pick, with_case
+from report_cases import HIT, calm, every, pick, with_case
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.nightly import rule_limits
@@ -169,14 +169,10 @@ def test_each_bad_end_alone_is_bad():
     assert not Ends(*np.zeros((5, 1), dtype=bool), np.ones(1)).bad
 
 
-def some(evaluation, number, change):
+def some(evaluation, number, **values):
     """A run with the first cases of `calm` that ended well changed."""
-    keys = [
-        case.case for case in evaluation.cases if case.ads == builders.CALM and case.status == "ok"
-    ]
-    for key in keys[:number]:
-        evaluation = with_case(evaluation, key, change)
-    return evaluation
+    well = [it for it in evaluation.cases if it.ads == builders.CALM and it.status == "ok"]
+    return every(evaluation, lambda case: case in well[:number], **values)
 
 
 def judged(base, new, noise=None):
@@ -187,7 +183,7 @@ def judged(base, new, noise=None):
 def test_a_noisy_ads_needs_five_drives_to_lose_a_case(evaluation):
     """Bad in two of five drives: listed. In three: failed. Bad in some drives before: listed."""
     case = pick(evaluation, collided=False)
-    new = with_case(evaluation, case.case, hit)
+    new = with_case(evaluation, case, **HIT)
     for bad, shaky, fails in ((2, (), False), (3, (), True), (5, (case.case,), False)):
         noise = Noise({case.ads: NOISY}, {case.case: bad}, frozenset(shaky))
         assert [gate.quantity for gate in judged(evaluation, new, noise)] == ["collided"] * fails
@@ -198,7 +194,7 @@ def test_a_noisy_ads_needs_five_drives_to_lose_a_case(evaluation):
 
 def test_more_shaky_cases_than_are_named_fail_nothing(evaluation, monkeypatch):
     monkeypatch.setattr(rule_limits, "MOST_KEYS", 1)
-    new = some(evaluation, 2, hit)
+    new = some(evaluation, 2, **HIT)
     shaky = frozenset(case.case for case in new.cases)
     assert not judged(evaluation, new, Noise({builders.CALM: NOISY}, shaky=shaky))
     (gate,) = judged(evaluation, new)
@@ -208,7 +204,7 @@ def test_more_shaky_cases_than_are_named_fail_nothing(evaluation, monkeypatch):
 def test_a_noisy_ads_is_evaluated_by_chance_alone(evaluation):
     """One case 0.6 m nearer fails for an ADS that repeats; by chance it is 1 of 1, P = 0.5."""
     base = calm(evaluation, min_gap=0.92, min_ttc=9.0)
-    one = some(base, 1, lambda case: replace(case, min_gap=0.32))
+    one = some(base, 1, min_gap=0.32)
     every = calm(base, min_gap=0.32)
     noise = Noise({builders.CALM: NOISY})
     assert not judged(base, one, noise)
@@ -234,12 +230,10 @@ def test_parts_are_settings(evaluation):
 
 def test_only_improved_forgives_no_last_millimetre(evaluation):
     base = calm(evaluation, min_gap=0.9, min_ttc=9.0)
-    better = some(base, 1, lambda case: replace(case, min_gap=1.5))
+    better = some(base, 1, min_gap=1.5)
     assert only_improved(compare(base, better, SETTINGS), SETTINGS)
     assert not only_improved(compare(base, base, SETTINGS), SETTINGS)
-    mixed = some(
-        better, 2, lambda case: replace(case, min_gap=1.5 if case.min_gap == 1.5 else 0.899)
-    )
+    mixed = some(some(base, 2, min_gap=0.899), 1, min_gap=1.5)
     assert not only_improved(compare(base, mixed, SETTINGS), SETTINGS)
 
 
@@ -279,22 +273,14 @@ def test_the_same_is_said_of_equal_bits_alone(evaluation):
 
     assert told(evaluation).startswith("same: THE SAME as")
     case = pick(evaluation, collided=False)
-    digit = with_case(
-        evaluation,
-        case.case,
-        lambda one: replace(one, max_jerk=np.nextafter(one.max_jerk or 1.0, 9.0)),
-    )
+    digit = with_case(evaluation, case, max_jerk=np.nextafter(case.max_jerk, 9.0))
     assert told(digit).startswith("no_limit_failed: NO LIMIT FAILED")
     assert "1 case changed by less than the tolerances" in told(digit)
     fewer = replace(
         evaluation, cases=tuple(one for one in evaluation.cases if one.case != case.case)
     )
     assert "equal to the last bit, 1 of the base have no partner" in told(fewer)
-    slower = with_case(
-        evaluation,
-        case.case,
-        lambda one: replace(one, latency_median=1.0, wall_time=9.0, batched="compared"),
-    )
+    slower = with_case(evaluation, case, latency_median=1.0, wall_time=9.0, batched="compared")
     assert told(slower).startswith("same: THE SAME as"), "no two drives take the same time or batch"
 
 
@@ -340,14 +326,14 @@ def test_a_harder_injury_risk_fails(evaluation):
     case = pick(evaluation, collided=True)
 
     def risk(value):
-        changed = with_case(evaluation, case.case, lambda it: replace(it, severity=value))
+        changed = with_case(evaluation, case, severity=value)
         return replace(changed, settings=replace(changed.settings, method=method))
 
     gates = judged(risk(0.1), risk(0.3))
     assert any("U rose by more than 0.01 in 1 case" in gate.sentence for gate in gates)
     (one,) = [it for it in compare(risk(0.1), risk(0.15), SETTINGS).ads if len(it.changed)]
     assert [it.change for it in one.changed] == ["harsher"]
-    hit = with_case(evaluation, case.case, lambda it: replace(it, severity=0.05))
+    hit = with_case(evaluation, case, severity=0.05)
     sides = compare(hit, risk(0.9), SETTINGS, accept_differences=True).ads
     assert not any(len(it.changed) for it in sides), "a speed is not compared with a risk"
     assert {it.units for it in sides} == {(" m/s", "")}
@@ -359,7 +345,7 @@ def test_a_harder_injury_risk_fails(evaluation):
     sides = compare(hit, classes, SETTINGS, accept_differences=True).ads
     assert {it.quantities["regret"].difference for it in sides} == {None}
     assert not any("regret" in it.moved for one in sides for it in one.changed)
-    free = with_case(risk(0.9), case.case, lambda it: replace(it, collided=False, severity=None))
+    free = with_case(risk(0.9), case, collided=False, severity=None)
     comparison = compare(hit, free, SETTINGS, accept_differences=True)
     content = change_content(free, Additions(comparison))
     assert content is not None
@@ -372,6 +358,6 @@ def test_a_harder_injury_risk_fails(evaluation):
         told = gates[limit.quantity]
         words = f"{limit.quantity} has another unit in the base"
         assert (told.passed, told.sentence) == (None, words)
-    harder = calm(with_case(hit, case.case, lambda it: replace(it, severity=9.0)), min_gap=9.0)
+    harder = calm(with_case(hit, case, severity=9.0), min_gap=9.0)
     improved = compare(calm(risk(0.9), min_gap=0.5), harder, SETTINGS, accept_differences=True)
     assert only_improved(improved, limits), "9 m/s is no worse than a risk of 0.9"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from browser import Page, needs_chromium
 from page_checks import holds_what_every_page_holds, saved_table, size
-from report_cases import hit, pick, with_case
+from report_cases import HIT, pick, with_case
 
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.html import Additions, write_comparison, write_report
@@ -27,7 +27,7 @@ def test_compare_points_and_a_report_without_people_hold_what_every_page_holds(
 ):
     """In the last one nothing but C is computed: "not computed" and its reason stand in nearly
     every cell."""
-    struck = with_case(evaluation, pick(evaluation, collided=False).case, hit)
+    struck = with_case(evaluation, pick(evaluation, collided=False), **HIT)
     compared = compare(evaluation, replace(struck, folder=tmp_path), GateSettings(resamples=200))
     comparison = write_comparison(struck, Additions(comparison=compared), tmp_path / "compare.html")
     nobody = NotComputed("no_drivers")
