@@ -47,7 +47,7 @@ class Trajectory:
 
     time: s.
     x, y: of the vehicle's centre, m.
-    heading: rad; derived, a standing vehicle keeps the last direction in which it moved.
+    heading: rad. Where it is derived, a standing vehicle keeps the direction of its last motion.
     speed: m/s.
     acceleration: along the heading, m/s2.
     steering_wheel_angle: rad, nan where it is not known.
@@ -135,14 +135,16 @@ class Trajectory:
 
 
 def _channel(name: str, values: ArrayLike, n: int, *, nan_allowed: bool = False) -> FloatArray:
-    """A channel as an array (n,). Raises InputError for another shape or number."""
+    """A channel as an array (n,). Raises InputError for another shape or a number that is not
+    finite.
+    """
     array = np.asarray(values, float)
     if array.shape != (n,):
         raise InputError(
             f"`{name}` of a Trajectory must have the shape of `time` ({n},), got {array.shape}."
         )
     if not nan_allowed and not np.isfinite(array).all():
-        bad = np.argmin(np.isfinite(array))
+        bad = np.flatnonzero(~np.isfinite(array))[0]
         raise InputError(
             f"`{name}` of a Trajectory must be finite, got {array[bad]} at sample {bad}."
         )
@@ -253,11 +255,11 @@ _ALONE: dict[AloneReason, str] = {
     "or a model of SUMO's).",
     "asked": "The ADS asks for it by `{}`.",
     "one_object": "The ADS is one object for all cases, and may hold something of each.",
-    "not_together": "The case or its settings allow no company (its road's network, its "
+    "not_together": "The case or its settings must be driven alone (its road's network, its "
     "conditions, its vehicle model).",
     "asks_sumo": "Its ADS asks SUMO, which then has to hold its case alone.",
-    "left_batch": "Its ADS asked for more than a row of a batch is, or something out of the "
-    "ordinary happened in it.",
+    "left_batch": "Its ADS asked for something that a batch does not offer, or something out of "
+    "the ordinary happened in it.",
     "keeps_state": "The ADS keeps state that its cases share ({}): keep it on the object, `self`.",
     "batch": "The ADS's numbers depend on which cases are driven together.",
     "draws": "The ADS draws from the global random generators, so that its cases have to follow "
@@ -266,13 +268,13 @@ _ALONE: dict[AloneReason, str] = {
     "pack_lost": "Its batch was lost. {}",
     "block_lost": "The block of cases that its policy over arrays drives together was lost, so the "
     "policy was shown this case alone, which may change the last bits of its answers. {}",
-    "late": "It was too late in its first step, or while no processor worked on it (a loaded "
+    "late": "Its ADS was too late in its first step, or while no processor worked on it (a loaded "
     "machine, an ADS that waits), so it was driven once more with no other case. {}",
 }
 
 
 _WENT_WRONG = ("keeps_state", "together_failed", "pack_lost", "block_lost", "late")
-"""Reasons that are faults of a batch, not properties of its cases."""
+"""Reasons that came up in a batch, after which its cases were driven once more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -318,12 +320,12 @@ class Recording:
     error: error message of a drive that failed; None: it did not.
     wall_time: of the drive, s.
     error_place: where in the user's code an exception came from, as `my_ads.py:42 in act`.
-    batched: of an ADS that asks SUMO and was driven in a batch: "batched", or "compared" if the
-        case was driven alone as well and was the same.
-    commands: what moved the ego in each step: (steps, 2), acceleration, m/s2, and steering wheel
-        angle, rad. Where something other than the vehicle model may move it, (steps, 6): x and y,
-        m, and heading, rad, on the map, speed, m/s, acceleration, angle. None without a contact,
-        as only contacts are replayed.
+    batched: "batched" if its ADS asks SUMO and was driven in a batch; "compared" if the case was
+        driven alone as well and was the same; else empty.
+    commands: what moved the ego in each step, (steps, 2): acceleration (m/s2) and steering wheel
+        angle (rad). Where something other than the vehicle model may move it, (steps, 6): x, y (m),
+        heading (rad) on the map, speed (m/s), acceleration, angle. None without a contact, as only
+        contacts are replayed.
     """
 
     ego: Trajectory
@@ -348,8 +350,8 @@ class Recording:
             """Everything that is compared; `repr` of numbers shows all their bits."""
             names = ("collision", "end_reason", "clips", "error", "log", "error_place")
             motions = [
-                (name, it.length, it.width, *(getattr(it, key).tobytes() for key in CHANNELS))
-                for name, it in ({"ego": recording.ego} | recording.actors).items()
+                (name, car.length, car.width, *(getattr(car, key).tobytes() for key in CHANNELS))
+                for name, car in ({"ego": recording.ego} | recording.actors).items()
             ]
             return motions, repr([getattr(recording, name) for name in names])
 
@@ -357,7 +359,7 @@ class Recording:
 
     @property
     def simulated_time(self) -> float:
-        """Simulated time from the start of the case to its end, s."""
+        """Simulated time from the start of the case, 0, to its end, s."""
         return float(self.ego.time[-1])
 
 

@@ -2,9 +2,9 @@
 from when on it can know this. User: `ads/known_answers.py`.
 
 Times of sight come from the scripts of the other vehicles, in continuous time, so that they do not
-depend on the simulation's step. Lively actors (`Actor.lively`) have none that time alone decides:
-they are interpolated between steps. Contact is looked for from step to step, as in a drive, and
-clearances are checked every `_LOOK` s.
+depend on the simulation's step. A lively actor (`Actor.lively`) reacts to others, so no script
+says where it is: it is interpolated between steps. Contact is looked for from step to step, as in a
+drive, and clearances are checked every `_LOOK` s.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _HALVINGS = 30  # of `_LOOK`: to 5e-11 s
 _AHEAD = 0.01  # m of road over which the direction of the ego's lane change is computed
 # m; an ego that steers is at most this far off its path (0.002 with the settings that ship)
 _TRACKING_ERROR = 0.005
-# m, for curves, where two bodies are nearer on the map than their x and y say
+# m added to a search radius on curves, where bodies are nearer on the map than their x and y say
 _CURVE = 1.0
 
 
@@ -66,7 +66,8 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
 
     settings: those of the case, its ego's body among them.
 
-    Actors move as they do while the ego keeps its speed; one with a SUMO model keeps its speed.
+    Actors move as they do while the ego keeps its speed; one with a SUMO model is
+    taken to keep its speed.
     """
     ego, vehicle, step = concrete.ego, settings.vehicle, settings.step
     until = _end_at_its_speed(concrete, settings)
@@ -109,7 +110,8 @@ def evasion(
 
     It steers where all of this holds:
 
-    - A steady vehicle shows late, from behind a nearer one.
+    - The ideal vehicle may steer (`ideal_steers`), has a lane on its left, and no actor is lively.
+    - A vehicle without acts that it would touch is hidden by a nearer one at first.
     - Braking with `deceleration` (m/s2) from then on hits it.
     - A lane change from then on at its speed, as quick as those of the synthetic drivers, is clear
       of every vehicle to the end: 0.3 m across or, along the road, `FOLLOWING_GAP` to one ahead and
@@ -119,7 +121,8 @@ def evasion(
     """
     ego, road, vehicle = concrete.ego, concrete.road, settings.vehicle
     lane = lane_of(ego.y, road)
-    straight = road.lane_width * lane, 0.0, 0.0, 1.0  # any length above 0, as it is a divisor
+    # the centre of lane 0 is y = 0; any length above 0 will do, as it is a divisor
+    straight = road.lane_width * lane, 0.0, 0.0, 1.0
     suddenly_seen = {
         actor: foresight.noticed for actor, foresight in zip(concrete.actors, known, strict=True)
         if foresight.meets and foresight.hidden and math.isfinite(foresight.noticed)
@@ -150,9 +153,9 @@ def evasion(
         across = abs(actor.y(time) - y) - 0.5 * (vehicle.width + actor.width)
         goes_round, is_ahead = actor in suddenly_seen, actor.x(time) > x
         if time < begin:  # still in its lane, where it would brake for a vehicle that is too near
-            hinders = not goes_round and is_ahead and across < 0.0
-            gap = safe_gap(ego.speed, actor.speed(time), deceleration, build_up)
-            return not hinders or along >= gap
+            if goes_round or not is_ahead or across >= 0.0:
+                return True
+            return along >= safe_gap(ego.speed, actor.speed(time), deceleration, build_up)
         least = FOLLOWING_GAP * ego.speed if is_ahead else EMERGENCY_GAP
         return across >= CLEARANCE or along >= (0.0 if goes_round else least)
 
@@ -173,7 +176,8 @@ class _Foreseen(NamedTuple):
     """Another vehicle as it moves while the ego keeps its speed.
 
     step: s between two rows.
-    rows: x, y, heading, speed and speed across at every step, as in `Tracks`.
+    rows: x, y, heading, speed and speed across its body at every step, (at least 2, 5), as in
+        `Tracks`.
     """
 
     actor: Actor
@@ -202,12 +206,11 @@ class _Foreseen(NamedTuple):
 
     @property
     def slowest(self) -> float:
-        """Its lowest speed along the road, m/s; of one whose script brakes it, 0."""
+        """Its lowest speed along the road, m/s; of one whose script brakes it, 0: it may stop."""
         if not self.actor.lively:
             return self.actor.start.speed if self.actor.braking is None else 0.0
-        along = self.rows[:, 3] * np.cos(self.rows[:, 2]) - self.rows[:, 4] * np.sin(
-            self.rows[:, 2]
-        )
+        heading, speed, across = self.rows[:, 2:].T
+        along = speed * np.cos(heading) - across * np.sin(heading)
         return max(float(along.min()), 0.0)
 
 
@@ -220,7 +223,8 @@ def _meets(
     """
     rows, step = track.rows, track.step
     times = np.arange(len(rows)) * step
-    # m between centres, at most, at the start and end of a step within which two bodies touch
+    # two bodies that touch within a step are at most this far apart at its start and at its end, m
+    # between centres, along and across the road
     reach = 0.5 * (
         vehicle.length + vehicle.width + track.actor.length + track.actor.width
     ) + farthest_in(step)
@@ -283,8 +287,8 @@ def _hides(
     if not eye < nearer.x < farther.x - nearer.half_length - farther.half_length:
         return False
     eye_y = float(ego.y_at(eye))
-    # lines of sight to a vehicle in the ego's way are parallel (share 1), all others start at the
-    # eye; share: of the way to the farther vehicle at which the nearer one is
+    # distance of the nearer vehicle as a share of that of the farther one; 1 for a vehicle in the
+    # ego's lane, to which lines of sight are parallel, while all others begin at the eye
     in_the_way = abs(farther.y - eye_y) < farther.half_width + 0.5 * settings.vehicle.width
     share = 1.0 if in_the_way else (nearer.x - eye) / (farther.x - eye)
     return covers(
@@ -309,8 +313,8 @@ def _ego_body(ego: Start, vehicle: VehicleSettings, time: float, line: Line) -> 
     larger by `_TRACKING_ERROR` on each side, so that a near miss counts as contact.
     """
     room = 2.0 * _TRACKING_ERROR if ego.way is not None else 0.0
-    # m from the centre back to the point that follows the path: the rear axle, or the centre itself
-    # on a straight path, so that its x is not rounded
+    # m from the centre back to the point that follows the path: the rear axle. On a straight path
+    # 0: half a wheelbase less and again more would round x.
     half = 0.5 * vehicle.wheelbase if line or ego.way is not None else 0.0
     x = float(ego.x_after(ego.speed * time - half))
     heading, y = 0.0, ego.y

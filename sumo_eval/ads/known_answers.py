@@ -52,7 +52,8 @@ class NoReaction(Compiled):
 no_reaction = NoReaction()
 """ADS `no_reaction`, ready-made: it holds nothing of a case."""
 
-# m by which a vehicle that turns into the lane may later reach further along the road than now
+# m; a vehicle that turns into the lane reaches at most this much further along the road once it is
+# straight
 _TURNED = 0.2
 _KNOWN = fields(*Foresight._fields)
 """A `Foresight` in numbers: knowledge of one actor."""
@@ -70,8 +71,8 @@ def is_too_close_to_see(
         return False
     for j in range(len(others)):
         if watched[j].meets > 0.0 and watched[j].hidden > 0.0 and time < watched[j].noticed:
-            response = p.deceleration / scenario.vehicle.brake_jerk
-            safe = safe_gap(me.along, others[lead].along, p.deceleration, response)
+            build_up = p.deceleration / scenario.vehicle.brake_jerk
+            safe = safe_gap(me.along, others[lead].along, p.deceleration, build_up)
             return bool(bumper_gap(me, others[lead]) < safe)
     return False
 
@@ -81,9 +82,9 @@ def full_braking(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time
     """Acceleration, m/s2: full braking from the instant within the step at which an actor first
     calls for it.
 
-    Before that the ego brakes as hard where it is too close to a vehicle that hides another.
+    Before that the ego brakes fully, too, where it is too close to a vehicle that hides another.
 
-    watched: a `Foresight` of each actor.
+    watched: a `Foresight` of each actor, its flags as 0 or 1.
     """
     level = p.deceleration if is_too_close_to_see(me, others, watched, p, scenario, time) else 0.0
     first_noticed = math.inf  # of the vehicles that the ego would touch
@@ -96,7 +97,7 @@ def full_braking(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time
         closes = other.x > me.x and me.along > other.along and lateral_overlap(me, other) > 0.0
         calls = closes and time > first_noticed
         if watched[j].meets > 0.0:
-            is_faster = me.along > watched[j].speed  # than it will ever be again
+            is_faster = me.along > watched[j].speed  # than its lowest speed in the case
             alongside = abs(other.x - me.x) < me.half_length + other.half_length + _TURNED
             calls = calls or is_faster or alongside
         if calls:
@@ -115,7 +116,7 @@ def ideal_braking(
     It counts as settled in every step, as it never accelerates again.
     """
     me, command, time = ego.seen, ego.command, ego.time
-    if own.path.offset == 0.0:
+    if own.path.offset == 0.0:  # it does not steer
         command.acceleration = full_braking(me, others, watched, own.p, scenario[0], time)
         command.steering = lane_kept(ego, scenario[0])
     else:
@@ -134,22 +135,22 @@ class IdealBraking(Compiled):
     vehicle: only braking could then cause a contact.
 
     Where it would touch a vehicle, it brakes as hard as the road allows, from the first change of
-    that vehicle's state that it can see. It brakes until it is not alongside that vehicle, and not
-    faster than that one will be at any later time; it never speeds up again. From that first change
-    on it also brakes while it closes on any vehicle in its path: `foresight` supposes a constant
-    speed, at which the ego would have been gone by then.
+    that vehicle's state that it can see. It brakes as long as it is alongside that vehicle or
+    faster than its lowest speed in the case; it never speeds up again. From that first change on it
+    also brakes while it closes on any vehicle in its path: `foresight` supposes an ego of constant
+    speed, and one that has braked meets vehicles that it would have passed.
 
     It does not know what a lead vehicle hides. So it keeps a safe distance to that vehicle
-    (`safe_gap`, with its own brakes and the time that they need): while it is nearer it brakes as
-    hard. Otherwise an ADS that opens such a gap at once, as `idm` does, would be slower when the
+    (`safe_gap`, with its own brakes and the time that they need): while it is nearer it brakes
+    fully. Otherwise an ADS that opens such a gap at once, as `idm` does, would be slower when the
     hidden vehicle shows.
 
     Where the hidden vehicle shows so late that no braking stops short of it, it steers round it, if
-    the lane on the left is certainly free (`evasion`): `lane_changer` would, and no ADS may be
-    gentler.
+    the lane on the left is certainly free (`evasion`): `lane_changer` would, and no ADS may have
+    a smaller U than the reference.
 
-    The pressure build-up is the vehicle model's (`VehicleSettings.brake_build_up`, 0.15 s), as far
-    as `deceleration` is the strongest that the vehicle has. So its impact speed behind a vehicle
+    The pressure build-up is the vehicle model's (`VehicleSettings.brake_build_up`, 0.15 s), if
+    `deceleration` is the strongest that the vehicle has. So its impact speed behind a vehicle
     that it sees from the start is `criticality.ideal_impact_speed(..., deceleration=deceleration,
     delay=0, build_up=0.15)`.
     """
@@ -186,7 +187,7 @@ class IdealBraking(Compiled):
         settings: Sequence[SimulationSettings],
     ) -> tuple[Records, ...]:
         """`arrays` of a rule that knows the scripts: with the evasion of each case and a
-        `Foresight` of each actor.
+        `Foresight` of each actor, (cases, actors). All cases have as many actors.
         """
         own, foresights = cls.own_records(together), list(map(foresee, cases, settings))
         of_each = zip(together, cases, settings, foresights, strict=True)

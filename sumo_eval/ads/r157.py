@@ -21,9 +21,8 @@ HUMAN_BRAKING = 0.774 * GRAVITY  # m/s2, the strongest of the regulation's human
 # s, headway up to which the regulation's human reacts to what the lead does
 FOLLOWING_HEADWAY = 2.0
 HEADWAY_ROUNDING = 0.01  # s, see `within_headway`
-# share of a vehicle that a nearer one may cover at most, or it is hidden: 0.375 m of 1.9 m must
-# show
-SHOWING = 0.8
+# a vehicle is hidden if a nearer one covers a larger share of its width: 0.375 m of 1.9 m must show
+MOST_COVERED = 0.8
 
 
 @kernel
@@ -48,8 +47,8 @@ def brake_ramp_lost(since: float, level: float, build_up: float) -> float:
 
 @kernel
 def time_to_collision(me: Any, other: Any) -> float:
-    """TTC = d / (v - w), s: bumper gap over closing speed; inf when not closing, 0 or less beside a
-    slower vehicle.
+    """TTC = d / (v - w), s: bumper gap over closing speed, the ego's less the other's; inf when not
+    closing, 0 or less where the bodies overlap along the road.
     """
     closing = me.along - other.along
     return bumper_gap(me, other) / closing if closing > 0.0 else math.inf
@@ -88,7 +87,7 @@ SIGHTING = [*fields("last_speed", "last_y", "across", "gain"), ("mover", MOVER)]
 last_speed, last_y: at the last look, m/s and m.
 across: mean speed across the road over the last step, m/s: its speed in the middle of that step.
 gain: change of `across` since the step before, m/s2; 0 if the motion began or turned round.
-mover: the vehicle, with its braking, and `across` as its speed across.
+mover: the vehicle as seen last, but with the braking and the speed across that its motion shows.
 """
 SIGHTED = [("sighting", SIGHTING)]
 SAFETY_MEMORY = [
@@ -127,10 +126,11 @@ def sight(sighting: Any, other: Any, step: float) -> None:
     """
     mover = sighting.mover
     take(mover, other)
-    if math.isnan(other.x):
+    if math.isnan(other.x):  # not on the road yet, or no longer
         return
     last_speed = other.along if math.isnan(sighting.last_speed) else sighting.last_speed
-    last_y, before = sighting.last_y, 0.0 if math.isnan(sighting.across) else sighting.across
+    last_y = sighting.last_y
+    before = 0.0 if math.isnan(sighting.across) else sighting.across
     mover.braking = max((last_speed - other.along) / step, 0.0)
     sighting.last_speed, sighting.last_y, sighting.gain = other.along, other.y, 0.0
     if math.isnan(last_y):
@@ -149,7 +149,8 @@ def foresee(then: Any, sighting: Any, time: float, step: float) -> None:
     take(then, sighting.mover)
     carry_on(then, time)
     if sighting.gain != 0.0 and not math.isnan(sighting.gain):
-        # its speed across belongs to the middle of the last step, before which it changed by `gain`
+        # the speed across is that of the middle of the last step: held after it, before it less by
+        # `gain` a second
         middle = -0.5 * step
         then.across += sighting.gain * (min(time, middle) - middle)
 
@@ -171,8 +172,8 @@ def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable
     braking_for: called with the ego, an actor in sight ahead of it, the rule's parameters (with
         `BRAKES`) and the cycle's `SCENARIO`; the deceleration that this actor demands, m/s2, 0:
         none.
-    clocks: number of `SCENARIO` records that it takes: with 2 it decides once a cycle, which is the
-        `step` of the second; with 1 at every step.
+    clocks: number of `SCENARIO` records that it takes. 1: it decides at every step. 2: once a
+        cycle, which is the `step` of the second record.
     """
 
     @kernel
@@ -183,7 +184,7 @@ def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable
         foresee_all(own, watched, others_then, after, cycle.step)
         me, demanded = own.then, 0.0
         for j in range(len(others_then)):
-            if others_then[j].x > me.x and is_in_sight(me, others_then, j, SHOWING):
+            if others_then[j].x > me.x and is_in_sight(me, others_then, j, MOST_COVERED):
                 demanded = max(demanded, braking_for(me, others_then[j], own.p, cycle))
         return demanded
 

@@ -32,7 +32,7 @@ from sumo_eval.ads.r157 import (
     FOLLOWING_HEADWAY,
     GRAVITY,
     HUMAN_BRAKING,
-    SHOWING,
+    MOST_COVERED,
     SIGHTED,
     Brakes,
     brake_ramp,
@@ -246,7 +246,7 @@ def _judge_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, ti
             not other.x > me.x
             or not math.isnan(known.necessary_at)
             or not _comes_towards(me, known, scenario)
-            or not is_in_sight(me, others, j, SHOWING)
+            or not is_in_sight(me, others, j, MOST_COVERED)
         ):
             continue
         ttc = time_to_collision(me, other)
@@ -388,7 +388,7 @@ def _aeb_demand(scene: Any, after: float) -> float:
     foresee_all(own, watched, others, after, scene[3])
     for j in range(len(others)):
         if 0.0 <= _aeb_ttc(own.then, others[j]) < AEB_TTC and is_visible(
-            own.then, others, j, SHOWING
+            own.then, others, j, MOST_COVERED
         ):
             return 1.0
     return 0.0

@@ -9,7 +9,7 @@ def named_values(texts: Iterable[str], option: str) -> dict[str, float]:
     """The numbers by name.
 
     option: beginning of errors, e.g. `A parameter` or the option's name.
-    Raises InputError for a text of another form.
+    Raises InputError for a text that is not NAME=VALUE with a number, and for a name given twice.
     """
     from sumo_eval.errors import InputError
 
@@ -19,9 +19,10 @@ def named_values(texts: Iterable[str], option: str) -> dict[str, float]:
         if name in values:
             raise InputError(f"{option} must be given once, got `{name}` twice.")
         try:
-            values[name] = float(number)
+            value = float(number)
         except ValueError:
-            raise InputError(
-                f"{option} must have the form NAME=VALUE with a number, got {text!r}."
-            ) from None
+            value = None
+        if not name or value is None:
+            raise InputError(f"{option} must have the form NAME=VALUE with a number, got {text!r}.")
+        values[name] = value
     return values

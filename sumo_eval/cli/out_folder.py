@@ -1,4 +1,4 @@
-"""Output folder of a command: tried before the work begins, which could not be kept otherwise."""
+"""Output folder of a command: tried before the work, whose result would be lost otherwise."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from sumo_eval.errors import InputError
 
 
 def default(*words: str) -> Path:
-    """The folder where `--out` names none: results/WORDS-TIME, as a run's."""
+    """The folder without `--out`: results/WORDS-TIME, as of a run."""
     from datetime import UTC, datetime
 
+    # "of" in place of a word that has no letter
     name = "-".join(re.sub(r"[^\w.-]+", "_", word).strip("_") or "of" for word in words)
     return Path("results") / f"{name}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
 

@@ -89,13 +89,13 @@ def ideal_braking_gap(
     deceleration: ArrayLike = 5.0,
     delay: ArrayLike = 0.0,
 ) -> FloatArray:
-    """Eq. 4: d = d0 + v1 t - t (v0 + v2) / 2, m, from the end of the delay on; negative once the
-    ego has hit.
+    """Eq. 4: d = d0 + v1 t - t (v0 + v2) / 2, m, with t and d0 from the end of the delay on;
+    negative once the ego has hit.
 
     ego_speed: v0, m/s.
     lead_speed: v1, m/s.
-    gap: d0, m.
-    time: t >= 0, s.
+    gap: m, at time 0.
+    time: s, at least 0.
     deceleration: a, m/s2.
     delay: s before braking.
 
@@ -107,8 +107,8 @@ def ideal_braking_gap(
     strength = _strength(deceleration)
     braking = _braking_time(time, delay)
     before = np.asarray(time) - braking  # s at constant speed
-    # s of braking until the speeds are equal, and m/s lost in them; an ego that does not close in
-    # keeps its speed
+    # s of braking until the speeds are equal, and m/s lost in this time; an ego that does not close
+    # in keeps its speed
     lasting = np.where(closing > 0.0, np.minimum(braking, closing / strength), braking)
     lost = np.where(closing > 0.0, strength * lasting, 0.0)
     left = _finite("gap", gap) - closing * before - lasting * (closing - lost / 2.0)
@@ -132,9 +132,10 @@ def max_inverse_ttc(
     deceleration: a, m/s2.
     delay: s before braking.
 
-    D = v0 - v1 is the relative speed. At u <= D while braking, the gap is c + u^2/(2a), with
-    c = d0 - D delay - D^2/(2a). So ITTC(u) = u / (c + u^2/(2a)), with its peak sqrt(a/(2c)) at
-    u = sqrt(2ac), or where D is smaller than that at u = D, when braking begins.
+    D = v0 - v1 is the relative speed. When braking has left u <= D of it, the gap is
+    c + u^2/(2a), with c = d0 - D delay - D^2/(2a). So ITTC(u) = u / (c + u^2/(2a)), with its peak
+    sqrt(a/(2c)) at u = sqrt(2ac). If D < sqrt(2ac), the largest is that at u = D, when braking
+    begins.
 
     Raises InputError for numbers that are not finite, negative speeds or delays, and a deceleration
     not above 0.
@@ -228,11 +229,13 @@ def ideal_impact_speed(
     delay: td, s.
     build_up: Tr, s of linear rise 0 -> am.
 
-    D = v0 - v1 is the relative speed, d = d0 - D td the gap left when braking begins. For d <= 0
-    the result is D. If contact is on the ramp, with the jerk j = am/Tr, the cubic D t - j t^3/6 = d
-    has the root t = 2 t* sin(q), sin(3q) = d / (2/3 D t*), t* = sqrt(2 D/j), as sin(3q) =
-    3 sin(q) - 4 sin(q)^3, and the result is D (1 - 4 sin(q)^2). If it is on the plateau, the
-    result is sqrt((D - am Tr/2)^2 - 2 am (d - D Tr + am Tr^2/6)).
+    D = v0 - v1 is the relative speed, d = d0 - D td the gap left when braking begins.
+
+    - d <= 0: the result is D.
+    - Contact on the ramp, with the jerk j = am/Tr: D (1 - 4 sin(q)^2), where
+      sin(3q) = d / (2/3 D t*) and t* = sqrt(2 D/j). Contact is at the root t = 2 t* sin(q) of
+      D t - j t^3/6 = d, as sin(3q) = 3 sin(q) - 4 sin(q)^3.
+    - Contact on the plateau: sqrt((D - am Tr/2)^2 - 2 am (d - D Tr + am Tr^2/6)).
 
     Raises InputError for numbers that are not finite, negative speeds or times, and am not above 0.
     """
@@ -243,8 +246,8 @@ def ideal_impact_speed(
     closing = np.maximum(rel, 0.0)  # D
 
     after_ramp = closing - strength * ramp / 2.0
-    ramp_length = closing * ramp - strength * ramp**2 / 6.0
-    on_plateau = np.sqrt(np.maximum(after_ramp**2 - 2.0 * strength * (left - ramp_length), 0.0))
+    on_whole_ramp = closing * ramp - strength * ramp**2 / 6.0  # gap that it closes, m
+    on_plateau = np.sqrt(np.maximum(after_ramp**2 - 2.0 * strength * (left - on_whole_ramp), 0.0))
 
     # gap that a ramp up to equal speeds would close, m, and the gap left as a share of it
     needed = 2.0 / 3.0 * closing * np.sqrt(2.0 * closing * ramp / strength)
@@ -253,8 +256,9 @@ def ideal_impact_speed(
     at_root = closing * (1.0 - 4.0 * np.sin(np.arcsin(share) / 3.0) ** 2)
     on_ramp = np.where(share < 1.0, at_root, 0.0)
 
-    contact_on_ramp = np.where(after_ramp >= 0.0, left < ramp_length, True)
-    braked = np.where(contact_on_ramp, on_ramp, on_plateau)
+    # with contact, or at equal speeds
+    ends_on_ramp = np.where(after_ramp >= 0.0, left < on_whole_ramp, True)
+    braked = np.where(ends_on_ramp, on_ramp, on_plateau)
     return np.where(rel <= 0.0, 0.0, np.where(left <= 0.0, rel, np.maximum(braked, 0.0)))[()]
 
 

@@ -81,7 +81,7 @@ class MarginalLikelihood:
         y, n = self._target, len(self._target)
         k = covariance(self._points, parameters)
         k[np.diag_indices_from(k)] += self._variances
-        # the transpose of the symmetric k is in Fortran's order, which LAPACK needs, without a copy
+        # the transpose of the symmetric k is in Fortran's order, which LAPACK needs; k stays
         factor, failed = lapack.dpotrf(k.T, lower=1, clean=1)
         if failed:
             return np.inf, np.zeros(len(theta))
@@ -94,13 +94,14 @@ class MarginalLikelihood:
         inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
         # Eq. 5.9: d log p / d theta = tr((weights weights^T - K^-1) dK/dtheta) / 2
         inner = np.outer(weights, weights)
-        inner -= inverse.T  # right on and above the diagonal only
+        # LAPACK fills the lower triangle, transposed the upper: below the diagonal `inner` is wrong
+        inner -= inverse.T
         diagonal = inner.diagonal().copy()
         by_noise = parameters.noise * float(diagonal.sum())
         # With K here including the variances: dK / d log sf^2 = K - sn^2 I - diag(variances). The
         # trace with K alone is weights^T y - n, as K weights = y.
         by_signal = float(y @ weights) - n - by_noise - float(diagonal @ self._variances)
-        # dK / d log sl = K (x - x')^2 / sl^2
+        # dK / d log sl = K (x - x')^2 / sl^2 for each coordinate, element by element
         inner *= k
         by_scales = self._squares @ inner.ravel() / np.array(parameters.length_scales) ** 2
         return value, -0.5 * np.array([by_signal, *by_scales, by_noise])

@@ -27,7 +27,7 @@ def write_confidence(confidence: Confidence, folder: Path) -> Path:
 
 
 def confidence_json(confidence: Confidence) -> dict[str, Any]:
-    """Everything that the section shows, in plain values."""
+    """Everything that the section shows but its pictures, in plain values."""
     return {
         "scores": [
             _assessment_json(item, confidence.coverage[item.scenario])
@@ -54,10 +54,10 @@ def confidence_content(evaluation: Evaluation, additions: Additions) -> dict[str
 def _further(item: Assessment, confidence: Confidence) -> dict[str, Any]:
     plain: dict[str, Any] = {"ads": item.ads, "scenario": item.scenario}
     further = item.further
-    names = list(confidence.coverage[item.scenario].empty_centre)
     if further is None or "s" not in item.sources or not len(further.points):
         return plain | {"points": []}
-    half_width = item.sources["s"]["cases"]  # of the interval of S, by the choice of cases
+    names = list(confidence.coverage[item.scenario].empty_centre)  # of the parameters
+    half_width = item.sources["s"]["cases"]  # points of S, of its interval by the choice of cases
     return plain | {
         "count": len(further.points),
         "before": f"{half_width:z.1f}",

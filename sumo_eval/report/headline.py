@@ -18,7 +18,7 @@ from sumo_eval.results import Evaluation, RankedAds, Ranking
 from sumo_eval.scoring.behaviour import Behaviour, behaviour_of, harm_beside, ranked
 
 SELDOM = 2.0 / 3.0
-"""Most contacts a case that the page states as one contact every n cases: n is at least 1.5."""
+"""Contacts a case, up to which the page says "one every n cases": n is at least 1.5."""
 MOST_NAMED = 3
 """ADSs that share the first place and are named; the rest is a number."""
 
@@ -28,7 +28,7 @@ class Headline(NamedTuple):
 
     order: the ADSs in their order, each with its behaviour.
     answers: (question, answer).
-    alarms: (ADS, what its cases must be looked at for).
+    alarms: (ADS, a fault for which its cases must be looked at).
     """
 
     order: tuple[tuple[RankedAds, Behaviour], ...]
@@ -75,17 +75,18 @@ def alarms(counts: Behaviour) -> list[str]:
 
 
 def safety_words(evaluation: Evaluation, behaviour: Behaviour) -> str:
-    """`3 avoidable collisions in 192 cases, worst 43 km/h`, and how much excess impact speed that
-    is.
+    """Harm of an ADS: `3 avoidable collisions in 192 cases, worst 43 km/h; as much excess impact
+    speed as one 50 km/h contact every 24 cases of this grid`.
     """
     hit = behaviour.avoidable > 0
     hits = count(behaviour.avoidable, "avoidable collision") if hit else "no avoidable collision"
     hits += f" in {count(behaviour.cases, 'case')}"
     hits += f", worst {3.6 * behaviour.worst:z.0f} km/h" if behaviour.worst else ""
+    # an excess of losses has no unit, and so no contact at 50 km/h to compare it with
     if not behaviour.excess > 0.0 or not evaluation.settings.method.collision.regret_unit:
         return hits
-    spaces = {score.scenario for score in evaluation.scores}
-    grids = "this grid" if len(spaces) == 1 else "these grids"
+    scenarios = {score.scenario for score in evaluation.scores}
+    grids = "this grid" if len(scenarios) == 1 else "these grids"
     often = f"one 50 km/h contact every {1.0 / behaviour.contacts:z.0f} cases"
     if behaviour.contacts > SELDOM:
         often = f"{behaviour.contacts:z.1f} contacts at 50 km/h a case"
@@ -145,7 +146,7 @@ def _best(ranking: Ranking, order: Sequence[RankedAds]) -> str:
     equal = [ads.ads for ads in order[1:] if ads.place == best.place]
     if not equal:
         return f"{points} Told apart from {pair.below}, {number(order[1].s_plus, 1)}."
-    if pair.scored_alike and best.s_plus:
+    if pair.scored_alike and best.s_plus:  # at 0 points all are alike
         return f"{points} {pair.below} scored alike in every case."
     more = f" and {len(equal) - MOST_NAMED} more" if equal[MOST_NAMED:] else ""
     return f"{points} Not told apart from {', '.join(equal[:MOST_NAMED])}{more}."

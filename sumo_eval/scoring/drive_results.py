@@ -1,5 +1,6 @@
-"""Results of each recorded drive: its departure and t_i, and of an evaluated case its measures
-other than D_i: criticality, plausibility, lane keeping, PET. The equations are in `method/`.
+"""Results of each recorded drive: its departure, t_i (share of the driving task done), and in an
+evaluated case its measures other than D_i: criticality, plausibility, lane keeping, PET. The
+equations are in `method/`.
 
 A result depends on recorded trajectories alone: it is kept in the run's folder, and the missing
 ones are computed, point by point, in the processes that compute D_i.
@@ -56,9 +57,10 @@ class DriveResult:
 
     departure: None where the drive stayed on the road.
     share: t_i; None without a reference.
-    excused: whether t_i leaves out places, because a road user excuses an ego that stands.
-    numbers: of an ADS's evaluated case: criticality, extremes, lane keeping, PET of conflicting
-        ways; of any other empty.
+    excused: whether a road user excuses an ego that stands, so that t_i leaves out the places that
+        it did not reach.
+    numbers: made by `_numbers` and read by `measures`, in this order: criticality, extremes, lane
+        keeping, PET of conflicting ways. Only an ADS's evaluated case has any.
     """
 
     departure: Departure | None
@@ -123,7 +125,7 @@ def drive_results(
     """
     logical, hash_of = space.logical, space.store.case_hash
     road, margin = logical.road, space.method.task.road_margin
-    # a hash of all files that the actors depend on, one of which may conflict with the ego
+    # all files on which the way of an actor that conflicts with the ego may depend
     files = space.entry.use, space_key(space.entry, space.source), sources("scenario", "settings")
     references_at: dict[int, list[str]] = {}
     for fact in references:
@@ -132,7 +134,7 @@ def drive_results(
     results: dict[str, bytes] = {}
     keys: dict[str, bytes] = {}  # of missing results
     points: list[_Point] = []
-    # these two ends have no drive; a case given up has one, which may leave the road
+    # a case without an end or with `sim_error` has no drive; one that gave up may leave the road
     driven = [fact for fact in drives if fact.end_reason not in (None, "sim_error")]
     driven.sort(key=lambda fact: fact.point)
     for number, facts in groupby(driven, key=lambda fact: fact.point):
@@ -179,13 +181,14 @@ def _results_at(point: _Point, store: Store) -> Iterator[tuple[str, DriveResult]
     """Each case at a point with its result."""
     beside = [store.trajectory(case) for case in point.references]
     clean = [drive for drive in beside if first_departure(drive, point.road, point.margin) is None]
-    asked = asked_way(point.begin, clean)  # its places with times; `point.way`: a lane change
+    asked = asked_way(point.begin, clean)  # places along the road, with times at which to be there
     for fact in point.drives:
-        actors, share, excused = store.trajectories(fact.case), None, False
+        actors = store.trajectories(fact.case)
         if EGO not in actors:
             raise store.no_trajectory(fact.case)
         ego = actors.pop(EGO)
         departure = first_departure(ego, point.road, point.margin)
+        share, excused = None, False
         if asked is not None:
             incident = fact.status == "collision" or departure is not None
             excused = not incident and is_excused(ego, actors) and any(asked.places > ego.x.max())
@@ -212,7 +215,10 @@ def _numbers(fact: Fact, point: _Point, ego: Trajectory, actors: Trajectories) -
 
 
 def recorded_with(store: Store, car: str) -> bool:
-    """Whether a run holds the drive of the reference car at every point: as many as of `ideal`."""
+    """Whether a run holds the drive of the reference car at every point: as many as of `ideal`.
+
+    car: locator of the reference car.
+    """
     counts = Counter[str]()
     for _scenario, role, _driver, _status, number, _exposure in store.counts():
         counts[role] += number

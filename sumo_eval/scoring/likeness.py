@@ -33,7 +33,8 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 FEWEST_DRIVERS = 2  # a standard deviation needs two
 FEWEST_FOR_A_BAND = 3  # two must remain when a driver is compared with the rest
 _AT_ONCE = 8_192  # points whose zone and weight are computed at a time; 65,536 need 0.3 GB
-JACKKNIFED = 16  # most cases of an ADS in a scenario for which drivers are left out one by one
+# cases of an ADS in a scenario for which drivers are left out one by one, at most
+JACKKNIFED = 16
 
 
 class PointReference(NamedTuple):
@@ -116,14 +117,14 @@ def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
     whole: whether all points of the sample must have been driven.
     """
     is_driven = ~np.isnan(driven[:, 0])
-    spare = len(chosen.points) - len(driven)  # chosen points that were not driven
+    spare = len(chosen.points) - len(driven)  # chosen points after the last one that was driven
     if (
         spare >= 0
         and not (whole and spare)
         and np.array_equal(chosen.points[: len(driven)][is_driven], driven[is_driven])
     ):
         return chosen
-    # a point that was not driven gets the values of the first one that was
+    # A point that was not driven gets the values of the first one that was: no range grows by it.
     driven_sample = sample_of(
         np.where(is_driven[:, None], driven, driven[is_driven][0]), chosen.method
     )
@@ -138,8 +139,8 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
     zones_key: a hash of all that the zones depend on.
     """
     numbers, values = _driven_points(space)
-    points = int(numbers.max(initial=-1)) + 1
-    hazardous, weights = np.zeros(points, dtype=np.bool_), np.zeros(points)
+    count = int(numbers.max(initial=-1)) + 1  # of points
+    hazardous, weights = np.zeros(count, dtype=np.bool_), np.zeros(count)
     for first in range(0, len(values), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
         some = values[part]
@@ -155,14 +156,14 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
         done = min(part.stop, len(values))
         space.progress(f"{space.name}: weights of the points", done, len(values))
     if space.points.stands_for is not None:
-        weights = weights * space.points.stands_for[:points]
-    usable, any_drivers = np.zeros(points, dtype=np.bool_), False
+        weights = weights * space.points.stands_for[:count]
+    usable, any_drivers = np.zeros(count, dtype=np.bool_), False
     for point, drivers, recorded in space.store.drivers_at_points(space.name):
         usable[point] = _usable(drivers, recorded, space.settings.drivers)[1]
         any_drivers = True
 
     driven, with_index = _points_of_ads(space, usable & ~hazardous)
-    all_values = np.full((points, values.shape[1]), np.nan)
+    all_values = np.full((count, values.shape[1]), np.nan)
     all_values[numbers] = values
     return Survey(
         hazardous,
@@ -262,10 +263,10 @@ def compare_with_people(
             )
 
     def progress(done: int) -> None:
-        first, share = points.start, done / len(jobs) * len(points)
+        of_these = round(done / len(jobs) * len(points))
         space.progress(
             f"{space.name}: comparison with the drivers",
-            first + round(share),
+            points.start + of_these,
             len(overview.weights),
         )
 
@@ -318,7 +319,7 @@ def beside_people(
         }
         if index.manoeuvre:
             row |= {"manoeuvre": words(index.manoeuvre), "manoeuvre_share": index.share}
-        if (likeness := index.likeness) is not None:
+        if (likeness := index.likeness) is not None:  # the factors of H
             row |= {
                 "likeness_length_factor": likeness.length_factor,
                 "operation_tolerance": likeness.operation_tolerance,

@@ -50,8 +50,8 @@ from sumo_eval.settings import MethodSettings
 from sumo_eval.text import without_numbers
 from sumo_eval.trajectory import NO_RETURN, BoolArray
 
-_RECORDED = {item.name for item in fields(CaseResult)} & {item.name for item in fields(Fact)} - {
-    "clips"
+_RECORDED = {item.name for item in fields(CaseResult) if item.name != "clips"} & {
+    item.name for item in fields(Fact)
 }
 """Fields that a row takes from its fact unchanged. `tabulate` makes one text of the clips."""
 STRUCK_FROM_BEHIND = "struck_from_behind"
@@ -67,7 +67,7 @@ class Remarks:
     def __init__(self) -> None:
         # numbers of drives or collisions
         self._blocks: Counter[int] = Counter()  # by size of the fixed batch
-        self._beyond: Counter[str] = Counter()  # by why the severity is out of its range; "": not
+        self._beyond: Counter[str] = Counter()  # by why the severity is out of its range, or ""
         self._batched: Counter[str] = Counter()  # by `Fact.batched`
         self._clips: Counter[str] = Counter()  # by kind of a clip
         self._safe: set[int] = set()  # safe points with a drive of a reference
@@ -83,7 +83,7 @@ class Remarks:
             clips = {clip.what: clip for clip in fact.clips}
             self._clips.update(clips.keys())
             self._batched[fact.batched] += 1
-            if IN_BLOCK in clips:
+            if IN_BLOCK in clips:  # `requested`: size of the block
                 self._blocks[int(clips[IN_BLOCK].requested)] += 1
             if fact.collision is not None:
                 self._beyond[severity.beyond(fact.collision)] += 1
@@ -99,7 +99,7 @@ class Remarks:
         cases: all cases of the ADS.
         """
         ended = Counter[str]()  # status -> drives of human drivers
-        # `_`: driver, exposure
+        # one row a status, as human drivers count together; `_`: driver, exposure
         for scenario, role, _, status, number, _ in space.store.counts():
             if (scenario, role) == (space.name, "human"):
                 ended[status] = number
@@ -145,10 +145,10 @@ def harm_at(
     idle: Sequence[Fact],
     drives: Mapping[str, DriveResult],
 ) -> dict[int, dict[str, Any]]:
-    """Point -> fields that all cases there share: r (Eq. 16), Ug (Eq. 17), U0, and PET and time to
-    the conflict if no vehicle reacts.
+    """Point -> fields that all cases there share: weight (Eq. 16), Ug (Eq. 17), U0, and PET and
+    time to the conflict if no vehicle reacts.
 
-    overview: has the weights of all points.
+    overview: has the weights of all points, r times the points that each stands for.
     points: numbers of the points.
     idle: the drives of `no_reaction` at these points.
     drives: departures, by case.
@@ -158,11 +158,11 @@ def harm_at(
     for fact in space.facts_at(points, "ideal"):
         shared = {
             "weight": float(overview.weights[fact.point]),
-            **_reference("ideal", fact, 0.0, space),
+            **_reference("ideal", fact, space),
         }
         if (no_reaction := unreacting.get(fact.point)) is not None:
             departure = _of_departure(drives[no_reaction.case].departure, no_reaction.case, space)
-            shared |= _reference("no_reaction", no_reaction, departure, space)
+            shared |= _reference("no_reaction", no_reaction, space, least=departure)
         if (conflict := conflict_at(space.logical, fact.values)) is not None:
             shared["undisturbed_pet"] = finite(conflict.pet)
             shared["time_to_conflict"] = finite(conflict.time_to)
@@ -171,12 +171,12 @@ def harm_at(
 
 
 def _reference(
-    reference: Literal["ideal", "no_reaction"], fact: Fact, least: float, space: ScenarioRun
+    reference: Literal["ideal", "no_reaction"], fact: Fact, space: ScenarioRun, least: float = 0.0
 ) -> dict[str, Any]:
     """Fields on the drive of a reference: Ug or U0, 0 where it avoids the contact. If it could not
     be evaluated, U is None and a second field has the reason.
 
-    least: least U, m/s: that of its departure from the road.
+    least: lower bound of U: that of its departure from the road.
     """
     if fact.status not in EVALUATED:
         return {f"{reference}_severity": None, f"{reference}_error": fact.error or fact.status}
@@ -307,8 +307,9 @@ def combine(
     c, d = values["c"], values["d"]
     safe, collided, indexed = cases.safe, cases.collided, np.isfinite(cases.index)
     safe_cases, safe_hits = _number(safe), _number(safe & collided)
-    # cases that are missing from a mean; from that of D_i only where it can be computed
-    is_missing, voiding = cases.missing, _number(cases.voids_index)
+    voiding = _number(cases.voids_index)
+    is_missing = cases.missing
+    # a case without D_i is missing where their mean exists: with drivers, and no collision voids it
     if not voiding and people:
         is_missing = is_missing | (cases.counts_for_index & ~indexed)
     # their number by zone; + drops zones with 0
@@ -332,7 +333,7 @@ def combine(
     total = score_of(c, d, method.score)
     plus = plus_of(values["task_share"], values["avoidance_grade"], human_likeness, method.score)
     scores: dict[str, Any] = {f"{name}_interval": ends for name, ends in bounds.items()}
-    scores |= values | counts(cases) | {"not_evaluated": missing.total()}
+    scores |= values | counts(cases) | {"not_evaluated": missing.total()}  # by name of the field
     # this field of the result is never None
     if values["collision_probability"] is None:
         scores["collision_probability"] = math.nan

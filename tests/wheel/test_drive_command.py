@@ -12,6 +12,7 @@ from commands import sumo_eval
         (["nowhere_at_all"], "nowhere_at_all"),
         (["cut_in", "--rate", "30"], "one of 20, 50, 100 Hz, got 30"),
         (["cut_in", "--set", "gap"], "NAME=VALUE with a number"),
+        (["cut_in", "--set", "=5"], "NAME=VALUE with a number"),
         (["cut_in", "--set", "gap=3", "--set", "gap=4"], "must be given once, got `gap` twice"),
         (["cut_in", "--set", "gapp=3"], "Did you mean `gap`"),
         (["cut_in", "--set", "gap=1e9"], "gap"),

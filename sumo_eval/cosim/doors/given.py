@@ -1,5 +1,5 @@
-"""`given:FILE`: an ADS that its owner wrote by value into the run folder, a class or a function of
-a notebook cell.
+"""`given:FILE`: a class or a function of a notebook cell, which `evaluate` pickled into the run
+folder.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from sumo_eval.input_file import read_input
 
 
 def load_given(file: str, folder: Path | None) -> Any:
-    """The class, function or object.
+    """The class, function or object of a file in `folder`; None: in the current folder.
 
-    Reading one runs code, as importing a file of the user's does.
+    Reading it runs code, as importing a user's file does.
     """
     import cloudpickle
 

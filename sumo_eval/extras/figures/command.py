@@ -16,7 +16,7 @@ from sumo_eval.cli.sentences import tell
 @click.argument("figure")
 @path_option("--out", help="The file: .svg, .png or .pdf (default: RUN/FIGURE.svg).")
 @click.option("--scenario", help="The logical scenario (default: the first, or that of the case).")
-@click.option("--ads", help="One ADS (default: all, or the first where only one fits).")
+@click.option("--ads", help="One ADS (default: all; the first where a figure shows one).")
 @click.option("--case", help="A case, for figures of drives (default: the least human-like one).")
 @click.option("--width", default="page", help="`column` (88 mm) or `page` (180 mm, the default).")
 @trusting
@@ -29,11 +29,11 @@ def plot(
     case: str | None,
     width: str,
 ) -> None:
-    """Draw FIGURE of RUN for a paper: zone_map, field, trajectories, time_history, collisions,
-    boundary, intervals, points; opinion; of a folder of nights, trend; of what `boundary` wrote,
-    boundary.
+    """Draw FIGURE for a paper. RUN is a run: zone_map, field, trajectories, time_history,
+    collisions, boundary, intervals, points, opinion; a folder of nights: trend; what `sumo-eval
+    boundary` wrote: boundary.
     """
-    from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw, is_edge
+    from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw, is_searched
     from sumo_eval.extras.figures.style import (
         ending_of,
         refuse_without_matplotlib,
@@ -42,12 +42,12 @@ def plot(
     )
 
     file = out or run / f"{figure}.svg"
-    # before the run is scored, which takes longer; `draw` refuses an unknown figure
+    # checked before the run is scored, which takes longer; of an unknown figure `draw` complains
     if figure in FIGURES:
         width_of(width)
         ending_of(file)
         refuse_without_matplotlib()
     # `draw` would score a run too, but without a bar on the terminal
-    source = scored(run) if figure in OF_RUNS and not is_edge(run, figure) else run
+    source = scored(run) if figure in OF_RUNS and not is_searched(run, figure) else run
     drawn = draw(source, figure, scenario=scenario, ads=ads, case=case, width=width)
     tell(str(save(drawn, file)))

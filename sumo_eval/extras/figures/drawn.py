@@ -29,7 +29,7 @@ OF_RUNS: Final[Mapping[str, Any]] = {
 FIGURES: Final = (*OF_RUNS, "trend", "opinion")
 
 
-def is_edge(evaluation: Evaluation | Path, figure: str) -> TypeGuard[Path]:
+def is_searched(evaluation: Evaluation | Path, figure: str) -> TypeGuard[Path]:
     """Whether the figure is `boundary` of a folder that `sumo-eval boundary` wrote.
 
     A scored run has a different figure of that name.
@@ -55,7 +55,7 @@ def draw(
     Raises InputError for an unknown name, and for an argument that the figure does not take.
     """
     check_known("figure", FIGURES, figure)
-    edge = is_edge(evaluation, figure)
+    edge = is_searched(evaluation, figure)
     if figure in OF_RUNS and not edge:
         if isinstance(evaluation, Path):
             from sumo_eval.evaluation import score

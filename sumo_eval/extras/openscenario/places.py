@@ -1,11 +1,11 @@
 """Places of OpenSCENARIO on the map: positions, trajectories, routes, and entities with their
 places.
 
-The place of an entity is that of its reference point, of a vehicle the middle of its rear axle.
-`BoundingBox/Center` says where the body's centre lies from there. Without an <Orientation> it
-points along the road's reference line, also in a lane to the left of it (the UN R157 file with its
-ego in lane 4 is written so). Along a route, number and offset of a lane are those of its road, and
-t is to the left of where the route goes.
+The place of an entity is that of its reference point, which for a vehicle is the middle of its rear
+axle. `BoundingBox/Center` says where the body's centre lies from there. Without an <Orientation> an
+entity points along the road's reference line, also in a lane to the left of it (the UN R157 file
+with its ego in lane 4 is written so). Along a route, number and offset of a lane are those of its
+road, and t is to the left of where the route goes.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Spot:
     """A place: its pose on the map, and its road, lane, s and t where it lies on a road.
 
     way: 1 along the road's reference line, -1 against it, 0 neither.
-    reason: off all roads that can be read: for an error message, why another road cannot be read.
+    reason: end of an error message for a place on no road, `; ...`: why a road could not be read.
     """
 
     pose: Pose
@@ -92,18 +92,18 @@ class Entity:
     frame: the centre of its body along and across the road, once the road is known.
     deleted: it takes no part.
     on_map: its path is straight on the map and not along the road, which is curved.
-    number: among the actors, by which programs name it; of the ego `played.EGO`.
+    number: its index among the actors, for a `Program`; of the ego `played.EGO`.
 
     By its moves so far, in the order of the file:
 
     acts: these moves.
     before, pace: its speed before and after the last change, m/s.
     steady: end of that change, s.
-    moved: where it is to the left of its start, m.
+    moved: its offset to the left of its start, m.
     busy_until: end of its last lateral move, s.
-    reads: (until, kinds, fault, move) for each move, of any entity, that was planned from its acts
-        of these kinds: a further one that may begin before `until`, s, raises the fault, unless
-        that move has ended.
+    reads: (until, kinds, fault, move) for each move, of any entity, that was planned from this
+        entity's acts of these kinds. A further act of such a kind that may begin before `until`,
+        s, raises the fault, unless the planned move has ended.
     """
 
     name: str
@@ -194,7 +194,7 @@ class MapPath:
         pairs = list(pairwise(self.points))
         # a stretch between equal points has no direction: it counts only if there is no other
         for begin, end in [it for it in pairs if it[0] != it[1]] or pairs:
-            ahead -= length  # of the stretch before
+            ahead -= length  # of the stretch before: `ahead` counts from this one's begin
             length = math.dist(begin, end)
             if ahead <= length:
                 break
@@ -243,7 +243,8 @@ class Places:
             "WorldPosition": self._world, "RelativeWorldPosition": self._relative_world,
             "GeoPosition": self._geo,
         }  # fmt: skip
-        spot = kind.chosen(known, "positions")(kind)
+        read = kind.chosen(known, "positions")
+        spot = read(kind)
         turn = kind.find("Orientation")
         if turn is None:
             return spot
@@ -256,7 +257,7 @@ class Places:
         return replace(spot, pose=spot.pose._replace(heading=heading))
 
     def located(self, spot: Spot, along: float = ALONG) -> Spot:
-        """A place with its road, its lane and the way it points there; without them off all roads.
+        """A place with its road, its lane and the way it points there; off all roads without them.
 
         along: what points off the lane's direction by less, rad, counts as along it.
         """
@@ -345,7 +346,7 @@ class Places:
         """The trajectory of a FollowTrajectoryAction."""
         mode = action.find("TrajectoryFollowingMode")
         if mode is not None:
-            mode.one_of("followingMode", ("position", "follow"))
+            mode.one_of("followingMode", ("position", "follow"))  # driven alike
         course = self.trajectory(action.find("TrajectoryRef") or action)
         # with <None> the times at its vertices do not count, but version 1.0 requires them
         return replace(course, times=()) if action.find("TimeReference/None") else course
@@ -413,7 +414,8 @@ class Places:
             raise at.unsupported(
                 "places on a route that are: FromLaneCoordinates, FromRoadCoordinates"
             )
-        # the route's origin: its begin, on the road's reference line
+        # The route's origin is its begin, on the road's reference line. Its length is along the
+        # road, or straight to its end on another road.
         origin = road.pose(begin.s, 0.0)
         reach = abs(end.s - begin.s) if end.road is road else end.pose.seen_from(origin).x
         if not 0.0 <= s <= reach + ON:

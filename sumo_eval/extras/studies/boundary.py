@@ -69,8 +69,8 @@ def find_boundary(
 
     controller: locator of the ADS.
     budget: most simulations.
-    tolerance: share of the space, 0..1; the search ends once the next round is expected to move
-        less from one side of the boundary to the other.
+    tolerance: share of the space, 0..1; the search ends once a smaller share is expected to change
+        sides of the boundary in the next round.
     watch: receives the number of simulations done and the budget.
     Raises InputError for an ADS that does not exist or that no trial could evaluate.
     """
@@ -82,7 +82,8 @@ def find_boundary(
     not_evaluated: Counter[str] = Counter()
     done, stopped = 0, "budget"
     while done < budget:
-        points = search.ask(min(ROUND if rounds else FIRST * len(logical.names), budget - done))
+        size = ROUND if rounds else FIRST * len(logical.names)
+        points = search.ask(min(size, budget - done))
         if not len(points):
             stopped = "no point left"
             break

@@ -1,5 +1,5 @@
-"""Combination testing: few points of a grid that still hold every possible combination of t
-parameters' values. The methods `pairwise` and `combinations` of `sampling`.
+"""Combination testing: few points of a grid that still hold every possible combination of values
+of any `strength` parameters. The methods `pairwise` and `combinations` of `sampling`.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ def combinations(logical: LogicalScenario, request: Request) -> Drawn:
     """Few points with every possible combination of values of any `strength` parameters, by
     default 2, as in the method `pairwise`.
 
-    A covering array, and further points for possible combinations that it holds only in points that
-    a constraint excludes. `sample` takes out the excluded points.
+    A covering array. Where a constraint excludes every point of it with a possible combination, a
+    further point holds that one. `sample` takes out the excluded points.
     """
     most = len(logical.parameters)
     strength = min(2, most) if request.strength is None else request.strength
@@ -45,7 +45,7 @@ def combinations(logical: LogicalScenario, request: Request) -> Drawn:
     else:
         values = [list(range(size)) for size in sizes]
         rows = list(covertable.make(values, strength=strength, salt=str(request.seed)))
-    # numbers in the grid of the array's points
+    # the array's points, as numbers in the grid
     chosen = np.ravel_multi_index(tuple(np.array(rows, dtype=np.intp).T), tuple(sizes))
     codes = tuples_of(levels, sizes, strength)
     added = _complete(chosen[feasible[chosen]], np.flatnonzero(feasible), codes)
@@ -62,8 +62,8 @@ def combinations(logical: LogicalScenario, request: Request) -> Drawn:
 
 
 def tuples_of(levels: Levels, sizes: Sequence[int], strength: int) -> list[Numbers]:
-    """The combinations that points hold: for each choice of `strength` axes the number of each
-    point's combination of values there, (n,).
+    """The combinations that points hold: for each choice of `strength` axes an array (n,) with the
+    number of each point's combination of values on these axes.
     """
     return [
         np.ravel_multi_index(
@@ -77,13 +77,13 @@ def _complete(have: Numbers, candidates: Numbers, codes: Sequence[Numbers]) -> N
     """Numbers of further points, so that every combination of a possible point is held.
 
     have: numbers of the possible points that are chosen already.
-    candidates: numbers of all possible points.
+    candidates: numbers of all possible points, rising.
     codes: `tuples_of` the full grid.
 
     Greedy: each time the point that holds most missing combinations, the first of equals.
     """
     codes = [code[candidates] for code in codes]
-    # for each choice of axes, by number of a combination: whether it still has to be held
+    # missing[i][number]: whether a combination of the i-th choice of axes still has to be held
     missing = []
     for code in codes:
         wanted = np.zeros(int(code.max(initial=0)) + 1, dtype=np.bool_)

@@ -19,8 +19,8 @@ from sumo_eval.errors import MOST_KNOWN, InputError, did_you_mean
 from sumo_eval.input_file import input_file
 from sumo_eval.trajectory import Trajectory
 
-# Size of a number in a recording, at most: an identifier may count microseconds since 1970, 2e15,
-# and beyond 2^53 = 9e15 doubles skip integers.
+# Largest magnitude of a number in a recording: an identifier may count microseconds since 1970,
+# 2e15, and beyond 2^53 = 9e15 doubles skip integers.
 LARGEST = 2.0**53
 
 # columns that are text even where all are digits: 007 is not 7
@@ -31,13 +31,15 @@ Samples = tuple[pd.DataFrame, list[str]]
 
 
 def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFrame:
-    """A CSV file with at least the `required` columns; `options` go to pandas.
+    """A CSV file with at least the `required` columns; `options` go to pandas, `dtype` as a
+    dict and then without options that choose rows.
 
     Raises InputError for a file that is not such a table.
     """
     try:
         with warnings.catch_warnings():
-            # a row with more cells than the heading would shift the columns without `index_col`
+            # Pandas only warns of a row with more cells than the heading and cuts it; without
+            # `index_col` it would shift the columns.
             warnings.simplefilter("error", pd.errors.ParserWarning)
             table: pd.DataFrame = pd.read_csv(
                 input_file(path, "file"), low_memory=False, index_col=False, **options
@@ -62,7 +64,7 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
 
 def _names(path: Path, column: str) -> pd.Series[str]:
     """A column of names, refused where a cell is empty; a vehicle may be called NA."""
-    # without `na_filter` no value is missing, so `read_table` does not call this function again
+    # with `na_filter=False` no value is missing, so `read_table` does not call this function again
     names = read_table(path, (), usecols=[column], dtype={column: str}, na_filter=False)[column]
     empty = np.flatnonzero(names == "")
     if empty.size:
@@ -93,7 +95,7 @@ def checked_numbers(
 ) -> None:
     """Make `columns` finite numbers in place.
 
-    table: of `read_table`, or rows of it with their index.
+    table: made by `read_table`, or some of its rows; its index is a row's number in the file.
     heading: as in `line_of_row`.
     rows: lines in which the rows stand, of a file in another format than CSV.
     """
@@ -102,7 +104,8 @@ def checked_numbers(
         # not `>`: nan is bad, too
         bad = np.flatnonzero(~(np.abs(numbers) <= LARGEST))
         if bad.size:
-            place, number, got = int(bad[0]), numbers[bad[0]], table[name].iloc[bad[0]]
+            place = int(bad[0])
+            number, got = numbers[place], table[name].iloc[place]
             demand = "a number, got " + ("nothing" if pd.isna(got) else repr(str(got)))
             if np.isfinite(number):
                 demand = f"at most {LARGEST:g} in size, got {number:g}"
@@ -116,20 +119,21 @@ def checked_numbers(
 def line_of_row(path: Path, row: int, heading: int = 1) -> int:
     """The line of a CSV file, as an editor counts, in which a row of its table ends.
 
-    row: in the table of pandas, which has no rows for blank lines.
+    row: number in the table of pandas, from 0; it has no rows for blank lines.
     heading: number of lines before the first row, blank ones not counted.
     """
     opened = gzip.open if path.suffix == ".gz" else open
     with opened(path, "rt", encoding="utf-8", errors="replace", newline="") as file:
-        lines = csv.reader(file)
+        lines = csv.reader(file)  # `line_num` is that of the row just read
         filled = (lines.line_num for cells in lines if len(cells) > 1 or "".join(cells).strip())
         return next(itertools.islice(filled, heading + row, None))
 
 
 def add_motion(table: pd.DataFrame, names: Sequence[str], owner: str) -> list[str]:
-    """Add those channels of `names` that a table of tracks, sorted by time, lacks, from the motion
-    of each track.
+    """Compute the missing ones of the channels `names` from t, x and y of each track, and return
+    their names.
 
+    table: tracks, sorted by time; completed in place.
     owner: names the table in sentences.
     """
     missing = [name for name in names if name not in table]
@@ -146,6 +150,9 @@ def add_motion(table: pd.DataFrame, names: Sequence[str], owner: str) -> list[st
 
 
 def require(condition: bool, path: Path, sentence: str) -> None:
-    """Refuse a file unless the condition holds, which the sentence states."""
+    """Refuse a file unless the condition holds.
+
+    sentence: the rest of one that begins with the file, as `must have a row`.
+    """
     if not condition:
         raise InputError(f"{path} {sentence}.")
