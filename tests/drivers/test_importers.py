@@ -1,5 +1,7 @@
 """Importers: the traps of each format, on real samples and on rows worked by hand."""
 
+import shutil
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -39,7 +41,7 @@ def _plain(path):
 
 
 @needs_recordings
-def test_highd_width_is_the_length_y_points_down_and_the_corner_is_the_upper_left_one():
+def test_highd_width_is_the_length_y_points_down_and_the_corner_is_the_upper_left_one(tmp_path):
     (file,) = recording("samples", "highd_layout").glob("*_tracks.csv")
     found = dict(list(highd.read(file)[0].groupby("recording")))
     raw = pd.read_csv(recording("samples", "highd_layout", "01_tracks.csv"))
@@ -63,6 +65,11 @@ def test_highd_width_is_the_length_y_points_down_and_the_corner_is_the_upper_lef
         slow, fast = (table.loc[table["lane"] == lane, "speed"].median() for lane in (0, 1))
         assert slow < fast  # the right lane is the slow one
         assert abs(table.loc[table["lane"] == 0, "y"].median()) < 0.3
+    shutil.copytree(file.parent, tmp_path / "copy")
+    (meta,) = (tmp_path / "copy").glob("*_tracksMeta.csv")
+    pd.read_csv(meta).assign(drivingDirection=3).to_csv(meta)
+    with refusal("`drivingDirection` of 1 or 2"):
+        highd.read(meta.with_name(file.name))
 
 
 @needs_recordings
@@ -247,6 +254,7 @@ def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
     assert import_recordings("csv", [tmp_path / "slow.csv"]).vehicles == 1, "2 Hz have no holes"
 
 
+PLATOON = "\ufeffVehicle_order,a\nACC,0\n,\n,\n,\nTime,Speed1,SpeedLimit\n"
 NGSIM = ",".join((*ngsim._ORIGINAL, "Location")) + "\n"
 
 
@@ -262,6 +270,14 @@ NGSIM = ",".join((*ngsim._ORIGINAL, "Location")) + "\n"
         ("csv", "x.csv", "vehicel,time\na,0\n",
          "must have the columns `recording`, `vehicle`, `t`, `x`, `y`, `length`, `width`. Known: "
          "vehicel, time"),
+        ("csv", "x.csv", OWN[:-1] + ",x\n", "must have every column once, got `x` twice"),
+        ("csv", "x.csv", OWN + "r,a,0,true,2,4,2\n", "`x` in row 2 of"),
+        ("csv", "x.csv", OWN[:-1] + ",steering\nr,a,0,1,2,4,2,\nr,a,1,1,2,4,2,left\n",
+            "`steering` in row 3 of"),
+        ("map", "x.csv", "vehicle,t,x,y\na,0,0,0\na,1,1e15,0\n", "at most 1e+06 m long"),
+        ("sumo_fcd", "x.csv", FCD[:-1] + ";vehicle_posLat\n1;90;a;3;2;3;inf\n",
+            "`posLat` in row 2 of"),
+        ("openacc", "x.csv", PLATOON + "0,10,\n0.1,\"1,5\",\n", "`Speed1` in row 8 of"),
         ("ngsim", "x.txt", "1 2 3\n", "`Global_Time` in row 1 of"),
         ("highd", "01_tracks.csv", "frame,id,x\n1,1,1\n", "must have the columns `y`, `width`, "
                                                           "`height`"),
@@ -312,8 +328,7 @@ def test_sumo_keeps_ids_of_digits_beside_a_step_without_vehicles(tmp_path):
 
 
 def test_openacc_reads_a_marked_file_with_other_speeds(tmp_path):
-    head = "\ufeffVehicle_order,a\nACC,0\n,\n,\n,\nTime,Speed1,SpeedLimit\n"
-    (tmp_path / "a.csv").write_text(head + "0,10,30\n0.1,10,30\n")
+    (tmp_path / "a.csv").write_text(PLATOON + "0,10,30\n0.1,10,30\n")
     assert openacc.read(tmp_path / "a.csv")[0]["x"].tolist() == [0.0, 1.0]
 
 
@@ -419,6 +434,7 @@ def _bend(path, **columns):
                 )
             )
     rows += [("parked", t, 80.0, 30.0, 0.0) for t in (0.0, 0.1, 0.2)]
+    rows += [rows[0]]
     rows += [("reversing", t, -5.0 * t, 900.0, 0.0) for t in np.arange(0.0, 12.0, 0.5).tolist()]
     table = pd.DataFrame(rows, columns=["vehicle", "t", "x", "y", "heading_deg"]).assign(**columns)
     table.to_csv(path, index=False)
@@ -441,6 +457,7 @@ def test_any_table_on_a_map_is_straightened_and_says_what_it_assumed_and_left_ou
     assert "1 vehicles that drive along no path are left out" in said
     assert "no length of the vehicles: 4.5 m are assumed" in said
     assert "no speed: from the motion" in said
+    assert "1 samples with a time that their vehicle already had" in said
 
 
 def test_lanes_are_found_when_the_axis_changes_lanes(tmp_path):

@@ -27,6 +27,7 @@ import numpy as np
 import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.tables import (
+    DOUBLE,
     IDENTIFIERS,
     add_motion,
     checked_numbers,
@@ -86,7 +87,7 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
         f"holes of more than {LONGEST_HOLE:g} s in tracks: each side of a hole is a track of its "
         "own.": holes,
         f"tracks of less than two samples on the clock of {INTERVAL:g} s are left out.": too_short,
-        "samples with a time that their vehicle already had were left out.": double.sum(),
+        DOUBLE: double.sum(),
     }
     if not parts:
         raise InputError("The recording must hold at least one vehicle with two samples, got none.")
@@ -166,7 +167,7 @@ def read_csv(path: Path) -> Recordings:
     table = read_table(
         path, ("recording", "vehicle", "t", "x", "y", "length", "width"), dtype=IDENTIFIERS
     )
-    checked_numbers(table, [name for name in NUMBERS if name in table], path)
+    checked_numbers(table, [*table.filter([*NUMBERS, "steering"])], path, gaps=["steering"])
     table = table.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
     for name, value in (("class", "car"), ("driver", ""), ("steering", np.nan)):
         if name not in table:

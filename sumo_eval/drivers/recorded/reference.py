@@ -174,7 +174,7 @@ def _trajectory(rows: pd.DataFrame, **body: float) -> Trajectory:
     body: its length and width, m.
     """
     channels: Any = dict(rows.filter(_MOTION))
-    wheel = pd.to_numeric(rows["steering"], errors="coerce") if "steering" in rows else None
+    wheel = rows.get("steering")
     return Trajectory(
         rows["t"], rows["x"], rows["y"], **channels, steering_wheel_angle=wheel, **body
     )
@@ -212,7 +212,8 @@ def _drives_in(path: Path, line: Line) -> Sequence[tuple[str, Trajectory]]:
     line: the road's; along it, a speed that is not known is that on the map.
     """
     table = read_table(path, ("t", "x", "y"))
-    checked_numbers(table, ["t", "x", "y", *table.filter(_MOTION)], path)
+    names = ["t", "x", "y", *table.filter([*_MOTION, "steering"])]
+    checked_numbers(table, names, path, gaps=["steering"])
     table["driver"] = table.get("driver")  # without such a column no driver is named
     drives = []
     for name, rows in table.groupby("driver", sort=False, dropna=False):

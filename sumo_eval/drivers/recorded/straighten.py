@@ -20,10 +20,11 @@ import pandas as pd
 from scipy.spatial import cKDTree
 
 from sumo_eval.drivers.recorded.recordings import STANDARD_LANE, smooth
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, must_be
 from sumo_eval.trajectory import FloatArray
 
 SHORTEST_AXIS = 30.0  # m; what moves less far than this is no path
+LONGEST_AXIS = 1e6  # m; what moves further has a wrong place, and its axis would fill the memory
 AXIS_SPACING = 1.0  # m between the points of an axis
 AXIS_SMOOTHING = 31  # points over which the axis is smoothed
 HALF_WIDTH = 16.0  # m to each side of the axis that belong to its road
@@ -75,6 +76,11 @@ def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
     steps: Any = tracks.diff()
     lengths = np.hypot(steps["x"], steps["y"]).groupby(rows["vehicle"]).sum()
     lengths = lengths.sort_values(ascending=False)
+    if lengths.iloc[0] > LONGEST_AXIS:
+        raise must_be(
+            f"The path of vehicle `{lengths.index[0]}`", f"recording `{rows['recording'].iloc[0]}`",
+            f"at most {LONGEST_AXIS:g} m long", f"{lengths.iloc[0]:g} m",
+        )  # fmt: skip
     rest = list(lengths.index[lengths >= SHORTEST_AXIS])  # vehicles without a stream, longest first
     standing = len(lengths) - len(rest)
     paths = {name: track.to_numpy() for name, track in tracks}

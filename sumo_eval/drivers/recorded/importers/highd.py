@@ -31,7 +31,11 @@ def read(path: Path) -> Samples:
         ("frameRate", "upperLaneMarkings", "lowerLaneMarkings"),
     )  # fmt: skip
     stem = path.name.removesuffix("_tracks.csv")
-    checked_numbers(meta, ("drivingDirection",), path.with_name(f"{stem}_tracksMeta.csv"))
+    names = "tracksMeta", "recordingMeta"
+    meta_path, about_path = (path.with_name(f"{stem}_{name}.csv") for name in names)
+    checked_numbers(meta, ("drivingDirection",), meta_path)
+    known = meta["drivingDirection"].isin((_UPPER, 2)).all()
+    require(bool(known), meta_path, "must have a `drivingDirection` of 1 or 2 in each row")
     kinds = meta.set_index("id")
     direction = tracks["id"].map(kinds["drivingDirection"])
     parts = []
@@ -42,7 +46,6 @@ def read(path: Path) -> Samples:
         if rows.empty:
             continue
         y = -forward * (rows["y"] + rows["height"] / 2)
-        about_path = path.with_name(f"{stem}_recordingMeta.csv")
         edges = np.sort(-forward * _edges(about[f"{name}LaneMarkings"].iloc[0], about_path))
         vx, vy = forward * rows["xVelocity"], -forward * rows["yVelocity"]
         ax, ay = forward * rows["xAcceleration"], -forward * rows["yAcceleration"]

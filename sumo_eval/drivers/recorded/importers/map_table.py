@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from sumo_eval.drivers.recorded.importers.tables import (
+    DOUBLE,
     IDENTIFIERS,
     Samples,
     add_motion,
@@ -42,7 +43,10 @@ def read(path: Path) -> Samples:
     if "heading_deg" in rows and "heading" not in rows:
         rows["heading"] = np.radians(rows["heading_deg"])
     rows = rows.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
-    rows = rows[~rows.duplicated(["recording", "vehicle", "t"])].reset_index(drop=True)
+    double = rows.duplicated(["recording", "vehicle", "t"])
+    if double.any():
+        notes.append(f"{path.name}: {double.sum()} {DOUBLE}")
+    rows = rows[~double].reset_index(drop=True)
     if missing := add_motion(rows, ("heading", "speed"), str(path)):
         notes.append(f"{path.name} has no {' and no '.join(missing)}: from the motion.")
     return rows[[name for name in COLUMNS if name in rows]], notes

@@ -10,9 +10,9 @@ track and are not read: y = 0. Only runs whose `ACC` is 0 are human drives.
 from __future__ import annotations
 
 import csv
-import re
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -35,18 +35,17 @@ def read(path: Path) -> Samples:
     head = _head(path)
     names = [name for name in head["Vehicle_order"] if name]
     rows = read_table(path, ("Time",), skiprows=_HEAD_ROWS)
-    checked_numbers(rows, ("Time",), path, heading=_HEAD_ROWS + 1)
-    columns = (re.fullmatch(r"Speed(\d+)", str(name)) for name in rows)
-    places = sorted(int(column[1]) for column in columns if column)
+    numbers = [*rows.filter(regex="^(Speed|IVS)[1-9][0-9]*$")]
+    places = sorted(int(name[5:]) for name in numbers if name.startswith("Speed"))
     require(bool(places), path, "must have columns Speed1, Speed2, ..., got none")
-    channels = rows.apply(pd.to_numeric, errors="coerce")
-    unknown = pd.Series(np.nan, index=rows.index)
+    checked_numbers(rows, ["Time", *numbers], path, heading=_HEAD_ROWS + 1, gaps=numbers)
     parts = []
     # A chain is a row of vehicles with known gaps. front: x of the next one's front bumper, m, plus
     # half a length, as `x` is of centres.
-    chains, front = 0, unknown
+    chains = 0
+    front: Any = np.nan
     for place in places:
-        speed = channels[f"Speed{place}"]
+        speed = rows[f"Speed{place}"]
         x = front - LENGTH
         if place - 1 not in places or x.isna().all():  # the first of a chain
             chains += 1
@@ -71,7 +70,7 @@ def read(path: Path) -> Samples:
             }
         )
         parts.append(table[speed.notna() & x.notna()])
-        front = x - channels.get(f"IVS{place}", unknown)
+        front = x - rows.get(f"IVS{place}", np.nan)
     notes = [
         f"{path.name} has no vehicle sizes and no lateral positions: {LENGTH:g} m x {WIDTH:g} m "
         "and y = 0 are assumed.",

@@ -60,7 +60,6 @@ def read(path: Path) -> Samples:
             f"{path} must hold vehicles or pedestrians with a body, got none: {notes[-1]}"
         )
     rows = rows.sort_values(["vehicle", "t"], kind="stable")
-    rows = rows[~rows.duplicated(["vehicle", "t"])]
     classes = kinds["subtype"].map(CLASSES).fillna("other")
     bodies["class"] = classes.where(kinds["type"] != PEDESTRIAN, "pedestrian")
     rows = rows[["t", "vehicle", "x", "y", "heading", "speed"]].join(bodies, on="vehicle")

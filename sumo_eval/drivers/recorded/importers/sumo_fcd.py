@@ -32,7 +32,11 @@ _NEEDED = ("x", "y", "angle", "speed")
 
 def read(path: Path) -> Samples:
     """The recordings of a file."""
-    rows = _from_xml(path) if path.suffix == ".xml" else _from_csv(path)
+    is_xml = path.suffix == ".xml"
+    rows = _from_xml(path) if is_xml else _from_csv(path)
+    numbers = [*rows.filter(["time", *_NEEDED, "acceleration", "posLat"])]
+    lines = rows["row"].tolist() if is_xml else None
+    checked_numbers(rows, numbers, path, rows=lines, gaps=["posLat"])
     kinds = rows.get("type", pd.Series("car", index=rows.index)).astype(str).str.lower()
     kinds = kinds.replace("default_biketype", "bicycle")  # the name of SUMO's own type
     bodies = np.array([BODIES.get(kind, (LENGTH, WIDTH)) for kind in kinds])
@@ -54,7 +58,7 @@ def read(path: Path) -> Samples:
     if "acceleration" in rows:
         table["acceleration"] = rows["acceleration"]
     if "posLat" in rows:
-        table["offset"] = pd.to_numeric(rows["posLat"], errors="coerce").fillna(0.0)
+        table["offset"] = rows["posLat"].fillna(0.0)
     note = (
         f"{path.name} has no vehicle bodies: SUMO's default sizes are assumed ({LENGTH:g} m x "
         f"{WIDTH:g} m for a car)."
@@ -68,12 +72,7 @@ def _from_csv(path: Path) -> pd.DataFrame:
     # a step without vehicles is a row without a name
     rows = rows[rows["vehicle_id"].fillna("") != ""]
     rows.columns = rows.columns.str.removeprefix("timestep_").str.removeprefix("vehicle_")
-    checked_numbers(rows, _numbers(rows), path)
     return rows
-
-
-def _numbers(rows: pd.DataFrame) -> list[str]:
-    return [name for name in ("time", *_NEEDED, "acceleration") if name in rows]
 
 
 def _from_xml(path: Path) -> pd.DataFrame:
@@ -98,6 +97,4 @@ def _from_xml(path: Path) -> pd.DataFrame:
         raise InputError(
             f"{path} must be SUMO's FCD output with at least one vehicle (<fcd-export>), got none."
         )
-    table = pd.DataFrame(rows)
-    checked_numbers(table, _numbers(table), path, rows=table["row"].tolist())
-    return table
+    return pd.DataFrame(rows)

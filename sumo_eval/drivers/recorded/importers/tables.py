@@ -26,6 +26,8 @@ LARGEST = 2.0**53
 # columns that are text even where all are digits: 007 is not 7
 IDENTIFIERS = {"recording": str, "vehicle": str}
 
+DOUBLE = "samples with a time that their vehicle already had were left out."  # of a note
+
 Samples = tuple[pd.DataFrame, list[str]]
 """A table of tracks, sampled as in the source, and sentences on what was assumed."""
 
@@ -53,6 +55,8 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
             f"{path} is not such a table: {str(error).strip().rstrip('.')}."
         ) from error
     require_columns(table, required, path)
+    if double := [name for name in table if f"{name}.1" in table]:  # so pandas calls the second one
+        raise InputError(f"{path} must have every column once, got `{double[0]}` twice.")
     if table.empty:
         raise InputError(f"{path} must have at least one row, got none.")
     for name in options.get("dtype", ()):
@@ -92,17 +96,21 @@ def checked_numbers(
     *,
     heading: int = 1,
     rows: Sequence[int] | None = None,
+    gaps: Sequence[str] = (),
 ) -> None:
     """Make `columns` finite numbers in place.
 
     table: made by `read_table`, or some of its rows; its index is a row's number in the file.
     heading: as in `line_of_row`.
     rows: lines in which the rows stand, of a file in another format than CSV.
+    gaps: those of the columns whose cells may be empty; they become nan.
     """
     for name in columns:
-        numbers = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64)
+        # true and false are no numbers to a reader of the file
+        cells = table[name].astype(str) if table[name].dtype == bool else table[name]
+        numbers = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64)
         # not `>`: nan is bad, too
-        bad = np.flatnonzero(~(np.abs(numbers) <= LARGEST))
+        bad = np.flatnonzero(~(np.abs(numbers) <= LARGEST) & ~(cells.isna() & (name in gaps)))
         if bad.size:
             place = int(bad[0])
             number, got = numbers[place], table[name].iloc[place]
