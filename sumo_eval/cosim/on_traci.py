@@ -191,6 +191,8 @@ class _Hook:
         self._settled = getattr(self.target, "settled", None) if settings.end_when_decided else None
         self.road = world.cases[case].road
         self._bent = self.road.bent
+        # 1/m, of all curves
+        self._bends = {0.0, *(bend for it in self.road.line for bend in (it.begin, it.end))}
         self._executor = Executor(settings, partial(world.note, case), self.road.line)
         self._delay = settings.conditions.actuation_delay
 
@@ -417,13 +419,13 @@ class _Hook:
             line = self.road.line
             # along and across the road's line, m, and heading relative to it
             pose = tuple(float(it) for it in frame_places(line, x, y, heading, near=last_s))
-            self._bend, at_front = curvatures(line, [pose[0], pose[0] + self._half]).tolist()
+            self._bend = float(curvatures(line, pose[0]))
             stretch = 1.0 - self._bend * pose[1]
-            # all of it is checked as motion along the lane; where a curve begins or ends, its
-            # metres are those at the centre, those at the front, or between
+            # all of it is checked as motion along the lane, whose metres SUMO stretches evenly: as
+            # in any of the road's curves
             moved = math.hypot(moved_x, moved_y)
-            least, most = sorted((moved / stretch, moved / (1.0 - at_front * pose[1])))
-            moved_x, moved_y = min(max(speed * self._step, least), most), 0.0
+            lengths = [moved / (1.0 - bend * pose[1]) for bend in self._bends]
+            moved_x, moved_y = min(max(speed * self._step, min(lengths)), max(lengths)), 0.0
         self._check_native_motion(moved_x, moved_y, speed, now)
         self._check_course(pose, now)
         acceleration = (speed - state[_LANE_SPEED]) / self._step

@@ -73,6 +73,7 @@ from sumo_eval.cosim.traffic import Traffic
 from sumo_eval.cosim.world import World, kind_of
 from sumo_eval.errors import ControllerError, InputError, SimulationError, must_be, said
 from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.road.reference_line import comes_back
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import traceback_of
 from sumo_eval.trajectory import Alone, Recording
@@ -359,12 +360,12 @@ def _kind(
         or not road.right_edge_at(ego.x) <= ego.y <= road.left_edge_at(ego.x)
     ):
         return None
-    # in a batch, SUMO finds no lanes that end, no vehicle with a place on the map, and none that
-    # heads against the road
+    # in a batch, SUMO finds no lanes that end or cross, no vehicle with a place on the map, and
+    # none that heads against the road
     alone = road.shaped or any(
         abs(it.heading) > 0.5 * math.pi or it.on_map is not None for it in concrete.actors
     )
-    if alone and manner.hook is not None:
+    if manner.hook is not None and (alone or comes_back(road.line, road.end, road.left_edge)):
         return None
     lively = concrete.actors if concrete.lively else ()
     # what must be equal although each case may change it: for a policy over arrays the vehicle,

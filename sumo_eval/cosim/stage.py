@@ -301,7 +301,7 @@ class Stage:
         if near and 0.0 <= angle <= 360.0 and LOWEST_SPEED < speed < FASTEST:
             self.fronts[name], self.speeds[name] = front, speed
             return x, y, angle, speed
-        if self._is_past_the_road(world, row, j):  # SUMO shows such values of a vehicle on no lane
+        if self._may_leave(world, row, j):  # SUMO shows such values of a vehicle on no lane
             raise self.traci.TraCIException(name)
         raise impossible(calls, name, (last_x, last_y), world.time + self._step, self._step)
 
@@ -309,7 +309,7 @@ class Stage:
         """Record an actor that left the network; raise ControllerError if the ADS removed it."""
         case, now = world.case_of(row), world.time + self._step
         actor = world.cases[case].actors[other]
-        left_itself = actor.model or self._is_past_the_road(world, row, other)
+        left_itself = actor.model or self._may_leave(world, row, other)
         if not left_itself and world.each[case].conditions.interference == "refuse":
             raise ControllerError(
                 f"The ADS removed vehicle `{actor.name}` before {now:.2f} s; it may change only "
@@ -317,10 +317,13 @@ class Stage:
             )
         world.note(case, "actor_left_the_network", now, now)
 
-    def _is_past_the_road(self, world: World, row: int, other: int) -> bool:
-        """Whether a script has brought its vehicle's front bumper beyond the last lane."""
+    def _may_leave(self, world: World, row: int, other: int) -> bool:
+        """Whether a script has brought its vehicle's front bumper beyond the last lane, or SUMO
+        drives it: it begins beside the lanes.
+        """
         body = world.others[row, other]
-        return bool(body["x"] + 0.5 * body["length"] > self._road.end - LOSS_MARGIN)
+        past = body["x"] + 0.5 * body["length"] > self._road.end - LOSS_MARGIN
+        return bool(past or world.players.plays["model"][row, other])
 
     def compare(self, world: World) -> None:
         """Fail the cases in which SUMO shows a vehicle elsewhere than it received it."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from sumo_eval.cosim.doors.observation import lanes_at
 from sumo_eval.cosim.impossible import FASTEST, LOSS_MARGIN, LOWEST_SPEED, farthest_in
-from sumo_eval.cosim.records import DEGREES, STRAIGHT
+from sumo_eval.cosim.records import STRAIGHT
 from sumo_eval.cosim.stage import EXACT_SPEED_MODE, Stage, joined
 from sumo_eval.cosim.sumo.session import NOWHERE
 from sumo_eval.cosim.sumo.shared_files import has_shadow, shadow_name
@@ -33,6 +33,9 @@ from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 # m by which SUMO's position in a curve may differ: more than `tolerance`, as lanes are polylines
 _TOLERANCE_IN_A_CURVE = 0.1
+# m from a front's position to that by which SUMO's step leads to the next one: above it the vehicle
+# turns at once, or almost
+_TURNED = 0.02
 _ITS_OWN_SPEED_MODE = 31  # SUMO's default: as its model says
 
 
@@ -128,9 +131,9 @@ class Traffic(Stage):
         # SUMO moves a vehicle in a lane by its speeds along the lane, also in the first step
         for names, concrete in zip(self.names, world.cases, strict=True):
             for name, actor in zip(names[1:], concrete.actors, strict=True):
-                if actor.heading and actor.model is None:
-                    along = actor.start.speed * math.cos(actor.heading)
-                    calls.setPreviousSpeed(name, max(along, 0.0))
+                if actor.heading:
+                    self._told[name] = max(actor.start.speed * math.cos(actor.heading), 0.0)
+                    calls.setPreviousSpeed(name, self._told[name])
 
     def sends(self, steps: int) -> bool:
         """Whether SUMO receives everything: vehicles that react see all at every step."""
@@ -159,7 +162,7 @@ class Traffic(Stage):
         if not count:
             return
         received = world.tell[:count]
-        number = received[:, 0].astype(np.intp)
+        number, calls = received[:, 0].astype(np.intp), self.calls
 
         now, before = (world.egos, world.others), (world.egos["before"], world.others["before"])
 
@@ -167,24 +170,23 @@ class Traffic(Stage):
             """A field of the vehicles that SUMO receives, in the order of `told`."""
             return joined(*state, name).ravel()[number]
 
-        half = 0.5 * of_all(now, "length")
-        # of each: y of its front and its speed along the road at the step's end, and the position
-        # of its front along the lane at the step's start
-        if self._bent:
-            s, y, along = received[:, 5:].T
-            heading = of_all(now, "heading")
-            names = [self._flat[n] for n in number.tolist()]
-            self._meant = dict(zip(names, s.tolist(), strict=True))
-            # m/s, that each received last; of one that received none, this step's
-            last = [self._told.get(name, v) for name, v in zip(names, along, strict=True)]
-            # SUMO moves it by the mean of the speed that it received last and this one
-            begin = s - 0.5 * (np.array(last) + along) * self._step
-        else:
-            y, angle, speed = received[:, 2:5].T
-            heading = (STRAIGHT - angle) / DEGREES
-            along = speed * np.cos(heading)
-            begin = of_all(before, "x") + half * np.cos(of_all(before, "heading"))
+        half, names = 0.5 * of_all(now, "length"), [self._flat[n] for n in number.tolist()]
+        # of each: position of its front along the lane and its y, and its speed along the road, at
+        # the step's end; `begin`: the position at the step's start
+        s, y, along = received[:, 5:].T
+        heading = of_all(now, "heading")
+        self._meant = dict(zip(names, s.tolist(), strict=True))
+        # m/s, that each received last; of one that received none, this step's
+        last = [self._told.get(name, v) for name, v in zip(names, along, strict=True)]
+        # SUMO moves it by the mean of the speed that it received last and this one
+        begin = s - 0.5 * (np.array(last) + along) * self._step
+        if not self._bent:
+            was = of_all(before, "x") + half * np.cos(of_all(before, "heading"))
+            begin = np.where(np.abs(was - begin) > _TURNED, begin, was)
         on_lanes = self._on_lanes_from(number, begin, y, heading)
+        # `moveTo` leads none back to its last lane: one that was beside the lanes gets its place
+        for k in np.flatnonzero(on_lanes).tolist():
+            on_lanes[k] = names[k] in self._told or calls.getLaneIndex(names[k]) >= 0
         lane = lanes_at(self._road, y)
         across = 0.5 * of_all(now, "width") * np.abs(np.cos(heading))
         across += half * np.abs(np.sin(heading))
@@ -243,16 +245,19 @@ class Traffic(Stage):
         speed_before: speed at the step's start, m/s.
         """
         calls, name, shadow = self.calls, self._flat[number], self._shadow_of[number]
-        if self._bent:
-            self._told[name] = along
+        if name not in self._told:
+            calls.setPreviousSpeed(name, along)
+        self._told[name] = along
         edge, bodies = self._edge[number // self._width], [(name, lane)]
         if shadow_lane < 0:
             self._hide_shadow(number)
         else:
             bodies.append((shadow, shadow_lane))
-            # a new shadow stood beside the road: else SUMO takes its speed there as the one before
+            # a new shadow stood beside the road: else SUMO takes its speed there as the one before,
+            # and does not lead it back to the lane that it had last
             if shadow not in self._shown_shadows:
                 calls.setPreviousSpeed(shadow, speed_before)
+                calls.moveTo(shadow, f"{edge}_{lane}", begin)
                 self._shown_shadows.add(shadow)
         for body, its_lane in bodies:
             calls.moveTo(body, f"{edge}_{its_lane}", begin)
@@ -338,8 +343,6 @@ class Traffic(Stage):
                 name = self._flat[row * self._width + j]
                 was_put = j == 0 or (body["present"] and body["told"] == 2)
                 if world.egos["reason"][row] or not was_put or name not in self._told:
-                    continue
-                if self.calls.getLaneIndex(name) < 0:  # on no lane
                     continue
                 off = self.calls.getLanePosition(name) - self._meant[name]
                 if not abs(off) <= _TOLERANCE_IN_A_CURVE:  # `not <=`: true of nan as well

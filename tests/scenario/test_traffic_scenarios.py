@@ -83,6 +83,9 @@ EXIT = {**CURVE, "line": [{"length": 70.0}, {"length": 140.0, "radius": -690.0}]
 RAMP = {**EXIT, "lane": [{"lane": 0, "taper": 60.0, "end": 530.0, "ramp_until": 410.0}]}
 SLOWER = {"do": "follow", "model": "Krauss", "speed": 10.5}
 BACK = [{"do": "path", "begin": 0.5, "points": [[50.0, 4.5], [120.0, 3.5], [210.0, 3.0]]}]
+STEEP = {"do": "move_sideways", "begin": 0.5, "speed": 2.5, "offset": 4.0}
+BESIDE = {**SLOWER, "when": "y(a) > 13"}
+ZIGZAG = [{"do": "path", "points": [[90.0, 3.5], [92.0, -5.0], [85.0, 0.0], [99.0, 1.0]]}]
 AHEAD = {"name": "a", "gap": 40.0, "speed": 18.0}
 
 
@@ -96,8 +99,15 @@ AHEAD = {"name": "a", "gap": 40.0, "speed": 18.0}
         (EXIT, 3.5, {**AHEAD, "y": 3.5}),
         (RAMP, 6.6, {**AHEAD, "y": 3.5}),
         ({"lanes": 2}, 0.0, {"name": "a", "x": 180.0, "y": 8.0, "speed": 16.0, "heading": -90.0}),
+        ({"lanes": 2}, 0.0, {"name": "a", "x": 180.0, "y": 8.0, "speed": 16.0, "heading": -90.0,
+                             "manoeuvre": [{**SLOWER, "when": "distance(ego, a) < 40"}]}),
+        ({"lanes": 2}, 0.0, {**AHEAD, "speed": 2.0, "manoeuvre": [STEEP]}),
+        ({"lanes": 2}, 0.0, {**AHEAD, "speed": 4.0, "manoeuvre": ZIGZAG}),
+        ({**CURVE, "lanes": 4}, 10.5, {**AHEAD, "y": 10.5, "manoeuvre": [STEEP, BESIDE]}),
+        ({**EXIT, "lanes": 4, "line": CURVE["line"]}, 10.5, {**AHEAD, "y": 3.5}),
     ],
-    ids=["slower", "past_the_arc", "back", "exit", "ramp", "across"],
+    ids=["slower", "past_the_arc", "back", "exit", "ramp", "across", "follows_across", "steep",
+         "zigzag", "beside", "tight"],
 )  # fmt: skip
 @pytest.mark.parametrize("ads", ["no_reaction", "traci"])
 def test_what_check_accepts_is_played(road, y, vehicle, ads):
@@ -112,3 +122,17 @@ def test_what_check_accepts_is_played(road, y, vehicle, ads):
     drive = simulate(concrete, (lambda traci, ego, time: None) if ads == "traci" else ads)
     assert drive.error is None
     assert drive.simulated_time > 1.0
+
+
+def test_law_a_body_that_reaches_over_a_line_again_is_seen():
+    swings = [{"do": "sinus", "begin": begin, "offset": 1.5, "acceleration": 1.0}
+              for begin in (0.5, 10.5)]  # fmt: skip
+    content = {
+        "name": "odd", "zone": "none", "ego": {"speed": "v", "x": 100.0},
+        "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 20.0, "step": 10.0}],
+        "vehicle": [{"name": "a", "gap": 20.0, "speed": "v", "manoeuvre": swings}],
+        "stream": [{"name": "left", "lane": 1, "begin": -60.0, "end": -50.0, "density": 1.0,
+                    "speed": "v + 4", "headway": 0.5}],
+    }  # fmt: skip
+    drive = simulate(scenario_from(content, "it", Path()).concrete(v=10.0), "no_reaction")
+    assert drive.actors["left_1"].speed[105:].min() < 13.0  # of 14 m/s, as without the swing

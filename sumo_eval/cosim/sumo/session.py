@@ -217,13 +217,13 @@ def _arguments(
 def bend_tolerance(road: Road, y: Any) -> Any:
     """Distance from its place on the map at which SUMO may show a vehicle on a curved road, m.
 
-    Beside the lanes SUMO puts it on the normal of a chord. That is turned against the curve's
-    normal by at most half a segment over the radius, rad.
+    SUMO puts it on the normal of a chord of the line. That is turned against the curve's normal by
+    at most half a segment over the radius, rad.
 
     y: of the vehicle, across the road's line, m.
     """
-    beside = np.maximum(np.maximum(road.right_edge - y, y - road.left_edge), 0.0)
-    return CHORD_TOLERANCE + beside * 0.5 * SEGMENT / tightest(road.line)
+    turned = 0.5 * SEGMENT / tightest(road.line)
+    return np.maximum(CHORD_TOLERANCE, 0.5 * CHORD_TOLERANCE + np.abs(y) * turned)
 
 
 def check_start(

@@ -352,3 +352,15 @@ def drawn_points(pieces: Line, begin: float, end: float, longest: float = 1.0) -
         count = max(math.ceil((high - low) / longest - 1e-9), 1) if bends([piece]) else 1
         corners += [low, *(low + (high - low) * k / count for k in range(1, count + 1))]
     return np.unique([*corners, end])
+
+
+@functools.lru_cache(maxsize=64)
+def comes_back(pieces: Line, length: float, width: float) -> bool:
+    """Whether a road along a line crosses itself, or almost.
+
+    length, width: of the road, m.
+    """
+    near, s = width + 10.0, np.arange(0.0, length, 10.0)
+    x, y, _ = map_places(pieces, s, 0.0)
+    apart = np.abs(np.subtract.outer(x + 1j * y, x + 1j * y))
+    return bool((apart < near)[np.subtract.outer(s, s) > 4.0 * near].any())
