@@ -183,6 +183,8 @@ def test_a_clients_own_subscriptions_are_its_own_to_make_and_to_end(tmp_path):
 OPENINGS = (
     "import traci\ntraci.start(['sumo', '-c', 'none.sumocfg', '--remote-port', '1'])",
     "import traci\ntraci.start(['sumo-gui', '-n', 'x.net.xml'], label='own')",
+    "import sys, sumolib\nsys.path.insert(0, sumolib.__path__[0] + '/..')\nimport traci\n"
+    "traci.init(8813)\ntraci.gui.setZoom('View #0', 500.0)",
     "import traci\ntraci.init(8813)",
     "import traci\nfrom traci import init\ninit(port=8813)\ntraci.setOrder(1)",
     "import libsumo as traci\ntraci.start(['sumo', '-c', 'none.sumocfg'])",
@@ -193,8 +195,8 @@ OPENINGS = (
 @pytest.mark.parametrize(
     "opening",
     [
-        *OPENINGS[:2],
-        *(pytest.param(opening, marks=pytest.mark.campaign) for opening in OPENINGS[2:]),
+        *OPENINGS[:3],
+        *(pytest.param(opening, marks=pytest.mark.campaign) for opening in OPENINGS[3:]),
     ],
 )
 def test_a_script_of_a_simulation_of_its_own_drives_as_it_is(tmp_path, monkeypatch, opening):

@@ -46,6 +46,7 @@ from sumo_eval.settings import SimulationSettings
 START_TIMEOUT = 20.0  # s of wall time that sumo and the program have to start and to connect
 _BETWEEN_TRIES = 0.01  # s
 _PORT = "SUMO_EVAL_PORT"
+_GOES_ON = "; it must ask for steps until SUMO closes the connection"
 _STAND_IN = Path(__file__).parent / "stand_in"
 _SETTINGS = {
     name: getattr(libsumo.constants, f"VAR_{variable}")
@@ -157,7 +158,9 @@ class ServedSimulation:
                     "anything else (`setOrder(2)`): it shares the simulation with the harness"
                 ) from error
             if self._relay.has_left or self._program.process.poll() is not None:
-                raise ControllerError(f"{self._program.ended('connection')}.") from error
+                ended = self._program.ended("connection")
+                hint = _GOES_ON if self._program.process.returncode == 0 else ""
+                raise ControllerError(f"{ended}{hint}.") from error
             if clock.perf_counter() - started >= limit:
                 raise ControllerTimeoutError(
                     f"The ADS's program must connect to the port in {_PORT}, set its order to 2 "

@@ -9,17 +9,16 @@ simulation of its own works as it is. What is said here goes into the case's log
 
 from __future__ import annotations
 
+import functools
 import importlib
 import os
 import sys
 from typing import Any
 
-HERE = os.path.dirname(os.path.abspath(__file__))
 ORDER = 2  # the harness is the first client
 
-# without this folder and this module, the import finds the library, and leaves it in
+# without this module, the import finds the library (`sitecustomize`), and leaves it in
 # `sys.modules`, from where the script's own `import traci` takes it
-sys.path[:] = [folder for folder in sys.path if os.path.abspath(folder) != HERE]
 del sys.modules["traci"]
 real = importlib.import_module("traci")
 main = importlib.import_module("traci.main")
@@ -28,8 +27,10 @@ _asked_ports: list[int] = []  # port that the script named, once it is connected
 _usual_init, _usual_set_order = connection.Connection.__init__, connection.Connection.setOrder
 
 
+@functools.cache
 def _say(words: str) -> None:
-    print(f"sumo_eval: {words}", file=sys.stderr, flush=True)  # noqa: T201 - for the case's log
+    """Tell the case's log, once."""
+    print(f"sumo_eval: {words}", file=sys.stderr, flush=True)  # noqa: T201
 
 
 def start(cmd: Any = None, *arguments: Any, label: str = "default", **options: Any) -> Any:
@@ -41,17 +42,23 @@ def start(cmd: Any = None, *arguments: Any, label: str = "default", **options: A
 def _init_once(self: Any, host: str, port: int, process: Any, *others: Any, **options: Any) -> None:
     """A connection to the case, the only one, whatever port is named."""
     if _asked_ports:
-        raise main.TraCIException(
-            "sumo_eval: a case takes one connection, got a second one: start SUMO once, and do "
-            "not close it to begin again"
-        )
+        _begin_again()
     _usual_init(self, "127.0.0.1", int(os.environ["SUMO_EVAL_PORT"]), None, *others, **options)
     _usual_set_order(self, ORDER)
     _asked_ports.append(port)
 
 
-def _order_ignored(self: Any, order: int) -> None:
-    """Ignore the script's own order: the connection has `ORDER`."""
+def _begin_again(*arguments: Any) -> Any:
+    """Refuse a second simulation, started or loaded."""
+    raise main.TraCIException(
+        "sumo_eval: a case takes one connection, got a second one: start SUMO once, and do not "
+        "load or close it to begin again"
+    )
+
+
+def _without_window(call: str) -> Any:
+    """Stand-in of a call that changes a window."""
+    return lambda *_, **__: _say(f"traci.gui.{call} does nothing: a case has no window")
 
 
 def _quietly(
@@ -64,7 +71,13 @@ def _quietly(
         _usual(kind, error, trace)
 
 
-connection.Connection.__init__, connection.Connection.setOrder = _init_once, _order_ignored
+connection.Connection.__init__ = _init_once
+connection.Connection.setOrder = lambda *_: None  # the connection has `ORDER`
+connection.Connection.load = _begin_again
+windows = importlib.import_module("traci._gui").GuiDomain
+for call in vars(windows):
+    if not call.startswith(("_", "get", "has", "is")):
+        setattr(windows, call, _without_window(call))
 sys.excepthook = _quietly
 real.start = main.start = start  # type: ignore[attr-defined]
 # for a script that imports both; `libsumo.py` is for one that imports libsumo first
