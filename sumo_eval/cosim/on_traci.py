@@ -84,7 +84,6 @@ class OnTraci(EgoControl):
         super().__init__(ads, seeds, terms)
         # a proxy: a circle of references would keep a batch's arrays until Python looks for circles
         self._hooks = [_Hook(proxy(self), it, terms) for it in ads]
-        self._alone = len(ads) == 1
         self.unguarded = self._hooks[0].waits
 
     def begin(self, world: World, stage: Stage) -> None:
@@ -92,7 +91,7 @@ class OnTraci(EgoControl):
         super().begin(world, stage)
         # an ADS that is alone may have changed the ego's speed mode in any step; in a batch `GUARD`
         # sees every call
-        GUARD.shared, GUARD.mode_may_differ = not self._alone, self._alone
+        self._alone = GUARD.mode_may_differ = not GUARD.shared
         GUARD.positions, GUARD.speeds = stage.fronts, stage.speeds
         self._stage = stage
         world.egos["next"]["speed"] = world.egos["speed"]
@@ -167,6 +166,7 @@ class _Hook:
         self.target = ads.target
         self._bend = 0.0  # 1/m, the road's curvature beside the ego
         self._course = 0.0  # rad, the direction of its last motion, relative to the road
+        self._lanes = 0, 0  # on a curved road: its lane before and after the last step
 
     # -- the ADS -----------------------------------------------------------------------------------
 
@@ -420,12 +420,13 @@ class _Hook:
             # along and across the road's line, m, and heading relative to it
             pose = tuple(float(it) for it in frame_places(line, x, y, heading, near=last_s))
             self._bend = float(curvatures(line, pose[0]))
+            self._lanes = self._lanes[1], calls.getLaneIndex(self.ego)
             stretch = 1.0 - self._bend * pose[1]
-            # all of it is checked as motion along the lane, whose metres SUMO stretches evenly: as
-            # in any of the road's curves
-            moved = math.hypot(moved_x, moved_y)
+            # SUMO stretches the metres along the lane evenly: as in any of the road's curves
+            across = pose[1] - state[1] + self._half * (math.sin(pose[2]) - math.sin(state[2]))
+            moved = math.sqrt(max(moved_x**2 + moved_y**2 - across**2, 0.0))
             lengths = [moved / (1.0 - bend * pose[1]) for bend in self._bends]
-            moved_x, moved_y = min(max(speed * self._step, min(lengths)), max(lengths)), 0.0
+            moved_x, moved_y = min(max(speed * self._step, min(lengths)), max(lengths)), across
         self._check_native_motion(moved_x, moved_y, speed, now)
         self._check_course(pose, now)
         acceleration = (speed - state[_LANE_SPEED]) / self._step
@@ -500,13 +501,26 @@ class _Hook:
         if least <= ahead <= most and -sideways <= across <= sideways:
             return
         moved = math.hypot(ahead, across)
-        if not least <= moved <= most:
+        possible = min(max(moved, least), most)
+        if self._lanes[0] != self._lanes[1] and abs(moved - possible) <= self._lanes_apart():
+            self._world.note(self._case, "jump", moved, possible)  # by SUMO
+        elif moved != possible:
             self._unphysical(
-                "jump", moved, min(max(moved, least), most),
+                "jump", moved, possible,
                 f"The ADS moved its vehicle {moved:.2f} m in a step that its speed makes "
                 f"{max(least, 0.0):.2f}..{most:.2f} m long, at {now:.2f} s (moveToXY needs a "
                 "setSpeed to go with it).",
             )  # fmt: skip
+
+    def _lanes_apart(self) -> float:
+        """Distance along a curve at which SUMO shows the lanes between which the ego changed, m.
+
+        SUMO stretches each lane evenly, so equal positions on two lanes are not side by side.
+        """
+        at, (old, new) = self._calls.getLanePosition(self.ego), self._lanes
+        on_map = self._traci.simulation.convert2D
+        apart = math.dist(*(on_map(self.names["road"], at, lane) for lane in (old, new)))
+        return math.sqrt(max(apart**2 - (self.road.lane_width * (new - old)) ** 2, 0.0))
 
     def _check_course(self, pose: Sequence[float], now: float) -> None:
         """Refuse fast sideways motion into which no vehicle can turn.

@@ -108,6 +108,20 @@ def test_a_lane_changer_arrives_in_the_left_lane_of_a_curve():
     assert found.ego.y[-1] == pytest.approx(3.5, abs=0.05)
 
 
+def test_law_sumo_may_shift_an_ego_only_where_it_changes_lane():
+    """Each lane is stretched evenly, so at s m the left one is shown s 3.5 / R (1 - L / 1500) m
+    further back, with L = 1000 m of 1500 m curved."""
+
+    def changes(traci, ego, time):
+        if time == 0.0:
+            traci.vehicle.changeLane(ego, 1, 2.0)
+        traci.vehicle.setSpeed(ego, max(traci.vehicle.getSpeed(ego) - 0.05, 0.2))
+
+    found = simulate(on(bend(250.0), case(speed=4.0)), changes, SHORT)
+    assert (found.error, [clip.what for clip in found.clips]) == (None, ["jump"])
+    assert found.ego.y[-1] > 1.75
+
+
 def test_a_rear_end_on_a_curve_is_evaluated_on_the_map():
     """On R = 100 m bodies 4.55 m apart are turned by 0.0455 rad, and the ego leans out by atan(1.35
     / 100) more."""

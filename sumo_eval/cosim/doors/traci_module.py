@@ -17,6 +17,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import wraps
 from types import ModuleType
 from typing import Any, Literal, NoReturn
 
@@ -37,7 +38,7 @@ from sumo_eval.errors import ControllerError
 from sumo_eval.scenario.concrete import ConcreteScenario
 
 _Call = Callable[..., Any]
-_HARMLESS = ("gui", "poi", "polygon", "route")  # domains in which writing moves no vehicle
+_HARMLESS = ("poi", "polygon", "route")  # domains in which writing moves no vehicle
 _CLOCK = ("simulationStep", "step", "executeMove")
 _SHARED = (MOTION - {"openGap"}) | {
     "setSpeedMode", "setLaneChangeMode", "setColor", "setSignals", "setParameter", "setMaxSpeed",
@@ -87,7 +88,12 @@ class SumoNames(dict[str, str]):
 
 
 class Guard:
-    """State of the guarded module during a case."""
+    """State of the guarded module during a case.
+
+    shared: whether an ADS sees a row of a batch (`traci_view.sharing`), even if it is the only one.
+    """
+
+    shared = False
 
     def __init__(self) -> None:
         self.begin((), 0.0, "refuse")
@@ -113,7 +119,7 @@ class Guard:
         self.asked: dict[str, int] = {}  # number of each call that SUMO may ignore
         self.moved = False  # whether a call has moved the ego since the step began
         self.refusal: tuple[str, str] | None = None  # `deed` and `why` of `refuse`
-        self.names, self.shared = SumoNames(), False  # whether other cases share the simulation
+        self.names = SumoNames()
         self.mode_may_differ = True  # whether the ADS may have changed the ego's speed mode
         # Read after the last step, by the vehicles' names in SUMO. The first call that may change
         # a vehicle's speed or position deletes its speed: without a speed, neither is valid.
@@ -203,9 +209,9 @@ class Guard:
     def ignored(self) -> dict[str, str]:
         """TraCI call -> reason why SUMO ignored it in this case."""
         return {
-            call: WHY_IGNORED[IGNORED[call]]
+            call: WHY_IGNORED[IGNORED.get(call, "window")]
             for call in self.asked
-            if IGNORED[call] not in self.heeding
+            if IGNORED.get(call) not in self.heeding
         }
 
     def call_listeners(self) -> None:
@@ -229,6 +235,17 @@ def heeding(concrete: ConcreteScenario) -> set[str]:
 
 GUARD = Guard()
 """The one of a process, as there is one libsumo."""
+
+
+def _takes_any_number(write: _Call) -> _Call:
+    """A call of libsumo that takes numbers of numpy and torch, as traci does."""
+
+    def plain(it: Any) -> Any:
+        return it.item() if hasattr(it, "item") else it
+
+    return wraps(write)(
+        lambda *args, **kwargs: write(*map(plain, args), **{k: plain(kwargs[k]) for k in kwargs})
+    )
 
 
 def _vehicle_writer(call: str, write: _Call) -> _Call:
@@ -299,6 +316,17 @@ def _world_writer(domain: str, call: str, write: _Call) -> _Call:
     return guarded
 
 
+def _gui_writer(call: str) -> _Call:
+    """Stand-in of a call that changes a window, of which a case has none."""
+
+    def ignored(*args: Any, **kwargs: Any) -> None:
+        if GUARD.shared:
+            GUARD.leave()
+        GUARD.note_asked(f"gui.{call}")
+
+    return ignored
+
+
 def _step_clock(*args: Any, **kwargs: Any) -> None:
     """Stand-in of a call that steps SUMO, which it never does."""
     # the time to step to, s; without one, or with 0, TraCI makes one step
@@ -335,12 +363,15 @@ def _guarded_domain(domain: type) -> type:
     wrapped: dict[str, Any] = {}
     name = domain.__name__
     for call, write in writing_calls(domain).items() if name not in _HARMLESS else ():
+        write = _takes_any_number(write)
         if name == "simulation" and call in _HARNESS:
             guarded = _HARNESS[call]
         elif name == "vehicle":
             guarded = _vehicle_writer(call, write)
         elif name == "vehicletype":
             guarded = _type_writer(call, write)
+        elif name == "gui":
+            guarded = _gui_writer(call)
         else:
             guarded = _world_writer(name, call, write)
         wrapped[call] = guarded  # hides the call of the parent class

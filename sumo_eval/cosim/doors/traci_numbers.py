@@ -77,6 +77,7 @@ WHY_IGNORED = {
     "it over",
     "traffic": "only vehicles that SUMO drives heed it, and there are none",
     "network": "this road has one way, no junction and no limit that the ego could heed",
+    "window": "a case has no window",
 }
 """Why SUMO ignores a call, by what would heed it. On a network of the user's own nothing is known
 of `network`.

@@ -232,7 +232,9 @@ def sharing() -> Iterator[None]:
             redirect_stderr(_Console("stderr")),
         ):
             sys.modules["libsumo"] = _NO_LIBSUMO  # `seen_as_traci` puts libsumo back
+            GUARD.shared = True
             yield
     finally:
+        GUARD.shared = False
         for domain, call, _ in _VIEW:
             delattr(domain, call)  # the inherited call of libsumo answers again
