@@ -9,7 +9,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.evaluation import score
@@ -137,8 +137,7 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
                 f"The folder of night {name} is gone; only a night whose folder is kept can be a "
                 "base."
             )
-        limits = _limits(history / nights[name].folder / NIGHT)
-        own = {limit["sentence"] for limit in limits if limit.get("own")}
+        own, changes = _failed(history / nights[name].folder / NIGHT)
         accepted, remaining = list[str](), list[str]()
         for gate in database.gates():
             if gate.night == name and gate.passed is False:
@@ -150,24 +149,29 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
                 f"changes: change the gate. {'; '.join(remaining)}."
             )
         database.accept(Accepted(name, _now(), reason, until, itself=False))
-    changes = defaultdict[str, list[str]](list)  # of each case, by the limits that name it
-    for limit in limits:
-        for case in () if limit.get("own") else limit["cases"]:
-            # nights of earlier versions have no words
-            changes[case["case"]].append(f"{limit['quantity']} {case.get('words', 'failed')}")
     accepted += [f"{case}: {'; '.join(words)}" for case, words in changes.items()]
     return Acceptance(nights[name], accepted, remaining)
 
 
-def _limits(record: Path) -> list[dict[str, Any]]:
-    """A night's failed limits, as its `night.json` has them; none without that file."""
-    if not record.is_file():
-        return []
+def _failed(record: Path) -> tuple[set[str], dict[str, list[str]]]:
+    """Failed limits of a night, from its `night.json`; none without that file.
+
+    Returns the sentences of limits on its own values, and of each changed case the limits that name
+    it.
+    """
+    own, changes = set[str](), defaultdict[str, list[str]](list)
     try:
-        limits: list[dict[str, Any]] = json.loads(record.read_text(encoding="utf-8"))["failed"]
-    except (ValueError, LookupError, TypeError) as error:  # stopped while it wrote, or edited
+        for limit in json.loads(record.read_text("utf-8"))["failed"] if record.is_file() else ():
+            if limit.get("own"):
+                own.add(limit["sentence"])
+                continue
+            for case in limit["cases"]:
+                # nights of earlier versions have no words
+                changes[case["case"]].append(f"{limit['quantity']} {case.get('words', 'failed')}")
+    # stopped while it wrote, or edited
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise InputError(f"{record} is damaged: {error}. Accept another night.") from error
-    return limits
+    return own, changes
 
 
 UNITS = {"m": "minutes", "h": "hours", "d": "days"}

@@ -110,7 +110,8 @@ def test_accept_keeps_what_when_and_why(evaluation, tmp_path):
     ):
         with refusal(words):
             accept(tmp_path, name, reason, until)
-    for text in ('{"night"', "{}", "[]"):
+    edited = '{"failed": [1]}', '{"failed": [{"cases": [{}]}]}'
+    for text in ('{"night"', "{}", "[]", *edited):
         (tmp_path / "nights" / LATER / "night.json").write_text(text)
         with refusal("is damaged"):
             accept(tmp_path, LATER, "x", None)

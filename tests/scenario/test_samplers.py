@@ -242,6 +242,8 @@ def test_points_from_a_csv_in_any_order_of_columns(tmp_path):
     text = (
         "gap,name,ego_speed,obstacle_speed,exposure\n60,x,20,5,0.25\n30,y,10,10,1\n100.5,z,30,0,2\n"
     )
+    again = from_file(tmp_path, text + "60,x,20,5,0.25\n").notes
+    assert again[1] == "Points of points.csv that a row above has, too; they count again: 1."
     chosen = from_file(tmp_path, text)
     assert chosen.points.tolist() == [[20.0, 5.0, 60.0], [30.0, 0.0, 100.5]]
     assert chosen.refused.tolist() == [[10.0, 10.0, 30.0]]  # the obstacle must be slower

@@ -164,6 +164,7 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
         ("truck_speed < ego_speed", "truck_speed - ego_speed", "a condition such as"),
         ("truck_speed < ego_speed", " ", "of scenario file"),
         ('"norm"', '"nrm"', "Did you mean `norm`?"),
+        ("scale = 5.0", "scale = inf", ", `parameter[0]`: `distribution.scale` of"),
         ('name = "truck"', 'name = "a truck"', "must be without spaces and"),
         ("loc = 27.0", "lok = 27.0", "Did you mean `loc`?"),
         ("scale = 5.0", "scale = -5.0", "does not exist with"),

@@ -28,13 +28,18 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
     if exposure.size and not (np.all(exposure >= 0.0) and exposure.sum() > 0.0):
         got = float(exposure.min())
         raise must_be("`exposure`", f"the points {path}", "at least 0, and above 0 somewhere", got)
+    again = len(points) - len(np.unique(points, axis=0))
     notes = [
-        f"{what}: {clean(', '.join(columns))}."
-        for what, columns in (
-            (f"Columns of {path.name} that name no parameter", table.ignored),
-            (f"Converted to the parameters' units from {path.name}", table.converted),
+        f"{what}: {clean(words)}."
+        for what, words in (
+            (f"Columns of {path.name} that name no parameter", ", ".join(table.ignored)),
+            (
+                f"Converted to the parameters' units from {path.name}",
+                ", ".join(table.converted),
+            ),
+            (f"Points of {path.name} that a row above has, too; they count again", str(again or "")),
         )
-        if columns
+        if words
     ]
     return Drawn(points, exposure[:, 0] if exposure.size else None, tuple(notes))
 
