@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from sumo_eval.errors import InputError, nearest
+from sumo_eval.errors import InputError, nearest, said
 from sumo_eval.text import capitalised, clean, words_of
 
 LARGEST = 500_000_000
@@ -86,6 +86,19 @@ def writing(what: str) -> Iterator[None]:
         yield
     except OSError as error:
         raise InputError(f"{what} cannot be written: {error}.") from error
+
+
+@contextmanager
+def taking_apart(path: Path, fix: str) -> Iterator[None]:
+    """A block that takes a file of this package apart. Where it was edited or cut off, it raises
+    InputError.
+
+    fix: last sentence.
+    """
+    try:
+        yield
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        raise InputError(f"{path} cannot be read or is damaged ({said(error)}). {fix}") from error
 
 
 def sha256(content: str | bytes) -> str:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.evaluation import score
+from sumo_eval.input_file import taking_apart
 from sumo_eval.nightly.history import Accepted, History, Night, is_begun, open_history
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import Comparison, side_by_side
@@ -160,7 +161,7 @@ def _failed(record: Path) -> tuple[set[str], dict[str, list[str]]]:
     it.
     """
     own, changes = set[str](), defaultdict[str, list[str]](list)
-    try:
+    with taking_apart(record, "Accept another night."):
         for limit in json.loads(record.read_text("utf-8"))["failed"] if record.is_file() else ():
             if limit.get("own"):
                 own.add(limit["sentence"])
@@ -168,9 +169,6 @@ def _failed(record: Path) -> tuple[set[str], dict[str, list[str]]]:
             for case in limit["cases"]:
                 # nights of earlier versions have no words
                 changes[case["case"]].append(f"{limit['quantity']} {case.get('words', 'failed')}")
-    # stopped while it wrote, or edited
-    except (ValueError, LookupError, TypeError, AttributeError) as error:
-        raise InputError(f"{record} is damaged: {error}. Accept another night.") from error
     return own, changes
 
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError, check_known, needs_extra
-from sumo_eval.input_file import writing
+from sumo_eval.input_file import taking_apart, writing
 from sumo_eval.record import run_folder
 from sumo_eval.record.cases import Role
 from sumo_eval.record.store import Fact, Store, open_store
@@ -75,8 +75,9 @@ class Run:
         """One row for each ADS in each logical scenario, with all that scores.json has of it."""
         import pandas as pd
 
-        content = json.loads(_scored(self.folder, "scores.json").read_text(encoding="utf-8"))
-        return pd.DataFrame(content["scores"])
+        path = _scored(self.folder, "scores.json")
+        with taking_apart(path, "`sumo-eval score` writes it again."):
+            return pd.DataFrame(json.loads(path.read_text("utf-8"))["scores"])
 
     @property
     def drives(self) -> pd.DataFrame:

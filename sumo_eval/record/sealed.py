@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError
-from sumo_eval.input_file import read_input, sha256
+from sumo_eval.input_file import read_input, sha256, taking_apart
 from sumo_eval.text import shown
 
 SEAL = "seal"
@@ -35,12 +35,8 @@ def read_sealed(path: Path, version: int | None = None) -> dict[str, Any]:
     version: its `format_version`, where it has one; another version may have another seal.
     """
     text = read_input(path, path.stem)
-    try:
+    with taking_apart(path, FIX):
         content: dict[str, Any] = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(
-            f"{path} cannot be read, it was changed or damaged: {error}. {FIX}"
-        ) from error
     whole = isinstance(content, dict) and content
     if whole and version is not None and content.get("format_version") != version:
         raise InputError(

@@ -8,10 +8,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.errors import InputError, said
-from sumo_eval.input_file import read_input_text
+from sumo_eval.input_file import read_input_text, taking_apart
 
 OPINION = "opinion.json"
+FIX = "Delete it, or ask again with: sumo-eval humans opinion."
 _COMPARED = ("S+", "A", "H", "S", "D", "C")
 """Scores that the opinion is compared with; a file of an earlier version may lack some."""
 
@@ -25,10 +25,22 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     text = read_input_text(path, "opinion")
-    try:
+    with taking_apart(path, FIX):
         study = json.loads(text)
-        rows, correlations = study["rows"], study["correlations"]
-        intervals = study.get("intervals") or {}
+        correlations = {name: _number(rho) for name, rho in study["correlations"].items()}
+        # a file of an earlier version has no intervals
+        intervals = {
+            name: None if ends is None else (+ends[0], +ends[1])
+            for name, ends in (study.get("intervals") or {}).items()
+        }
+        rows = [
+            {
+                **row,
+                **{name: +row[name] for name in ("opinion", "deviation")},
+                "scores": {name: _number(row["scores"][name]) for name in correlations},
+            }
+            for row in study["rows"]
+        ]
         panels = [
             {
                 "name": name,
@@ -54,14 +66,16 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
         return {
             "rows": rows,
             "names": [panel["name"] for panel in panels],
-            "concordance": study["concordance"],
+            "concordance": _number(study["concordance"]),
+            "correlations": correlations,
+            "intervals": intervals,
             "panels": panels,
         }
-    except (ValueError, LookupError, TypeError, AttributeError) as error:
-        raise InputError(
-            f"{path} cannot be read ({said(error)}); delete it, or ask again with: sumo-eval "
-            "humans opinion."
-        ) from error
+
+
+def _number(value: Any) -> Any:
+    """The number or None that a value is; TypeError for anything else."""
+    return value if value is None else +value
 
 
 def _highest(name: str) -> float:

@@ -8,8 +8,7 @@ import json
 from collections.abc import Mapping
 from typing import Any, Final
 
-from sumo_eval.errors import InputError, said
-from sumo_eval.input_file import read_input_text
+from sumo_eval.input_file import read_input_text, taking_apart
 from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import TWO_GROUPS, count, percent
 from sumo_eval.results import Evaluation
@@ -56,7 +55,7 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
     if not cases or not path.exists():
         return []
     text = read_input_text(path, "study")
-    try:
+    with taking_apart(path, "`sumo-eval drive STUDY.toml --collect` writes it again."):
         study = json.loads(text)
         left_out = [f"{it['participant']}, {it['case']}: {it['why']}." for it in study["left_out"]]
         words = (
@@ -68,11 +67,6 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
         if drawn := study.get("drawn"):
             words += f" The road was drawn for them in these ways: {drawn_words(drawn)}."
         return [words, *left_out]
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(
-            f"{path} cannot be read ({said(error)}); `sumo-eval drive STUDY.toml --collect` "
-            "writes it again."
-        ) from error
 
 
 def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:

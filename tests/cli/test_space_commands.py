@@ -117,5 +117,8 @@ def test_an_edge_is_drawn_for_a_paper_from_what_the_search_wrote(tmp_path, held)
     sumo_eval("plot", out, "boundary", "--out", tmp_path / "edge.svg")
     assert "collision" in (tmp_path / "edge.svg").read_text()
     assert "takes no `ads`" in sumo_eval("plot", out, "boundary", "--ads", "idm", status=2).said
+    for damage in (rows[0], "\n".join([rows[0], *rows]), ""):
+        (out / "chances.csv").write_text(damage)
+        assert "Search it again." in sumo_eval("plot", out, "boundary", status=2).said
     (out / "chances.csv").unlink()
     assert "Search it again." in sumo_eval("plot", out, "boundary", status=2).said

@@ -30,6 +30,9 @@ def test_the_section_is_there_only_where_people_were_asked(tmp_path):
         "[1]",
         '{"rows": [{}], "correlations": {}}',
         '{"rows": [], "correlations": {"A": 1}, "intervals": [1]}',
+        '{"rows": [], "correlations": {"A": 1}, "intervals": {"A": 0.0}}',
+        '{"rows": [{"opinion": 1, "deviation": "x", "scores": {}}], "correlations": {}}',
+        "[" * 100_000,
     ],
 )
 def test_a_damaged_file_of_opinions_is_said_and_not_passed_over(tmp_path, damage):

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.errors import InputError
+from sumo_eval.drivers.recorded.importers.tables import read_table
 from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.studies.boundary import FailureBoundary
+from sumo_eval.input_file import taking_apart
 from sumo_eval.report.page import write_csv, write_json
 from sumo_eval.report.study_page import write_study
 from sumo_eval.scenario.sampling.drawn_points import evenly
@@ -158,36 +159,36 @@ def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
 
     Raises InputError where a file is missing.
     """
-    try:
-        content = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+    with taking_apart(folder / SUMMARY, "Search it again."):
+        content = json.loads((folder / SUMMARY).read_text("utf-8"))
         chances, trials = (
-            np.genfromtxt(folder / name, delimiter=",", skip_header=1, ndmin=2)
-            for name in (CHANCES, TRIALS)
+            read_table(folder / name, ()).to_numpy(float) for name in (CHANCES, TRIALS)
         )
-    except OSError as error:
-        raise InputError(
-            f"The boundary in {folder} cannot be drawn: {error}. Search it again."
-        ) from error
-    items = content["parameters"]
-    labels = [it["name"] + ("" if it["unit"] in ("", "1") else f" ({it['unit']})") for it in items]
-    k = len(items)
-    if k == 1:
-        # The map becomes a strip along a second axis without a name: the chances are the same at
-        # its ends, -1 and 1, and the trials lie at its 0.
-        labels.append("")
-        trials = np.insert(trials, 1, 0.0, axis=1)
-        chances = np.vstack([np.insert(chances, 1, y, axis=1) for y in (-1.0, 1.0)])
-    maps, nearest = [chances], np.zeros(len(trials))  # nearest: number of each trial's map
-    if k > 2:
-        # a new map begins where the third parameter changes
-        maps = np.split(chances, np.flatnonzero(np.diff(chances[:, 2])) + 1)
-        third = np.array([rows[0, 2] for rows in maps])
-        nearest = np.argmin(np.abs(trials[:, 2:3] - third), axis=1)
-    panels = [
-        _edge_panel(rows, trials[nearest == number], items, labels)
-        for number, rows in enumerate(maps)
-    ]
-    return f"{content['scenario'].replace('_', ' ')}: where {content['ads']} collides", panels
+        items = content["parameters"]
+        labels = [
+            it["name"] + ("" if it["unit"] in ("", "1") else f" ({it['unit']})") for it in items
+        ]
+        k = len(items)
+        if not chances.shape[1] == trials.shape[1] == k + 1:
+            raise ValueError(f"{CHANCES} and {TRIALS} must have {k + 1} columns")
+        chances = chances[np.lexsort(chances[:, :k].T)]  # the first parameter varies fastest
+        if k == 1:
+            # The map becomes a strip along a second axis without a name: the chances are the same
+            # at its ends, -1 and 1, and the trials lie at its 0.
+            labels.append("")
+            trials = np.insert(trials, 1, 0.0, axis=1)
+            chances = np.vstack([np.insert(chances, 1, y, axis=1) for y in (-1.0, 1.0)])
+        maps, nearest = [chances], np.zeros(len(trials))  # nearest: number of each trial's map
+        if k > 2:
+            # a new map begins where the third parameter changes
+            maps = np.split(chances, np.flatnonzero(np.diff(chances[:, 2])) + 1)
+            third = np.array([rows[0, 2] for rows in maps])
+            nearest = np.argmin(np.abs(trials[:, 2:3] - third), axis=1)
+        panels = [
+            _edge_panel(rows, trials[nearest == number], items, labels)
+            for number, rows in enumerate(maps)
+        ]
+        return f"{content['scenario'].replace('_', ' ')}: where {content['ads']} collides", panels
 
 
 def _edge_panel(

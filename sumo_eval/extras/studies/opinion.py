@@ -5,7 +5,6 @@ For `sumo-eval humans opinion`, and for `plot RUN opinion`.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -161,16 +160,15 @@ def opinion_panels(run: Path) -> list[Panel]:
 
     Raises InputError for a run without ratings.
     """
-    if opinion_content(run) is None:
+    content = opinion_content(run)
+    if content is None:
         raise InputError(
             f"{run} must hold ratings, got none; add them with: sumo-eval humans opinion."
         )
-    content = json.loads((run / OPINION).read_text(encoding="utf-8"))
     panels = []
     for name, rho in content["correlations"].items():
         rows = [row for row in content["rows"] if row["scores"][name] is not None]
-        # a file of an older version has no intervals
-        ends = content.get("intervals", {}).get(name)
+        ends = content["intervals"].get(name)
         within = "" if ends is None else f", {ends[0]:z.2f}..{ends[1]:z.2f}"
         marks = Marks(
             "", [row["opinion"] for row in rows], [row["scores"][name] for row in rows],

@@ -23,7 +23,7 @@ from sumo_eval.cosim.doors.traci_numbers import finite_number
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, InputError, must_be, said
-from sumo_eval.input_file import read_input_text
+from sumo_eval.input_file import read_input_text, taking_apart
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings, VehicleSettings
@@ -96,10 +96,10 @@ def json_lines(path: Path, what: str) -> list[Any]:
     for number, line in enumerate(lines, 1):
         try:
             values.append(json.loads(line))
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise InputError(f"Line {number} of {path} cannot be read: {said(error)}.") from error
     # after the last line break: nothing, or a line that may be cut off in its middle
-    with suppress(ValueError):
+    with suppress(ValueError, RecursionError):
         values.append(json.loads(last))
     return values
 
@@ -236,13 +236,9 @@ def again(path: Path) -> Repetition:
     Raises InputError where the tape, or its scenario, cannot be used.
     """
     tape = read_tape(path)
-    try:
+    with taking_apart(path, "Its head must name a concrete scenario."):
         use, values = tape.head["use"], tape.head["values"].items()
         point = {name: float(value) for name, value in values}
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(
-            f"The head of {path} must name a concrete scenario: {said(error)}."
-        ) from error
     recording = drive_again(tape, find(str(use), path.parent).concrete(**point))
     steps = f"{len(tape.rows)} steps of {tape.head['simulation']['step']:g} s"
     same = None if tape.end is None else digest(recording) == tape.end.get("digest")

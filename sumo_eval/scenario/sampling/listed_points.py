@@ -37,7 +37,10 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
                 f"Converted to the parameters' units from {path.name}",
                 ", ".join(table.converted),
             ),
-            (f"Points of {path.name} that a row above has, too; they count again", str(again or "")),
+            (
+                f"Points of {path.name} that a row above has, too; they count again",
+                str(again or ""),
+            ),
         )
         if words
     ]
