@@ -256,7 +256,7 @@ class CaseResult(CaseProperties):
 
     Measures, see `sumo_eval.method.measures`; None: not defined, or without a bound
     min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2,
-    max_jerk m/s3, delta_v m/s.
+    max_jerk, max_lateral_jerk m/s3, delta_v m/s.
     largest_offset m, overshoot m, over_line_time s, settling_time s: how the lane was kept.
     conflict_pet: PET where an actor's path conflicts with the ego's, s.
     undisturbed_pet: the same if neither of them reacts, s.
@@ -300,6 +300,7 @@ class CaseResult(CaseProperties):
     pet: float | None = None
     max_deceleration: float | None = None
     max_jerk: float | None = None
+    max_lateral_jerk: float | None = None
     delta_v: float | None = None
     drivers: int | None = None
     recorded_drivers: int | None = None

@@ -54,6 +54,7 @@ class CriticalityMeasures:
     max_deceleration: m/s2, 0 if the ego never braked.
     max_jerk: m/s3.
     delta_v: m/s, nan without a collision.
+    max_lateral_jerk: m/s3.
 
     A frontal contact has min_ttc, min_thw, min_gap and pet 0, max_ittc and max_drac inf if the ego
     was closing. An ego that never closes on the lead vehicle has min_ttc inf, max_ittc and max_drac
@@ -69,6 +70,7 @@ class CriticalityMeasures:
     max_deceleration: float
     max_jerk: float
     delta_v: float
+    max_lateral_jerk: float
 
 
 class SmoothMotion(NamedTuple):
@@ -142,7 +144,8 @@ def measures(
     collision: the ego's first contact if any.
     seen: the drive's `course_of`.
     """
-    ttc = least(seen.ttc)
+    ttc, steps = least(seen.ttc), np.diff(ego.time)
+    across = ego.speed[1:] * np.diff(np.unwrap(ego.heading)) / steps  # m/s2
     return CriticalityMeasures(
         min_ttc=ttc,
         max_ittc=1.0 / ttc if ttc else np.inf,  # nan stays nan
@@ -151,8 +154,10 @@ def measures(
         max_drac=largest(deceleration_to_avoid(seen.gap, seen.closing)),
         pet=post_encroachment_time(ego, actors, collision),
         max_deceleration=max(0.0, -float(ego.acceleration.min())),
-        max_jerk=largest(np.abs(np.diff(ego.acceleration) / np.diff(ego.time))),
+        max_jerk=largest(np.abs(np.diff(ego.acceleration) / steps)),
         delta_v=np.nan if collision is None else velocity_change(collision),
+        # the sample of a contact may come right after another: it counts as CLOCK later
+        max_lateral_jerk=largest(np.abs(np.diff(across) / np.maximum(steps[1:], CLOCK))),
     )
 
 

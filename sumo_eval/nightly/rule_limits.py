@@ -42,7 +42,9 @@ def judge_rule(comparison: Comparison, settings: GateSettings, noise: Noise) -> 
     results = list(_outcomes(comparison, settings, noise)) if settings.outcome.on else []
     tallied = tallies(comparison, settings, noise)
     noisy = [tally for tally in tallied if noise.of(tally.ads).noisy]
-    rejected = holm([(tally.chance, tally.least_chance) for tally in noisy], settings.noise.chance)
+    # the least P that is possible: all changed cases are worse
+    chances = [(it.chance, 0.5 ** (it.number + it.better)) for it in noisy]
+    rejected = holm(chances, settings.noise.chance)
     # by identity, because a tally holds arrays
     certain = {id(tally) for tally, is_rejected in zip(noisy, rejected, strict=True) if is_rejected}
     for tally in tallied:

@@ -34,37 +34,35 @@ def frame(values: Any, number: int) -> bytes:
 
 
 class FrameReader:
-    """Puts the one frame that answers an item together from the bytes that arrive."""
+    """Puts the one frame that answers an item together from the bytes that arrive.
+
+    received: bytes of the frame that are here.
+    """
 
     def __init__(self, number: int) -> None:
         self._number = number
-        self._received = bytearray()
-
-    @property
-    def has_begun(self) -> bool:
-        """Whether anything of the frame is here."""
-        return bool(self._received)
+        self.received = bytearray()
 
     def feed(self, data: bytes) -> Any:
         """The values when the frame is complete, else None.
 
         Raises FrameError as soon as it cannot become one.
         """
-        self._received += data
-        if len(self._received) < _HEADER.size:
+        self.received += data
+        if len(self.received) < _HEADER.size:
             return None
-        magic, number, *rest = _HEADER.unpack_from(self._received)
+        magic, number, *rest = _HEADER.unpack_from(self.received)
         size, checksum = rest
         if magic != _MAGIC:
             raise FrameError("wrote something that is not a result to the pipe for results")
         if number != self._number:
             raise FrameError("answered for another case than its own")
-        missing = _HEADER.size + size - len(self._received)
+        missing = _HEADER.size + size - len(self.received)
         if missing < 0:
             raise FrameError("wrote more than one result for the case")
         if missing:
             return None
-        body = bytes(self._received[_HEADER.size :])
+        body = bytes(self.received[_HEADER.size :])
         if zlib.crc32(body) != checksum:
             raise FrameError("gave a result that does not fit its checksum")
         return marshal.loads(body)  # noqa: S302 - cannot execute, and is whole

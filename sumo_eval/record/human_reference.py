@@ -149,7 +149,11 @@ def compute_points(
     cache: where results are looked up, and put.
     """
     keys = _keys(facts, jobs, settings)
-    results = [_looked_up(names, cache) for names in keys]
+    # those results of each point that are kept, by name; `name[0]` is the kind of result
+    results: list[dict[_Name, bytes]] = [
+        {name: data for name, key in names.items() if (data := cache.get(name[0], key)) is not None}
+        for names in keys
+    ]
     todo = [index for index, names in enumerate(keys) if len(results[index]) < len(names)]
     missing = [_missing(jobs[index], results[index]) for index in todo]
     parts = [
@@ -212,13 +216,6 @@ def method_sources() -> str:
     """A hash of the method's own source: results of another version are not reused."""
     files = sorted(Path(sumo_eval.method.__file__).parent.glob("*.py"))
     return sha256(b"".join(file.read_bytes() for file in files))
-
-
-def _looked_up(keys: Mapping[_Name, bytes], cache: KeptResults) -> dict[_Name, bytes]:
-    """Those results of a point that are kept, by name; `name[0]` is the kind of result."""
-    return {
-        name: data for name, key in keys.items() if (data := cache.get(name[0], key)) is not None
-    }
 
 
 def _missing(job: PointJob, kept: Collection[_Name]) -> PointJob:

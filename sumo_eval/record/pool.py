@@ -367,7 +367,7 @@ class _Child:
             if not twice:
                 return "done", ""
             self._fault = "forked in a step, and both processes continued the case"
-        begun = self._reader.has_begun
+        begun = bool(self._reader.received)
         if self._fault:
             return "garbled", self._fault
         if self._reported:

@@ -150,6 +150,7 @@ MEASURES = (
     ("time_to_conflict", "undisturbed time to the conflict area", "s"),
     ("max_deceleration", "strongest deceleration", "m/s²"),
     ("max_jerk", "largest jerk", "m/s³"),
+    ("max_lateral_jerk", "largest lateral jerk", "m/s³"),
     ("delta_v", "delta-v at contact", "m/s"),
     ("largest_offset", "largest offset from the lane's middle", "m"),
     ("overshoot", "overshoot beyond the lane's middle", "m"),

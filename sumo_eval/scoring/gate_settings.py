@@ -220,7 +220,8 @@ class ShiftSettings(Checked):
         MeasureSettings("overshoot", 0.1, higher_is_better=False),
         MeasureSettings("min_thw", 0.1, 0.1),
         MeasureSettings("max_jerk", 2.0, 0.2, higher_is_better=False),
-        MeasureSettings("latency_relative", 10.0, 0.5, higher_is_better=False),
+        MeasureSettings("max_lateral_jerk", 5.0, 0.5, higher_is_better=False),
+        MeasureSettings("latency_relative", 2.0, 0.5, higher_is_better=False),
     )
 
 
@@ -279,6 +280,11 @@ class GateSettings(Checked):
     noise: NoiseSettings = field(default_factory=NoiseSettings)
     limit: Annotated[tuple[LimitSettings, ...], About("further limits")] = ()
 
+    @property
+    def watched(self) -> tuple[MeasureSettings, ...]:
+        """Quantities of parts two and three."""
+        return *self.near_miss.measure, *self.shift.measure
+
 
 def read_gate(path: Path | None) -> GateSettings:
     """The settings in a gate file; without one, the defaults.
@@ -290,7 +296,7 @@ def read_gate(path: Path | None) -> GateSettings:
     settings = read_checked(path, GateSettings, "gate file")
     for number, limit in enumerate(settings.limit, start=1):
         _check(limit, f"`limit` {number} in {path}")
-    for measure in (*settings.near_miss.measure, *settings.shift.measure):
+    for measure in settings.watched:
         if measure.quantity not in NUMBERS:
             raise unknown(f"column of a `measure` in {path}", measure.quantity, NUMBERS)
     return settings

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import bdtr
@@ -35,11 +35,13 @@ class Repeats(NamedTuple):
     cases: number of cases that were driven twice.
     alike: number of these that were equal to the last bit.
     floors: least tolerance that covers the random variation, by quantity.
+    apart: cases that differed by more than a tolerance, with the change, by key.
     """
 
     cases: int
     alike: int
     floors: Mapping[str, float] = {}
+    apart: Mapping[str, Any] = {}
 
     @property
     def noisy(self) -> bool:
@@ -163,7 +165,7 @@ class Ends(NamedTuple):
     @property
     def bad(self) -> BoolArray:
         """Cases with any of these ends."""
-        return self.collided | self.departed | self.gave_up | self.not_evaluated | self.missed
+        return np.asarray(np.any(self[:-1], axis=0))
 
 
 def both_ends(part: AdsComparison) -> tuple[Ends, Ends]:
@@ -273,11 +275,6 @@ class Tally(NamedTuple):
         """P of the sign test."""
         return sign_test(self.number, self.better)
 
-    @property
-    def least_chance(self) -> float:
-        """The least P that is possible with this number of changed cases: all of them worse."""
-        return float(0.5 ** (self.number + self.better))
-
 
 def tally(
     ads: str, compared: Sequence[AdsComparison], measure: MeasureSettings, floor: float, near: bool
@@ -379,8 +376,7 @@ def only_improved(comparison: Comparison, settings: GateSettings) -> bool:
     """Whether no paired case is worse in any quantity, not even within a tolerance, and at least
     one is better beyond its tolerance.
     """
-    watched = (*settings.near_miss.measure, *settings.shift.measure)
-    measures = [measure for measure in watched if measure.quantity not in TIMED]
+    measures = [measure for measure in settings.watched if measure.quantity not in TIMED]
     better = False
     for part in comparison.ads:
         base, new = both_ends(part)

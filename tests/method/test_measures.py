@@ -100,6 +100,16 @@ def test_one_sample_has_no_jerk():
     assert math.isnan(measures(constant(0.0, 10.0, time=np.zeros(1)), {}, None).max_jerk)
 
 
+def test_lateral_jerk_is_that_of_the_turn():
+    """20 m/s, heading 0.05 t^2: 20 m/s * 0.1 rad/s2. A sample of a contact, 1 ms late, adds none. A
+    weave of 5 cm at 1.5 Hz has 0.05 (3 pi)^3 = 42 m/s3."""
+    time = np.append(TIME, TIME[-1] + 1e-3)
+    weave = 0.0075 * math.pi * np.cos(3.0 * math.pi * time)
+    for heading, jerk in ((0.05 * time**2, 2.0), (weave, 42.0)):
+        turn = replace(constant(0.0, 20.0, time=time), heading=heading)
+        assert measures(turn, {}, None).max_lateral_jerk == pytest.approx(jerk, rel=0.15)
+
+
 def scene(seed):
     """An ego that wanders and brakes among three vehicles, one of which leaves or enters its lane."""
     rng = np.random.default_rng(seed)

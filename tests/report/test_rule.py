@@ -307,12 +307,17 @@ def test_the_verdict_names_the_run_that_a_limit_failed_beside(evaluation):
 
 @pytest.mark.parametrize(
     ("quantity", "before", "allowed", "worse"),
-    [("latency_relative", 20.0, 30.0, 31.0), ("overshoot", 0.05, 0.15, 0.16)],
+    [
+        ("latency_relative", 20.0, 30.0, 31.0),
+        ("latency_relative", 3.0, 5.0, 5.1),
+        ("overshoot", 0.05, 0.15, 0.16),
+        ("max_lateral_jerk", 3.0, 8.0, 8.1),
+    ],
 )
 def test_slower_or_swaying_ads_fails_and_a_loaded_machine_does_not(
     evaluation, quantity, before, allowed, worse
 ):
-    """20 times the fixed work before, of which half is allowed (max(10, 0.5 * 20) = 10); 0.1 m."""
+    """20 times the fixed work before, of which half is allowed (max(2, 0.5 * 20) = 10); 0.1 m."""
     base = calm(evaluation, latency_median=1e-4, **{quantity: before})
     assert not judged(base, calm(base, latency_median=9e-4, **{quantity: allowed}))
     assert [gate.quantity for gate in judged(base, calm(base, **{quantity: worse}))] == [quantity]

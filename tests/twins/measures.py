@@ -11,7 +11,7 @@ NEAR = 0.1 * np.arange(-5, 6)
 @np.errstate(divide="ignore", invalid="ignore")
 def plain_measures(ego, actors, collision):
     """min TTC, max ITTC, min THW, min gap, max DRAC, PET, strongest deceleration, largest jerk,
-    delta-v, largest lateral speed and acceleration.
+    delta-v, largest lateral jerk, speed and acceleration.
     """
     front = collision is not None and collision.side == "front"
     gap, v, pets = np.full(len(ego), np.inf), np.zeros(len(ego)), []
@@ -46,12 +46,14 @@ def plain_measures(ego, actors, collision):
     ittc = np.where(closing == 0, 0.0, np.where(gap < TOUCH, np.inf, closing / gap))
     thw = gap / (ego.speed * np.cos(ego.heading))[seen]
     jerks = abs(np.diff(ego.acceleration) / np.diff(ego.time))
+    aside = np.diff(ego.speed[1:] * np.diff(ego.heading) / np.diff(ego.time))
+    aside = abs(aside / np.maximum(np.diff(ego.time)[1:], 0.1))
     speeds = slopes(np.interp(np.arange(ego.time[0], ego.time[-1] + 1e-6, 0.1), ego.time, ego.y))
     most, least = (lambda values, of=of: of(values, default=math.nan) for of in (max, min))
     return (
         np.divide(1, most(ittc)), most(ittc), least(thw), least(gap), most(closing * ittc / 2),
         0.0 if front else least(pets), max(0.0, *-ego.acceleration), most(jerks),
-        plain_delta_v(collision), most(abs(speeds)), most(abs(slopes(speeds))),
+        plain_delta_v(collision), most(aside), most(abs(speeds)), most(abs(slopes(speeds))),
     )  # fmt: skip
 
 

@@ -37,7 +37,14 @@ def kept_state(ads: Any) -> dict[str, object]:
 
     ads: a class or a function.
     """
-    state = _state_of_process()
+    # state that all code of a process shares
+    state: dict[str, object] = {
+        "random": random.getstate(),
+        "numpy.random": _frozen(np.random.get_state(), 0),  # noqa: NPY002 - what an ADS may use
+        # numba sets variables of its own when its first function is compiled
+        "os.environ": {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")},
+        "the working directory": os.getcwd(),
+    }
     for module in reached_modules(ads):
         own = [(k, v) for k, v in list(vars(module).items()) if not k.startswith("__")]
         state |= {f"{module.__name__}.{name}": _frozen(value, 0) for name, value in own}
@@ -92,17 +99,6 @@ def _module_of(value: Any) -> ModuleType | None:
     module = ModuleType(function.__module__)
     module.__dict__.update(function.__globals__)
     return module
-
-
-def _state_of_process() -> dict[str, object]:
-    """State that all code of a process shares."""
-    return {
-        "random": random.getstate(),
-        "numpy.random": _frozen(np.random.get_state(), 0),  # noqa: NPY002 - what an ADS may use
-        # numba sets variables of its own when its first function is compiled
-        "os.environ": {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")},
-        "the working directory": os.getcwd(),
-    }
 
 
 def first_change(before: dict[str, object], after: dict[str, object]) -> str | None:
