@@ -5,7 +5,7 @@ becomes a base. For `nightly.night`.
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ from sumo_eval.nightly.history import Accepted, History, Night, ShakyCase
 from sumo_eval.nightly.repeats import AGAIN, bad_again, keys_of, repeats_of, shaky_cases
 from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_pairs, judge_rule
 from sumo_eval.record.progress import Progress
-from sumo_eval.report.gate_result import GateResult, LimitName, failed, in_order
+from sumo_eval.report.gate_result import MOST_NAMED, GateResult, LimitName, failed, in_order
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.gate_settings import GateSettings
@@ -65,11 +65,14 @@ def judge_night(
     bases = find_bases(history, database, evaluation, gate)
     folder = history / AGAIN
     # first the repeats alone: `bad_again` takes them
-    noise = Noise(repeats_of(evaluation, gate, folder, progress) if bases.comparisons else {})
+    noise = Noise(repeats_of(evaluation, gate, folder, progress))
     bad = bad_again(bases.comparisons, evaluation, noise, gate, folder)
     noise = Noise(noise.repeats, bad, keys_of(evaluation, database.shaky()))
     accept = shlex.join(["sumo-eval", "accept", str(history), "--reason", "..."])
-    gates = list(judge(evaluation, bases.comparison, gate, noise))
+    gates = [
+        *judge(evaluation, bases.comparison, gate, noise),
+        *judge_repeats(noise, bases.good, database, gate),
+    ]
     if bases.unusable:
         missing = (
             "no earlier good night can be compared with, so no limit was evaluated. If this is "
@@ -93,6 +96,26 @@ def judge_night(
         evaluation.manifest.get("builds", {}),
         since,
     )
+
+
+def judge_repeats(
+    noise: Noise, good: Night | None, database: History, settings: GateSettings
+) -> Iterator[GateResult]:
+    """Whether two drives of a case are alike, within the tolerances, for each ADS.
+
+    It fails if all were in the last good night, and enough differ tonight that P(by chance all of
+    them tonight) = 1/2 ** number is small. An ADS that did not repeat has no limit.
+    """
+    line = good and good.night, "repeats", True
+    repeated = {it.ads for it in database.gates() if (it.night, it.quantity, it.passed) == line}
+    for ads, (cases, _, _, apart) in noise.repeats.items():
+        lost = ads in repeated and 0.5 ** len(apart) < settings.noise.chance
+        if lost or not apart:
+            yield GateResult(
+                "repeats", ads, EVERYWHERE, not lost,
+                f"{len(apart)} of {count(cases, 'case')} differed in a second drive",
+                cases=tuple(apart), worst=tuple(apart.values())[:MOST_NAMED],
+            )  # fmt: skip
 
 
 def failing_since(

@@ -20,9 +20,10 @@ from sumo_eval.record.progress import Progress
 from sumo_eval.record.recording import Planner, planner
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
+from sumo_eval.report.gate_result import CaseChange
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import Comparison
-from sumo_eval.scoring.gate_settings import GateSettings
+from sumo_eval.scoring.gate_settings import TIMED, GateSettings
 from sumo_eval.scoring.rule import (
     Ends,
     Noise,
@@ -31,6 +32,7 @@ from sumo_eval.scoring.rule import (
     newly_bad,
     severity_floor,
     severity_limit,
+    tolerance,
     worse_ends,
 )
 from sumo_eval.settings.random_streams import random_stream
@@ -51,11 +53,11 @@ def repeats_of(
         return {}
     plan = planner(evaluation.resolved)
     sample = _sample(plan, settings.noise.cases)
+    # alone: rows of a batch may share state of their ADS's module
+    alone = replace(plan.setup, run=replace(plan.setup.run, cases_per_pack=1))
     alike: dict[str, list[bool]] = {ads.name: [] for ads in evaluation.settings.ads}
     with open_store(evaluation.folder / FACTS) as store:
-        for number, (case, difference) in enumerate(
-            drive_again(sample, plan.setup, store), start=1
-        ):
+        for number, (case, difference) in enumerate(drive_again(sample, alone, store), start=1):
             alike[case.driver].append(not difference)
             progress("driving some cases twice", number, len(sample))
 
@@ -64,7 +66,9 @@ def repeats_of(
     rows = _rerun(evaluation, keys, folder) if keys else {}
     return {
         ads: Repeats(
-            len(equal), sum(equal), _floors(evaluation, ads, rows, settings) if ads in noisy else {}
+            len(equal),
+            sum(equal),
+            *(_differences(evaluation, ads, rows, settings) if ads in noisy else ()),
         )
         for ads, equal in alike.items()
     }
@@ -106,23 +110,26 @@ def _rerun(evaluation: Evaluation, cases: Collection[str], folder: Path) -> dict
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _floors(
+def _differences(
     evaluation: Evaluation, ads: str, rows: Mapping[str, CaseResult], settings: GateSettings
-) -> dict[str, float]:
-    """Noise floor (`floor_of`) of every quantity that the rule looks at, by name.
+) -> tuple[dict[str, float], dict[str, CaseChange]]:
+    """`floors` and `apart` of an ADS's `Repeats`, of every quantity that the rule looks at.
 
     rows: of the second drives, by case.
     """
     first = [row for row in evaluation.cases if row.ads == ads and row.case in rows]
-    second = [rows[row.case] for row in first]
-    names = [measure.quantity for measure in (*settings.near_miss.measure, *settings.shift.measure)]
-    once, twice = CaseTable.of(first), CaseTable.of(second)
-    return {
-        name: floor_of(
-            np.subtract(getattr(twice, name), getattr(once, name), dtype=np.float64), settings.noise
-        )
-        for name in names
-    } | {"severity": severity_floor(Ends.of(once), Ends.of(twice), settings.noise)}
+    once, twice = CaseTable.of(first), CaseTable.of([rows[row.case] for row in first])
+    floors = {"severity": severity_floor(Ends.of(once), Ends.of(twice), settings.noise)}
+    apart = dict[str, CaseChange]()
+    for measure in settings.watched:
+        name = measure.quantity
+        before, after = (getattr(it, name).astype(np.float64) for it in (once, twice))
+        floors[name] = floor_of(after - before, settings.noise)
+        far = np.abs(after - before) > tolerance(before, measure)
+        for k in np.flatnonzero(far & (name not in TIMED)):
+            change = CaseChange.of(first[k], before[k], after[k], f" {name}")
+            apart.setdefault(change.case, change)
+    return floors, apart
 
 
 def bad_again(

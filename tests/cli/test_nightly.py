@@ -514,15 +514,16 @@ def test_a_link_in_place_of_a_stopped_night_is_not_followed(tmp_path):
     assert notes == ["Night a was stopped before its end; its folder could not be removed."]
 
 
-def test_night_finds_what_an_ads_carries_from_case_to_case(tmp_path):
+@pytest.mark.parametrize(("pack", "differ"), [(1, 2), (32, 3)])
+def test_night_finds_what_an_ads_carries_from_case_to_case(tmp_path, pack, differ):
     file, module = evaluation(tmp_path, "2", engine="processes"), tmp_path / "my_ads.py"
-    file.write_text(file.read_text().replace("pack = 32", "pack = 1"))
+    file.write_text(file.read_text().replace("pack = 32", f"pack = {pack}"))
     counts = "fault, numbers = None, iter(range(99))\n\n    def __init__(self):\n"
     counts += "        self.number = next(self.numbers)"
     ads = module.read_text().replace("fault = None", counts, 1)
     module.write_text(ads.replace("-6.0", "-6.0 + 0.1 * self.number"))
     nights = [run_night(file, tmp_path / "history", GateSettings()) for _ in range(2)]
-    assert "mine drove 2 of 3 cases differently" in " ".join(nights[1].notes)
+    assert f"mine drove {differ} of 3 cases differently" in " ".join(nights[1].notes)
 
 
 def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch):
@@ -550,6 +551,7 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch)
     assert (told["repeats"]["mine"]["cases"], told["repeats"]["mine"]["alike"]) == (3, 2)
     assert any("mine drove 1 of 3 cases differently" in note for note in result.notes)
     assert max(told["repeats"]["mine"]["floors"].values()) > 0.0
+    assert {*told["repeats"]["mine"]["apart"]} <= {*told["failed"][0]["keys"]}
     assert [(one["quantity"], one["since"]) for one in told["failed"]] == [
         ("collided", told["night"])
     ]

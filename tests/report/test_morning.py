@@ -16,11 +16,12 @@ from report_cases import pick, with_case
 from sumo_eval.errors import InputError
 from sumo_eval.nightly.bases import Bases, accept, pin_of
 from sumo_eval.nightly.gates import judge
-from sumo_eval.nightly.history import Accepted, Night, open_history
-from sumo_eval.nightly.judged import JudgedNight, Since, new_pin
+from sumo_eval.nightly.history import Accepted, GateLine, Night, open_history
+from sumo_eval.nightly.judged import JudgedNight, Since, judge_repeats, new_pin
 from sumo_eval.nightly.morning import _code, github_annotations, tell_github, write_night
 from sumo_eval.nightly.night import _refuse_without_history
-from sumo_eval.nightly.rule_limits import judge_rule
+from sumo_eval.nightly.repeats import _differences
+from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_rule
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.report.gate_result import failed, in_order
 from sumo_eval.report.junit import comparison_suites, write_junit
@@ -207,6 +208,27 @@ def pin_after(history, comparison, noise=Noise()):  # noqa: B008 - frozen
         line = night(SECOND)
         pin = new_pin(line, JudgedNight(bases, (), noise, frozenset(), {}), lines, SETTINGS)
         return pin.reason if pin else ""
+
+
+def test_lost_repeatability_fails_and_names_its_cases(evaluation):
+    """All repeated in the last good night: six that differ tonight fail, 1/64 by chance; five do
+    not. A slower drive does not differ."""
+    line = GateLine(FIRST, builders.CALM, EVERYWHERE, "repeats", True, None, "")
+    cases = [row for row in evaluation.cases if row.ads == builders.CALM and row.max_jerk]
+
+    def limits(lines, number):
+        other = [replace(case, max_jerk=9.0) for case in cases[:number]]
+        rows = {row.case: replace(row, latency_relative=99.0) for row in other + cases[number:]}
+        repeats = Repeats(30, 0, *_differences(evaluation, builders.CALM, rows, SETTINGS))
+        history = SimpleNamespace(gates=lambda: lines)
+        noise = Noise({builders.CALM: repeats})
+        return list(judge_repeats(noise, night(FIRST), history, SETTINGS))
+
+    assert not (limits([line], 5))
+    assert not (limits([], 6))
+    (gate,) = limits([line], 6)
+    assert (gate.passed, gate.worst[0].words) == (False, "1.5 max_jerk -> 9 max_jerk")
+    assert limits([], 0)[0].passed
 
 
 def test_only_a_better_night_moves_the_pin(evaluation, tmp_path):
