@@ -97,11 +97,8 @@ def mutant(number):
         data = data[:at] + draw.randbytes(draw.randrange(1, 200)) + data[at:]
     elif kind == "text":
         at = draw.randrange(len(data))
-        data = (
-            data[:at]
-            + draw.choice((b"=", b"[", b'"', b"\n", b"#", b"-", b"e", b"nan", b"9" * 40))
-            + data[at + 1 :]
-        )
+        text = draw.choice((b"=", b"[", b'"', b"\n", b"#", b"-", b"e", b"nan", b"9" * 40))
+        data = data[:at] + text + data[at + 1 :]
     return data, name
 
 

@@ -5,6 +5,7 @@ SUMO_EVAL_NIGHT_CASES names the sizes. Another ladder is kept for acceptance: no
 fitted to this one.
 """
 
+import contextlib
 import os
 import shutil
 from collections import Counter
@@ -70,24 +71,18 @@ def points_to_ask(use, possible):
 
 def driven(folder, name, cases, entries):
     """Drive builds at the same points: a lead that brakes, and a cut-in."""
-    uses = ("front_vehicle_braking", "cut_in")
-    samplings = [{"method": "sobol", "count": points_to_ask(use, cases // 2)} for use in uses]
     settings = {
         "name": name,
         "scenario": [
-            {"use": use, "sampling": sampling}
-            for use, sampling in zip(uses, samplings, strict=True)
+            {"use": use, "sampling": {"method": "sobol", "count": points_to_ask(use, cases // 2)}}
+            for use in ("front_vehicle_braking", "cut_in")
         ],
         "ads": list(entries),
         "drivers": {"count": 4},
         "run": {"workers": 2, "case_timeout": 600.0, "step_timeout": 60.0},
     }
-    here = Path.cwd()
-    os.chdir(folder)
-    try:
+    with contextlib.chdir(folder):
         return sumo_eval.evaluate(settings, folder / name)
-    finally:
-        os.chdir(here)
 
 
 def only(run, ads):
@@ -117,14 +112,9 @@ class Row:
     by: str
 
     def __str__(self):
-        flags = (("moved", self.moved), ("found", self.found), ("named", self.named))
-        return " ".join(
-            [
-                f"{self.build:<14}",
-                *(f"{name} {'yes' if flag else 'no':<4}" for name, flag in flags),
-                self.by,
-            ]
-        )
+        flags = ("moved", "found", "named")
+        told = (f"{name} {'yes' if getattr(self, name) else 'no':<4}" for name in flags)
+        return " ".join([f"{self.build:<14}", *told, self.by])
 
 
 def watched():
@@ -135,16 +125,12 @@ def worse_beyond(comparison):
     """Whether any case is worse beyond the tolerance of anything that the rule watches."""
     from sumo_eval.scoring.rule import newly_bad, tally
 
-    near, shift = SETTINGS.near_miss.measure, SETTINGS.shift.measure
-    ads = comparison.ads[0].ads
-    tallies = [tally(ads, comparison.ads, one, 0.0, near=True) for one in near]
-    tallies += [tally(ads, comparison.ads, one, 0.0, near=False) for one in shift]
-    ends = [
-        worse
-        for one in comparison.ads
-        for worse in newly_bad(one, SETTINGS, Repeats(0, 0)).values()
-    ]
-    return any(one.number for one in tallies) or any(len(worse.which) for worse in ends)
+    ads, near = comparison.ads[0].ads, SETTINGS.near_miss.measure
+    for one in watched():
+        if tally(ads, comparison.ads, one, 0.0, near=one in near).number:
+            return True
+    ends = (newly_bad(one, SETTINGS, Repeats(0, 0)).values() for one in comparison.ads)
+    return any(len(worse.which) for found in ends for worse in found)
 
 
 def told(base, new, ads, noise=None):

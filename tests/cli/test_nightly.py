@@ -12,12 +12,13 @@ import sqlite3
 import subprocess
 import sys
 import time
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import junitparser
 import pytest
 from commands import sumo_eval
+from record.edited_store import edit
 from record.runs import rows
 from refusals import refusal
 
@@ -28,6 +29,14 @@ from sumo_eval.nightly.history import open_history
 from sumo_eval.nightly.night import _clear_away, _prune, run_night
 from sumo_eval.record.store import open_store
 from sumo_eval.scoring.gate_settings import GateSettings
+
+
+def run(file, history, **more):
+    return run_night(file, history, GateSettings(resamples=100), **more)
+
+
+def nightly(file, history, *words, status=0):
+    return sumo_eval("nightly", file, "--history", history, *words, status=status)
 
 
 def nights(history):
@@ -43,9 +52,7 @@ def week(tmp_path_factory):
     file, outputs = evaluation(folder), []
     for fault, status in (("", 0), ("", 0), ("30, 0:sleeps", 1), ("20, 0:raises", 1)):
         plant(folder, fault)
-        done = sumo_eval(
-            "nightly", file, "--history", folder / "history", "--keep", "2", status=status
-        )
+        done = nightly(file, folder / "history", "--keep", "2", status=status)
         outputs.append(done.stdout)
     return folder, outputs
 
@@ -107,8 +114,7 @@ def test_the_newest_nights_and_the_last_good_one_keep_their_folders(week):
     accepted."""
     folder, _ = week
     found = nights(folder / "history")
-    there = [(folder / "history" / night.folder).is_dir() for night in found]
-    assert there == [True, True, True, True]
+    assert [(folder / "history" / night.folder).is_dir() for night in found] == [True] * 4
 
 
 def test_the_history_cannot_be_changed(week, tmp_path):
@@ -127,9 +133,7 @@ def test_a_second_night_is_refused_while_one_is_running(week):
     before = len(nights(folder / "history"))
     with (folder / "history" / "lock").open("a+") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        done = sumo_eval(
-            "nightly", folder / "evaluation.toml", "--history", folder / "history", status=2
-        )
+        done = nightly(folder / "evaluation.toml", folder / "history", status=2)
     assert "Another night is running" in done.stderr
     assert len(nights(folder / "history")) == before
 
@@ -151,7 +155,7 @@ def test_what_a_killed_night_left_is_removed_and_said(week, tmp_path):
     with open_history(history, create=True) as lines:
         lines.begin(left.name)
     plant(folder, "")
-    result = run_night(folder / "evaluation.toml", history, GateSettings(resamples=100), keep=5)
+    result = run(folder / "evaluation.toml", history, keep=5)
     assert not left.exists()
     assert any("2026-01-01T00-00-00Z was stopped before its end" in note for note in result.notes)
     assert foreign.is_dir()
@@ -201,7 +205,7 @@ def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path)
     kept = recorded(history)
     assert nights(history) == []
 
-    done = sumo_eval("nightly", file, "--history", history, "--resume")
+    done = nightly(file, history, "--resume")
     assert f"Night {left.name} was stopped before its end and continued" in done.stdout.replace(
         "\n", " "
     )
@@ -211,7 +215,7 @@ def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path)
     assert 0 < kept < rows(left)
     assert len(json.loads((left / "manifest.json").read_text())["resumed"]) == 1
 
-    after = sumo_eval("nightly", file, "--history", history, "--resume")
+    after = nightly(file, history, "--resume")
     assert "No night was stopped before its end; this one is a new one." in after.stdout.replace(
         "\n", " "
     )
@@ -223,13 +227,13 @@ def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path)
 
 def test_a_night_of_another_evaluation_is_not_continued(tmp_path):
     file, history = evaluation(tmp_path, "3"), tmp_path / "history"
-    run_night(file, history, GateSettings(resamples=100))
+    run(file, history)
     with open_history(history, create=True) as lines:
         lines.begin("2999-01-01T00-00-00Z")
     left = history / "nights" / "2999-01-01T00-00-00Z"
     shutil.copytree(history / nights(history)[0].folder, left)
     file.write_text(file.read_text().replace('"mine"', '"theirs"'))
-    done = sumo_eval("nightly", file, "--history", history, "--resume", status=2)
+    done = nightly(file, history, "--resume", status=2)
     assert f"Night {left.name} was not continued:" in done.stderr.replace("\n", " ")
     assert "It stays; without --resume" in done.stderr.replace("\n", " ")
     assert (left / "facts.sqlite").is_file()
@@ -256,12 +260,10 @@ def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
     with pytest.raises(
         (InputError, StoppedError), match="The same command with --resume continues"
     ):
-        run_night(folder / "evaluation.toml", history, GateSettings(resamples=100))
+        run(folder / "evaluation.toml", history)
     monkeypatch.undo()
     before = len(nights(history))
-    result = run_night(
-        folder / "evaluation.toml", history, GateSettings(resamples=100), resume=True
-    )
+    result = run(folder / "evaluation.toml", history, resume=True)
     assert any("before its end and continued" in note for note in result.notes)
     assert len(nights(history)) == before + 1
 
@@ -276,14 +278,14 @@ def test_a_full_disk_leaves_earlier_nights_alone(week, tmp_path, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr("sumo_eval.nightly.night.write_junit", full)
         with refusal("No space left on device"):
-            run_night(folder / "evaluation.toml", history, GateSettings(resamples=100))
+            run(folder / "evaluation.toml", history)
     assert nights(history) == before
     assert {path.name for path in (history / "nights").iterdir()} == {
         night.night for night in before
     }
     monkeypatch.setattr("shutil.disk_usage", lambda _: shutil._ntuple_diskusage(100, 90, 10))
     with refusal("The night was not begun: it may need"):
-        run_night(folder / "evaluation.toml", history, GateSettings(resamples=100))
+        run(folder / "evaluation.toml", history)
 
 
 def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):
@@ -293,7 +295,7 @@ def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):
     """
     _, history = copy_of(week, tmp_path)
     file = evaluation(tmp_path, "2")
-    result = run_night(file, history, GateSettings(resamples=100))
+    result = run(file, history)
     assert result.night.exit_status == 1
     assert result.judged.bases.comparison.pairs == 3
     told = json.loads((result.report.parent / "night.json").read_text())
@@ -308,7 +310,7 @@ def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):
 
     done = sumo_eval("accept", history, "--reason", "fewer levels on purpose")
     assert "accepted: every ADS" in done.stdout
-    again = run_night(file, history, GateSettings(resamples=100))
+    again = run(file, history)
     assert (again.night.exit_status, again.night.base) == (0, result.night.night)
     assert again.night.verdict.startswith("THE SAME as")
 
@@ -316,7 +318,7 @@ def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):
 def test_a_mistake_in_the_file_is_said_before_anything_is_touched(tmp_path):
     file = evaluation(tmp_path)
     file.write_text(file.read_text().replace("levels", "level"))
-    done = sumo_eval("nightly", file, "--history", tmp_path / "history", status=2)
+    done = nightly(file, tmp_path / "history", status=2)
     assert "Did you mean `levels`?" in done.stderr
     assert not (tmp_path / "history").exists()
 
@@ -343,7 +345,7 @@ def empty(path):
 
 
 def cut_off(path):
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    os.truncate(path, path.stat().st_size // 2)
 
 
 def text(path):
@@ -358,17 +360,16 @@ def flipped(path):
 
 def another_database(path):
     path.unlink()
-    connection = sqlite3.connect(path)
-    connection.execute("CREATE TABLE shopping (what)")
-    connection.commit()
-    connection.close()
+    edit(path, "CREATE TABLE shopping (what)")
 
 
 def newer(path):
-    connection = sqlite3.connect(path)
-    connection.execute("PRAGMA user_version = 99")
-    connection.commit()
-    connection.close()
+    edit(path, "PRAGMA user_version = 99")
+
+
+def unfinish(night):
+    change = "UPDATE about SET value = '' WHERE name IN ('complete', 'seal')"
+    edit(night / "facts.sqlite", change)
 
 
 def a_folder(path):
@@ -393,9 +394,7 @@ def test_a_history_that_cannot_be_read_removes_no_night(week, tmp_path, spoil, w
     folder, history = copy_of(week, tmp_path)
     before = sorted(path.relative_to(history) for path in (history / "nights").rglob("*"))
     spoil(history / "history.sqlite")
-    done = sumo_eval(
-        "nightly", folder / "evaluation.toml", "--history", history, "--keep", "1", status=2
-    )
+    done = nightly(folder / "evaluation.toml", history, "--keep", "1", status=2)
     assert words in done.stderr
     assert done.stderr.startswith("sumo-eval: ")
     assert sorted(path.relative_to(history) for path in (history / "nights").rglob("*")) == before
@@ -407,7 +406,7 @@ def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(week, 
     with open_history(history, create=True):
         pass
     plant(folder, "")
-    result = run_night(folder / "evaluation.toml", history, GateSettings(resamples=100), keep=1)
+    result = run(folder / "evaluation.toml", history, keep=1)
     assert {path.name for path in (history / "nights").iterdir()} == {*before, result.night.night}
     assert sum(
         "is not in the history; it was left as it is" in note for note in result.notes
@@ -426,8 +425,7 @@ def test_old_history_put_back_keeps_complete_nights(week, tmp_path, known_lines)
     complete = sorted(path.name for path in (history / "nights").iterdir())
     unfinished = history / "nights" / "2020-01-01T00-00-00Z"
     shutil.copytree(history / "nights" / complete[0], unfinished)
-    with closing(sqlite3.connect(unfinished / "facts.sqlite")) as facts, facts:
-        facts.execute("UPDATE about SET value = '' WHERE name IN ('complete', 'seal')")
+    unfinish(unfinished)
     with open_history(history, create=True) as lines:
         for name in (*complete, unfinished.name):
             lines.begin(name)
@@ -461,15 +459,12 @@ def test_no_history_removes_a_complete_night(week, tmp_path, seeds):
         for name, kind in kinds.items():
             night = history / "nights" / name
             night.mkdir(parents=True)
-            shutil.copy(source / "facts.sqlite", night / "facts.sqlite")
-            shutil.copy(source / "manifest.json", night / "manifest.json")
+            for file in ("facts.sqlite", "manifest.json"):
+                shutil.copy(source / file, night)
             if kind == "stopped":
-                with closing(sqlite3.connect(night / "facts.sqlite")) as facts, facts:
-                    facts.execute("UPDATE about SET value = '' WHERE name IN ('complete', 'seal')")
+                unfinish(night)
             elif kind == "cut":
-                (night / "facts.sqlite").write_bytes(
-                    (night / "facts.sqlite").read_bytes()[: draw.randrange(100_000)]
-                )
+                os.truncate(night / "facts.sqlite", draw.randrange(100_000))
         with open_history(history, create=True) as lines:
             for name in kinds:
                 if draw.random() < 0.7:
@@ -488,13 +483,8 @@ def test_a_line_that_names_another_place_removes_nothing_there(tmp_path):
     (history / "nights" / "b").mkdir(parents=True)
     precious.mkdir()
     with open_history(history, create=True) as lines:
-        for name, place in (
-            ("a", str(precious)),
-            ("b", "nights/b"),
-            ("c", "nights/../../precious"),
-            ("..", "nights/.."),
-            ("d", "nights/d"),
-        ):
+        places = str(precious), "nights/b", "nights/../../precious", "nights/..", "nights/d"
+        for name, place in zip(("a", "b", "c", "..", "d"), places, strict=True):
             add(lines, name, place)
         notes = _prune(history, lines, keep=1)
     assert precious.is_dir()
@@ -535,7 +525,7 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch)
     shaking = "Command(acceleration=__import__('random').SystemRandom().uniform(-0.3, 0.3)"
     module = tmp_path / "my_ads.py"
     module.write_text(module.read_text().replace("Command(acceleration=0.0", shaking))
-    run_night(file, history, GateSettings(resamples=100))
+    run(file, history)
     plant(tmp_path, "30, 0:sleeps")
 
     def stop(*_, **__):
@@ -544,8 +534,8 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch)
     with monkeypatch.context() as patched:
         patched.setattr("sumo_eval.nightly.night.write_assessed_report", stop)
         with pytest.raises(StoppedError):
-            run_night(file, history, GateSettings(resamples=100))
-    result = run_night(file, history, GateSettings(resamples=100), resume=True)
+            run(file, history)
+    result = run(file, history, resume=True)
     told = json.loads((result.report.parent / "night.json").read_text())
     assert (told["verdict"], told["exit_status"]) == ("worse", 1)
     assert (told["repeats"]["mine"]["cases"], told["repeats"]["mine"]["alike"]) == (3, 2)
@@ -562,4 +552,4 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch)
     free = shutil._ntuple_diskusage(0, 0, int(1.5 * files))  # without what was discarded
     monkeypatch.setattr("shutil.disk_usage", lambda _: free)
     with refusal("The night was not begun: it may need"):
-        run_night(file, history, GateSettings(resamples=100))
+        run(file, history)

@@ -23,13 +23,6 @@ def one_sample(speed, heading=0.0):
     return Trajectory([0.0], [0.0], [0.0], heading=[heading], speed=[speed])
 
 
-def instantaneous_field(points, position, velocity, **constants):
-    """Eq. 10, of a vehicle at one time."""
-    (x, y), (vx, vy) = position, velocity
-    drive = Trajectory([0.0], [x], [y], heading=[math.atan2(vy, vx)], speed=[math.hypot(vx, vy)])
-    return trajectory_field(points, drive, **constants)
-
-
 def winding(seed, n=40, step=STEP):
     """A drive that turns through more than a full circle, speeds up, and stands for a while."""
     rng = np.random.default_rng(seed)
@@ -76,15 +69,11 @@ def around(trajectory, n, seed=7):
     ],
 )
 def test_one_vehicle_at_the_origin_at_20_metres_per_second(point, k1, k2, expected):
-    assert instantaneous_field([point], [0.0, 0.0], [20.0, 0.0], k1=k1, k2=k2) == pytest.approx(
-        [expected], rel=1e-12
-    )
     assert trajectory_field([point], one_sample(20.0), k1=k1, k2=k2) == pytest.approx(
         [expected], rel=1e-12
     )
 
 
-angle = st.floats(-math.pi, math.pi)
 # --- laws of a trajectory -------------------------------------------------------------------------
 
 
@@ -153,7 +142,7 @@ def test_law_the_sum_is_over_the_samples_of_the_grid(times, grid):
         trajectory_field(
             [(6.0, 1.0), (9.0, 1.0)],
             Trajectory(
-                t, [20.0 * each for each in t], [0.0] * len(t), [0.0] * len(t), [20.0] * len(t)
+                t, 20.0 * np.array(t), *np.multiply.outer([0.0, 0.0, 20.0], np.ones(len(t)))
             ),
         )
         for t in (times, grid)
@@ -212,13 +201,8 @@ def test_far_from_all_points_of_a_block_the_field_is_exact_to_1e_13():
     points = np.random.default_rng(3).uniform((0.0, -3.0), (5.0, 3.0), (300, 2))
     for place in [(6.2, 0.0), (-2.0, 40.0), (3e3, -4.0), (-1e7, 1e7), (-3.0, -4.1)]:
         for speed in (0.0, 5.0, 39.9, 40.0, 40.1, 69.0, 71.0):
-            drive = Trajectory(
-                [0.0, 0.1],
-                [place[0], 1e4],
-                [place[1], 3.0],
-                heading=[0.3, 2.0],
-                speed=[speed, 30.0],
-            )
+            ends = [*zip(place, (1e4, 3.0), strict=True)]
+            drive = Trajectory([0.0, 0.1], *ends, [0.3, 2.0], [speed, 30.0])
             plain = [twin.trajectory_field(point, drive) for point in points[:40]]
             np.testing.assert_allclose(trajectory_field(points, drive)[:40], plain, rtol=1e-13)
 
@@ -230,11 +214,9 @@ def test_the_inlined_exponential_is_exact_to_1e_13():
         np.testing.assert_allclose(field, np.exp(k2 * speeds), rtol=1e-13)
     # exp amplifies the rounding of its argument, 700 * 1.1e-16 = 8e-14, so more cannot be asked for
     # here.
-    field = [
-        trajectory_field([(0.5, 0.0)], one_sample(v), k2=1.0)[0]
-        for v in (-700.0, -99.9, 333.3, 700.0)
-    ]
-    np.testing.assert_allclose(field, np.exp([-700.0, -99.9, 333.3, 700.0]), rtol=1e-12)
+    large = -700.0, -99.9, 333.3, 700.0
+    field = [trajectory_field([(0.5, 0.0)], one_sample(v), k2=1.0)[0] for v in large]
+    np.testing.assert_allclose(field, np.exp(large), rtol=1e-12)
 
 
 # --- vectors --------------------------------------------------------------------------------------

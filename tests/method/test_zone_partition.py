@@ -52,10 +52,7 @@ def test_law_the_hazardous_gaps_of_a_cut_in_are_an_interval_safe_on_both_sides()
     # both bodies' 8.6 m it has passed below 13.62 m; above 22.22 + critical gap of 11.11 m/s (17.45
     # m) there is time enough.
     gap = np.linspace(0.0, 100.0, 1_001)
-    points = np.stack(
-        [np.full_like(gap, 60 / 3.6), np.full_like(gap, 20 / 3.6), gap, np.full_like(gap, 0.8)],
-        axis=-1,
-    )
+    points = np.stack(np.broadcast_arrays(60 / 3.6, 20 / 3.6, gap, 0.8), axis=-1)
     hazardous = gap[exact_target(CUT_IN, points, QUICK) <= 0.0]
     assert (hazardous[0], hazardous[-1]) == pytest.approx((13.7, 39.6))
     assert len(hazardous) == round((39.6 - 13.7) / 0.1) + 1
@@ -277,11 +274,10 @@ def test_law_a_region_hazardous_for_the_gp_alone_is_not_a_zone():
 
 
 def test_a_constraint_can_cut_a_zone_in_two():
-    def gap(values):
-        return 30.0 + 0.0 * values["x"]
-
     both = space(
-        [("x", 0.0, 100.0, 5.0)], gap, constraints=[lambda values: np.abs(values["x"] - 40) >= 10]
+        [("x", 0.0, 100.0, 5.0)],
+        lambda values: np.full_like(values["x"], 30.0),
+        constraints=[lambda values: np.abs(values["x"] - 40) >= 10],
     )
     zones = partition(both, QUICK)
     assert zones.zones == 2
@@ -479,20 +475,16 @@ def test_training_points_that_cannot_serve_are_refused(points, sentence):
 
 
 def test_a_space_without_points_and_an_error_over_no_points_are_refused():
-    def gap(values):
-        return values["x"]
-
+    gap, never = (lambda values: values["x"]), (lambda values: values["x"] > 9)
     with refusal("must have points that satisfy its constraints"):
-        partition(
-            space([("x", 0.0, 5.0, 1.0)], gap, constraints=[lambda values: values["x"] > 9]), QUICK
-        )
+        partition(space([("x", 0.0, 5.0, 1.0)], gap, constraints=[never]), QUICK)
     with refusal("`n` of `boundary_error` must be at least 1"):
         boundary_error(partition(LOW_SPEED), 0)
 
 
 def test_the_zone_of_a_case_is_the_criterions_own_and_certain_contact_is_never_safe(cut_out):
     """The GP may be on the wrong side near the boundary; the zone of a driven case never is."""
-    points = CUT_OUT.from_unit(np.random.default_rng(8).random((4000, 3)))
+    points = scattered(CUT_OUT, 4000, seed=8)
     points = points[CUT_OUT.feasible(points)]
     speed, obstacle, gap = points.T
     exact = cut_out.exactly_hazardous(points)

@@ -3,7 +3,7 @@
 import sqlite3
 import subprocess
 import sys
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,11 +23,25 @@ from sumo_eval.trajectory import CHANNELS, Clip, Collision, Latency, Recording, 
 def drive(n=40, seed=3):
     rng = np.random.default_rng(seed)
     time = np.arange(n) * 0.1
-    return Trajectory(
-        time, 20.0 * time, rng.normal(size=n), rng.normal(size=n), 20 + rng.normal(size=n),
-        rng.normal(size=n),
-        np.where(rng.random(n) < 0.3, np.nan, rng.normal(size=n)), length=4.3, width=1.9,
-    )  # fmt: skip
+    y, heading, speed, acceleration, angle = rng.normal(size=(5, n))
+    angle[rng.random(n) < 0.3] = np.nan
+    channels = (time, 20.0 * time, y, heading, 20 + speed, acceleration, angle)
+    return Trajectory(*channels, length=4.3, width=1.9)
+
+
+def driven(**actors):
+    return Recording(drive(), actors, None, "road_end")
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "facts.sqlite"
+
+
+@pytest.fixture
+def store(path):
+    with open_store(path, create=True) as store:
+        yield store
 
 
 def case(point=7, driver="idm"):
@@ -35,12 +49,6 @@ def case(point=7, driver="idm"):
         ego_speed=20, obstacle_speed=5, gap=60
     )
     return Case(point, concrete, "ads", driver, driver)
-
-
-def collision():
-    return Collision(
-        1.25, "obstacle", (12.0, 0.5), (5.0, 0.0), 0.75, "front", (1.0, 2.0, 0.1), (5.0, 2.0, 0.0)
-    )
 
 
 def test_a_packed_trajectory_comes_back_time_and_x_exact_the_rest_to_single_precision():
@@ -68,31 +76,30 @@ def test_a_damaged_drive_is_refused_with_a_sentence(kept):
         unpack(packed(drive())[:20] + b"no deflated bytes")
 
 
-def test_a_case_comes_back_as_it_was_recorded(tmp_path):
+TOOK = Latency(1e-5, 2e-5, 9e-6, 1.9e-5, 8e-6)
+
+
+def test_a_case_comes_back_as_it_was_recorded(store):
     clips = (Clip("friction", 3, 0.5, -12.0, -9.0),)
-    took = Latency(1e-5, 2e-5, 9e-6, 1.9e-5, 8e-6)
-    recording = Recording(
-        drive(), {"lead": drive(seed=4)}, collision(), "contact", clips, None, "", took, 0.01
-    )
-    with open_store(tmp_path / "facts.sqlite", create=True) as store:
-        store.add(Outcome(case(), "collision", recording))
-        (fact,) = store.facts("ads")
-        assert set(store.trajectories(fact.case)) == {"ego", "lead"}
+    poses = (1.0, 2.0, 0.1), (5.0, 2.0, 0.0)
+    hit = Collision(1.25, "obstacle", (12.0, 0.5), (5.0, 0.0), 0.75, "front", *poses)
+    actors = {"lead": drive(seed=4)}
+    recording = Recording(drive(), actors, hit, "contact", clips, None, "", TOOK, 0.01)
+    store.add(Outcome(case(), "collision", recording))
+    (fact,) = store.facts("ads")
+    assert set(store.trajectories(fact.case)) == {"ego", "lead"}
     assert fact.case == "front_vehicle_cut_out-0007-idm"
-    assert fact.collision == collision()
+    assert fact.collision == hit
     assert fact.clips == clips
     assert fact.values == {"ego_speed": 20.0, "obstacle_speed": 5.0, "gap": 60.0}
     assert (fact.status, fact.end_reason, fact.latency_max) == ("collision", "contact", 2e-5)
     assert (fact.latency_median, fact.latency_p99, fact.latency_reference) == (9e-6, 1.9e-5, 8e-6)
 
 
-def test_file_without_latencies_still_reads(tmp_path):
+def test_file_without_latencies_still_reads(path):
     """One that an older version wrote has no table of them; what is added to it later has them."""
-    path, took = tmp_path / "facts.sqlite", Latency(1e-5, 2e-5, 9e-6, 1.9e-5, 8e-6)
     with open_store(path, create=True) as store:
-        store.add(
-            Outcome(case(), "ok", Recording(drive(), {}, None, "road_end", controller_latency=took))
-        )
+        store.add(Outcome(case(), "ok", replace(driven(), controller_latency=TOOK)))
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute("DROP TABLE latencies")
     for create in (False, True):
@@ -101,51 +108,39 @@ def test_file_without_latencies_still_reads(tmp_path):
             assert (fact.latency_max, fact.latency_median) == (2e-5, None)
 
 
-def test_a_case_without_a_recording_is_kept_with_its_sentence(tmp_path):
-    with open_store(tmp_path / "facts.sqlite", create=True) as store:
-        store.add(Outcome(case(), "crashed", None, "The process died."))
-        (fact,) = store.facts("ads")
-    assert (fact.status, fact.error, fact.end_reason, fact.collision) == (
-        "crashed",
-        "The process died.",
-        None,
-        None,
-    )
+def test_a_case_without_a_recording_is_kept_with_its_sentence(store):
+    store.add(Outcome(case(), "crashed", None, "The process died."))
+    (fact,) = store.facts("ads")
+    assert (fact.status, fact.error) == ("crashed", "The process died.")
+    assert fact.end_reason is fact.collision is None
 
 
-def test_a_case_that_cannot_be_stored_whole_leaves_nothing_behind(tmp_path):
-    recording = Recording(drive(), {}, None, "road_end")
-    with open_store(tmp_path / "facts.sqlite", create=True) as store:
-        store.add(Outcome(case(), "ok", recording))
-        with pytest.raises(sqlite3.IntegrityError):
-            store.add(Outcome(case(), "ok", recording))
-        broken = Recording(drive(), {"ego2": None}, None, "road_end")
-        with pytest.raises(AttributeError):
-            store.add(Outcome(case(point=8), "ok", broken))
-        assert [fact.point for fact in store.facts("ads")] == [7]
+def test_a_case_that_cannot_be_stored_whole_leaves_nothing_behind(store):
+    for point, recording, error in (
+        (7, driven(), None),
+        (7, driven(), sqlite3.IntegrityError),
+        (8, driven(ego2=None), AttributeError),
+    ):
+        with pytest.raises(error) if error else nullcontext():
+            store.add(Outcome(case(point), "ok", recording))
+    assert [fact.point for fact in store.facts("ads")] == [7]
 
 
-def test_facts_are_selected_by_role_scenario_and_driver_in_the_order_of_points(tmp_path):
-    with open_store(tmp_path / "facts.sqlite", create=True) as store:
-        for point in (9, 2, 5):
-            for driver in ("b", "a"):
-                store.add(
-                    Outcome(case(point, driver), "ok", Recording(drive(), {}, None, "road_end"))
-                )
-        assert [(f.point, f.driver) for f in store.facts("ads")] == [
-            (2, "a"), (2, "b"), (5, "a"), (5, "b"), (9, "a"), (9, "b"),
-        ]  # fmt: skip
-        assert list(store.facts("human")) == []
-        assert list(store.facts("ads", "front_vehicle_low_speed")) == []
+def test_facts_are_selected_by_role_scenario_and_driver_in_the_order_of_points(store):
+    for point in (9, 2, 5):
+        for driver in ("b", "a"):
+            store.add(Outcome(case(point, driver), "ok", driven()))
+    found = [(fact.point, fact.driver) for fact in store.facts("ads")]
+    assert found == [(2, "a"), (2, "b"), (5, "a"), (5, "b"), (9, "a"), (9, "b")]
+    assert list(store.facts("human")) == []
+    assert list(store.facts("ads", "front_vehicle_low_speed")) == []
 
 
-def test_a_file_that_is_not_a_facts_file_is_refused(tmp_path):
-    with refusal("is not a run folder"), open_store(tmp_path / "facts.sqlite"):
+def test_a_file_that_is_not_a_facts_file_is_refused(path):
+    with refusal("is not a run folder"), open_store(path):
         pass
-    (tmp_path / "facts.sqlite").write_text(
-        "not a database, but long enough to be mistaken for one " * 30
-    )
-    with refusal("is not a facts file"), open_store(tmp_path / "facts.sqlite"):
+    path.write_text("not a database, but long enough to be mistaken for one " * 30)
+    with refusal("is not a facts file"), open_store(path):
         pass
 
 
@@ -153,15 +148,14 @@ def test_a_finished_store_is_one_file_that_can_be_read_where_nothing_can_be_writ
     folder = tmp_path / "archive"
     folder.mkdir()
     with open_store(folder / "facts.sqlite", create=True) as store:
-        store.add(Outcome(case(), "ok", Recording(drive(), {}, None, "road_end")))
+        store.add(Outcome(case(), "ok", driven()))
     assert [path.name for path in folder.iterdir()] == ["facts.sqlite"]
     connection = sqlite3.connect(f"file:{folder / 'facts.sqlite'}?immutable=1", uri=True)
     assert connection.execute("SELECT count(*) FROM facts").fetchone() == (1,)
     connection.close()
 
 
-def test_reading_a_store_cannot_change_it(tmp_path):
-    path = tmp_path / "facts.sqlite"
+def test_reading_a_store_cannot_change_it(path):
     with open_store(path, create=True):
         pass
     with open_store(path) as store, refusal("readonly"):
@@ -184,29 +178,26 @@ def test_the_digest_depends_on_the_facts_alone(tmp_path):
     assert filled(tmp_path / "d", [1, 2, 4]) != forth
 
 
-def test_a_case_with_another_fingerprint_takes_the_place_of_the_old_one(tmp_path):
+def test_a_case_with_another_fingerprint_takes_the_place_of_the_old_one(store):
     first, second = replace(case(), fingerprint="a"), replace(case(), fingerprint="b")
-    with open_store(tmp_path / "facts.sqlite", create=True) as store:
-        store.add(
-            Outcome(first, "ok", Recording(drive(), {"lead": drive(seed=4)}, None, "road_end"))
-        )
-        assert (store.holds(first), store.holds(second)) == (True, False)
-        store.add(Outcome(second, "crashed", None, "The process died."))
-        assert (store.holds(first), store.holds(second)) == (False, True)
-        (fact,) = store.facts("ads")
-        assert fact.status == "crashed"
-        assert store.trajectories(fact.case) == {}
+    store.add(Outcome(first, "ok", driven(lead=drive(seed=4))))
+    assert (store.holds(first), store.holds(second)) == (True, False)
+    store.add(Outcome(second, "crashed", None, "The process died."))
+    assert (store.holds(first), store.holds(second)) == (False, True)
+    (fact,) = store.facts("ads")
+    assert fact.status == "crashed"
+    assert store.trajectories(fact.case) == {}
 
 
-def test_a_full_disk_is_reported_and_what_was_recorded_stays(tmp_path):
-    with open_store(tmp_path / "facts.sqlite", create=True) as store:
-        store.add(Outcome(case(), "ok", Recording(drive(), {}, None, "road_end")))
+def test_a_full_disk_is_reported_and_what_was_recorded_stays(path):
+    with open_store(path, create=True) as store:
+        store.add(Outcome(case(), "ok", driven()))
         store._connection.execute("PRAGMA max_page_count = 12")
         big = {f"actor_{n}": drive(400, seed=n) for n in range(9)}
         with refusal(r"cannot be written: database or disk is full"):
-            store.add(Outcome(case(8), "ok", Recording(drive(), big, None, "road_end")))
+            store.add(Outcome(case(8), "ok", driven(**big)))
         kept = len(list(store.facts("ads")))
-    with open_store(tmp_path / "facts.sqlite") as store:
+    with open_store(path) as store:
         assert len(list(store.facts("ads"))) == kept == 1
 
 
@@ -242,23 +233,22 @@ def reads(path):
         "WHERE \"case\" LIKE '%-0002-%'",
     ],
 )
-def test_an_edited_row_is_reported_with_its_case(tmp_path, change):
-    filled(tmp_path / "facts.sqlite", [1, 2, 3])
-    assert reads(tmp_path / "facts.sqlite") == ""
-    edit(tmp_path / "facts.sqlite", change)
-    assert "front_vehicle_cut_out-0002-idm" in reads(tmp_path / "facts.sqlite")
-    with refusal("0002"), open_store(tmp_path / "facts.sqlite", create=True):
+def test_an_edited_row_is_reported_with_its_case(path, change):
+    filled(path, [1, 2, 3])
+    assert reads(path) == ""
+    edit(path, change)
+    assert "front_vehicle_cut_out-0002-idm" in reads(path)
+    with refusal("0002"), open_store(path, create=True):
         pass
 
 
-def test_a_lost_column_is_named(tmp_path):
-    filled(tmp_path / "facts.sqlite", [1])
-    edit(tmp_path / "facts.sqlite", "ALTER TABLE trajectories DROP COLUMN data")
-    assert "no such column: data" in reads(tmp_path / "facts.sqlite")
+def test_a_lost_column_is_named(path):
+    filled(path, [1])
+    edit(path, "ALTER TABLE trajectories DROP COLUMN data")
+    assert "no such column: data" in reads(path)
 
 
-def test_a_case_that_was_taken_out_of_a_complete_run_breaks_its_seal(tmp_path):
-    path = tmp_path / "facts.sqlite"
+def test_a_case_that_was_taken_out_of_a_complete_run_breaks_its_seal(path):
     filled(path, [1, 2, 3])
     with open_store(path, create=True) as store:
         store.seal()
@@ -270,10 +260,9 @@ def test_a_case_that_was_taken_out_of_a_complete_run_breaks_its_seal(tmp_path):
     assert reads(path) == ""
 
 
-def test_every_flipped_bit_is_reported_or_changes_nothing(tmp_path):
+def test_every_flipped_bit_is_reported_or_changes_nothing(path, tmp_path):
     """Of 300 bits all over a file: each is either refused, or the file says the same to the last
     bit."""
-    path = tmp_path / "facts.sqlite"
     filled(path, list(range(12)))
     with open_store(path, create=True) as store:
         store.seal()
@@ -296,8 +285,7 @@ def test_every_flipped_bit_is_reported_or_changes_nothing(tmp_path):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.001, 0.1, 0.5, 0.9, 0.999])
-def test_a_file_that_was_cut_off_is_refused(tmp_path, share):
-    path = tmp_path / "facts.sqlite"
+def test_a_file_that_was_cut_off_is_refused(path, share):
     filled(path, list(range(12)))
     data = path.read_bytes()
     path.write_bytes(data[: int(share * len(data))])
@@ -308,8 +296,7 @@ def test_a_file_that_was_cut_off_is_refused(tmp_path, share):
     ("version", "more"),
     [(99, ""), (2, "carry no hash.*run its evaluation again into a new folder")],
 )
-def test_a_file_of_another_format_is_refused_with_what_to_do(tmp_path, version, more):
-    path = tmp_path / "facts.sqlite"
+def test_a_file_of_another_format_is_refused_with_what_to_do(path, version, more):
     filled(path, [1])
     edit(path, f"PRAGMA user_version = {version}")
     both = f"format version {version}; this sumo_eval reads version {FORMAT_VERSION}.*{more}"
@@ -317,8 +304,7 @@ def test_a_file_of_another_format_is_refused_with_what_to_do(tmp_path, version, 
         pass
 
 
-def test_a_locked_file_is_refused(tmp_path):
-    path = tmp_path / "facts.sqlite"
+def test_a_locked_file_is_refused(path):
     filled(path, [1])
     other = sqlite3.connect(path)
     other.execute("BEGIN EXCLUSIVE")
@@ -326,10 +312,10 @@ def test_a_locked_file_is_refused(tmp_path):
     other.close()
 
 
-def test_a_folder_in_place_of_the_file_is_refused(tmp_path):
-    (tmp_path / "facts.sqlite").mkdir()
-    assert "is not a run folder" in reads(tmp_path / "facts.sqlite")
-    with refusal("unable to open"), open_store(tmp_path / "facts.sqlite", create=True):
+def test_a_folder_in_place_of_the_file_is_refused(path):
+    path.mkdir()
+    assert "is not a run folder" in reads(path)
+    with refusal("unable to open"), open_store(path, create=True):
         pass
 
 

@@ -243,11 +243,9 @@ def test_an_option_is_a_number_that_expressions_know_and_another_scenario_where_
     plain, given = (
         catalogue.find(f"slow_truck.toml{use}", file.parent) for use in ("", "?reaction=2.5")
     )
-    brakes = [
-        logical.concrete(ego_speed=25.0, truck_speed=10.0).actors[0].braking.begin
-        for logical in (plain, given)
-    ]
-    assert brakes == [1.0, 2.5]
+    for logical, begin in ((plain, 1.0), (given, 2.5)):
+        (truck,) = logical.concrete(ego_speed=25.0, truck_speed=10.0).actors
+        assert truck.braking.begin == begin
     assert (plain.name, given.name) == ("slow_truck", "slow_truck_later")
     assert (plain.road.lanes, given.road.lanes) == (2, 3)
     assert given.about == "A truck brakes when it is told to."
@@ -275,16 +273,15 @@ def test_options_without_an_own_table_are_named_in_order(file):
 
 
 def test_a_sample_is_rows_in_other_units_at_each_value_with_the_rest_worked_out(file):
-    file.write_text(EXAMPLE.replace("[ego]", SAMPLE + "[ego]"))
-    (own,) = read_scenario(file).samples
-    # 90 km/h = 25 m/s, 108 km/h = 30 m/s; the values of `each` are the outer loop
-    assert np.array(own.points) == pytest.approx(
-        np.array([[25, 10], [30, 10], [25, 15], [30, 15]]), rel=1e-15
-    )
     worked_out = SAMPLE.replace(EACH, 'set = { truck_speed = "ego_speed - 15.0" }')
-    file.write_text(EXAMPLE.replace("[ego]", worked_out + "[ego]"))
-    (own,) = read_scenario(file).samples
-    assert np.array(own.points) == pytest.approx(np.array([[25, 10], [30, 15]]), rel=1e-15)
+    # 90 km/h = 25 m/s, 108 km/h = 30 m/s; the values of `each` are the outer loop
+    for text, points in (
+        (SAMPLE, [[25, 10], [30, 10], [25, 15], [30, 15]]),
+        (worked_out, [[25, 10], [30, 15]]),
+    ):
+        file.write_text(EXAMPLE.replace("[ego]", text + "[ego]"))
+        (own,) = read_scenario(file).samples
+        assert np.array(own.points) == pytest.approx(np.array(points), rel=1e-15)
 
 
 def test_an_exposure_may_be_undefined_at_impossible_points(file):

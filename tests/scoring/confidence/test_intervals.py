@@ -24,6 +24,12 @@ from sumo_eval.settings.random_streams import random_stream
 METHOD = MethodSettings()
 
 
+def hits(hit, share):
+    """What cases with a collision have: Ug/U."""
+    ratio = np.where(hit, share, np.nan)
+    return {"severity": np.where(hit, 10.0, 0.0), "collided": hit, "ratio": ratio}
+
+
 def judged(n=60, *, ads="one", hazardous=None, drivers=NO_DEVIATIONS, **changes):
     plain = {
         "exposure": np.ones(n),
@@ -78,13 +84,9 @@ def expected_index(x):
 def truth_d():
     # exposure 1 + x over x in U(0, 1), safe where x > t = 0.3: D = int (1+x)(0.35+0.4x) / int (1+x)
     # from t to 1
-    def upper(x):
-        return 0.35 * x + 0.75 * x**2 / 2 + 0.4 * x**3 / 3
-
-    def lower(x):
-        return x + x**2 / 2
-
-    return (upper(1.0) - upper(THRESHOLD)) / (lower(1.0) - lower(THRESHOLD))
+    upper, lower = [0.4 / 3, 0.75 / 2, 0.35, 0.0], [0.5, 1.0, 0.0]
+    over, under = (np.diff(np.polyval(of, [THRESHOLD, 1.0]))[0] for of in (upper, lower))
+    return over / under
 
 
 def truth_c():
@@ -112,12 +114,8 @@ def one_experiment(random):
     def weighted(values):
         return float(np.sum((exposure * values)[safe]) / np.sum(exposure[safe]))
 
-    left_out = np.array(
-        [
-            weighted(index - shifts.mean() + (shifts.sum() - shift) / (DRIVERS - 1))
-            for shift in shifts
-        ]
-    )
+    others = (shifts.sum() - shifts) / (DRIVERS - 1) - shifts.mean()
+    left_out = np.array([weighted(index + shift) for shift in others])
     errors = stratified_deviations(left_out, [None] * DRIVERS)
     names = tuple(f"{number}" for number in range(DRIVERS + 1))
     ideal = np.where(safe, 0.0, 10.0 * (0.2 + 0.6 * u))
@@ -127,11 +125,9 @@ def one_experiment(random):
         drivers=DriverDeviations(names, errors, errors, DRIVERS - 1),
         exposure=exposure,
         weight=1.0 + u,
-        severity=np.where(hit, 10.0, 0.0),
         ideal=ideal,
         unreacting=np.where(safe, 0.0, 20.0),
-        ratio=np.where(hit, ideal / 10.0, np.nan),
-        collided=hit,
+        **hits(hit, ideal / 10.0),
         index=np.where(safe, index, np.nan),
         likeness=np.where(safe, index, np.nan),
         task=np.where(safe, index - shifts.mean(), np.nan),
@@ -236,13 +232,7 @@ def test_intervals_hold_the_mean_of_c_over_evaluations_most_of_which_see_no_coll
     held = 0
     for seed in range(60):
         hit = hazardous & (random.uniform(size=60) < expected / 30.0)
-        one = judged(
-            hazardous=hazardous,
-            ideal=ideal,
-            severity=np.where(hit, 10.0, 0.0),
-            collided=hit,
-            ratio=np.where(hit, 0.4, np.nan),
-        )
+        one = judged(hazardous=hazardous, ideal=ideal, **hits(hit, 0.4))
         low, high = intervals(one, seed=seed, replicates=400).limits["c"]
         held += low <= truth <= high
     assert held >= 0.93 * 60
@@ -253,12 +243,7 @@ def test_s_of_an_evaluation_without_a_d_reaches_to_what_it_would_be_without_the_
     # 50 + 50 * 0.5 without it, which (1 - 1/60)^59 = 0.37 of all replicates are. Neither end owes
     # anything to another collision.
     hit = np.arange(60) == 7
-    one = judged(
-        severity=np.where(hit, 10.0, 0.0), collided=hit, ratio=np.where(hit, 0.4, np.nan),
-        voids=hit,
-        index=np.where(hit, np.nan, 0.5),
-    )  # fmt: skip
-    found = intervals(one)
+    found = intervals(judged(**hits(hit, 0.4), voids=hit, index=np.where(hit, np.nan, 0.5)))
     assert "d" not in found.limits
     assert found.limits["s"] == (pytest.approx(20.0), pytest.approx(75.0))
 
@@ -267,11 +252,10 @@ def test_fewer_points_than_three_prove_nothing():
     assert intervals(judged(hazardous=np.arange(60) < 2)).limits["c"][0] == pytest.approx(0.0)
 
 
-@pytest.mark.parametrize("hits", [1, 2, 5, 12])
-def test_unseen_collisions_never_lift_the_lower_end_and_seen_ones_stay_inside(hits):
-    hit = np.arange(60) % (60 // hits) == 0
-    one = judged(severity=np.where(hit, 10.0, 0.0), collided=hit, ratio=np.where(hit, 0.0, np.nan))
-    low, high = intervals(one).limits["avoided_share"]
+@pytest.mark.parametrize("count", [1, 2, 5, 12])
+def test_unseen_collisions_never_lift_the_lower_end_and_seen_ones_stay_inside(count):
+    hit = np.arange(60) % (60 // count) == 0
+    low, high = intervals(judged(**hits(hit, 0.0))).limits["avoided_share"]
     share = 1.0 - hit.sum() / 60.0
     assert low < share <= high
     assert low < intervals(judged()).limits["avoided_share"][0]
@@ -366,7 +350,7 @@ def test_nothing_is_exchanged_among_recorded_people():
 def test_no_digit_depends_on_company_or_order():
     hit = np.arange(60) == 7
     one = judged(drivers=drivers(0.05))
-    other = judged(ads="other", severity=10.0 * hit, collided=hit, ratio=np.where(hit, 0.0, np.nan))
+    other = judged(ads="other", **hits(hit, 0.0))
     alone = intervals(one)
     first, _ = score_intervals([one, other], one_list(60), METHOD, 3, "s")
     _, last = score_intervals([other, one], one_list(60), METHOD, 3, "s")
@@ -397,9 +381,8 @@ def test_law_scores_added_up_part_by_part_are_those_of_whole_replicates(how, mon
     at = random.permutation(200)[:170]  # the others could not be driven
     hit, safe = random.random(170) < 0.2, random.random(170) < 0.4
     one = judged(
-        170, hazardous=~safe, collided=hit, severity=10.0 * hit,
-        unreacting=np.where(safe, 0.0, 20.0),
-        ratio=np.where(hit, random.random(170), np.nan), weight=1.0 + random.random(170),
+        170, hazardous=~safe, unreacting=np.where(safe, 0.0, 20.0),
+        **hits(hit, random.random(170)), weight=1.0 + random.random(170),
         voids=hit & (at == at[hit][0]), exposure=np.where(at < 60, 0.0, random.random(170)),
         index=np.where(safe, random.random(170), np.nan),
         likeness=np.where(safe, random.random(170), np.nan),
