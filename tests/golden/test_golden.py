@@ -1,5 +1,5 @@
-"""How golden files are compared, and the table of the README; the scenarios are in the files beside
-this one."""
+"""How golden files are compared, the table of the README, and drives, people and scores of some
+scenarios."""
 
 from pathlib import Path
 
@@ -11,6 +11,11 @@ from golden import golden
 from sumo_eval.report.score_table import score_lines
 from sumo_eval.scenario.catalogue import SCENARIOS
 from sumo_eval.settings.config import PAPER_EVALUATION
+
+
+@pytest.mark.parametrize("scenario", [*golden.PARTS[0], *golden.PARTS[1]])
+def test_drives_people_and_scores_are_the_golden_ones(scenario):
+    golden.check(scenario)
 
 
 def test_every_scenario_is_golden_in_one_part():
