@@ -59,16 +59,17 @@ def evaluation(folder, partitions):
             points = sample(logical, levels=3)
             hazardous = partitions[name].exactly_hazardous(points.points)
             concretes = logical.concretes(points.points)
-            for number, (concrete, dangerous) in enumerate(zip(concretes, hazardous, strict=True)):
-                if not dangerous:
+            places = [
+                (number, concrete, "hazardous" if dangerous else "safe")
+                for number, (concrete, dangerous) in enumerate(
+                    zip(concretes, hazardous, strict=True)
+                )
+            ]
+            for number, concrete, zone in places:
+                if zone == "safe":
                     _record_drivers(store, number, concrete)
             for ads in (CALM, HOSTILE):
-                rows = [
-                    _case(store, number, concrete, ads, "hazardous" if dangerous else "safe")
-                    for number, (concrete, dangerous) in enumerate(
-                        zip(concretes, hazardous, strict=True)
-                    )
-                ]
+                rows = [_case(store, *place, ads) for place in places]
                 cases += rows
                 scores.append(_score(ads, name, rows))
             zones.append(
@@ -77,8 +78,8 @@ def evaluation(folder, partitions):
                     zones=partitions[name].zones,
                     hazardous_share=float(np.mean(hazardous)),
                     most_dangerous=partitions[name].most_dangerous,
-                    boundary_error=0.0123 if name == SCENARIOS[1] else 0.0,
-                    boundary_error_box=0.0234 if name == SCENARIOS[1] else 0.0,
+                    boundary_error=0.0123 * (name == SCENARIOS[1]),
+                    boundary_error_box=0.0234 * (name == SCENARIOS[1]),
                     sampled=len(points.points),
                     refused=len(points.refused),
                     notes=partitions[name].notes,
@@ -92,16 +93,8 @@ def evaluation(folder, partitions):
         "machine": {"system": "a machine"},
     }
     spaces = {name: catalogue.load(name) for name in SCENARIOS}
-    return Evaluation(
-        settings.name,
-        folder,
-        settings,
-        manifest,
-        tuple(zones),
-        tuple(scores),
-        tuple(cases),
-        scenarios=spaces,
-    )
+    parts = map(tuple, (zones, scores, cases))
+    return Evaluation(settings.name, folder, settings, manifest, *parts, scenarios=spaces)
 
 
 def _record_drivers(store, number, concrete):
@@ -114,12 +107,10 @@ def _record_drivers(store, number, concrete):
         store.add(Outcome(case, "ok", Recording(driven, {}, None, "road_end")))
 
 
-def _case(store, number, concrete, ads, zone):
+def _case(store, number, concrete, zone, ads):
     """Record a case and say what came of it."""
-    cut_out = concrete.scenario == SCENARIOS[1]
-    hits = (zone == "hazardous" and number % 2 == 0) or (
-        ads == HOSTILE and cut_out and zone == "safe" and number % 5 == 0
-    )
+    cut_out, safe = concrete.scenario == SCENARIOS[1], zone == "safe"
+    hits = ads == HOSTILE and cut_out and number % 5 == 0 if safe else number % 2 == 0
     status = "collision" if hits else "ok"
     if not cut_out and number == 1:
         status = "crashed" if ads == CALM else "ads_error"
@@ -131,9 +122,8 @@ def _case(store, number, concrete, ads, zone):
         zone=zone,
         exposure=concrete.exposure, status=status, end_reason=None, error=None, wall_time=None,
         simulated_time=None, latency_mean=None, latency_max=None, collided=False,
-        ideal_severity=0.0, no_reaction_severity=12.0 if zone == "hazardous" else 0.0,
-        weight=0.25 + 0.01 * number,
-        task_share=None if zone == "hazardous" else 1.0 if status == "ok" else 0.0,
+        ideal_severity=0.0, no_reaction_severity=0.0 if safe else 12.0,
+        weight=0.25 + 0.01 * number, task_share=float(status == "ok") if safe else None,
     )  # fmt: skip
     if status == "crashed":
         error = "The process that ran the case died with exit code -11."
@@ -145,7 +135,7 @@ def _case(store, number, concrete, ads, zone):
     if hits:
         pose = (float(ego.x[-1]), float(ego.y[-1]), 0.0)
         collision = Collision(3.037, other.name, (12.5, 0.0), (5.0, 0.0), 0.75, "front", pose, pose)
-    ends = {"ads_error": "ads_error", "off_road": "off_road", "collision": "contact"}
+    ends = {"ok": "road_end", "collision": "contact"}
     recording = Recording(
         ego,
         {
@@ -153,7 +143,7 @@ def _case(store, number, concrete, ads, zone):
             for actor in concrete.actors
         },
         collision,
-        ends.get(status, "road_end"),
+        ends.get(status, status),
         (Clip("acceleration_rate", 3, 0.5, -12.0, -9.0),),
         wall_time=0.01,
         controller_latency=Latency(1e-5, 4e-4, 9e-6, 3e-4, 1e-5),
@@ -168,29 +158,24 @@ def _case(store, number, concrete, ads, zone):
         plausibility=0.8 if number % 3 else 1.0,
     )  # fmt: skip
     if status in ("ok", "collision"):
-        row = replace(
-            row,
-            min_ttc=0.0 if hits else 2.25,
-            min_gap=0.0 if hits else 11.5,
-            max_ittc=None if hits else 0.444,
-        )
+        near = (0.0, 0.0, None) if hits else (2.25, 11.5, 0.444)
+        row = replace(row, **dict(zip(("min_ttc", "min_gap", "max_ittc"), near, strict=True)))
     if collision is not None:
         return replace(
             row, collided=True, impact_speed=7.5, overlap=0.75, side="front", severity=10.0,
             loss=0.7,
             ideal_severity=0.0 if number % 4 else 4.0, ideal_collided=number % 4 == 0,
             delta_v=-3.75,
-            human_likeness=0.0 if zone == "safe" and number % 4 else None,
+            human_likeness=0.0 if safe and number % 4 else None,
         )  # fmt: skip
-    if zone == "safe" and row.evaluated and not (ads == HOSTILE and cut_out):
-        factors = 1.0, 0.5, 0.05 * (number % 10) + 0.5
+    if safe and row.evaluated and not (ads == HOSTILE and cut_out):
+        similarity = 0.05 * (number % 10) + 0.5
+        mixture = 0.5 + 0.5 * similarity
         return replace(
-            row, index=factors[1] * factors[2], length_factor=factors[0],
-            operation_factor=factors[1],
-            similarity=factors[2], operation_tolerance=0.75,
-            likeness_length_factor=factors[0],
-            mixture_similarity=0.5 + 0.5 * factors[2],
-            human_likeness=factors[0] * 0.75 * (0.5 + 0.5 * factors[2]) * row.plausibility,
+            row, index=0.5 * similarity, length_factor=1.0, operation_factor=0.5,
+            similarity=similarity, operation_tolerance=0.75,
+            likeness_length_factor=1.0, mixture_similarity=mixture,
+            human_likeness=0.75 * mixture * row.plausibility,
             index_note=(IndexNote("two_groups", number + 3, 1101),),
         )  # fmt: skip
     return row

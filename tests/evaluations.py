@@ -12,14 +12,15 @@ from sumo_eval.settings import (
 )
 
 
-def small(ads, scenarios=("front_vehicle_low_speed",), drivers=4, *, levels=3, steps=None, **more):
-    """So many levels an axis, or `steps`.
+def small(
+    ads=("idm",), scenarios=("front_vehicle_low_speed",), drivers=4, *, levels=3, steps=None, **more
+):
+    """So many levels an axis, or `steps`, or a `sampling`.
 
     ads: controllers by name, or controllers that are called like themselves.
     """
-    sampling = (
-        SamplingSettings(levels=levels) if steps is None else SamplingSettings(steps=dict(steps))
-    )
+    how = {"levels": levels} if steps is None else {"steps": dict(steps)}
+    sampling = more.pop("sampling", None) or SamplingSettings(**how)
     named = ads if isinstance(ads, Mapping) else {controller: controller for controller in ads}
     return EvaluationSettings(
         "small",

@@ -24,16 +24,7 @@ from sumo_eval.report.tables import scores_json, write_tables
 from sumo_eval.report.terminal import closing_lines
 from sumo_eval.report.words import score_note
 from sumo_eval.results import CasesMissing, Counted, DrivesLeftOut, ReferenceMissing
-from sumo_eval.settings import (
-    AdsSettings,
-    DriverSettings,
-    EvaluationSettings,
-    MethodSettings,
-    RunSettings,
-    SamplingSettings,
-    ScenarioSettings,
-    ZoneSettings,
-)
+from sumo_eval.settings import AdsSettings, MethodSettings, ZoneSettings
 from sumo_eval.settings.config import read_evaluation
 
 
@@ -54,16 +45,9 @@ def done(tmp_path_factory, _standard_run):
 )
 def test_the_ideal_vehicle_scores_c_1_where_it_collides_itself(name, tmp_path):
     """It hits somebody at corners of these scenarios alone; golden files hold others."""
-    corners = SamplingSettings(method="grid", levels=2)
-    everywhere = EvaluationSettings(
-        name="everywhere",
-        scenario=(ScenarioSettings(name, sampling=corners),),
-        ads=(AdsSettings("ideal", "ideal_braking"),),
-        drivers=DriverSettings(count=2),
-        run=RunSettings(engine="serial"),
-        # C asks the criterion
-        method=MethodSettings(zones=ZoneSettings(grid_points=1_000, restarts=0, refinements=0)),
-    )
+    # C asks the criterion
+    coarse = MethodSettings(zones=ZoneSettings(grid_points=1_000, restarts=0, refinements=0))
+    everywhere = small(["ideal_braking"], [name], 2, levels=2, method=coarse)
     (score,) = sumo_eval.evaluate(everywhere, tmp_path / "run").scores
     assert (score.c, score.collisions > 0) == (1.0, True)
 

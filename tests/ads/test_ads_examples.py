@@ -8,20 +8,13 @@ from dataclasses import replace
 
 import pytest
 from ads_cases import CUT_OUT, EXAMPLES, SLOWER
+from evaluations import small
 
 import sumo_eval
 from sumo_eval.cosim.doors.traci_program import sumo_binary
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
-from sumo_eval.settings import (
-    AdsSettings,
-    ConditionSettings,
-    DriverSettings,
-    EvaluationSettings,
-    SamplingSettings,
-    ScenarioSettings,
-    SimulationSettings,
-)
+from sumo_eval.settings import ConditionSettings, RunSettings, SimulationSettings
 
 
 @pytest.fixture(autouse=True)
@@ -124,20 +117,9 @@ def test_a_locator_that_names_nothing_is_refused_before_anything_is_simulated(tm
 
 
 def test_an_evaluation_takes_adss_by_locator_and_conditions_hold_for_them_alone(tmp_path):
-    settings = EvaluationSettings(
-        name="doors",
-        scenario=(
-            ScenarioSettings(
-                "front_vehicle_low_speed",
-                SamplingSettings(levels={"ego_speed": 2, "lead_speed": 2}),
-            ),
-        ),
-        ads=(AdsSettings("unused", "idm"),),
-        drivers=DriverSettings(count=2),
-        simulation=SimulationSettings(
-            conditions=ConditionSettings(perception_delay=0.5, position_noise=0.2)
-        ),
-    )
+    conditions = ConditionSettings(perception_delay=0.5, position_noise=0.2)
+    simulation = SimulationSettings(conditions=conditions)
+    settings = small(drivers=2, levels=2, simulation=simulation, run=RunSettings())
     locators = [str(EXAMPLES / "ten_line_acc.py") + ":acc", "sumo:IDM?tau=2", "exec:sh -c 'exit 3'"]
     found = sumo_eval.evaluate(settings, tmp_path / "run", ads=locators)
     assert [ads.name for ads in found.settings.ads] == locators

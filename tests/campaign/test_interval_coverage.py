@@ -13,9 +13,10 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
+from evaluations import small
 
 import sumo_eval
-from sumo_eval.settings import AdsSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+from sumo_eval.settings import DriverSettings, RunSettings, SamplingSettings
 
 SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
 SEEDS, POINTS = 20, 32
@@ -37,15 +38,8 @@ NAMES = (
 def test_95_per_cent_intervals_hold_the_mean_over_seeds(tmp_path):
     found = defaultdict(list)
     for seed in range(1, max(3, round(SHARE * SEEDS)) + 1):
-        settings = EvaluationSettings(
-            name="coverage",
-            scenario=tuple(
-                ScenarioSettings(name, SamplingSettings("sobol", count=POINTS))
-                for name in SCENARIOS
-            ),
-            ads=tuple(AdsSettings(name, name) for name in ADSS),
-            seed=seed,
-        )
+        sampling, drivers = SamplingSettings("sobol", count=POINTS), DriverSettings().count
+        settings = small(ADSS, SCENARIOS, drivers, sampling=sampling, seed=seed, run=RunSettings())
         for score in sumo_eval.evaluate(settings, tmp_path / str(seed)).scores:
             for name in NAMES:
                 if getattr(score, name) is not None:

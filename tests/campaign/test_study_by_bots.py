@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("websockets")
-sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 from browser import Page, needs_chromium
 
 import sumo_eval

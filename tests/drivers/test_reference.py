@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from drivers.test_events import track
+from evaluations import small
 from refusals import refusal
 from scipy import stats
 
@@ -21,14 +22,7 @@ from sumo_eval.scenario.logical import Counterpart
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scenario.road.reference_line import arc
 from sumo_eval.scenario.shipped_files import scenario_files
-from sumo_eval.settings import (
-    AdsSettings,
-    DeclaredDistribution,
-    DriverSettings,
-    EvaluationSettings,
-    ExposureSettings,
-    ScenarioSettings,
-)
+from sumo_eval.settings import DeclaredDistribution, DriverSettings, ExposureSettings
 
 LOGICAL = catalogue.load("front_vehicle_low_speed")
 MOTORWAY = sorted(file for name, file in scenario_files().items() if name.startswith("motorway_"))
@@ -214,10 +208,8 @@ def test_names_of_a_reference_must_be_numbers_and_parameters(tmp_path):
     people = open_people(settings_for(write_people(tmp_path / "p.csv", [25.0])), tmp_path)
     with refusal(r"must name columns of numbers: .* column 'ego_speed'"):
         matching_events(people.events, "mine", recorded)
-    settings = EvaluationSettings(
-        "e", (ScenarioSettings("cut_in"),), (AdsSettings("idm", "idm"),),
-        drivers=DriverSettings(tolerance={"gpa": 1.0}),
-    )  # fmt: skip
+    drivers = DriverSettings(tolerance={"gpa": 1.0})
+    settings = replace(small(scenarios=("cut_in",)), drivers=drivers)
     with refusal(r"`drivers\.tolerance`\. Did you mean `gap`"):
         Resolved.of(settings, tmp_path)
 

@@ -10,6 +10,7 @@ from refusals import refusal
 from road_scenes import (
     Mover,
     actor,
+    at_point,
     case,
     cut_outs_at_the_edge,
     fresh,
@@ -38,9 +39,7 @@ from sumo_eval.trajectory import CHANNELS
 
 DRIVERS = draw_population(10, seed=1)
 DRIVER = replace(DRIVERS[0], reaction_time=1.0)  # alerted: 0.56 s
-CUT_OUT = catalogue.load("front_vehicle_cut_out").concrete(
-    ego_speed=25.0, obstacle_speed=10.0, gap=80.0
-)
+CUT_OUT = at_point("front_vehicle_cut_out", 25.0, 10.0, 80.0)
 STEP = 0.05
 
 
@@ -148,29 +147,33 @@ def test_a_steady_vehicle_is_perceived_exactly_and_braking_one_reaction_time_lat
     assert speeds[-1] < 18.3
 
 
+def without_a_crash(concrete, drivers, seed):
+    recordings = synthetic_reference(concrete, drivers, seed=seed)
+    for recording in recordings:
+        assert (recording.collision, recording.error) == (None, None), concrete.label
+    return recordings
+
+
 @pytest.mark.parametrize("concrete", low_speed()[::8] + safe_cut_outs(10), ids=lambda c: c.label)
 def test_skilled_drivers_do_not_crash_in_the_safe_zone(concrete):
-    for recording in synthetic_reference(concrete, DRIVERS, seed=1):
-        assert (recording.collision, recording.error) == (None, None)
+    for recording in without_a_crash(concrete, DRIVERS, 1):
         assert recording.end_reason in ("road_end", "standstill")
 
 
 @pytest.mark.parametrize("concrete", cut_outs_at_the_edge(6, seed=3), ids=lambda c: c.label)
 def test_skilled_drivers_do_not_crash_at_the_very_edge_of_the_safe_zone(concrete):
     slowest = sorted(draw_population(40, seed=2), key=lambda driver: driver.reaction_time)[-4:]
-    for recording in synthetic_reference(concrete, slowest, seed=2):
-        assert (recording.collision, recording.error) == (None, None)
+    without_a_crash(concrete, slowest, 2)
 
 
 @pytest.mark.campaign
 def test_skilled_drivers_do_not_crash_anywhere_in_the_safe_zone():
     for concrete in low_speed() + safe_cut_outs(1) + cut_outs_at_the_edge(60, seed=4):
-        for recording in synthetic_reference(concrete, DRIVERS, seed=1):
-            assert (recording.collision, recording.error) == (None, None), concrete.label
+        without_a_crash(concrete, DRIVERS, 1)
 
 
 def test_drivers_inclined_to_overtake_do_the_rest_follow():
-    concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=25.0, lead_speed=15.0)
+    concrete = at_point("front_vehicle_low_speed", 25.0, 15.0)
     recordings = synthetic_reference(concrete, DRIVERS, seed=1)
     for driver, recording in zip(DRIVERS, recordings, strict=True):
         ends_left = recording.ego.y[-1] > 1.75
@@ -188,14 +191,11 @@ def until_the_lane_change(ego):
 
 
 def test_ordinary_approaches_are_as_gentle_and_as_varied_as_recorded():
-    logical = catalogue.load("front_vehicle_low_speed")
-    recordings = [
-        recording
-        for speed, lead in ((30.0, 20.0), (25.0, 20.0), (25.0, 15.0))
-        for recording in synthetic_reference(
-            logical.concrete(ego_speed=speed, lead_speed=lead), DRIVERS, seed=1
-        )
-    ]
+    concretes = (
+        at_point("front_vehicle_low_speed", *speeds)
+        for speeds in ((30.0, 20.0), (25.0, 20.0), (25.0, 15.0))
+    )
+    recordings = [it for one in concretes for it in synthetic_reference(one, DRIVERS, seed=1)]
     strongest = [
         recording.ego.acceleration[: until_the_lane_change(recording.ego)].min()
         for recording in recordings
@@ -229,7 +229,7 @@ def test_a_driver_alone_wanders_about_its_own_line():
 
 
 def test_an_overtaker_does_not_wander_back_to_what_it_passes():
-    concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=0.0)
+    concrete = at_point("front_vehicle_low_speed", 20.0, 0.0)
     for driver in (driver for driver in DRIVERS if driver.overtakes):
         recording = simulate(concrete, SyntheticDriver(driver, concrete, seed=1))
         beside = np.abs(recording.ego.x - recording.actors["lead"].x) < 4.5

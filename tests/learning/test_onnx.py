@@ -68,6 +68,10 @@ def deep(folder, **given):
     return write_model(folder, layers, interface, **given)
 
 
+def driven(path, settings=SHORT):
+    return simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", settings)
+
+
 def test_a_model_drives_as_its_arithmetic_says(tmp_path):
     """The first answer of the linear model at 25 m/s behind nobody, 150 m: tanh(-1.875 + 7.5 - 0.5)
     is almost 1, so 3 m/s2; the same rule as a plain function drives the same way as far as float32
@@ -80,10 +84,9 @@ def test_a_model_drives_as_its_arithmetic_says(tmp_path):
         value = np.tanh(-0.075 * seen.ego.speed + 0.05 * gap + 0.4 * closing - 0.5)
         return float(-8.0 + 0.5 * (value + 1.0) * 11.0)
 
-    concrete = CUT_OUT.concrete(**POINT)
-    recording = simulate(concrete, f"onnx:{linear(tmp_path)}", SHORT)
+    recording = driven(linear(tmp_path))
     assert recording.error is None
-    by_hand = simulate(concrete, rule, SHORT)
+    by_hand = simulate(CUT_OUT.concrete(**POINT), rule, SHORT)
     assert recording.end_reason == by_hand.end_reason
     assert recording.ego.x[-1] == pytest.approx(by_hand.ego.x[-1], abs=1e-2)
     assert np.ptp(recording.ego.speed) > 2.0
@@ -106,13 +109,11 @@ def test_a_case_does_not_depend_on_its_company(tmp_path):
 def test_a_model_made_for_one_row_drives_too(tmp_path):
     for name in ("any", "one"):
         (tmp_path / name).mkdir()
-    concrete = CUT_OUT.concrete(**POINT)
-    one = simulate(concrete, f"onnx:{deep(tmp_path / 'one', rows=1)}", SHORT)
-    usual_one = simulate(concrete, f"onnx:{deep(tmp_path / 'any')}", SHORT)
-    assert one.error is None
-    assert one.ego.x[-1] == pytest.approx(usual_one.ego.x[-1], abs=1e-2)
-    double = simulate(concrete, f"onnx:{deep(tmp_path / 'one', kind=TensorProto.DOUBLE)}", SHORT)
-    assert double.ego.x[-1] == pytest.approx(usual_one.ego.x[-1], abs=1e-2)
+    usual_one = driven(deep(tmp_path / "any"))
+    for kind in ({"rows": 1}, {"kind": TensorProto.DOUBLE}):
+        one = driven(deep(tmp_path / "one", **kind))
+        assert one.error is None
+        assert one.ego.x[-1] == pytest.approx(usual_one.ego.x[-1], abs=1e-2)
 
 
 def test_what_is_seen_in_learning_is_seen_in_an_evaluation(tmp_path):
@@ -130,7 +131,7 @@ def test_what_is_seen_in_learning_is_seen_in_an_evaluation(tmp_path):
     while not ended:
         seen, _, terminated, truncated, info = env.step(policy._answers(seen[None])[0])
         ended = terminated or truncated
-    recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", SHORT)
+    recording = driven(path)
     assert info["end_reason"] == recording.end_reason
     assert float(env.unwrapped.episodes.pack.world.egos[0]["x"]) == pytest.approx(
         recording.ego.x[-1], abs=1e-4
@@ -150,7 +151,7 @@ def test_a_model_chooses_from_a_discrete_set(tmp_path, index):
         model.graph.output.append(helper.make_tensor_value_info("i", TensorProto.INT64, ["rows"]))
         onnx.save(model, path)
     settings = SimulationSettings(time_limit=1.0)
-    recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", settings)
+    recording = driven(path, settings)
     assert recording.error is None
     assert recording.ego.speed[-1] == pytest.approx(POINT["ego_speed"] - 2.0, abs=0.2)
 
@@ -161,7 +162,7 @@ def test_a_period_holds_each_answer(tmp_path):
     interface = Interface((Feature("time"),), (Action("acceleration"),), period=0.2)
     path = write_model(tmp_path, [(np.array([[0.1]]), np.array([0.0]))], interface)
     settings = SimulationSettings(time_limit=1.0, record_interval=0.05)
-    recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", settings)
+    recording = driven(path, settings)
     asked = np.tanh(0.1 * 0.2 * (np.arange(20) // 4)).astype(np.float32)
     assert recording.ego.acceleration[1:] == pytest.approx(asked, abs=2e-3)
 
@@ -188,43 +189,39 @@ def test_its_identity_holds_the_model_and_its_table(tmp_path):
 
 
 def test_what_cannot_be_used_is_refused(tmp_path):
+    def refused(words, options=""):
+        with refusal(words):
+            find_controller(f"onnx:policy.onnx{options}", tmp_path)
+
     with refusal("`mean` of `Feature` must be a number, got nan"):
         Feature("ego.speed", mean=float("nan"), deviation=1.0)
-    with refusal("There is no model"):
-        find_controller("onnx:policy.onnx", tmp_path)
+    refused("There is no model")
     path = linear(tmp_path)
     table = path.with_suffix(".toml")
     text = table.read_text()
     table.unlink()
-    with refusal("There is no features table"):
-        find_controller("onnx:policy.onnx", tmp_path)
+    refused("There is no features table")
     table.write_text(text.replace("lead.gap", "lead.gab"))
-    with refusal(r"\.toml \(line \d+\): Unknown feature `lead\.gab`"):
-        find_controller("onnx:policy.onnx", tmp_path)
+    refused(r"\.toml \(line \d+\): Unknown feature `lead\.gab`")
     table.write_text(Interface(ACC.features[:2], ACC.actions).to_toml())
-    with refusal(r"must be of shape \(rows, 2\), as its table has 2 features"):
-        find_controller("onnx:policy.onnx", tmp_path)
+    refused(r"must be of shape \(rows, 2\), as its table has 2 features")
     table.write_text(text)
-    with refusal(r"Unknown output `.*` of model"):
-        find_controller("onnx:policy.onnx?output=value", tmp_path)
-    with refusal("Unknown option"):
-        find_controller("onnx:policy.onnx?feature=a.toml", tmp_path)
+    refused(r"Unknown output `.*` of model", "?output=value")
+    refused("Unknown option", "?feature=a.toml")
     for kind, sentence in (
         (TensorProto.FLOAT, r"must have the shape \(32, 1\) for 32 rows"),
         (TensorProto.FLOAT16, "must be of float or double numbers"),
     ):
         write_model(tmp_path, [(np.ones((3, 2)), np.zeros(2))], ACC, kind=kind)
-        with refusal(sentence):
-            find_controller("onnx:policy.onnx", tmp_path)
+        refused(sentence)
     path.write_bytes(b"none")
-    with refusal("cannot be loaded"):
-        find_controller("onnx:policy.onnx", tmp_path)
+    refused("cannot be loaded")
 
 
 def test_an_answer_that_is_not_a_number_ends_the_case(tmp_path):
     path = write_model(tmp_path, [(np.array([[np.nan]]), np.array([0.0]))],
                        Interface((Feature("ego.speed"),), (Action("acceleration"),)))  # fmt: skip
-    recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", SHORT)
+    recording = driven(path)
     assert recording.end_reason == "ads_error"
     assert "must be a finite number, got nan" in (recording.error or "")
 
@@ -233,16 +230,14 @@ def test_a_choice_that_is_not_there_ends_the_case(tmp_path):
     choices = Interface((Feature("ego.speed"),), (Action("acceleration", values=(-1.0, 0.0)),))
     path = write_model(tmp_path, [(np.zeros((1, 2)), np.array([0.1, 0.3]))], choices)
     policy = load_controller(f"onnx:{path}").target
-    policy._chosen, policy._session = (
-        True,
-        SimpleNamespace(run=lambda *_: [np.full(policy._rows, 2)]),
-    )
+    policy._chosen = True
+    policy._session = SimpleNamespace(run=lambda *_: [np.full(policy._rows, 2)])
     with pytest.raises(ControllerError, match=r"must name choices 0\.\.1, got 2\.\.2"):
         policy._answers(np.zeros((1, 1), np.float32))
 
 
 def test_arrays_show_the_world_as_it_is_and_conditions_report_it(tmp_path):
     conditions = ConditionSettings(position_noise=1.0)
-    recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{linear(tmp_path)}",
-                         SimulationSettings(time_limit=2.0, conditions=conditions))  # fmt: skip
+    settings = SimulationSettings(time_limit=2.0, conditions=conditions)
+    recording = driven(linear(tmp_path), settings)
     assert [clip.what for clip in recording.clips if clip.what == "perception_not_limited"]

@@ -1,17 +1,12 @@
 """The page of what was learnt and of rates: charts when they are unfolded, tables by their columns,
 nothing escapes."""
 
-import sys
-from pathlib import Path
-
 import plotly.graph_objects as go
 import pytest
+from browser import Page, needs_chromium
 
 from sumo_eval.extras.rates.page import amount, interval, table
 from sumo_eval.report.study_page import Chart, Fold, Table, Text, write_parts
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
-from browser import Page, needs_chromium
 
 HOSTILE = "</script><b>bold"
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from evaluations import small
 
 import sumo_eval
 from sumo_eval.record.batches import LEAST, Batches
@@ -16,15 +17,7 @@ from sumo_eval.record.kept import KeptRecording
 from sumo_eval.record.store import open_store
 from sumo_eval.report.words import score_note
 from sumo_eval.scenario import catalogue
-from sumo_eval.settings import (
-    AdsSettings,
-    DriverSettings,
-    EvaluationSettings,
-    RunSettings,
-    SamplingSettings,
-    ScenarioSettings,
-    SimulationSettings,
-)
+from sumo_eval.settings import RunSettings, SimulationSettings
 from sumo_eval.trajectory import Alone
 
 HERE = Path(__file__).parent
@@ -41,16 +34,13 @@ def setup(**run):
 
 def cases(controller, count=9):
     """Drives at one ego speed each, 15, 16 ... m/s."""
-    return [
-        Case(
-            number,
-            SPACE.concrete(ego_speed=15.0 + number, lead_speed=5.0),
-            "ads",
-            "mine",
-            controller,
-        )
-        for number in range(count)
-    ]
+    concretes = (SPACE.concrete(ego_speed=15.0 + number, lead_speed=5.0) for number in range(count))
+    return [Case(number, it, "ads", "mine", controller) for number, it in enumerate(concretes)]
+
+
+def alike(count):
+    concrete = SPACE.concrete(ego_speed=20.0, lead_speed=10.0)
+    return (Case(number, concrete, "ads", "a", "a") for number in range(count))
 
 
 def facts(outcomes):
@@ -59,9 +49,7 @@ def facts(outcomes):
     for outcome in outcomes:
         recording = outcome.recording
         assert recording is None or isinstance(recording, KeptRecording)
-        drives = (
-            None if recording is None else (recording.drives, recording.collision, recording.clips)
-        )
+        drives = recording and (recording.drives, recording.collision, recording.clips)
         found[outcome.case.key] = (outcome.status, outcome.error, drives)
     assert len(found) == len(outcomes), "each exactly once"
     return found
@@ -99,8 +87,10 @@ def test_faulty_case_fails_alone_and_its_log_names_the_batch(fault, status, brea
 def test_case_that_cannot_share_a_batch_drives_alone(ads):
     """Global random numbers have to come case by case; who asks SUMO needs its case alone, and so
     does TraCI code."""
-    together = list(run_cases(cases(f"faulty_policies.py:{ads}"), setup(workers=1)))
-    alone = list(run_cases(cases(f"faulty_policies.py:{ads}"), setup(workers=1, cases_per_pack=1)))
+    together, alone = (
+        list(run_cases(cases(f"faulty_policies.py:{ads}"), setup(workers=1, **size)))
+        for size in ({}, {"cases_per_pack": 1})
+    )
     assert facts(together) == facts(alone)
     assert {outcome.status for outcome in together} == {"collision"}
     assert [outcome.case.point for outcome in together if outcome.log] == (
@@ -199,9 +189,7 @@ def idle_at_the_end(sizes, lengths, workers):
     ("count", "workers"), [(2125, 2), (1500, 2), (300, 2), (10_000, 8), (40, 2), (1, 2)]
 )
 def test_batches_are_few_and_leave_all_workers_work_to_the_end(count, workers):
-    concrete = SPACE.concrete(ego_speed=20.0, lead_speed=10.0)
-    drives = [Case(number, concrete, "ads", "a", "a") for number in range(count)]
-    sizes = taken(Batches(drives, workers, 256))
+    sizes = taken(Batches(alike(count), workers, 256))
     assert sum(sizes) == count
     assert max(sizes) <= 256
     assert sizes == sorted(sizes, reverse=True)
@@ -239,20 +227,8 @@ def test_longest_cases_of_a_kind_go_first():
 
 
 def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_each(tmp_path):
-    coarse = {
-        "front_vehicle_low_speed": {"ego_speed": 5.0, "lead_speed": 10.0},
-        "front_vehicle_cut_out": {"ego_speed": 10.0, "obstacle_speed": 10.0, "gap": 90.0},
-    }
-    settings = EvaluationSettings(
-        name="two",
-        simulation=replace(SIMULATION, end_when_decided=False),
-        scenario=tuple(
-            ScenarioSettings(name, SamplingSettings(steps=steps)) for name, steps in coarse.items()
-        ),
-        ads=(AdsSettings("idm", "idm"),),
-        drivers=DriverSettings(count=2),
-        run=RunSettings(engine="serial"),
-    )
+    names = ("front_vehicle_low_speed", "front_vehicle_cut_out")
+    settings = small(scenarios=names, levels=2, drivers=2, simulation=SimulationSettings(step=0.1))
     shown = {}
 
     def progress(stage, done, total, failed=0):
@@ -270,8 +246,7 @@ def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_eac
     ("too_slow", "expected"), [(False, [16, 32, 64, 64]), (True, [16, 16, 16, 16])]
 )
 def test_batches_shrink_when_lost_and_grow_again(too_slow, expected):
-    concrete = SPACE.concrete(ego_speed=20.0, lead_speed=10.0)
-    batches = Batches([Case(number, concrete, "ads", "a", "a") for number in range(4000)], 1, 64)
+    batches = Batches(alike(4000), 1, 64)
     batch = batches.take()
     assert len(batch) == 64
     batches.record_failure(batch, [Alone("pack_lost", "it broke")] * 64, "", too_slow=too_slow)
@@ -288,15 +263,9 @@ def test_batches_shrink_when_lost_and_grow_again(too_slow, expected):
 
 
 def test_an_evaluation_with_millions_of_cases_is_not_planned_before_it_begins():
-    asked = []
-
-    def many():
-        for number in range(10**6):
-            asked.append(number)
-            yield Case(number, SPACE.concrete(ego_speed=20.0, lead_speed=10.0), "ads", "a", "a")
-
-    Batches(many(), 2, 256).take()
-    assert len(asked) <= 2 * 4 * 256
+    many = alike(10**6)
+    Batches(many, 2, 256).take()
+    assert next(many).point <= 2 * 4 * 256
 
 
 def test_settings_that_reject_a_case_reject_it_in_a_batch():
@@ -311,16 +280,12 @@ def test_settings_that_reject_a_case_reject_it_in_a_batch():
 
 
 def test_score_says_which_drives_left_their_batch(tmp_path):
-    sampling = SamplingSettings(steps={"ego_speed": 5.0, "lead_speed": 10.0})
-    settings = EvaluationSettings(
-        name="batches",
+    settings = small(
+        {"mine": f"{HERE / 'faulty_policies.py'}:Exits", "idm": "idm"},
+        drivers=2,
+        steps={"ego_speed": 5.0, "lead_speed": 10.0},
         simulation=SIMULATION,
-        scenario=(ScenarioSettings("front_vehicle_low_speed", sampling),),
-        ads=(
-            AdsSettings("mine", f"{HERE / 'faulty_policies.py'}:Exits"),
-            AdsSettings("idm", "idm"),
-        ),
-        drivers=DriverSettings(count=2),
+        run=RunSettings(),
     )
     mine, idm = sumo_eval.evaluate(settings, tmp_path / "run").scores
     (note,) = (text for note in mine.notes if "could not share" in (text := score_note(note)))

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from evaluations import small
 from record.batch_policies import SIZE
 
 import sumo_eval
@@ -19,32 +20,17 @@ from sumo_eval.report.words import score_note
 from sumo_eval.results import DrivenInBlocks
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.resolved import Resolved
-from sumo_eval.settings import (
-    AdsSettings,
-    DriverSettings,
-    EvaluationSettings,
-    RunSettings,
-    SamplingSettings,
-    ScenarioSettings,
-    SimulationSettings,
-)
+from sumo_eval.settings import RunSettings, SimulationSettings
 
 LOGICAL = catalogue.load("front_vehicle_low_speed")
 SIMULATION = SimulationSettings(step=0.1, end_when_decided=True)
 HERE = Path(__file__).parent
-LEVELS = 3
 
 
 def evaluation(name="OfTheMean", **run):
-    settings = EvaluationSettings(
-        name="blocks",
-        seed=5,
-        scenario=(ScenarioSettings(LOGICAL.name, SamplingSettings(levels=LEVELS)),),
-        ads=(AdsSettings("mine", f"batch_policies.py:{name}"),),
-        simulation=SIMULATION,
-        drivers=DriverSettings(count=2),
-        run=RunSettings(**{"cases_per_pack": SIZE, "workers": 1, **run}),
-    )
+    run = RunSettings(**{"cases_per_pack": SIZE, "workers": 1, **run})
+    ads = {"mine": f"batch_policies.py:{name}"}
+    settings = small(ads, drivers=2, seed=5, simulation=SIMULATION, run=run)
     return Resolved(settings, HERE, {LOGICAL.name: LOGICAL})
 
 

@@ -1,14 +1,16 @@
 """A dry run of many ADSs or points: it looks at a few of them, and counts them all."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from evaluations import small
 
 from sumo_eval.record import estimate as costs
 from sumo_eval.record import facts
 from sumo_eval.scenario.resolved import Resolved
-from sumo_eval.settings import AdsSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+from sumo_eval.settings import SamplingSettings, ScenarioSettings
 
 HERE = Path()
 HALTON = ScenarioSettings("cut_in", sampling=SamplingSettings("halton", count=2000))
@@ -16,14 +18,13 @@ FEW = ScenarioSettings("front_vehicle_low_speed", sampling=SamplingSettings("hal
 
 
 def estimated(ads, source=HERE, scenarios=(HALTON,)):
-    return costs.estimate(Resolved.of(EvaluationSettings("x", scenarios, ads), source), None)
+    return costs.estimate(Resolved.of(replace(small(ads), scenario=scenarios), source), None)
 
 
 def test_an_estimate_looks_at_some_points_and_counts_all(monkeypatch):
     placed = []
     monkeypatch.setattr(facts, "check_points", lambda logical, points: placed.append(len(points)))
-    settings = EvaluationSettings("x", (HALTON,), (AdsSettings("idm", "idm"),))
-    run = Resolved.of(settings, Path())
+    run = Resolved.of(replace(small(), scenario=(HALTON,)), HERE)
     whole, some = facts.space_of(run, 0), facts.space_of(run, 0, looked_at=200)
     assert placed == [len(whole.points), -(-len(whole.points) // -(-len(whole.points) // 200))]
     np.testing.assert_array_equal(some.points, whole.points)
@@ -40,7 +41,7 @@ def test_an_estimate_of_many_ads_times_a_few_of_them(count, scenarios, monkeypat
         return {"ads": 2.0, "references": 0.0, "humans": 0.0}, 1, False
 
     monkeypatch.setattr(costs, "_seconds_a_drive", seconds_a_drive)
-    ads = tuple(AdsSettings(f"a{number}", "idm") for number in range(count))
+    ads = {f"a{number}": "idm" for number in range(count)}
     found = estimated(ads, scenarios=scenarios)
     points = found.drives["references"] // 3
     assert found.drives["ads"] == count * points
@@ -52,15 +53,14 @@ def test_an_estimate_of_many_ads_times_a_few_of_them(count, scenarios, monkeypat
 
 def test_estimate_of_a_run_to_resume_counts_all_its_rounds(tmp_path):
     sampling = SamplingSettings("adaptive", count=40)
-    entry = ScenarioSettings("front_vehicle_cut_out", sampling=sampling)
-    settings = EvaluationSettings("x", (entry,), (AdsSettings("idm", "idm"),))
+    settings = small(scenarios=("front_vehicle_cut_out",), sampling=sampling)
     found = costs.estimate(Resolved.of(settings, HERE), tmp_path)
     assert (found.drives["ads"], found.recorded) == (40, 0)
 
 
 def test_kinds_without_a_time_take_that_of_measured_ones(monkeypatch):
     monkeypatch.setattr(costs, "_TIMED_FOR", -1.0)
-    found = estimated((AdsSettings("idm", "idm"),))
+    found = estimated(["idm"])
     assert found.timed == 1
     assert found.untimed == ("references", "human drivers")
     assert found.seconds * found.workers / found.drives.total() > 1e-4
@@ -84,9 +84,7 @@ class Slow:
 
 def test_estimate_of_slow_ads_loads_a_few_and_drives_a_few(tmp_path):
     (tmp_path / "slow.py").write_text(SLOW)
-    ads = tuple(
-        AdsSettings(f"a{number}", f"slow.py:Slow?options.number={number}") for number in range(1000)
-    )
+    ads = {f"a{number}": f"slow.py:Slow?options.number={number}" for number in range(1000)}
     found = estimated(ads, tmp_path)
     assert found.loaded == (12, 1000)
     assert "12 of the 1000 ADSs were loaded and timed; a run loads them all." in str(found)

@@ -3,17 +3,14 @@ the bit."""
 
 import asyncio
 import math
-import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 pytest.importorskip("websockets")
-sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 from browser import Page, needs_chromium
 from test_window import LOGICAL, SETTINGS
 

@@ -148,12 +148,8 @@ def answer_of(state):
     """A driver at the stick: keeps off the obstacle to the left, then straight; no function but + -
     * / in it."""
     _, time, _, (x, y, heading, speed, _, _), others = state
-    wanted = (
-        3.5
-        if any(0.0 < other[1] - x < 60.0 and other[0] == 2 for other in others) or time > 3.0
-        else 0.0
-    )
-    steer = 0.12 * (wanted - y) - 1.6 * heading
+    near = any(0.0 < other[1] - x < 60.0 and other[0] == 2 for other in others)
+    steer = 0.12 * ((3.5 if near or time > 3.0 else 0.0) - y) - 1.6 * heading
     return Given("stick", 0, min(max(steer, -1.0), 1.0), 0.2 if speed < 20.0 else 0.0, 0.0)
 
 
@@ -174,6 +170,15 @@ class AtTheDoor:
         return self._hands.command(answer_of(state), me.speed)
 
 
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "drive.jsonl"
+
+
+async def answer(peer, state):
+    await peer.send(json.dumps({"input": [state[0] + 1, state[0], *answer_of(state)]}))
+
+
 def begun(window, path):
     """A drive that waits for somebody at the window."""
     view = drive_view(CONCRETE, SETTINGS, "drive", ())
@@ -187,9 +192,16 @@ async def drive_in_window(path):
         yield window, begun(window, path)
 
 
-async def steps(
-    peer, stop_at, until = None, *, closes = True
-):  # fmt: skip
+@asynccontextmanager
+async def driven_to(path, step):
+    """That window, its drive, and the peer that has driven to a step."""
+    async with drive_in_window(path) as (window, drive):
+        peer = await known(window)
+        assert await steps(peer, step, closes=False) == step
+        yield window, drive, peer
+
+
+async def steps(peer, stop_at=10**6, until=None, *, closes=True):
     """Drive until a step, or until the drive is over; then, if it `closes`, the window is shut.
 
     The last step seen.
@@ -206,7 +218,7 @@ async def steps(
             seen = message["state"][0]
             if seen >= stop_at:
                 break
-            await peer.send(json.dumps({"input": [seen + 1, seen, *answer_of(message["state"])]}))
+            await answer(peer, message["state"])
             # on a fast machine it would send more than a window may
             await asyncio.sleep(1.0 / MOST_A_SECOND)
     if closes:
@@ -228,12 +240,11 @@ def finish(path, stop_at=10**6, says='{"quit": true}'):
     return asyncio.run(body())
 
 
-def test_a_drive_through_the_window_is_the_same_driver_at_the_door_to_the_bit(tmp_path):
+def test_a_drive_through_the_window_is_the_same_driver_at_the_door_to_the_bit(path):
     """Each step waits for the answer to its own state: no tick between them, and nothing differs.
 
     The tape driven again comes to the same bytes as well; with one command less it does not.
     """
-    path = tmp_path / "drive.jsonl"
     recording, quality = finish(path)
     door = simulate(CONCRETE, AtTheDoor(), SETTINGS)
     assert recording.end_reason == door.end_reason == "road_end"
@@ -260,14 +271,13 @@ def test_quitting_and_a_broken_message_end_the_drive(tmp_path):
 
 
 @run
-async def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_goes_on(tmp_path):
+async def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_goes_on(path):
     """Closed at step 20, opened again: that state is there, the drive goes on to its end, the tape
     has the pause."""
-    path = tmp_path / "drive.jsonl"
     async with drive_in_window(path) as (window, drive):
         assert await steps(await known(window), stop_at=20) == 20
         await asyncio.sleep(0.1)
-        assert await steps(await known(window), stop_at=10**6, until=drive) > 100
+        assert await steps(await known(window), until=drive) > 100
         recording, quality = await drive
         assert (recording.end_reason, quality.pauses) == ("road_end", 1)
     door = simulate(CONCRETE, AtTheDoor(), SETTINGS)
@@ -276,17 +286,14 @@ async def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_g
 
 
 @run
-async def test_a_pause_that_is_over_before_the_seat_looks_is_on_the_tape(tmp_path):
+async def test_a_pause_that_is_over_before_the_seat_looks_is_on_the_tape(path):
     """`pause` and `ready` in one breath, while the seat waits for the answer to step 20: one pause,
     by the key."""
-    path = tmp_path / "drive.jsonl"
-    async with drive_in_window(path) as (window, drive):
-        peer = await known(window)
-        assert await steps(peer, stop_at=20, closes=False) == 20
+    async with driven_to(path, 20) as (window, drive, peer):
         window._take({"pause": "key"})
         window._take({"ready": True})
-        await peer.send(json.dumps({"input": [21, 20, *answer_of(window._latest)]}))
-        await steps(peer, stop_at=10**6, until=drive, closes=False)
+        await answer(peer, window._latest)
+        await steps(peer, until=drive, closes=False)
         assert (await drive)[1].pauses == 1
     assert [(it["step"], it["why"]) for it in read_tape(path).notes if it["note"] == "pause"] == [
         (20, "key")
@@ -304,8 +311,7 @@ def test_no_ads_can_end_its_case_by_quitting():
     assert with_quit(found, "quit").end_reason == "quit"
 
 
-def test_a_tape_that_broke_off_can_be_driven_and_one_that_was_never_a_tape_cannot(tmp_path):
-    path = tmp_path / "drive.jsonl"
+def test_a_tape_that_broke_off_can_be_driven_and_one_that_was_never_a_tape_cannot(path):
     finish(path, 8)
     lines = path.read_text().splitlines()
     path.write_text("\n".join(lines[:6]) + "\n[0.1,0.0,5")
@@ -342,14 +348,11 @@ async def test_who_sends_too_much_is_shut_out():
 )
 @run
 async def test_whatever_is_wrong_with_a_message_the_drive_ends_with_a_sentence(
-    tmp_path, text, code, words
+    path, text, code, words
 ):
     """Also what is wrong before it can be read; what was driven until then is there, and comes to
     the same bytes."""
-    path = tmp_path / "drive.jsonl"
-    async with drive_in_window(path) as (window, drive):
-        peer = await known(window)
-        assert await steps(peer, stop_at=5, closes=False) == 5
+    async with driven_to(path, 5) as (window, drive, peer):
         assert await closing(peer, text) == code
         recording, _ = await asyncio.wait_for(drive, 30.0)
         assert recording.error.startswith(words)
@@ -358,15 +361,12 @@ async def test_whatever_is_wrong_with_a_message_the_drive_ends_with_a_sentence(
 
 
 @run
-async def test_a_second_browser_is_shut_out_and_the_first_one_drives_on(tmp_path):
-    path = tmp_path / "drive.jsonl"
-    async with drive_in_window(path) as (window, drive):
-        peer = await known(window)
-        assert await steps(peer, stop_at=10, closes=False) == 10
+async def test_a_second_browser_is_shut_out_and_the_first_one_drives_on(path):
+    async with driven_to(path, 10) as (window, drive, peer):
         assert await closing(await known(window), '{"quit": true}') == TAKEN
         assert await closing(await opened(window), json.dumps({"token": "x"})) == UNKNOWN
         await peer.send(json.dumps({"input": [11, 10, *RELEASED]}))
-        await steps(peer, stop_at=10**6, until=drive)
+        await steps(peer, until=drive)
         recording, quality = await drive
         assert (recording.end_reason, quality.pauses) == ("road_end", 0)
     assert again(path).same is True
@@ -403,10 +403,7 @@ def test_a_laptop_that_sleeps_and_a_page_that_freezes_hold_the_drive_and_lose_no
                     return message
                 if "state" in message and answers:
                     number += 1
-                    seen = message["state"][0]
-                    await peer.send(
-                        json.dumps({"input": [seen + 1, seen, *answer_of(message["state"])]})
-                    )
+                    await answer(peer, message["state"])
 
         async def body():
             peer = await window()

@@ -52,12 +52,20 @@ def scored(*tables, settings=SETTINGS):
     return done, {(one.ads, one.scenario): spread for one, spread in zip(done, found, strict=True)}
 
 
+def places(ranking):
+    return [(row.ads, row.place) for row in ranking.ads]
+
+
+def lost_case(ads):
+    return replace(LOST_SAFE, ads=ads, exposure=1.0, weight=1.0, no_reaction_severity=0.0)
+
+
 def test_a_difference_over_the_same_points_tells_apart_what_two_intervals_do_not():
     scores, found = scored(drives("low", 0.0), drives("high", 0.02))
     low, high = (score.s_plus_interval for score in scores)
     assert low[1] > high[0], "the intervals overlap"
     ranking = rank(scores, found, RankingSettings())
-    assert [(one.ads, one.place) for one in ranking.ads] == [("high", 1), ("low", 2)]
+    assert places(ranking) == [("high", 1), ("low", 2)]
     pair = ranking.pair("high", "low")
     assert pair.told_apart
     assert pair.difference == pytest.approx(50 * 0.02)
@@ -83,13 +91,11 @@ def test_one_ads_under_two_names_differs_from_itself_by_nothing_and_shares_its_p
     point, and 0.5 over both scenarios. One other drive in `s` that scores the same changes nothing,
     one that scores less widens it.
     """
-    one, other = (
-        drives("a", 0.0),
-        [replace(row, wall_time=3.0, latency_max=0.2) for row in drives("bb", 0.0)],
-    )
+    one = drives("a", 0.0)
+    other = [replace(row, wall_time=3.0, latency_max=0.2) for row in drives("bb", 0.0)]
     scores, found = scored(one, other)
     ranking = rank(scores, found, RankingSettings())
-    assert [(row.ads, row.place) for row in ranking.ads] == [("a", 1), ("bb", 1)]
+    assert places(ranking) == [("a", 1), ("bb", 1)]
     pair = ranking.pairs[0]
     assert (pair.difference, pair.interval, pair.told_apart) == (0.0, (0.0, 0.0), False)
     assert "(0.0..0.0) to a: scored alike in every case, the place is shared" in "\n".join(
@@ -150,7 +156,7 @@ def test_an_ads_without_an_s_plus_has_no_place():
     scores, found = scored(drives("a", 0.0), drives("bb", 0.0))
     gone = [replace(scores[0], s_plus=None), scores[1]]
     ranking = rank(gone, found, RankingSettings())
-    assert [(one.ads, one.place) for one in ranking.ads] == [("bb", 1), ("a", None)]
+    assert places(ranking) == [("bb", 1), ("a", None)]
     assert "not ranked: a has no S+ in some scenario" in "\n".join(ranking_lines(ranking))
 
 
@@ -172,7 +178,7 @@ def test_without_people_h_counts_0_and_without_a_task_a_scenario_has_no_part():
     assert [(score.task_share, score.s_plus) for score in three] == [(None, None)] * 2
     ranking = rank([*one, *two, *three], found | others | more, RankingSettings())
     assert (ranking.without_people, ranking.without_task) == (("t",), ("u",))
-    assert [(row.ads, row.place) for row in ranking.ads] == [("a", 1), ("bb", 2)]
+    assert places(ranking) == [("a", 1), ("bb", 2)]
     assert [row.a_points for row in ranking.ads] == [pytest.approx(50.0)] * 2
     assert ranking.ads[0].s_plus == pytest.approx(ranking.ads[0].a_points + ranking.ads[0].h_points)
     assert ranking.pair("a", "bb").difference == pytest.approx(5.0)
@@ -183,16 +189,12 @@ def test_without_people_h_counts_0_and_without_a_task_a_scenario_has_no_part():
 
 def test_missing_cases_move_both_ends_on_and_keep_two_ads_from_being_told_apart():
     whole, lost = drives("low", 0.0), drives("high", 0.02)
-    lost[:8] = [
-        replace(LOST_SAFE, ads="high", exposure=1.0, weight=1.0, no_reaction_severity=0.0)
-        for _ in range(8)
-    ]
+    lost[:8] = [lost_case("high")] * 8
     scores, found = scored(whole, lost)
     high = scores[1]
-    alone, worst, best = combined(*lost), 0.0, 0.0
-    worst, best = alone.human_likeness_interval
-    assert worst == pytest.approx(sum(row.human_likeness or 0.0 for row in lost) / 80)
-    assert best == pytest.approx((sum(row.human_likeness or 0.0 for row in lost) + 8) / 80)
+    worst, best = combined(*lost).human_likeness_interval
+    known = sum(row.human_likeness or 0.0 for row in lost)
+    assert (worst, best) == pytest.approx((known / 80, (known + 8) / 80))
     assert high.human_likeness_interval[0] < worst < best < high.human_likeness_interval[1]
     assert not rank(scores, found, RankingSettings()).pairs[0].told_apart
 
@@ -204,10 +206,7 @@ def test_no_interval_of_s_reaches_beyond_what_eq_18_can_give():
         replace(one, index=1.0 if x < 0.85 else 0.6)
         for one, x in zip(drives("some", 0.0), UNIFORM, strict=True)
     ]
-    some[:40] = [
-        replace(LOST_SAFE, ads="some", exposure=1.0, weight=1.0, no_reaction_severity=0.0)
-        for _ in range(40)
-    ]
+    some[:40] = [lost_case("some")] * 40
     for points, most in (
         (SETTINGS.method.score, 100.0),
         (replace(SETTINGS.method.score, k5=0.8, k6=0.5), 65.0),
