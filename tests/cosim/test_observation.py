@@ -75,10 +75,8 @@ def test_a_vehicle_out_of_the_strip_is_not_a_lead():
 
 def test_speeds_are_along_and_across_the_road():
     seen = look({"lead": car(84.5, 0.0, 10.0, math.radians(30.0))}).lead
-    assert (seen.relative_speed + 20.0, seen.lateral_speed) == (
-        pytest.approx(8.660254),
-        pytest.approx(5.0),
-    )
+    speeds = seen.relative_speed + 20.0, seen.lateral_speed
+    assert speeds == pytest.approx((8.660254, 5.0))
 
 
 def test_an_observation_is_frozen_and_worked_out_once_when_asked():
@@ -178,9 +176,10 @@ def test_every_seen_vehicle_has_its_place_in_the_world_beside_the_relative_value
     )
 
 
-@pytest.mark.parametrize(
-    "conditions", [{}, {"sensor_range": 1000.0}], ids=["as_it_is", "through_senses"]
-)
+as_it_is_and_through_senses = pytest.mark.parametrize("conditions", [{}, {"sensor_range": 1000.0}])
+
+
+@as_it_is_and_through_senses
 def test_every_seen_vehicle_says_what_it_is(conditions):
     """A lorry ahead, a person beside the road behind it; as numbers, 2 and 5 of car, van, truck,
     motorcycle, ..."""
@@ -199,13 +198,8 @@ def test_a_policy_over_arrays_receives_kinds_as_numbers():
         batch = True
 
         def act(self, seen):
-            told.append(
-                (
-                    seen.vehicles.length[:, 0].tolist(),
-                    seen.kinds.tolist(),
-                    feature.show(seen).tolist(),
-                )
-            )
+            shown = seen.vehicles.length[:, 0], seen.kinds, feature.show(seen)
+            told.append([it.tolist() for it in shown])
             return np.zeros(len(seen.number))
 
     feature = Interface(
@@ -213,9 +207,8 @@ def test_a_policy_over_arrays_receives_kinds_as_numbers():
     )
     bicycle = Actor("bicycle", Start(150.0, 0.0, 5.0), length=1.6, width=0.65, body="bicycle")
     cases = [case(bicycle), case(lead(60.0))]
-    assert [
-        it.error for it in simulate_many(cases, Policy(), SimulationSettings(time_limit=0.1))
-    ] == [None, None]
+    drives = simulate_many(cases, Policy(), SimulationSettings(time_limit=0.1))
+    assert {it.error for it in drives} == {None}
     assert sorted(zip(*told[0], strict=True)) == [(1.6, [4], [4.0, -1.0]), (4.5, [0], [0.0, -1.0])]
 
 
@@ -247,9 +240,7 @@ def test_the_road_has_lane_lines_and_the_ads_receives_its_task():
     )
 
 
-@pytest.mark.parametrize(
-    "conditions", [{}, {"sensor_range": 1000.0}], ids=["as_it_is", "through_senses"]
-)
+@as_it_is_and_through_senses
 def test_acceleration_is_the_rate_of_the_seen_speed(conditions):
     # braking from 20 m/s at 4 m/s2 from the start: 0 at the first look, then -4
     _, shown = seen_by(
@@ -269,14 +260,10 @@ def test_under_conditions_the_places_in_the_world_are_the_noisy_ones():
 
 
 def test_acceleration_under_noise_is_that_of_the_noisy_speeds():
-    own, speeds, found = eyes(ConditionSettings(speed_noise=0.2)), [], []
-    for step in range(3):
-        lead = look({"lead": car(84.5)}, own=own, time=0.05 * step).lead
-        speeds.append(lead.speed)
-        found.append(lead.acceleration)
-    assert found == pytest.approx(
-        [0.0, (speeds[1] - speeds[0]) / 0.05, (speeds[2] - speeds[1]) / 0.05]
-    )
+    own = eyes(ConditionSettings(speed_noise=0.2))
+    looks = [look({"lead": car(84.5)}, own=own, time=0.05 * step).lead for step in range(3)]
+    rates = np.diff([lead.speed for lead in looks]) / 0.05
+    assert [lead.acceleration for lead in looks] == pytest.approx([0.0, *rates])
 
 
 # --- conditions -----------------------------------------------------------------------------------
@@ -307,11 +294,9 @@ def test_what_is_outside_the_field_of_view_is_not_seen():
 
 def test_a_vehicle_behind_a_nearer_one_is_hidden_until_a_fifth_of_it_shows():
     hidden = ConditionSettings(occlusion=True)
-    assert [
-        v.number for v in look({"lead": car(70.0), "obstacle": car(100.0)}, hidden).vehicles
-    ] == [1]
-    assert len(look({"lead": car(70.0, 0.35), "obstacle": car(100.0)}, hidden).vehicles) == 1
-    assert len(look({"lead": car(70.0, 0.37), "obstacle": car(100.0)}, hidden).vehicles) == 2
+    for y, seen in ((0.0, {1}), (0.35, {1}), (0.37, {1, 2})):
+        shown = look({"lead": car(70.0, y), "obstacle": car(100.0)}, hidden).vehicles
+        assert {v.number for v in shown} == seen
 
 
 def test_misses_and_noise_have_the_stated_size_and_leave_the_truth_alone():

@@ -1,5 +1,6 @@
 """A straight road in a network of the user's, wherever it lies and whichever way it goes."""
 
+import cmath
 import contextlib
 import itertools
 import math
@@ -38,24 +39,19 @@ from sumo_eval.settings import (
 PLAIN = Road("plain", 900.0, 2, 3.5, 100.0)
 
 
-def turned(path, *, angle=0.7, shift=(1234.5, -987.0), digits=2, bend=0.0, road=PLAIN):
+def turned(path, *, bend=0.0, road=PLAIN):
     """The package's own straight network, turned and moved, with the two decimals that netconvert
     writes."""
     root = etree.fromstring(network_xml(road).encode())
-    cos, sin = math.cos(angle), math.sin(angle)
 
     def move(text):
         points = []
         for part in text.split():
-            x, y = (float(number) for number in part.split(","))
+            x, y = map(float, part.split(","))
             y += bend * x * (1000.0 - x) / 250_000.0
-            points.append(
-                (
-                    round(x * cos - y * sin + shift[0], digits),
-                    round(x * sin + y * cos + shift[1], digits),
-                )
-            )
-        return " ".join(f"{x},{y}" for x, y in points)
+            place = complex(x, y) * cmath.rect(1.0, 0.7) + 1234.5 - 987.0j
+            points.append(f"{round(place.real, 2)},{round(place.imag, 2)}")
+        return " ".join(points)
 
     for element in root.iter():
         if element.tag == "junction":  # as netconvert marks one whose shape a user drew
@@ -66,13 +62,11 @@ def turned(path, *, angle=0.7, shift=(1234.5, -987.0), digits=2, bend=0.0, road=
                 begin, end = text.split()
                 text = f"{begin} 500.0,{begin.split(',')[1]} {end}"
             element.set("shape", move(text))
-    etree.SubElement(
-        root, "edge", {"id": "side_road", "from": "end", "to": "begin", "priority": "1"}
-    ).append(
-        etree.fromstring(
-            '<lane id="side_road_0" index="0" speed="13.9" length="20" shape="0,0 20,0"/>'
-        )
+    side = (
+        '<edge id="side_road" from="end" to="begin" priority="1">'
+        '<lane id="side_road_0" index="0" speed="13.9" length="20" shape="0,0 20,0"/></edge>'
     )
+    root.append(etree.fromstring(side))
     path.write_bytes(etree.tostring(root))
     return path
 
@@ -260,14 +254,12 @@ def test_a_vehicle_at_the_end_of_the_network_leaves_it(tmp_path):
     """
     road = read_road(edge_of(tmp_path / "own.net.xml", CAR, CAR), ["m"], 280.0)
     case = replace(LED, road=road)
-    brakes = replace(case, actors=(replace(LED.actors[0], acts=(brake_to_stop(5.0, 0.1),)),))
-    played = replace(
-        case,
-        actors=(
-            replace(
-                LED.actors[0], acts=(Act(played_kinds.SPEED, 2.0, speed=6.0, acceleration=1.0),)
-            ),
-        ),
+    brakes, played = (
+        replace(case, actors=(replace(LED.actors[0], acts=(act,)),))
+        for act in (
+            brake_to_stop(5.0, 0.1),
+            Act(played_kinds.SPEED, 2.0, speed=6.0, acceleration=1.0),
+        )
     )
     for one, drivers in (
         (case, ("idm", policy, tracied, "sumo:IDM")),
@@ -351,16 +343,10 @@ def test_junction_without_right_of_way_is_refused(tmp_path):
     """SUMO ends with a segmentation fault where a vehicle comes to one, whatever its type but
     `unregulated`."""
     root = etree.fromstring(network_xml(BENT).encode())
-    (junction,) = [
-        it
-        for it in root.iter("junction")
-        if it.get("id") == root.find(".//edge[@id='road1']").get("from")
-    ]
+    before, behind = (root.find(f".//edge[@id='{name}']") for name in ("road0", "road1"))
+    junction = root.find(f"junction[@id='{behind.get('from')}']")
     junction.set("type", "priority")
-    junction.set(
-        "incLanes",
-        " ".join(lane.get("id") for lane in root.find(".//edge[@id='road0']").iter("lane")),
-    )
+    junction.set("incLanes", " ".join(lane.get("id") for lane in before.iter("lane")))
     for request in junction.findall("request"):
         junction.remove(request)
     path = tmp_path / "hill.net.xml"
@@ -377,15 +363,11 @@ def test_junction_without_right_of_way_is_refused(tmp_path):
 
 
 def test_curved_edges_are_driven_in_their_order(bent):
-    for edges, sentence in (
-        (
-            ["road0", "road2"],
-            "Edge `road0` of network hill.net.xml must lead to edge `road2`: no lane of it does.",
-        ),
-        (["road0", "road1", "road2"], "of its edges, got 1200"),
-    ):
-        with refusal(sentence):
-            read_road(bent, edges, 1200.0)
+    missing = "Edge `road0` of network hill.net.xml must lead to edge `road2`: no lane of it does."
+    with refusal(missing):
+        read_road(bent, ["road0", "road2"], 1200.0)
+    with refusal("of its edges, got 1200"):
+        read_road(bent, ["road0", "road1", "road2"], 1200.0)
 
 
 @pytest.mark.campaign
@@ -475,11 +457,8 @@ def test_the_outermost_lanes_of_a_network_begin_and_end_where_its_edges_meet(tmp
         (2, 0.0, 0.0),
     ]
     right, left = road.spans
-    assert (right.begin, right.end) == (
-        pytest.approx(420.0, abs=0.02),
-        pytest.approx(660.0, abs=0.02),
-    )
-    assert (left.begin, left.end) == (pytest.approx(500.0, abs=0.02), math.inf)
+    ends = right.begin, right.end, left.begin, left.end
+    assert ends == pytest.approx((420.0, 660.0, 500.0, math.inf), abs=0.02)
     assert road.right_edge_at([400.0, 430.0, 670.0]).tolist() == [1.75, -1.75, 1.75]
     assert road.left_edge_at([400.0, 510.0]).tolist() == [5.25, 8.75]
     shapes = {
