@@ -8,7 +8,7 @@ from dataclasses import replace
 import libsumo
 import numpy as np
 import pytest
-from cosim_cases import HALF_SECOND, ROAD, case, lead
+from cosim_cases import HALF_SECOND, ROAD, case, lead, once
 
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.vehicle_model import Command
@@ -151,16 +151,6 @@ def test_an_ego_of_commands_never_gets_where_sumo_would_lose_it(controller):
     assert found.end_reason in ("off_road", "time_limit")
 
 
-def round_the_door(action):
-    """An ADS that goes round the guard at 0.3 s."""
-
-    def drive(traci, ego, time):
-        if abs(time - 0.3) < 1e-9:
-            action()
-
-    return drive
-
-
 def lose(name):
     """Put a vehicle where SUMO has no lane, and leave it there."""
     x, y = libsumo.vehicle.getPosition(name)
@@ -168,7 +158,7 @@ def lose(name):
 
 
 def test_a_vehicle_that_sumo_has_lost_ends_the_case_with_its_name_its_place_and_the_time():
-    found = alone(lead(50.0, speed=20.0), controller=round_the_door(lambda: lose("lead")))
+    found = alone(lead(50.0, speed=20.0), controller=once(lambda traci: lose("lead")))
     assert found.end_reason == "sim_error"
     assert (
         "SUMO gave vehicle `lead` the place (-1.07374e+09, -1.07374e+09) m, a step after ("
@@ -181,10 +171,7 @@ def test_a_vehicle_that_sumo_has_lost_ends_the_case_with_its_name_its_place_and_
 def test_a_jump_no_vehicle_can_do_ends_the_case_also_where_touching_others_is_on_record():
     settings = replace(HALF_SECOND, conditions=ConditionSettings(interference="record"))
 
-    def far(traci, ego, time):
-        if abs(time - 0.3) < 1e-9:
-            traci.vehicle.moveTo("lead", "road_0", 4000.0)
-
+    far = once(lambda traci: traci.vehicle.moveTo("lead", "road_0", 4000.0))
     found = alone(lead(50.0, speed=20.0), controller=far, settings=settings)
     assert found.end_reason == "sim_error"
     assert "SUMO gave vehicle `lead` the place (40" in found.error
@@ -194,8 +181,8 @@ def test_a_place_that_is_not_a_number_is_sumos_error():
     for name in ("ego", "lead"):
         found = alone(
             lead(50.0, speed=20.0),
-            controller=round_the_door(
-                lambda name=name: libsumo.vehicle.setLateralLanePosition(name, math.nan)
+            controller=once(
+                lambda traci, name=name: libsumo.vehicle.setLateralLanePosition(name, math.nan)
             ),
         )
         assert found.end_reason == "sim_error"
@@ -219,17 +206,9 @@ def test_a_native_ego_that_sumo_has_lost_in_mid_road_is_sumos_error():
     """`sumo:` models run no code of a user's, so the loss is made by a listener of libsumo's
     own."""
 
-    class Thief(libsumo.StepListener):
-        def step(self, t=0):
-            if abs(libsumo.simulation.getTime() - 0.5) < 1e-9:
-                libsumo.vehicle.setLateralLanePosition("ego", math.nan)
-            return True
-
-    number = libsumo.addStepListener(Thief())
-    try:
-        found = alone(lead(50.0, speed=20.0), controller="sumo:IDM")
-    finally:
-        libsumo.removeStepListener(number)
+    found = after_a_listener(
+        lambda: libsumo.vehicle.setLateralLanePosition("ego", math.nan), "sumo:IDM"
+    )
     assert found.end_reason == "sim_error"
     assert "SUMO gave vehicle `ego` the place (" in found.error
     assert physical(found)

@@ -73,11 +73,8 @@ ACROSS_THE_LINE = case(Actor("lead", Start(51.0, 2.4, 20.0)), y=0.9)
 
 def test_trap_2_our_contact_test_sees_the_overlap():
     found = simulate(ACROSS_THE_LINE, lambda *_: None)
-    assert (found.end_reason, found.collision.other, found.collision.time) == (
-        "contact",
-        "lead",
-        0.0,
-    )
+    assert found.end_reason == "contact"
+    assert (found.collision.other, found.collision.time) == ("lead", 0.0)
 
 
 # 3 ------------------------------------------------------------------------------------------------
@@ -239,10 +236,8 @@ def test_trap_7_scripted_lateral_motion_is_smooth_in_what_sumo_shows():
 
 def test_trap_9_the_hand_written_network_needs_no_netconvert():
     with session(case(), SimulationSettings()) as traci:
-        assert [lane for lane in traci.lane.getIDList() if not lane.startswith(":")] == [
-            "road_0",
-            "road_1",
-        ]
+        lanes = {lane for lane in traci.lane.getIDList() if not lane.startswith(":")}
+        assert lanes == {"road_0", "road_1"}
         assert traci.lane.getLength("road_0") == 6000.0
         assert traci.lane.getShape("road_1") == ((0.0, 3.5), (6000.0, 3.5))
         assert traci.lane.getWidth("road_1") == 3.5
@@ -316,10 +311,12 @@ def test_a_move_that_no_step_carries_out_does_not_reach_the_next_case(fails, end
 
 
 def test_one_generator_a_lane_draws_what_sumos_own_64_draw(monkeypatch):
-    def drive(model):
-        return simulate(case(lead(gap=20.0, speed=15.0)), model, HALF_SECOND)
+    def drives():
+        for model in ("sumo:EIDM?sigmaerror=0.5", "sumo:Krauss?sigma=0.9"):
+            found = simulate(case(lead(gap=20.0, speed=15.0)), model, HALF_SECOND)
+            yield found.ego.x.tobytes()
 
-    few = [drive(model) for model in ("sumo:EIDM?sigmaerror=0.5", "sumo:Krauss?sigma=0.9")]
+    few = list(drives())
     start = libsumo.start
 
     def as_ever(line):
@@ -328,9 +325,8 @@ def test_one_generator_a_lane_draws_what_sumos_own_64_draw(monkeypatch):
         start([*line[:at], *line[at + 2 :]])
 
     monkeypatch.setattr(libsumo, "start", as_ever)
-    many = [drive(model) for model in ("sumo:EIDM?sigmaerror=0.5", "sumo:Krauss?sigma=0.9")]
-    assert [one.ego.x.tobytes() for one in few] == [one.ego.x.tobytes() for one in many]
-    assert few[0].ego.x.tobytes() != few[1].ego.x.tobytes()
+    assert list(drives()) == few
+    assert few[0] != few[1]
 
 
 def test_files_on_disk_and_in_memory_are_the_same_case(monkeypatch):

@@ -1,5 +1,6 @@
 """The ego as a machine: worked numbers, closed forms, and laws over random states and commands."""
 
+import cmath
 import itertools
 import math
 from types import SimpleNamespace
@@ -208,12 +209,8 @@ def test_the_grip_angle_beside_braking_needs_only_what_braking_leaves():
 def test_braking_and_cornering_together_stay_within_the_friction_circle(step, start, command):
     states, names = run(start, command, step, 2.0)
     for state in states[1:]:
-        lateral = (
-            state.speed**2
-            * math.tan(state.steering_wheel_angle / CAR.steering_ratio)
-            / CAR.wheelbase
-        )
-        assert math.hypot(state.acceleration, lateral) <= GRIP * (1 + 1e-9)
+        bend = math.tan(state.steering_wheel_angle / CAR.steering_ratio) / CAR.wheelbase
+        assert math.hypot(state.acceleration, state.speed**2 * bend) <= GRIP * (1 + 1e-9)
     assert names & {"friction", "lateral_friction"}
 
 
@@ -274,20 +271,15 @@ def test_law_a_clip_is_recorded_exactly_when_a_request_is_not_granted(state, com
 
 @given(states, commands, steps, st.floats(-3, 3), st.floats(-500, 500), st.floats(-500, 500))
 def test_law_moving_and_turning_the_world_moves_nothing_else(state, command, step, turn, dx, dy):
-    moved = EgoState(
-        dx + state.x * math.cos(turn) - state.y * math.sin(turn),
-        dy + state.x * math.sin(turn) + state.y * math.cos(turn),
-        state.heading + turn, state.speed, state.acceleration, state.steering_wheel_angle,
-    )  # fmt: skip
+    def moved(it):
+        return complex(dx, dy) + complex(it.x, it.y) * cmath.rect(1.0, turn)
+
+    start = moved(state)
+    elsewhere = state._replace(x=start.real, y=start.imag, heading=state.heading + turn)
     here, _ = advance(state, command, CAR, step)
-    there, _ = advance(moved, command, CAR, step)
+    there, _ = advance(elsewhere, command, CAR, step)
     assert there.speed == here.speed
-    assert there.x == pytest.approx(
-        dx + here.x * math.cos(turn) - here.y * math.sin(turn), abs=1e-6
-    )
-    assert there.y == pytest.approx(
-        dy + here.x * math.sin(turn) + here.y * math.cos(turn), abs=1e-6
-    )
+    assert complex(there.x, there.y) == pytest.approx(moved(here), abs=1e-6)
 
 
 # --- beyond the kinematic model -------------------------------------------------------------------
@@ -315,13 +307,8 @@ BMW = SimpleNamespace(
 def test_slip_and_yaw_rates_of_linear_tyres_are_the_published_ones():
     # test_st of commonroad-vehicle-models: x_st, u and f_st, whose last two are the rates of yaw
     # rate and of slip
-    steer, speed, yaw, slip = (
-        0.0197545248559617,
-        15.7216236334290116,
-        0.0529001056654038,
-        0.0033012170610298,
-    )
-    slipping, turning, used = slip_rates(speed, slip, yaw, steer, 5.3536773276413925, BMW, math.inf)
+    state = 15.7216236334290116, 0.0033012170610298, 0.0529001056654038, 0.0197545248559617
+    slipping, turning, used = slip_rates(*state, 5.3536773276413925, BMW, math.inf)
     assert turning == pytest.approx(0.6435589397748606, abs=1e-12)
     assert slipping == pytest.approx(0.0313297971641291, abs=1e-12)
     assert used == 0.0

@@ -10,7 +10,7 @@ from evaluations import small
 from sumo_eval.record import estimate as costs
 from sumo_eval.record import facts
 from sumo_eval.scenario.resolved import Resolved
-from sumo_eval.settings import SamplingSettings, ScenarioSettings
+from sumo_eval.settings import RunSettings, SamplingSettings, ScenarioSettings
 
 HERE = Path()
 HALTON = ScenarioSettings("cut_in", sampling=SamplingSettings("halton", count=2000))
@@ -18,7 +18,8 @@ FEW = ScenarioSettings("front_vehicle_low_speed", sampling=SamplingSettings("hal
 
 
 def estimated(ads, source=HERE, scenarios=(HALTON,)):
-    return costs.estimate(Resolved.of(replace(small(ads), scenario=scenarios), source), None)
+    settings = small(ads, run=RunSettings())
+    return costs.estimate(Resolved.of(replace(settings, scenario=scenarios), source), None)
 
 
 def test_an_estimate_looks_at_some_points_and_counts_all(monkeypatch):
