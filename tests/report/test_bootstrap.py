@@ -17,14 +17,14 @@ from sumo_eval.settings import MethodSettings
 METHOD = MethodSettings()
 
 
+def differences(before, after, replicates, seed):
+    return paired_differences((before, METHOD), (after, METHOD), replicates, seed)
+
+
 def cut_out(evaluation):
     """Cases with collisions of different weight and ideal severity, and with D_i of different
     exposure."""
-    cases = [
-        case
-        for case in evaluation.cases
-        if (case.ads, case.scenario) == (builders.CALM, builders.SCENARIOS[1])
-    ]
+    cases = evaluation.cases_of(builders.CALM, builders.SCENARIOS[1])
     return [replace(case, exposure=1.0 + 0.1 * number) for number, case in enumerate(cases)]
 
 
@@ -49,17 +49,12 @@ def test_each_resample_is_what_the_method_makes_of_the_drawn_cases(evaluation):
     worse = [
         replace(case, severity=2.0 * case.severity) if case.collided else case for case in cases
     ]
-    found = paired_differences(
-        (case_terms(cases, METHOD), METHOD), (case_terms(worse, METHOD), METHOD), 40, 5
-    )
+    found = differences(case_terms(cases, METHOD), case_terms(worse, METHOD), 40, 5)
     (part,) = resamples(one_list(len(cases)), 40, 5, ("comparison",))
     times = np.rint(part.counts * (len(cases) - 1) / len(cases)).astype(int)
     chosen = [(np.repeat(cases, row), np.repeat(worse, row)) for row in times]
-    expected = (
-        [slowly(list(after)) for _, after in chosen],
-        [slowly(list(before)) for before, _ in chosen],
-    )
-    c, d = np.subtract(*expected).T
+    before, after = ([slowly(list(run)) for run in runs] for runs in zip(*chosen, strict=True))
+    c, d = np.subtract(after, before).T
     np.testing.assert_allclose(found["C"], c, atol=1e-12)
     np.testing.assert_allclose(found["D"], d, atol=1e-12)
     np.testing.assert_allclose(found["S"], 50.0 * (c + d), atol=1e-9)
@@ -72,9 +67,7 @@ def test_what_both_runs_have_in_common_cancels(evaluation):
     lower = [
         replace(case, index=None if case.index is None else case.index - 0.1) for case in cases
     ]
-    drawn = paired_differences(
-        (case_terms(cases, METHOD), METHOD), (case_terms(lower, METHOD), METHOD), 300, 1
-    )
+    drawn = differences(case_terms(cases, METHOD), case_terms(lower, METHOD), 300, 1)
     np.testing.assert_allclose(drawn["D"], -0.1, atol=1e-12)
     assert np.ptp(drawn["C"]) == 0.0
 
@@ -85,9 +78,7 @@ def test_a_change_in_one_case_of_many_is_not_certain(evaluation):
     cases = cut_out(evaluation)
     place = next(k for k, case in enumerate(cases) if case.index is not None)
     other = [*cases[:place], replace(cases[place], index=0.0), *cases[place + 1 :]]
-    drawn = paired_differences(
-        (case_terms(cases, METHOD), METHOD), (case_terms(other, METHOD), METHOD), 4000, 1
-    )["D"]
+    drawn = differences(case_terms(cases, METHOD), case_terms(other, METHOD), 4000, 1)["D"]
     n = len(cases)
     assert np.mean(drawn == 0.0) == pytest.approx((1.0 - 1.0 / n) ** (n - 1), abs=0.03)
     assert drawn.max() == 0.0
@@ -96,9 +87,7 @@ def test_a_change_in_one_case_of_many_is_not_certain(evaluation):
 def test_the_same_seed_draws_the_same_resamples(evaluation):
     cases = case_terms(cut_out(evaluation), METHOD)
     other = replace(cases, index=cases.index * 0.9)
-    first, again, third = (
-        paired_differences((cases, METHOD), (other, METHOD), 150, seed)["D"] for seed in (3, 3, 4)
-    )
+    first, again, third = (differences(cases, other, 150, seed)["D"] for seed in (3, 3, 4))
     assert np.array_equal(first, again)
     assert not np.array_equal(first, third)
 
@@ -117,6 +106,6 @@ def test_blocks_drawn_in_place_of_single_scenarios_have_the_variance_of_a_mean()
     )  # fmt: skip
     lost = np.random.default_rng(5).random(n) < 0.3
     worse = replace(terms, severity=np.where(lost, 10.0, 0.0))
-    drawn = paired_differences((terms, METHOD), (worse, METHOD), 400, 1)["A"]
+    drawn = differences(terms, worse, 400, 1)["A"]
     assert drawn.mean() == pytest.approx(-lost.mean(), abs=1e-3)
     assert drawn.std() == pytest.approx(lost.std() / np.sqrt(n), rel=0.1)

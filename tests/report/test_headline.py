@@ -36,6 +36,10 @@ def of_one_scenario(evaluation, cases):
     return replace(evaluation, scores=tuple(scores), cases=tuple(cases))
 
 
+def safety(run):
+    return safety_words(run, behaviour_of(run, builders.CALM))
+
+
 def clean(evaluation, ads, number=4):
     """So many safe cases of an ADS without an incident, at points of their own."""
     own = [case for case in evaluation.cases if case.ads == builders.CALM]
@@ -84,13 +88,11 @@ def test_each_alarm_is_raised_by_one_case(evaluation, words):
 def test_alarm_and_ledger_count_the_same_standing_cases(evaluation):
     """A case that stands just before the end of the way is in neither."""
     shares = (0.4, 0.9, 0.995, 1.0)
-    odd = of_one_scenario(
-        evaluation,
-        [
-            replace(case, task_share=share, end_reason="standstill")
-            for case, share in zip(clean(evaluation, builders.CALM), shares, strict=True)
-        ],
-    )
+    stands = [
+        replace(case, task_share=share, end_reason="standstill")
+        for case, share in zip(clean(evaluation, builders.CALM), shares, strict=True)
+    ]
+    odd = of_one_scenario(evaluation, stands)
     (found,) = findings_of(odd)
     lines = {line.cause: line.cases for line in ledger_plus(found).lines}
     assert (
@@ -103,7 +105,7 @@ def test_safety_in_a_test_engineers_words(evaluation):
     contact."""
     first, *rest = clean(evaluation, builders.CALM)
     one = of_one_scenario(evaluation, [replace(first, **HIT), *rest])
-    assert safety_words(one, behaviour_of(one, builders.CALM)) == (
+    assert safety(one) == (
         "1 avoidable collision in 4 cases, worst 43 km/h; "
         "as much excess impact speed as one 50 km/h contact every 5 cases of this grid"
     )
@@ -115,20 +117,18 @@ def test_safety_in_a_test_engineers_words(evaluation):
     # the ideal vehicle hits as well, by 6 m/s
     softer = {"ideal_severity": 6.0, "ideal_collided": True}
     harder = of_one_scenario(evaluation, [replace(first, **HIT | softer), *rest])
-    assert safety_words(harder, behaviour_of(harder, builders.CALM)) == (
+    assert safety(harder) == (
         "no avoidable collision in 4 cases, yet as much impact speed above the ideal vehicle's "
         "as one 50 km/h contact every 9 cases of this grid"
     )
     # 27.8 m/s in every case
     fast = [replace(case, **HIT | {"severity": 100.0 / 3.6}) for case in (first, *rest)]
     every = of_one_scenario(evaluation, fast)
-    assert safety_words(every, behaviour_of(every, builders.CALM)).endswith(
+    assert safety(every).endswith(
         "as much excess impact speed as 2.0 contacts at 50 km/h a case of this grid"
     )
     none = of_one_scenario(evaluation, [first, *rest])
-    assert (
-        safety_words(none, behaviour_of(none, builders.CALM)) == "no avoidable collision in 4 cases"
-    )
+    assert safety(none) == "no avoidable collision in 4 cases"
 
 
 @pytest.mark.parametrize(("hits", "words"), [(5, "Not told apart"), (6, "Told apart")])

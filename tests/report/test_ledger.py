@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import builders
 import pytest
+from report_cases import every
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.report.terminal import ledger_sentences as sentences
@@ -14,6 +15,11 @@ from sumo_eval.scoring.findings import Findings
 from sumo_eval.scoring.ledger import ledger, ledger_plus
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.settings import MethodSettings, ScoreSettings
+
+
+def line_of(found, words):
+    (line,) = [line for line in found.lines if words in line.cause]
+    return line
 
 
 def index(found, term):
@@ -65,11 +71,7 @@ def test_scales_and_points_of_eq_18_are_in_the_sum(evaluation):
 def test_a_missing_d_is_a_line_with_the_collisions_that_took_it(evaluation):
     score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
     assert score.d is None
-    (line,) = [
-        line
-        for line in ledger(Findings.of(evaluation, score)).lines
-        if "not computed" in line.cause
-    ]
+    line = line_of(ledger(Findings.of(evaluation, score)), "not computed")
     assert line.points == pytest.approx(-50.0)
     assert len(line.entries) == score.safe_collisions
 
@@ -91,15 +93,10 @@ def test_a_case_that_gains_leaves_the_points_of_its_term(evaluation):
 
 def scores_with_a_below_zero(evaluation):
     """`calm` hits at 40 m/s wherever it hits: worse than doing nothing, which hits at 12."""
-    cases = tuple(
-        replace(case, severity=40.0) if case.collided and case.ads == builders.CALM else case
-        for case in evaluation.cases
-    )
-    worse = replace(evaluation, cases=cases)
-    score = worse.score(builders.CALM, builders.SCENARIOS[1])
-    rows = [case for case in cases if (case.ads, case.scenario) == (score.ads, score.scenario)]
-    found = combine(score.ads, score.scenario, rows, worse.settings.method)
-    return worse, found
+    hard = lambda case: case.collided and case.ads == builders.CALM  # noqa: E731
+    worse = every(evaluation, hard, severity=40.0)
+    names = builders.CALM, builders.SCENARIOS[1]
+    return worse, combine(*names, list(worse.cases_of(*names)), worse.settings.method)
 
 
 def test_the_lines_of_s_plus_add_up_and_each_case_takes_its_part(evaluation):
@@ -119,11 +116,8 @@ def test_the_lines_of_s_plus_add_up_and_each_case_takes_its_part(evaluation):
 
 def test_a_case_given_up_costs_points_of_t(evaluation):
     score = evaluation.score(builders.CALM, builders.SCENARIOS[0])
-    (line,) = [
-        line
-        for line in ledger_plus(Findings.of(evaluation, score)).lines
-        if (line.term, line.cause) == ("T", "given up")
-    ]
+    line = line_of(ledger_plus(Findings.of(evaluation, score)), "given up")
+    assert line.term == "T"
     assert line.entries.status.tolist() == ["crashed"]
     assert line.points < 0.0
 
@@ -139,8 +133,8 @@ def test_a_case_struck_from_behind_is_a_cause_of_its_own_in_t(evaluation):
         CaseTable.of(rows),
         evaluation.settings,
     )
-    lines = {line.cause: line for line in ledger_plus(found).lines if line.term == "T"}
-    (line,) = [line for cause, line in lines.items() if cause.startswith("struck from behind")]
+    line = line_of(ledger_plus(found), "struck from behind")
+    assert line.term == "T"
     assert line.entries.case.tolist() == [struck.case]
     assert not found.slow[rows.index(struck)]
 
@@ -160,20 +154,14 @@ def test_a_collision_that_doing_nothing_avoids_is_called_caused(evaluation):
     struck = [case for case in rows if case.avoidable and case.no_reaction_severity == 0.0]
     assert score.caused_collisions == len(struck) > 0
     assert score.collisions == score.avoidable_collisions + score.unavoidable_collisions
-    (line,) = [
-        line for line in ledger_plus(Findings.of(evaluation, score)).lines if "caused" in line.cause
-    ]
+    line = line_of(ledger_plus(Findings.of(evaluation, score)), "caused")
     assert set(line.entries.case.tolist()) == {case.case for case in struck}
     assert f"({len(struck)} of them caused by the ADS)" in explain_a(Findings.of(evaluation, score))
 
 
 def test_a_safe_case_with_an_avoidable_collision_costs_its_whole_share_of_h(evaluation):
     score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
-    (line,) = [
-        line
-        for line in ledger_plus(Findings.of(evaluation, score)).lines
-        if "incident in a safe case" in line.cause
-    ]
+    line = line_of(ledger_plus(Findings.of(evaluation, score)), "incident in a safe case")
     counted = [
         case for case in Findings.of(evaluation, score).cases if case.human_likeness is not None
     ]

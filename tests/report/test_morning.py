@@ -1,6 +1,7 @@
 """What a night leaves for the morning: summary, chat, annotations, JUnit; the pin, and a drift
 beside it."""
 
+import functools
 import json
 import shlex
 from dataclasses import replace
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 import builders
 import junitparser
 import pytest
+import report_cases
 from refusals import refusal
 from report_cases import calm as with_calm
 from report_cases import pick, with_case
@@ -16,7 +18,7 @@ from report_cases import pick, with_case
 from sumo_eval.errors import InputError
 from sumo_eval.nightly.bases import Bases, accept, pin_of
 from sumo_eval.nightly.gates import judge
-from sumo_eval.nightly.history import Accepted, GateLine, Night, open_history
+from sumo_eval.nightly.history import Accepted, GateLine, open_history
 from sumo_eval.nightly.judged import JudgedNight, Since, judge_repeats, new_pin
 from sumo_eval.nightly.morning import _code, github_annotations, tell_github, write_night
 from sumo_eval.nightly.night import _refuse_without_history
@@ -33,19 +35,7 @@ SETTINGS = GateSettings(resamples=100)
 FIRST, SECOND = "2026-11-24T02-00-00Z", "2026-11-25T02-00-00Z"
 
 
-def night(name, status=0):
-    return Night(
-        name,
-        "made",
-        f"nights/{name}",
-        1.0,
-        status,
-        None,
-        "WORSE than *yesterday*",
-        "0.1",
-        "1.28",
-        False,
-    )
+night = functools.partial(report_cases.night, verdict="WORSE than *yesterday*")
 
 
 def built(evaluation, build):

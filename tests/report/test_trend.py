@@ -1,34 +1,23 @@
 """The history and its page: lines come back as written, charts are drawn to their ticks, gates are
 on them."""
 
-import sqlite3
+import functools
 from dataclasses import replace
 
 import builders
 import pytest
+import report_cases
 from browser import Page, needs_chromium
 from page_checks import holds_what_every_page_holds, saved_table
+from record.edited_store import edit
 from refusals import refusal
 
-from sumo_eval.nightly.history import HISTORY, REGRET_OF_LOSSES, Night, open_history
+from sumo_eval.nightly.history import HISTORY, REGRET_OF_LOSSES, open_history
 from sumo_eval.nightly.trend import HEIGHT, TOP, _ticks, charts, failed_nights, write_trend
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.settings.method import CollisionSettings
 
-
-def night(name, status=0):
-    return Night(
-        name,
-        "made",
-        f"nights/{name}",
-        12.5,
-        status,
-        None,
-        "NO GATE <b>FAILED</b>",
-        "0.1",
-        "1.28",
-        False,
-    )
+night = functools.partial(report_cases.night, verdict="NO GATE <b>FAILED</b>", wall_time=12.5)
 
 
 @pytest.fixture
@@ -47,17 +36,14 @@ def test_what_was_added_comes_back(history, evaluation):
             (value.ads, value.scenario, value.quantity): value.value for value in lines.values()
         }
         for score in evaluation.scores:
-            assert values[score.ads, score.scenario, "S"] == score.s
-            assert values[score.ads, score.scenario, "D"] == score.d
-            assert values[score.ads, score.scenario, "A"] == score.avoided_share
-            assert values[score.ads, score.scenario, "H"] == score.human_likeness
-            assert values[score.ads, score.scenario, "S+"] == score.s_plus
-            assert values[score.ads, score.scenario, "regret"] == score.regret
+            expected = {
+                "S": score.s, "D": score.d, "A": score.avoided_share, "H": score.human_likeness,
+                "S+": score.s_plus, "regret": score.regret,
+                "avoidable_collisions": score.avoidable_collisions,
+            }  # fmt: skip
+            for name, value in expected.items():
+                assert values[score.ads, score.scenario, name] == value
             assert (score.ads, score.scenario, REGRET_OF_LOSSES) not in values
-            assert (
-                values[score.ads, score.scenario, "avoidable_collisions"]
-                == score.avoidable_collisions
-            )
         assert {gate.threshold for gate in lines.gates()} == {40.0}
 
 
@@ -69,10 +55,7 @@ def test_a_night_is_never_replaced(history, evaluation):
 def test_another_format_and_another_file_are_refused(tmp_path):
     with refusal("There is no history"), open_history(tmp_path):
         pass
-    connection = sqlite3.connect(tmp_path / HISTORY)
-    connection.execute("PRAGMA user_version = 99")
-    connection.commit()
-    connection.close()
+    edit(tmp_path / HISTORY, "PRAGMA user_version = 99")
     with refusal("format version 99"), open_history(tmp_path, create=True):
         pass
     (tmp_path / HISTORY).write_bytes(b"no database at all, only words" * 100)
@@ -102,9 +85,9 @@ def test_a_quantity_that_was_not_computed_breaks_the_line_and_a_gate_is_a_stroke
     with open_history(history) as lines:
         nights, values, gates = lines.nights(), lines.values(), lines.gates()
     gap = [
-        value
-        if (value.night, value.quantity) != (nights[1].night, "S")
-        else type(value)(*value_without(value))
+        value._replace(value=None)
+        if (value.night, value.quantity) == (nights[1].night, "S")
+        else value
         for value in values
     ]
     chart = next(
@@ -164,10 +147,6 @@ def test_only_nights_of_a_failed_limit_are_marked_as_failed():
     """Status 3: cases without an outcome, in a good night."""
     nights = [night(f"2026-01-0{status + 1}T02-00-00Z", status) for status in (0, 1, 3)]
     assert [bar["words"][:23] for bar in failed_nights(nights)] == ["2026-01-02 02:00 failed"]
-
-
-def value_without(value):
-    return (value.night, value.ads, value.scenario, value.quantity, None)
 
 
 @needs_chromium
