@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.method.anthropomorphic import IndexNote
@@ -35,7 +36,7 @@ def drive(x, y, speed, seconds, *, offset=0.0, braking=0.0):
     the 0.1 s grid."""
     time = np.append(np.arange(0.0, seconds, 0.1), seconds + 0.037)
     speeds = np.maximum(speed - braking * time, 0.0)
-    along = x + np.concatenate([[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(time))])
+    along = x + cumulative_trapezoid(speeds, time, initial=0.0)
     return Trajectory(time, along, y + offset / (1.0 + np.exp(4.0 - time)), speed=speeds)
 
 

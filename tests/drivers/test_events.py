@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from drivers.real_data import needs_recordings, recording
+from scipy.integrate import cumulative_trapezoid
 
 from sumo_eval.drivers.recorded.events import extract_events
 from sumo_eval.drivers.recorded.importing import import_recordings
@@ -21,7 +22,7 @@ def track(name, x0, speed, *, y0=0.0, move=None, seconds=30.0, kind="car"):
     """
     time = np.round(np.arange(0.0, seconds, 0.1), 3)
     v = np.array([speed(t) for t in time]) if callable(speed) else np.full(time.size, float(speed))
-    x = x0 + np.concatenate(([0.0], np.cumsum((v[1:] + v[:-1]) * 0.05)))
+    x = x0 + cumulative_trapezoid(v, dx=0.1, initial=0.0)
     y = np.full(time.size, y0)
     if move is not None:
         y = y0 + move[2] * smooth_step((time - move[0]) / move[1])

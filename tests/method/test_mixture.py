@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from drivers.real_data import needs_recordings, recording
+from scipy.integrate import cumulative_trapezoid
 
 from sumo_eval.method.anthropomorphic import IndexNote, anthropomorphic_index, indexes_by_group
 from sumo_eval.method.leave_one_out import band_pairings
@@ -31,7 +32,7 @@ def drive(*, begin=None, speed=25.0, y=0.0, slow=0.0, to=3.5):
     on."""
     time = np.arange(0.0, 20.0, 0.1)
     speeds = speed - slow * np.clip(time - 3.0, 0.0, 3.0)
-    x = np.concatenate(([0.0], np.cumsum((speeds[1:] + speeds[:-1]) * 0.05)))
+    x = cumulative_trapezoid(speeds, dx=0.1, initial=0.0)
     lateral = np.full(time.size, y) if begin is None else y + to * smooth_step((time - begin) / 5.0)
     return Trajectory(time, x, lateral, speed=speeds)
 
@@ -45,7 +46,7 @@ def test_a_manoeuvre_is_the_first_change_of_lane_and_a_touch_does_not_count():
     assert manoeuvre_of(drive(begin=2.0), ROAD, 1.0) == (0, 1)
     there_and_back = drive(begin=1.0)
     y = there_and_back.y - 3.5 * smooth_step((there_and_back.time - 10.0) / 5.0)
-    assert manoeuvre_of(Trajectory(there_and_back.time, there_and_back.x, y), ROAD, 1.0) == (0, 1)
+    assert manoeuvre_of(replace(there_and_back, y=y), ROAD, 1.0) == (0, 1)
     further = Trajectory(np.arange(9.0), np.arange(9.0), 3.5 * (np.arange(9) // 3))
     assert manoeuvre_of(further, ROAD, 1.0) == (0, 1), "a second change does not count"
     for begin in range(10, 60):
@@ -54,14 +55,14 @@ def test_a_manoeuvre_is_the_first_change_of_lane_and_a_touch_does_not_count():
             y[begin + 1 : begin + 1 + samples] = 3.5
             visit = Trajectory(0.1 * np.arange(100), 2.0 * np.arange(100), y)
             assert manoeuvre_of(visit, ROAD, 1.0) == visited
-    touch = np.where((there_and_back.time > 5.0) & (there_and_back.time < 5.8), 2.0, 0.0)
-    assert manoeuvre_of(Trajectory(there_and_back.time, there_and_back.x, touch), ROAD, 1.0) == (0,)
+    time = there_and_back.time
+    touch = replace(there_and_back, y=np.where((time > 5.0) & (time < 5.8), 2.0, 0.0))
+    assert manoeuvre_of(touch, ROAD, 1.0) == (0,)
 
 
 def test_identical_driving_scores_one_in_mixture_mode():
-    assert anthropomorphic_index(
-        drive(begin=2.0), [drive(begin=2.0)] * 4, ROAD, MIXTURE
-    ).value == pytest.approx(1.0)
+    same = drive(begin=2.0)
+    assert anthropomorphic_index(same, [same] * 4, ROAD, MIXTURE).value == pytest.approx(1.0)
 
 
 def test_one_manoeuvre_only_and_no_pooling_to_speak_of_is_the_gaussian_mode():
@@ -149,11 +150,8 @@ def _real_bins():
         for name in row["event_ids"].split(";"):
             event = series[series["event_id"] == name]
             x = event["ego_x"] - event["ego_x"].iloc[0]
-            drives.append(
-                Trajectory(
-                    event["t"], x, event["ego_y"], speed=event["ego_v"], acceleration=event["ego_a"]
-                )
-            )
+            channels = {"speed": event["ego_v"], "acceleration": event["ego_a"]}
+            drives.append(Trajectory(event["t"], x, event["ego_y"], **channels))
         yield row, drives
 
 
@@ -162,7 +160,7 @@ def _cars(speed, lead_speed):
     time = np.arange(0.0, 60.0, 0.1)
 
     def along(speeds, y=0.0):
-        x = np.concatenate(([0.0], np.cumsum((speeds[1:] + speeds[:-1]) * 0.05)))
+        x = cumulative_trapezoid(speeds, dx=0.1, initial=0.0)
         return Trajectory(time, x, np.broadcast_to(y, time.shape), speed=speeds)
 
     steady = np.full(time.size, speed)

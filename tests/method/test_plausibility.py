@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from loaded import load
 from refusals import refusal
 from road_scenes import ROAD
+from scipy.integrate import cumulative_trapezoid
 
 from sumo_eval.method import plausibility as module
 from sumo_eval.method.anthropomorphic import operation_tolerance
@@ -40,12 +41,16 @@ CALM = {
 def drive(speeds, y=0.0, *, x=0.0, interval=0.1):
     speeds = np.asarray(speeds, dtype=np.float64)
     time = interval * np.arange(speeds.size)
-    xs = x + np.concatenate(([0.0], np.cumsum((speeds[1:] + speeds[:-1]) * interval / 2.0)))
+    xs = x + cumulative_trapezoid(speeds, dx=interval, initial=0.0)
     return Trajectory(time, xs, np.broadcast_to(y, time.shape), np.zeros(time.size), speeds)
 
 
 def extremes_of(ego, actors, hit=None):
     return module.extremes_of(course_of(ego, actors, hit, ROAD))
+
+
+def of_people(extremes):
+    return plausibility(extremes, MOTORWAY_PEOPLE)
 
 
 def test_the_extremes_of_a_steady_approach_by_hand():
@@ -76,7 +81,7 @@ def test_the_rate_of_the_recording_does_not_matter():
 def test_noise_of_a_tracker_does_not_make_a_calm_drive_extreme():
     rng = np.random.default_rng(5)
     noisy = drive(25.0 + 0.05 * rng.standard_normal(200), 0.05 * rng.standard_normal(200))
-    assert plausibility(extremes_of(noisy, {}), MOTORWAY_PEOPLE) == 1.0
+    assert of_people(extremes_of(noisy, {})) == 1.0
     assert np.abs(np.gradient(np.gradient(noisy.y, 0.1), 0.1)).max() > 4.0, (
         "plain differences see a violent swerve"
     )
@@ -89,25 +94,23 @@ def test_stopping_is_not_a_jerk_a_short_drive_has_no_derivatives():
     assert extremes_of(stops, {})["max_deceleration"] == pytest.approx(1.5)
     short = extremes_of(drive(np.full(5, 10.0)), {})
     assert all(math.isnan(short[name]) for name in list(EXTREMES)[2:])
-    assert plausibility(short, MOTORWAY_PEOPLE) == 1.0
+    assert of_people(short) == 1.0
 
 
 def test_plausibility_is_the_least_share_over_five_percent():
-    assert plausibility(CALM, MOTORWAY_PEOPLE) == 1.0
+    assert of_people(CALM) == 1.0
     # 2 % of the people brake with 2.66 m/s2 or harder: 0.02 / 0.05.
     braking = CALM | {"max_deceleration": 2.66}
-    assert plausibility(braking, MOTORWAY_PEOPLE) == pytest.approx(0.4)
+    assert of_people(braking) == pytest.approx(0.4)
     assert least_plausible(braking, MOTORWAY_PEOPLE) == ("max_deceleration", pytest.approx(0.02))
     # Halfway between 1 % (0.304 s) and 2 % (0.331 s): 1.5 %.
     tailgating = braking | {"min_thw": 0.3175}
-    assert plausibility(tailgating, MOTORWAY_PEOPLE) == pytest.approx(0.3)
+    assert of_people(tailgating) == pytest.approx(0.3)
     # The most extreme jerk is 2.819 m/s3, of 0.156 % of the people; 1 % reach 1.593, so 0 % is at
     # 2.819 + 1.226.
-    assert plausibility(CALM | {"max_jerk": 2.819 + 0.613}, MOTORWAY_PEOPLE) == pytest.approx(
-        0.00078 / 0.05
-    )
-    assert plausibility(CALM | {"max_jerk": 4.05}, MOTORWAY_PEOPLE) == 0.0
-    assert plausibility(CALM | {"min_ttc": math.nan, "min_thw": math.nan}, MOTORWAY_PEOPLE) == 1.0
+    assert of_people(CALM | {"max_jerk": 2.819 + 0.613}) == pytest.approx(0.00078 / 0.05)
+    assert of_people(CALM | {"max_jerk": 4.05}) == 0.0
+    assert of_people(CALM | {"min_ttc": math.nan, "min_thw": math.nan}) == 1.0
 
 
 def test_what_fields_cannot_see_has_no_plausibility():
@@ -116,19 +119,12 @@ def test_what_fields_cannot_see_has_no_plausibility():
     # 70 m, closing at 8 m/s: through after 8.75 s
     through = extremes_of(drive(np.full(120, 30.0)), {"lead": lead})
     assert through["min_thw"] < 0.01
-    assert plausibility(through, MOTORWAY_PEOPLE) == 0.0
-    swerve = extremes_of(
-        drive(np.full(120, 30.0), 3.5 * smooth_step((time - 6.0) / 2.0)), {"lead": lead}
-    )
-    assert plausibility(swerve, MOTORWAY_PEOPLE) == 0.0
-    calm = extremes_of(
-        drive(np.full(120, 30.0), 3.5 * smooth_step((time - 0.5) / 7.5)), {"lead": lead}
-    )
-    assert plausibility(calm, MOTORWAY_PEOPLE) == 1.0
-    close = extremes_of(
-        drive(np.full(120, 22.0)), {"lead": drive(np.full(120, 22.0), x=4.5 + 0.25 * 22.0)}
-    )
-    assert plausibility(close, MOTORWAY_PEOPLE) < 0.15
+    assert of_people(through) == 0.0
+    for begin, duration, expected in ((6.0, 2.0, 0.0), (0.5, 7.5, 1.0)):  # a swerve, a calm one
+        change = drive(np.full(120, 30.0), 3.5 * smooth_step((time - begin) / duration))
+        assert of_people(extremes_of(change, {"lead": lead})) == expected
+    ahead = drive(np.full(120, 22.0), x=4.5 + 0.25 * 22.0)
+    assert of_people(extremes_of(drive(np.full(120, 22.0)), {"lead": ahead})) < 0.15
 
 
 @given(st.sampled_from(list(EXTREMES)), st.floats(0.0, 12.0), st.floats(0.0, 3.0))
@@ -136,7 +132,7 @@ def test_more_extreme_is_never_more_plausible(name, value, more):
     before, after = (
         CALM | {name: max(value + shift, 0.0)} for shift in (0.0, EXTREMES[name] * more)
     )
-    assert plausibility(after, MOTORWAY_PEOPLE) <= plausibility(before, MOTORWAY_PEOPLE)
+    assert of_people(after) <= of_people(before)
 
 
 @pytest.mark.parametrize(
@@ -152,7 +148,7 @@ def test_an_oscillation_is_never_more_plausible_when_it_grows(frequency, least):
         extremes_of(drive(30.0 + strength / turns * np.sin(turns * time), interval=0.02), {})
         for strength in np.linspace(0.0, 4.0, 17)
     ]
-    found = [plausibility(extremes, MOTORWAY_PEOPLE) for extremes in oscillating]
+    found = [of_people(extremes) for extremes in oscillating]
     assert found[0] == 1.0
     assert np.all(np.diff(found) <= 0.0)
     assert found[8] <= least, "2 m/s2; at 2 Hz the slopes over 7 samples see nothing"
@@ -169,7 +165,7 @@ def test_law_h_never_rises_with_an_oscillations_amplitude(frequency):
     for amplitude in np.linspace(0.0, 4.0, 41):
         swaying = drive(30.0 + amplitude / turns * np.sin(turns * 0.1 * np.arange(180)))
         tolerance = operation_tolerance(most_operations(swaying), [1, 2, 1, 2, 2, 1, 3, 1])
-        found.append(tolerance * plausibility(extremes_of(swaying, {}), MOTORWAY_PEOPLE))
+        found.append(tolerance * of_people(extremes_of(swaying, {})))
     assert found[0] == 1.0
     assert np.all(np.diff(found) <= 0.0)
 
@@ -214,11 +210,8 @@ def test_too_few_people_are_refused():
 def test_the_shipped_table_is_what_the_tool_makes_of_the_recordings():
     pytest.importorskip("duckdb")
     table, ghosts = load("tools/motorway_people.py").motorway_people(HUMAN)
-    assert (table.people, table.drives, ghosts) == (
-        MOTORWAY_PEOPLE.people,
-        MOTORWAY_PEOPLE.drives,
-        1,
-    )
+    shipped = MOTORWAY_PEOPLE.people, MOTORWAY_PEOPLE.drives
+    assert ((table.people, table.drives), ghosts) == (shipped, 1)
     for name in EXTREMES:
         assert table.shares[name] == pytest.approx(MOTORWAY_PEOPLE.shares[name], abs=1.1e-5)
         assert table.values[name] == pytest.approx(MOTORWAY_PEOPLE.values[name], abs=1.1e-3)

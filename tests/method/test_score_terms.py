@@ -75,12 +75,9 @@ def test_a_and_the_regret_by_hand():
 
 
 def test_a_of_nothing_lost_is_1_and_of_something_lost_where_nothing_was_at_stake_0():
-    assert terms.avoided_share([0.0, 3.0], [0.0, 3.0], [0.0, 3.0], [1.0, 1.0], terms.once(2)) == [
-        1.0
-    ]
-    assert terms.avoided_share([0.0, 5.0], [0.0, 3.0], [0.0, 3.0], [1.0, 1.0], terms.once(2)) == [
-        0.0
-    ]
+    for hits, share in ((3.0, 1.0), (5.0, 0.0)):
+        others = [0.0, 3.0], [0.0, 3.0], [1.0, 1.0]
+        assert terms.avoided_share([0.0, hits], *others, terms.once(2)) == [share]
 
 
 def test_a_is_below_0_for_who_is_worse_than_doing_nothing_and_s_plus_takes_0():
@@ -95,18 +92,16 @@ def test_a_is_below_0_for_who_is_worse_than_doing_nothing_and_s_plus_takes_0():
 
 def test_a_leaves_out_points_with_an_unevaluated_vehicle():
     ads, ideal, nobody = [5.0, nan, 9.0, 9.0], [0.0, 0.0, nan, 0.0], [10.0, 10.0, 10.0, nan]
-    assert terms.avoided_share(ads, ideal, nobody, np.ones(4), terms.once(4)) == [0.5]
-    assert np.isnan(
-        terms.avoided_share(ads, ideal, nobody, np.ones(4), np.array([[0.0, 1.0, 1.0, 1.0]]))
-    ).all()
+    counts = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, 1.0, 1.0, 1.0]])
+    found = terms.avoided_share(ads, ideal, nobody, np.ones(4), counts)
+    np.testing.assert_array_equal(found, [0.5, nan])
 
 
 def test_a_and_the_regret_where_all_weights_are_0_count_every_point_alike():
     # lost 5 and 0 of 10 and 10
-    assert terms.avoided_share([5.0, 0.0], [0.0, 0.0], [10.0, 10.0], [0.0, 0.0], terms.once(2)) == [
-        0.75
-    ]
-    assert terms.regret([5.0, 0.0], [0.0, 0.0], [0.0, 0.0], terms.once(2)) == [2.5]
+    hits, none, once = [5.0, 0.0], [0.0, 0.0], terms.once(2)
+    assert terms.avoided_share(hits, none, [10.0, 10.0], none, once) == [0.75]
+    assert terms.regret(hits, none, none, once) == [2.5]
 
 
 def test_s_plus_by_hand():
@@ -188,26 +183,19 @@ def test_counts_are_repeated_cases(cases, seed):
     """A sample by counts is the evaluation of the cases repeated so often: one arithmetic for
     both."""
     u, ideal, nobody, w = columns(cases)
-    counts = (
-        np.random.default_rng(seed)
-        .multinomial(len(w), np.full(len(w), 1 / len(w)), size=3)
-        .astype(float)
-    )
+    hit = u > 0.0
+    ratio, r = terms.ideal_ratio(np.where(hit, u, nan), ideal), np.where(hit, w, nan)
+    counts = np.random.default_rng(seed).multinomial(len(w), np.full(len(w), 1 / len(w)), size=3)
     for row in counts:
-        again = np.repeat(np.arange(len(w)), row.astype(int))
-        hit = u > 0.0
-        ratio, r = terms.ideal_ratio(np.where(hit, u, nan), ideal), np.where(hit, w, nan)
-        one, many = terms.once(len(again)), row[None, :]
-        pairs = [
-            (terms.avoided_share(u, ideal, nobody, w, many),
-             terms.avoided_share(u[again], ideal[again], nobody[again], w[again], one)),
-            (terms.regret(u, ideal, w, many), terms.regret(u[again], ideal[again], w[again], one)),
-            (terms.exposure_mean(ratio, w, many), terms.exposure_mean(ratio[again], w[again], one)),
-            (terms.collision_avoidance(ratio, r, hit, np.ones(len(w)), many),
-             terms.collision_avoidance(ratio[again], r[again], hit[again], np.ones(len(again)),
-                 one)),
-        ]  # fmt: skip
-        for by_counts, by_repeating in pairs:
+        again = np.repeat(np.arange(len(w)), row)
+        for term, values in (
+            (terms.avoided_share, (u, ideal, nobody, w)),
+            (terms.regret, (u, ideal, w)),
+            (terms.exposure_mean, (ratio, w)),
+            (terms.collision_avoidance, (ratio, r, hit, np.ones(len(w)))),
+        ):
+            by_counts = term(*values, row[None, :].astype(float))
+            by_repeating = term(*(it[again] for it in values), terms.once(len(again)))
             np.testing.assert_allclose(by_counts, by_repeating, rtol=1e-9, atol=1e-9)
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from road_scenes import at_point
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.synthetic.driver import human_controller
@@ -12,7 +13,6 @@ from sumo_eval.method import shared_fields as module
 from sumo_eval.method.anthropomorphic import lateral_position, slice_points, slice_positions
 from sumo_eval.method.shared_fields import SharedFields, Stretch
 from sumo_eval.method.trajectory_field import trajectory_fields
-from sumo_eval.scenario import catalogue
 from sumo_eval.settings import FieldSettings
 from sumo_eval.trajectory import Trajectory
 
@@ -41,6 +41,11 @@ def shared_fields(x, y, drives, constants):
     return SharedFields(drives, around(x, y), constants, y.size).at(x, y, range(len(drives)))
 
 
+def assert_plain(x, y, drives, constants, error=ERROR):
+    found, expected = (of(x, y, drives, constants) for of in (shared_fields, plain))
+    np.testing.assert_allclose(found, expected, rtol=error)
+
+
 def by_boxes(x, y):
     return module._pays(y.size, around(x, y)) and around(x, y).levels > 2
 
@@ -60,9 +65,7 @@ def test_one_sample_alone_is_within_the_bound_at_every_point(x, y, heading, spee
     # interpolated.
     constants, sample = FieldSettings(k1=k1), [standing(x, y, heading, speed)]
     assert by_boxes(X, Y)
-    np.testing.assert_allclose(
-        shared_fields(X, Y, sample, constants), plain(X, Y, sample, constants), rtol=ERROR
-    )
+    assert_plain(X, Y, sample, constants)
 
 
 @pytest.mark.parametrize("k1", [0.0, 0.5, 1.0])
@@ -75,23 +78,16 @@ def test_samples_just_far_enough_from_the_shortest_boxes_are_within_the_bound(k1
     assert around(X, y).levels == 5
     for _ in range(40):
         place = 50.0 + length * random.integers(-2, 34) + random.choice([-1e-6, 1e-6])
-        sample = [
-            standing(
-                place, random.choice([0.0, half, -1.5 * half]), random.uniform(-3.2, 3.2), 70.0
-            )
-        ]
-        np.testing.assert_allclose(
-            shared_fields(X, y, sample, constants), plain(X, y, sample, constants), rtol=ERROR
-        )
+        across = random.choice([0.0, half, -1.5 * half])
+        sample = [standing(place, across, random.uniform(-3.2, 3.2), 70.0)]
+        assert_plain(X, y, sample, constants)
 
 
 @pytest.fixture(scope="module")
 def driven():
     """Three drivers of a cut-out in SUMO, and x and y of the points of their own slices, on many of
     which they are themselves."""
-    concrete = catalogue.load("front_vehicle_cut_out").concrete(
-        ego_speed=20.0, obstacle_speed=5.0, gap=110.0
-    )
+    concrete = at_point("front_vehicle_cut_out", 20.0, 5.0, 110.0)
     drives = [
         simulate(concrete, human_controller(index, 10, 1, concrete)).ego for index in range(3)
     ]
@@ -108,17 +104,13 @@ def test_real_drives_are_within_a_tenth_of_the_bound(driven, k1):
     drives, x, y = driven
     assert by_boxes(x, y)
     constants = FieldSettings(k1=k1)
-    np.testing.assert_allclose(
-        shared_fields(x, y, drives, constants), plain(x, y, drives, constants), rtol=ERROR / 10
-    )
+    assert_plain(x, y, drives, constants, ERROR / 10)
 
 
 def test_samples_and_points_on_a_line_are_within_the_bound():
     # No width at all: the strip is treated as if it had some.
     line, drives = np.zeros((551, 8)), [standing(321.0, 0.0, 0.0, 30.0), standing(10.0, 0.0)]
-    np.testing.assert_allclose(
-        shared_fields(X, line, drives, PLAIN), plain(X, line, drives, PLAIN), rtol=ERROR
-    )
+    assert_plain(X, line, drives, PLAIN)
 
 
 @pytest.mark.parametrize("asked_before", [False, True])
@@ -138,11 +130,8 @@ def test_earlier_questions_change_no_bit(driven):
     drives, x, y = driven
     fields = SharedFields(drives, around(x, y), PLAIN, y.size)
     fields.at(x[::2], y[::2], [2, 0])
-    again, alone = (
-        fields.at(x, y, [1, 2]),
-        SharedFields(drives[1:], around(x, y), PLAIN, y.size).at(x, y, [0, 1]),
-    )
-    assert again.tobytes() == alone.tobytes()
+    alone = SharedFields(drives[1:], around(x, y), PLAIN, y.size)
+    assert fields.at(x, y, [1, 2]).tobytes() == alone.at(x, y, [0, 1]).tobytes()
 
 
 def test_company_changes_no_bit(driven):
@@ -182,9 +171,7 @@ def test_far_samples_are_summed_once(driven, monkeypatch):
 )
 def test_large_constants_and_vectors_are_summed_plainly(constants):
     drives = [standing(200.0, 1.0, 0.1, 50.0), standing(400.0, 1.0, 0.0, 50.0)]
-    np.testing.assert_array_equal(
-        shared_fields(X, Y, drives, constants), plain(X, Y, drives, constants)
-    )
+    assert_plain(X, Y, drives, constants, 0.0)
 
 
 def test_few_points_and_a_short_road_are_summed_plainly():
@@ -196,9 +183,7 @@ def test_few_points_and_a_short_road_are_summed_plainly():
         (X[:0], Y[:0]),
     ):
         assert not module._pays(y.size, around(x, y))
-        np.testing.assert_array_equal(
-            shared_fields(x, y, drives, PLAIN), plain(x, y, drives, PLAIN)
-        )
+        assert_plain(x, y, drives, PLAIN, 0.0)
 
 
 def test_no_trajectories_are_an_empty_answer():

@@ -14,6 +14,7 @@ from commands import sumo_eval
 from lxml import etree
 from rates.planted import RANGES, RANK_CORRELATION, TOGETHER, planted, recordings_of, shares_of
 from refusals import refusal
+from scipy.integrate import cumulative_trapezoid
 
 from sumo_eval.drivers.recorded.importing import import_recordings
 from sumo_eval.drivers.recorded.recordings import Recordings
@@ -298,7 +299,7 @@ def braking_leader(across):
     """
     time = np.round(np.arange(0.0, 30.05, 0.1), 1)
     speed = 30.0 - 2.0 * np.clip(time - 10.0, 0.0, 3.0)
-    lead = 60.0 + np.concatenate([[0.0], np.cumsum(0.05 * (speed[1:] + speed[:-1]))])
+    lead = 60.0 + cumulative_trapezoid(speed, dx=0.1, initial=0.0)
     tracks = {
         "ego": (lead - 60.0, 0.0 * time),
         "lead": (lead, 3.5 * across * smooth_step((time - 9.0) / 5.0)),

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import builders
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
 
 from sumo_eval.method.plausibility import EXTREMES, MOTORWAY_PEOPLE
 from sumo_eval.report import driving_words as words
@@ -28,7 +29,7 @@ def drive(speeds, seconds=10.0, x=50.0, y=0.0):
     """A drive with speeds, m/s, at times, s, linear between them."""
     time = np.arange(0.0, seconds + 0.05, 0.1)
     speed = np.interp(time, *zip(*speeds, strict=True))
-    along = x + np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 0.1)])
+    along = x + cumulative_trapezoid(speed, dx=0.1, initial=0.0)
     return Trajectory(time, along, np.full(time.size, y), speed=speed)
 
 

@@ -3,8 +3,6 @@ is what it was."""
 
 import os
 import shutil
-import sqlite3
-from contextlib import closing
 from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,6 +12,7 @@ import pytest
 from commands import python
 from commands import sumo_eval as sumo_eval_cli
 from evaluations import small
+from record.edited_store import edit
 from refusals import refusal
 
 import sumo_eval
@@ -80,14 +79,10 @@ def test_a_scored_run_answers_from_what_is_kept(done, monkeypatch):
 def test_zones_that_this_process_knows_are_those_a_child_computes(done, tmp_path):
     settings, source = EVALUATION, Path(done.manifest["source_folder"])
     assert zones_are_known(settings, source)
-    again = sumo_eval.evaluate(
-        replace(settings, run=RunSettings(engine="processes")), tmp_path / "known"
-    )
-    points.ZONES.clear()
-    anew = sumo_eval.evaluate(
-        replace(settings, run=RunSettings(engine="processes")), tmp_path / "anew"
-    )
-    for one in (again, anew):
+    for name in ("known", "anew"):
+        processes = replace(settings, run=RunSettings(engine="processes"))
+        one = sumo_eval.evaluate(processes, tmp_path / name)
+        points.ZONES.clear()
         assert (one.scores, one.zones, one.ranking) == (done.scores, done.zones, done.ranking)
 
 
@@ -137,8 +132,7 @@ def test_stopped_scoring_continues_where_it_was(done, copy, monkeypatch):
     ["UPDATE parts SET data = zeroblob(length(data))", "UPDATE parts SET place = 10000 + place"],
 )
 def test_a_damaged_or_lost_column_is_reported(copy, change):
-    with closing(sqlite3.connect(copy / KEPT)) as connection, connection:
-        connection.execute(f"{change} WHERE kind = 'rows' AND place % 7 = 3")
+    edit(copy / KEPT, f"{change} WHERE kind = 'rows' AND place % 7 = 3")
     with refusal(r"not as it was written.*may be deleted"):
         list(sumo_eval.score(copy).cases)
 
@@ -146,10 +140,8 @@ def test_a_damaged_or_lost_column_is_reported(copy, change):
 def test_facts_that_changed_without_a_trace_are_found_on_reading(done, copy):
     facts, case = copy / FACTS, done.cases[0].case
     state = facts.stat()
-    with closing(sqlite3.connect(facts)) as connection, connection:
-        connection.execute(
-            'UPDATE facts SET simulated_time = simulated_time + 1.0 WHERE "case" = ?', (case,)
-        )
+    change = "UPDATE facts SET simulated_time = simulated_time + 1.0"
+    edit(facts, f"{change} WHERE \"case\" = '{case}'")
     os.utime(facts, ns=(state.st_atime_ns, state.st_mtime_ns))
     assert facts.stat().st_size == state.st_size
     with refusal(f"`{case}` .* is not as it was recorded"):
@@ -170,11 +162,15 @@ def test_a_report_that_is_there_is_not_made_again_and_an_edited_one_is(copy):
     assert path.read_text() == first[1]
 
 
+def discarded(scored):
+    settings = replace(scored.settings, run=replace(scored.settings.run, keep="none"))
+    return discard_trajectories(replace(scored, settings=settings))
+
+
 def test_a_run_without_its_trajectories_keeps_its_scores(done, copy, monkeypatch):
     scored = sumo_eval.score(copy)
     size = (copy / FACTS).stat().st_size
-    settings = replace(scored.settings, run=replace(scored.settings.run, keep="none"))
-    gone = discard_trajectories(replace(scored, settings=settings))
+    gone = discarded(scored)
     with open_store(copy / FACTS, whole=True) as store:
         drives = sum(number for *_, number, _ in store.counts())
         stays = {case for case, _, _ in store.names("ads") if store.trajectories(case)}
@@ -286,9 +282,7 @@ def test_released_trajectories_are_in_no_digest(done, copy, tmp_path):
     with open_store(done.folder / FACTS) as store:
         digests = [store.digest()]
     for folder in (copy, other):
-        scored = sumo_eval.score(folder)
-        settings = replace(scored.settings, run=replace(scored.settings.run, keep="none"))
-        assert discard_trajectories(replace(scored, settings=settings)) > 0
+        assert discarded(sumo_eval.score(folder)) > 0
         with open_store(folder / FACTS, whole=True) as store:
             digests.append(store.digest())
     assert digests[1] == digests[2] != digests[0]
@@ -297,7 +291,6 @@ def test_released_trajectories_are_in_no_digest(done, copy, tmp_path):
     assert compared > 0
     assert differences == []
     case = done.cases[0].case
-    with closing(sqlite3.connect(copy / FACTS)) as connection, connection:
-        connection.execute('UPDATE facts SET status = "off_road" WHERE "case" = ?', (case,))
+    edit(copy / FACTS, f"UPDATE facts SET status = 'off_road' WHERE \"case\" = '{case}'")
     with refusal(f"`{case}` .* is not as it was recorded"), open_store(copy / FACTS, whole=True):
         pass
