@@ -1,5 +1,6 @@
 """Evaluations made by hand, with a real facts file: what the report is tested on, without SUMO."""
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -86,13 +87,13 @@ def evaluation(folder, partitions):
                     notes=partitions[name].notes,
                 )
             )
-    manifest = {
-        "format_version": 1,
-        "created": "2026-01-01T00:00:00+00:00",
-        "source_folder": "/nowhere",
-        "versions": {"python": "3.11", "sumo_eval": "0.0", "libsumo": "1.28"},
-        "machine": {"system": "a machine"},
-    }
+    manifest = tomllib.loads("""
+format_version = 1
+created = "2026-01-01T00:00:00+00:00"
+source_folder = "/nowhere"
+versions = { python = "3.11", sumo_eval = "0.0", libsumo = "1.28" }
+machine = { system = "a machine" }
+""")
     spaces = {name: catalogue.load(name) for name in SCENARIOS}
     parts = map(tuple, (zones, scores, cases))
     return Evaluation(settings.name, folder, settings, manifest, *parts, scenarios=spaces)

@@ -2,25 +2,26 @@
 
 import pytest
 from commands import sumo_eval
+from tables import rows_of
 
 from sumo_eval.gone import refuse_command
 
 
 @pytest.mark.parametrize(
     ("arguments", "replacement"),
-    [
-        ("check UC-1.feature.md", "`[[require]]` of a scenario file"),
-        ("partition UC-1.feature", "`[[require]]` of a scenario file"),
-        ("import UC-1.feature.md", "`[[require]]` of a scenario file"),
-        ("import autoware --folder .", "`[[require]]` of a scenario file"),
-        ("import --steps", "`[[require]]` of a scenario file"),
-        ("humans similarity RUN", "tslearn"),
-        ("humans coverage EVALUATION", "`recorded_drivers` in cases.csv"),
-        ("humans population", "docs/explanation/drivers.md"),
-        ("bench --small --whole", "`time sumo-eval run"),
-        ("nightly --install=cron", "docs/examples/nights"),
-        ("check sumo_eval.adapters:CarlaAgent?options.agent=my.py:Agent", "docs/examples/adapters"),
-    ],
+    rows_of("""
+check UC-1.feature.md | `[[require]]` of a scenario file
+partition UC-1.feature | `[[require]]` of a scenario file
+import UC-1.feature.md | `[[require]]` of a scenario file
+import autoware --folder . | `[[require]]` of a scenario file
+import --steps | `[[require]]` of a scenario file
+humans similarity RUN | tslearn
+humans coverage EVALUATION | `recorded_drivers` in cases.csv
+humans population | docs/explanation/drivers.md
+bench --small --whole | `time sumo-eval run
+nightly --install=cron | docs/examples/nights
+check sumo_eval.adapters:CarlaAgent?options.agent=my.py:Agent | docs/examples/adapters
+"""),
 )
 def test_removed_name_says_where_it_went(arguments, replacement):
     assert replacement in " ".join(sumo_eval(*arguments.split(), status=2).said.split())

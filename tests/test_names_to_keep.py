@@ -5,33 +5,33 @@ import importlib
 import inspect
 
 import pytest
+from tables import rows_of
 
-KEPT = {
-    "sumo_eval.method.criticality:max_inverse_ttc": "ego_speed, lead_speed, gap, deceleration, "
-    "delay",
-    "sumo_eval.method.criticality:ideal_impact_speed": "ego_speed, lead_speed, gap, deceleration, "
-    "delay, build_up",
-    "sumo_eval.method.trajectory_field:trajectory_field": "points, trajectory, k1, k2",
-    "sumo_eval.method.anthropomorphic:anthropomorphic_index": "ads, drivers, road, settings",
-    "sumo_eval.method.anthropomorphic:count_operations": "trajectory, settings",
-    "sumo_eval.method.anthropomorphic:exposure_weighted_index": "values, exposure",
-    "sumo_eval.method.collision_avoidance:impact_severity": "ego_velocity, obstacle_velocity, "
-    "overlap",
-    "sumo_eval.method.collision_avoidance:collision_loss": "u",
-    "sumo_eval.method.collision_avoidance:collision_weight": "point, partition",
-    "sumo_eval.method.collision_avoidance:collision_avoidance_index": "u, u_ideal, weights",
-    "sumo_eval.method.zone_partition:partition": "logical, settings",
-    "sumo_eval.method.score:combined_score": "c, d, a, b, k5, k6",
-    "sumo_eval.trajectory:Trajectory": "time, x, y, heading, speed, acceleration, "
-    "steering_wheel_angle",
-    "sumo_eval.cosim:simulate": "concrete, controller, settings",
-    "sumo_eval.cosim:simulate_many": "cases, controller, settings",
-    "sumo_eval.scenario.catalogue:load": "name",
-    "sumo_eval:evaluate": "out",
-    "sumo_eval:score": "run, changes",
-    "sumo_eval:open_run": "path",
-    "sumo_eval:Command": "acceleration, steering",
-}
+KEPT = dict(
+    rows_of("""
+sumo_eval.method.criticality:max_inverse_ttc | ego_speed, lead_speed, gap, deceleration, delay
+sumo_eval.method.criticality:ideal_impact_speed
+| ego_speed, lead_speed, gap, deceleration, delay, build_up
+sumo_eval.method.trajectory_field:trajectory_field | points, trajectory, k1, k2
+sumo_eval.method.anthropomorphic:anthropomorphic_index | ads, drivers, road, settings
+sumo_eval.method.anthropomorphic:count_operations | trajectory, settings
+sumo_eval.method.anthropomorphic:exposure_weighted_index | values, exposure
+sumo_eval.method.collision_avoidance:impact_severity | ego_velocity, obstacle_velocity, overlap
+sumo_eval.method.collision_avoidance:collision_loss | u
+sumo_eval.method.collision_avoidance:collision_weight | point, partition
+sumo_eval.method.collision_avoidance:collision_avoidance_index | u, u_ideal, weights
+sumo_eval.method.zone_partition:partition | logical, settings
+sumo_eval.method.score:combined_score | c, d, a, b, k5, k6
+sumo_eval.trajectory:Trajectory | time, x, y, heading, speed, acceleration, steering_wheel_angle
+sumo_eval.cosim:simulate | concrete, controller, settings
+sumo_eval.cosim:simulate_many | cases, controller, settings
+sumo_eval.scenario.catalogue:load | name
+sumo_eval:evaluate | out
+sumo_eval:score | run, changes
+sumo_eval:open_run | path
+sumo_eval:Command | acceleration, steering
+""")
+)
 """`module:name` and the parameters that may be given by name; others may stand beside them."""
 
 FIELDS = {

@@ -1,6 +1,7 @@
 """Trajectories: what is derived, what is refused, what cannot be changed; collisions and
 recordings."""
 
+import json
 import math
 import re
 
@@ -9,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.errors import InputError
 from sumo_eval.trajectory import CHANNELS, Collision, Recording, Trajectory
@@ -92,32 +94,22 @@ def test_length_duration_and_body():
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
-    [
-        (([], [], []), "`time` of a Trajectory must be a non-empty (n,) array, got shape (0,)"),
-        (
-            ([[0.0, 1.0]], [0, 1], [0, 1]),
-            "`time` of a Trajectory must be a non-empty (n,) array, got shape (1, 2)",
-        ),
-        (([0.0, 0.0], [0, 1], [0, 1]), "must be finite and strictly increasing"),
-        (([1.0, 0.0], [0, 1], [0, 1]), "must be finite and strictly increasing"),
-        (([0.0, math.nan], [0, 1], [0, 1]), "must be finite and strictly increasing"),
-        (
-            ([0.0, 1.0], [0, 1, 2], [0, 1]),
-            "`x` of a Trajectory must have the shape of `time` (2,), got (3,)",
-        ),
-        (
-            ([0.0, 1.0], [0, 1], [0, math.nan]),
-            "`y` of a Trajectory must be finite, got nan at sample 1",
-        ),
-        (
-            ([0.0, 1.0], [0, 1], [0, 1], [math.inf, 0]),
-            "`heading` of a Trajectory must be finite, got inf at sample 0",
-        ),
-        (
-            ([0.0, 1.0], [0, 1], [0, 1], [0, 0], [0, math.nan]),
-            "`speed` of a Trajectory must be finite",
-        ),
-    ],
+    rows_of(
+        """
+[[], [], []] | `time` of a Trajectory must be a non-empty (n,) array, got shape (0,)
+[[[0.0, 1.0]], [0, 1], [0, 1]]
+| `time` of a Trajectory must be a non-empty (n,) array, got shape (1, 2)
+[[0.0, 0.0], [0, 1], [0, 1]] | must be finite and strictly increasing
+[[1.0, 0.0], [0, 1], [0, 1]] | must be finite and strictly increasing
+[[0.0, NaN], [0, 1], [0, 1]] | must be finite and strictly increasing
+[[0.0, 1.0], [0, 1, 2], [0, 1]] | `x` of a Trajectory must have the shape of `time` (2,), got (3,)
+[[0.0, 1.0], [0, 1], [0, NaN]] | `y` of a Trajectory must be finite, got nan at sample 1
+[[0.0, 1.0], [0, 1], [0, 1], [Infinity, 0]]
+| `heading` of a Trajectory must be finite, got inf at sample 0
+[[0.0, 1.0], [0, 1], [0, 1], [0, 0], [0, NaN]] | `speed` of a Trajectory must be finite
+""",
+        json.loads,
+    ),
 )
 def test_what_is_not_a_trajectory_is_refused(arguments, sentence):
     with refusal(re.escape(sentence)):

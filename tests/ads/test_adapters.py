@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.simulation import simulate
@@ -110,18 +111,13 @@ def test_a_planner_drives_as_its_own_package_has_it(package, locator, speed):
 
 @pytest.mark.parametrize(
     ("name", "method", "adapter", "page"),
-    [
-        ("BasicAgent", "run_step", "carla_agent.py:CarlaAgent", "CARLA"),
-        ("LeaderboardAgent", "run_step", "carla_agent.py:CarlaAgent", "CARLA"),
-        ("Follower", "act", "smarts_agent.py:SmartsAgent", "SMARTS"),
-        (
-            "SimplePlanner",
-            "compute_planner_trajectory",
-            "nuplan_planner.py:NuPlanPlanner",
-            "nuPlan",
-        ),
-        ("LanePlanner", "plan", "commonroad_planner.py:CommonRoadPlanner", "CommonRoad"),
-    ],
+    rows_of("""
+BasicAgent | run_step | carla_agent.py:CarlaAgent | CARLA
+LeaderboardAgent | run_step | carla_agent.py:CarlaAgent | CARLA
+Follower | act | smarts_agent.py:SmartsAgent | SMARTS
+SimplePlanner | compute_planner_trajectory | nuplan_planner.py:NuPlanPlanner | nuPlan
+LanePlanner | plan | commonroad_planner.py:CommonRoadPlanner | CommonRoad
+"""),
 )
 def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, method, adapter, page):
     with pytest.raises(InputError) as refused:
@@ -184,22 +180,19 @@ def test_what_an_adapter_cannot_drive_is_refused(locator, sentence):
 
 @pytest.mark.parametrize(
     ("locator", "sentence"),
-    [
-        (
-            "carla:my.py:Agent",
-            "`carla_agent.py:CarlaAgent?options.agent=my.py:Agent` with the files of "
-            "docs/examples/adapters drives it",
-        ),
-        ("policy.onnx", "`onnx:policy.onnx` drives it"),
-        ("Car.fmu", "`fmu:Car.fmu` drives it"),
-        ("my_ads.py", "`my_ads.py:NAME` names what it holds, `sumo-eval check my_ads.py` lists it"),
-        ("ppo.zip", "weights alone do not drive; as ONNX they do (docs/ads/onnx.md)"),
-        ("python my_ads.py", "`exec:python my_ads.py` runs it as a program"),
-        ("my/a.xosc", "`sumo-eval import my/a.xosc` checks it"),
-        ("./my_ads", "`exec:./my_ads` runs it as a program"),
-        ("ros2:my_stack", "a node that `exec:` starts drives a ROS 2 stack (docs/ads/ros2.md)"),
-        ("grpc:localhost:50051", "a class with `act(observation)` that asks the server drives it"),
-    ],
+    rows_of("""
+carla:my.py:Agent
+| `carla_agent.py:CarlaAgent?options.agent=my.py:Agent` with the files of docs/examples/adapters drives it
+policy.onnx | `onnx:policy.onnx` drives it
+Car.fmu | `fmu:Car.fmu` drives it
+my_ads.py | `my_ads.py:NAME` names what it holds, `sumo-eval check my_ads.py` lists it
+ppo.zip | weights alone do not drive; as ONNX they do (docs/ads/onnx.md)
+python my_ads.py | `exec:python my_ads.py` runs it as a program
+my/a.xosc | `sumo-eval import my/a.xosc` checks it
+./my_ads | `exec:./my_ads` runs it as a program
+ros2:my_stack | a node that `exec:` starts drives a ROS 2 stack (docs/ads/ros2.md)
+grpc:localhost:50051 | a class with `act(observation)` that asks the server drives it
+"""),
 )
 def test_a_wrong_locator_names_the_right_one(locator, sentence):
     with pytest.raises(InputError) as refused:

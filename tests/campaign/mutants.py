@@ -3,6 +3,7 @@ binary."""
 
 import copy
 import random
+import tomllib
 
 import tomli_w
 
@@ -19,24 +20,24 @@ BASE = {
     },
     "simulation": {"step": 0.05, "time_limit": 60.0,
         "vehicle": {"max_deceleration": 9.0, "wheelbase": 2.7}},
-    "method": {
-        "score": {"a": 50.0, "k5": 1.0},
-        "zones": {"deceleration": 5.0, "critical_inverse_ttc": 0.7},
-        "anthropomorphic": {"centre_deviation_floor": 0.15, "field": {"k1": 0.5, "k2": 0.005}},
-        "collision": {"loss": "severity"},
-    },
+    "method": tomllib.loads("""
+score = { a = 50.0, k5 = 1.0 }
+zones = { deceleration = 5.0, critical_inverse_ttc = 0.7 }
+anthropomorphic = { centre_deviation_floor = 0.15, field = { k1 = 0.5, k2 = 0.005 } }
+collision = { loss = "severity" }
+"""),
     "report": {"reference": "careful_driver"},
 }  # fmt: skip
 
-SCENARIO = {
-    "name": "own",
-    "parameter": [{"name": "v", "unit": "m/s", "low": 8.0, "high": 14.0, "step": 6.0}],
-    "road": {"network": "own.net.xml", "edges": ["m"]},
-    "end": {"x": 280.0},
-    "ego": {"x": 10.0, "speed": "v"},
-    "vehicle": [{"name": "lead", "gap": 40.0, "speed": 4.0}],
-    "zone": {"obstacle": "lead"},
-}
+SCENARIO = tomllib.loads("""
+name = "own"
+parameter = [{ name = "v", unit = "m/s", low = 8.0, high = 14.0, step = 6.0 }]
+road = { network = "own.net.xml", edges = ["m"] }
+end = { x = 280.0 }
+ego = { x = 10.0, speed = "v" }
+vehicle = [{ name = "lead", gap = 40.0, speed = 4.0 }]
+zone = { obstacle = "lead" }
+""")
 UNITS = (
     "km/h",
     "m",

@@ -8,6 +8,7 @@ fitted to this one.
 import contextlib
 import os
 import shutil
+import tomllib
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -39,15 +40,25 @@ SIZES = tuple(int(text) for text in os.environ.get("SUMO_EVAL_NIGHT_CASES", "18 
 SETTINGS = GateSettings(resamples=100)
 BASE = "base"
 WORK = 12_000.0  # rounds of a loop in each step: some 0.2 ms
-PLANTED = {
-    "brakes 7": {"brakes": 7.0}, "brakes 6": {"brakes": 6.0}, "brakes 4": {"brakes": 4.0},
-    "delay 0.2": {"delay": 0.2}, "delay 0.4": {"delay": 0.4}, "delay 0.8": {"delay": 0.8},
-    "range 80": {"seen": 80.0}, "range 60": {"seen": 60.0}, "range 40": {"seen": 40.0},
-    "headway 1.3": {"headway": 1.3}, "headway 1.1": {"headway": 1.1},
-    "headway 0.9": {"headway": 0.9},
-    "speed 0.97": {"speed": 0.97}, "speed 0.9": {"speed": 0.9},
-    "shake 0.5": {"shake": 0.5}, "shake 1.5": {"shake": 1.5}, "latency 2": {"work": 24_000.0},
-}  # fmt: skip
+PLANTED = tomllib.loads("""
+"brakes 7" = { brakes = 7.0 }
+"brakes 6" = { brakes = 6.0 }
+"brakes 4" = { brakes = 4.0 }
+"delay 0.2" = { delay = 0.2 }
+"delay 0.4" = { delay = 0.4 }
+"delay 0.8" = { delay = 0.8 }
+"range 80" = { seen = 80.0 }
+"range 60" = { seen = 60.0 }
+"range 40" = { seen = 40.0 }
+"headway 1.3" = { headway = 1.3 }
+"headway 1.1" = { headway = 1.1 }
+"headway 0.9" = { headway = 0.9 }
+"speed 0.97" = { speed = 0.97 }
+"speed 0.9" = { speed = 0.9 }
+"shake 0.5" = { shake = 0.5 }
+"shake 1.5" = { shake = 1.5 }
+"latency 2" = { work = 24000.0 }
+""")  # fmt: skip
 SPECIAL = ("collides", "raises", "leaves")
 DRIFT = {f"drift {night}": {"brakes": 8.0 * 0.98**night} for night in (1, 3, 5, 10)}
 NOISES = (0.01, 0.1, 0.5)

@@ -4,6 +4,7 @@
 import pytest
 from drivers.real_data import HUMAN, needs_recordings
 from loaded import load
+from tables import rows_of
 
 pytestmark = [pytest.mark.campaign, needs_recordings]
 
@@ -27,14 +28,18 @@ def test_recorded_people_have_the_d_of_a_driver_left_out(table):
 
 @pytest.mark.parametrize(
     ("who", "least"),
-    [
-        ("brakes hard", 0.9),
-        ("crawls", 0.9),
-        ("tailgates at 0.2 s", 0.8),
-        ("tailgates at 0.3 s", 0.8),
-        ("swerves at a TTC of 1.5 s", 0.8),
-        ("swerves at a TTC of 1 s", 0.8),
-    ],
+    rows_of(
+        """
+brakes hard | 0.9
+crawls | 0.9
+tailgates at 0.2 s | 0.8
+tailgates at 0.3 s | 0.8
+swerves at a TTC of 1.5 s | 0.8
+swerves at a TTC of 1 s | 0.8
+""",
+        str,
+        float,
+    ),
 )
 def test_h_tells_bad_driving_from_people(tool, table, who, least):
     assert (table["who"] == who).sum() >= 40

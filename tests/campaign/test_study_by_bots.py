@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -63,11 +64,11 @@ stalls = 1000
 stepped_down = 1000
 unanswered = 1000.0
 """
-PEOPLE = {
-    "P01": {"overtakes": True, "wander": 0.006, "headway": 1.0},
-    "P02": {"overtakes": False, "wander": 0.010, "headway": 1.4},
-    "P03": {"overtakes": True, "wander": 0.008, "headway": 1.2},
-}
+PEOPLE = tomllib.loads("""
+P01 = { overtakes = true, wander = 0.006, headway = 1.0 }
+P02 = { overtakes = false, wander = 0.01, headway = 1.4 }
+P03 = { overtakes = true, wander = 0.008, headway = 1.2 }
+""")
 OPINION = """() => { const hit = document.querySelector('.replay-contact');
     return (hit && !hit.hidden ? 2 : 5) + Math.floor(Math.random() * 3); }"""
 

@@ -10,6 +10,7 @@ import pytest
 from commands import ROOT, in_a_shell, typed
 from doc_blocks import code_of
 from example_files import ADS, CASES, EVALUATION, GATE, RATINGS, SMALL, write_needs, write_policy
+from tables import rows_of
 
 from cli.test_help import all_commands
 
@@ -108,19 +109,21 @@ def test_each_example_that_is_not_run_says_why_and_what_runs_it():
 # --- locators -------------------------------------------------------------------------------------
 
 PLACES = "docs/bring_your_ads.md"
-HERE = {
-    "my_ads.py:acc": "my_ads.py:acc",
-    "package.module:Policy": "package.module:Policy",
-    "my_ads.py:MyAds": "my_ads.py:MyAds",
-    "sumo:IDM?tau=1.2": "'sumo:IDM?tau=1.2'",
-    "exec:./my_ads --fast": "'exec:./my_ads --fast'",
-    "traci:python my_client.py": '"traci:python my_client.py"',
-    "fmu:acc.fmu": "'fmu:Acc.fmu?inputs.v=ego_speed&inputs.gap=lead_gap&outputs.acceleration=a_cmd'",
-    "onnx:policy.onnx": "onnx:policy.onnx",
-    "idm": "idm",
-    "lane_changer": "lane_changer",
-    "careful_driver": "careful_driver",
-}
+HERE = dict(
+    rows_of("""
+my_ads.py:acc | my_ads.py:acc
+package.module:Policy | package.module:Policy
+my_ads.py:MyAds | my_ads.py:MyAds
+sumo:IDM?tau=1.2 | 'sumo:IDM?tau=1.2'
+exec:./my_ads --fast | 'exec:./my_ads --fast'
+traci:python my_client.py | "traci:python my_client.py"
+fmu:acc.fmu | 'fmu:Acc.fmu?inputs.v=ego_speed&inputs.gap=lead_gap&outputs.acceleration=a_cmd'
+onnx:policy.onnx | onnx:policy.onnx
+idm | idm
+lane_changer | lane_changer
+careful_driver | careful_driver
+""")
+)
 """Locators of the table of doors, and how they are typed."""
 ELSEWHERE = {
     "carla_agent.py:": "needs a planner of another tool; tests/ads/test_adapters.py has some",

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 from click.testing import CliRunner
 from commands import Done, in_a_process, python, sumo_eval
+from tables import rows_of
 
 from sumo_eval.cli import main
 
@@ -113,17 +114,20 @@ def test_partition_says_where_the_danger_is_greatest():
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
-    [
-        (("runn",), "Did you mean `run`?"),
-        (("run", "missing.toml", "--out", "x"), "There is no evaluation file"),
-        (("score", "nowhere"), "is not a run folder"),
-        (("report", "nowhere"), "is not a run folder"),
-        (("partition", "front_vehicle_cutout"), "Did you mean `front_vehicle_cut_out`?"),
-        (("run", "--resume"), "need `--out`"),
-        (("run", "--resume", "--out", "nowhere"), "there is no run to resume"),
-        (("sample", "cut_in", "--method", "sobol", "--out", "x"), "needs `--count`"),
-        (("run", "--out", "x", "--workers", "0"), "--workers"),
-    ],
+    rows_of(
+        """
+runn | Did you mean `run`?
+run missing.toml --out x | There is no evaluation file
+score nowhere | is not a run folder
+report nowhere | is not a run folder
+partition front_vehicle_cutout | Did you mean `front_vehicle_cut_out`?
+run --resume | need `--out`
+run --resume --out nowhere | there is no run to resume
+sample cut_in --method sobol --out x | needs `--count`
+run --out x --workers 0 | --workers
+""",
+        str.split,
+    ),
 )
 def test_bad_input_gets_a_sentence_and_status_2(arguments, sentence, tmp_path):
     assert sentence in sumo_eval(*arguments, cwd=tmp_path, status=2).stderr

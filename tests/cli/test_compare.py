@@ -5,6 +5,7 @@ import csv
 import junitparser
 import pytest
 from commands import sumo_eval
+from tables import rows_of
 
 from cli.nights import evaluation
 
@@ -88,11 +89,14 @@ def test_other_settings_are_refused_and_with_consent_shown(builds, tmp_path):
 def test_a_wrong_pair_and_a_folder_without_a_run_are_refused(builds):
     kept = builds / "repeat" / "kept.sqlite"
     kept.unlink()
-    for arguments, sentence in (
-        (("--pair", "mine"), "A pair must have the form BASE=NEW"),
-        (("--pair", "mine=yours"), "Unknown ADS `yours`"),
-        (("--pair", "mine=mine", "--pair", "mine=mine"), "An ADS may stand in one --pair"),
-        (("--gate", "missing.toml"), "There is no gate file missing.toml."),
+    for arguments, sentence in rows_of(
+        """
+--pair mine | A pair must have the form BASE=NEW
+--pair mine=yours | Unknown ADS `yours`
+--pair mine=mine --pair mine=mine | An ADS may stand in one --pair
+--gate missing.toml | There is no gate file missing.toml.
+""",
+        str.split,
     ):
         done = sumo_eval("compare", builds / "base", builds / "repeat", *arguments, status=2)
         assert sentence in done.stderr

@@ -9,6 +9,7 @@ import sys
 import click
 import pytest
 from click.testing import CliRunner
+from tables import rows_of
 
 from sumo_eval.cli import MEANT, TASKS, commands, main
 from sumo_eval.cli.sentences import broken, say
@@ -54,11 +55,17 @@ def test_the_help_names_every_command_under_its_task_and_cuts_no_line():
 
 @pytest.mark.parametrize(
     ("typed", "meant"),
-    [
-        ("evaluate", "run"), ("simulate", "run"), ("html", "report"), ("diff", "compare"),
-        ("list", "scenarios"),
-        ("validate", "check"), ("Benchmark", "bench"), ("runn", "run"), ("nigthly", "nightly"),
-    ],
+    rows_of("""
+evaluate | run
+simulate | run
+html | report
+diff | compare
+list | scenarios
+validate | check
+Benchmark | bench
+runn | run
+nigthly | nightly
+"""),
 )  # fmt: skip
 def test_the_nearest_command_is_found_by_meaning_first(typed, meant):
     done = CliRunner().invoke(main, [typed])

@@ -6,6 +6,7 @@ import re
 
 import pytest
 from commands import sumo_eval
+from tables import rows_of
 
 GOOD = """
 name = "own"
@@ -38,30 +39,31 @@ obstacle = "lead"
 """
 
 CHANGES = {
+    name: row
+    for name, *row in rows_of(r"""
+another gap | 2.0 * ego_speed | 3.0 * ego_speed
+a vehicle off the road | gap = "room" | gap = 7000.0
+a vehicle beside the lanes | gap = "room" | gap = "room"\ny = 30.0
+the ego beside the lanes | [ego] | [ego]\ny = -9.0
+a vehicle off the road at one point | gap = "room" | gap = "where(ego_speed > 20, 9000, 20)"
+a negative speed at one point | speed = "lead_speed" | speed = "lead_speed - 6.0"
+division by zero at one point | 2.0 * ego_speed | 1.0 / (ego_speed - 15.0)
+no deceleration | deceleration = 3.0 | deceleration = 0.0
+an approach that is no number | [zone] | [zone]\ndelay = "0.0 / 0.0"
+a negative delay | [zone] | [zone]\ndelay = -1.0
+no possible point | lead_speed < ego_speed | lead_speed > ego_speed
+an unknown key | [ego] | [ego]\nspede = 1.0
+an unknown name | gap = "room" | gap = "rom"
+an unknown function | gap = "room" | gap = "open(1)"
+an unknown obstacle | obstacle = "lead" | obstacle = "led"
+a negative exposure | name = "own" | name = "own"\nexposure = "-1.0 * ego_speed"
+a network that is not there | [ego] | [road]\nnetwork = 'no.net.xml'\n[ego]
+a low end above the high one | low = 15.0 | low = 35.0
+an unknown sample | name = "own" | name = "own"\ndefault_sample = "grd"
+""")
+} | {
     "as it is": ("", ""),
-    "another gap": ("2.0 * ego_speed", "3.0 * ego_speed"),
-    "a vehicle off the road": ('gap = "room"', "gap = 7000.0"),
-    "a vehicle beside the lanes": ('gap = "room"', 'gap = "room"\ny = 30.0'),
-    "the ego beside the lanes": ("[ego]", "[ego]\ny = -9.0"),
-    "a vehicle off the road at one point": (
-        'gap = "room"',
-        'gap = "where(ego_speed > 20, 9000, 20)"',
-    ),
-    "a negative speed at one point": ('speed = "lead_speed"', 'speed = "lead_speed - 6.0"'),
-    "division by zero at one point": ("2.0 * ego_speed", "1.0 / (ego_speed - 15.0)"),
-    "no deceleration": ("deceleration = 3.0", "deceleration = 0.0"),
-    "an approach that is no number": ("[zone]", '[zone]\ndelay = "0.0 / 0.0"'),
-    "a negative delay": ("[zone]", "[zone]\ndelay = -1.0"),
-    "no possible point": ("lead_speed < ego_speed", "lead_speed > ego_speed"),
-    "an unknown key": ("[ego]", "[ego]\nspede = 1.0"),
-    "an unknown name": ('gap = "room"', 'gap = "rom"'),
-    "an unknown function": ('gap = "room"', 'gap = "open(1)"'),
-    "an unknown obstacle": ('obstacle = "lead"', 'obstacle = "led"'),
-    "a negative exposure": ('name = "own"', 'name = "own"\nexposure = "-1.0 * ego_speed"'),
     "no ego": ('[ego]\nspeed = "ego_speed"', ""),
-    "a network that is not there": ("[ego]", "[road]\nnetwork = 'no.net.xml'\n[ego]"),
-    "a low end above the high one": ("low = 15.0", "low = 35.0"),
-    "an unknown sample": ('name = "own"', 'name = "own"\ndefault_sample = "grd"'),
 }
 
 EVALUATION = """

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from cosim_cases import HALF_SECOND, case, lead
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval import Command
 from sumo_eval.cosim.doors.controller import find_controller
@@ -175,21 +176,19 @@ def test_a_late_answer_is_late_once_and_not_at_every_step_that_it_holds():
 @pytest.mark.parametrize(
     ("locator", "sentence"),
     [
-        (
-            "mine.py:Counting?period=0.07",
-            "`period` of ADS `mine.py:Counting?period=0.07` must be a multiple of",
-        ),
-        ("mine.py:Counting?period=-1", "must be a number greater than 0 s, got -1"),
+        *rows_of("""
+mine.py:Counting?period=0.07
+| `period` of ADS `mine.py:Counting?period=0.07` must be a multiple of
+mine.py:Counting?period=-1 | must be a number greater than 0 s, got -1
+mine.py:Counting?period=soon | must be a number greater than 0 s, got 'soon'
+mine.py:Counting?options.gian=2
+| Unknown option `gian` of ADS `mine.py:Counting`. Did you mean `gain`?
+mine.py:function?options.gain=2 | takes no `options`
+idm?period=0.2 | ADS `idm` drives at every step; it takes no `period`
+sumo:IDM?tau=2&period=0.2 | drives at every step; it takes no `period`
+sumo:IDM?options.tau=2 | takes no `options`
+"""),
         ("mine.py:Counting?period=" + 400 * "9", "must be a number greater than 0 s, got 999"),
-        ("mine.py:Counting?period=soon", "must be a number greater than 0 s, got 'soon'"),
-        (
-            "mine.py:Counting?options.gian=2",
-            "Unknown option `gian` of ADS `mine.py:Counting`. Did you mean `gain`?",
-        ),
-        ("mine.py:function?options.gain=2", "takes no `options`"),
-        ("idm?period=0.2", "ADS `idm` drives at every step; it takes no `period`"),
-        ("sumo:IDM?tau=2&period=0.2", "drives at every step; it takes no `period`"),
-        ("sumo:IDM?options.tau=2", "takes no `options`"),
     ],
 )
 def test_an_entry_that_cannot_be_is_refused(folder, locator, sentence):

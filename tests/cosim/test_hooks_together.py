@@ -6,6 +6,7 @@ import logging
 import math
 import os
 import random
+import tomllib
 from array import array
 from collections import Counter
 from dataclasses import replace
@@ -355,15 +356,24 @@ def test_what_a_hook_keeps_from_a_batch_works_after_it(hook):
     assert slow.error is None
 
 
-ARGUMENTS = {
-    "couldChangeLane": (1,), "wantsAndCouldChangeLane": (1,), "getLaneChangeState": (1,),
-    "getLaneChangeStatePretty": (1,), "getAdaptedTraveltime": (0.0, "road"),
-    "getEffort": (0.0, "road"), "getDrivingDistance": ("road", 200.0),
-    "getFollowSpeed": (10.0, 20.0, 8.0, 4.5),
-    "getSecureGap": (10.0, 8.0, 4.5), "getStopSpeed": (10.0, 20.0), "getNeighbors": (0b10,),
-    "getParameter": ("none",), "getParameterWithKey": ("none",), "getChangePermissions": (1,),
-    "edge.getAdaptedTraveltime": (0.0,), "edge.getEffort": (0.0,),
-}  # fmt: skip
+ARGUMENTS = tomllib.loads("""
+couldChangeLane = [1]
+wantsAndCouldChangeLane = [1]
+getLaneChangeState = [1]
+getLaneChangeStatePretty = [1]
+getAdaptedTraveltime = [0.0, "road"]
+getEffort = [0.0, "road"]
+getDrivingDistance = ["road", 200.0]
+getFollowSpeed = [10.0, 20.0, 8.0, 4.5]
+getSecureGap = [10.0, 8.0, 4.5]
+getStopSpeed = [10.0, 20.0]
+getNeighbors = [0b10]
+getParameter = ["none"]
+getParameterWithKey = ["none"]
+getChangePermissions = [1]
+"edge.getAdaptedTraveltime" = [0.0]
+"edge.getEffort" = [0.0]
+""")
 """What a getter takes beside a name; the others take nothing."""
 NAMES = {
     "vehicle": ("ego", "lead"), "vehicletype": ("ego", "lead"), "lane": ("road_0", "road_1"),

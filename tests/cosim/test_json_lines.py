@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval import Command
 from sumo_eval.cosim.doors import json_lines
@@ -166,49 +167,27 @@ def test_a_program_that_works_on_after_its_case_is_killed_too(tmp_path):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("exit 3", "The ADS's program ended before its case did, with status 3 in reset."),
-        (
-            "read x; echo {}; read x; echo oh >&2; exit 4",
-            "ended before its case did, with status 4 at 0.00 s.",
-        ),
-        (
-            "read x; exec <&-; echo {}; sleep 5",
-            "ended before its case did, closing its input at 0.00 s.",
-        ),
-        (
-            "read x; echo {}; read x; echo brake",
-            "answer with a JSON object on one line, got 'brake' at 0.00 s.",
-        ),
-        (
-            "read x; echo {}; read x; echo 3",
-            "answer with a JSON object on one line, got '3' at 0.00 s.",
-        ),
+        *rows_of(r"""
+exit 3 | The ADS's program ended before its case did, with status 3 in reset.
+read x; echo {}; read x; echo oh >&2; exit 4 | ended before its case did, with status 4 at 0.00 s.
+read x; exec <&-; echo {}; sleep 5 | ended before its case did, closing its input at 0.00 s.
+read x; echo {}; read x; echo brake
+| answer with a JSON object on one line, got 'brake' at 0.00 s.
+read x; echo {}; read x; echo 3 | answer with a JSON object on one line, got '3' at 0.00 s.
+read x; echo {}; read x; echo {} | must have an `acceleration`, got {} at 0.00 s.
+read x; echo {}; read x; echo "{\"honk\": 1}"
+| unknown `honk`, and not only acceleration and steering
+read x; echo {}; read x; echo "{\"brake\":1,\"speed\":1}"
+| `brake`, and not only speed and steering
+read x; echo {}; read x; echo "{\"brake\": 2}"
+| `brake` of the ADS's pedals must be within 0..1, got 2
+read x; echo {}; read x; echo "{\"plan\": null}" | must give a plan before one can hold at 0.00 s.
+read x; echo {}; read x; echo "{\"acceleration\": NaN}"
+| must be a finite number, got nan at 0.00 s.
+read x; echo {}; read x; echo "{\"acceleration\": \"1\"}"
+| must be a finite number, got '1' at 0.00 s.
+"""),
         ("read x; printf '%09999d\n' 0 | tr 0 '['; sleep 5", "a JSON object on one line, got '[["),
-        ("read x; echo {}; read x; echo {}", "must have an `acceleration`, got {} at 0.00 s."),
-        (
-            'read x; echo {}; read x; echo "{\\"honk\\": 1}"',
-            "unknown `honk`, and not only acceleration and steering",
-        ),
-        (
-            'read x; echo {}; read x; echo "{\\"brake\\":1,\\"speed\\":1}"',
-            "`brake`, and not only speed and steering",
-        ),
-        (
-            'read x; echo {}; read x; echo "{\\"brake\\": 2}"',
-            "`brake` of the ADS's pedals must be within 0..1, got 2",
-        ),
-        (
-            'read x; echo {}; read x; echo "{\\"plan\\": null}"',
-            "must give a plan before one can hold at 0.00 s.",
-        ),
-        (
-            'read x; echo {}; read x; echo "{\\"acceleration\\": NaN}"',
-            "must be a finite number, got nan at 0.00 s.",
-        ),
-        (
-            'read x; echo {}; read x; echo "{\\"acceleration\\": \\"1\\"}"',
-            "must be a finite number, got '1' at 0.00 s.",
-        ),
         ("read x; printf '{}\\n{}\\n'; sleep 5", "must answer with one line, got more"),
         (
             "read x; printf 'loading\\n{}\\n'; sleep 5",

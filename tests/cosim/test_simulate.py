@@ -1,5 +1,6 @@
 """One case through SUMO: why it ends, what an ADS may and may not do, and what is recorded."""
 
+import json
 import math
 import re
 import sys
@@ -13,6 +14,7 @@ from commands import python
 from cosim_cases import HALF_SECOND, ROAD, case, lead
 from refusals import refusal
 from road_scenes import every_point
+from tables import rows_of
 
 import sumo_eval.cosim.sumo.session as session_module
 from sumo_eval.cosim.doors.controller import NativeModel, load_controller
@@ -216,21 +218,20 @@ def test_a_file_and_name_relative_to_a_folder_with_its_neighbours(tmp_path, monk
 @pytest.mark.parametrize(
     ("locator", "sentence"),
     [
-        ("ideal_brakin", "Did you mean `ideal_braking`?"),
-        ("idn", "Did you mean `idm`?"),
-        ("sumo:IDN", "Unknown SUMO car-following model `IDN`. Did you mean `IDM`?"),
-        ("no_such_module_of_mine:Ads", "there is no module `no_such_module_of_mine`"),
-        ("no_such_file.py:Ads", "there is no file"),
-        ("math:squrt", "`math` has no `squrt`. Did you mean `sqrt`?"),
-        (
-            "math:pi",
-            "must be a function (traci, ego, time), a class or an object with a `step` method, "
-            "got float",
-        ),
-        ("leaves.py:Ads", "SystemExit"),
-        ("raises.py:Ads", "RuntimeError: not today"),
-        ("needs.py:Ads", "making one without arguments failed: TypeError"),
-        ("quits.py:Ads", "making one without arguments failed: SystemExit: 2"),
+        *rows_of("""
+ideal_brakin | Did you mean `ideal_braking`?
+idn | Did you mean `idm`?
+sumo:IDN | Unknown SUMO car-following model `IDN`. Did you mean `IDM`?
+no_such_module_of_mine:Ads | there is no module `no_such_module_of_mine`
+no_such_file.py:Ads | there is no file
+math:squrt | `math` has no `squrt`. Did you mean `sqrt`?
+math:pi
+| must be a function (traci, ego, time), a class or an object with a `step` method, got float
+leaves.py:Ads | SystemExit
+raises.py:Ads | RuntimeError: not today
+needs.py:Ads | making one without arguments failed: TypeError
+quits.py:Ads | making one without arguments failed: SystemExit: 2
+"""),
         *(
             (f"lazy.py:{it}", f"`lazy.py:{it}` cannot be loaded: RuntimeError: no weights.")
             for it in ("Act", "Batch", "Typed")
@@ -651,21 +652,19 @@ def test_law_a_scripted_actor_is_where_its_closed_form_says_at_every_sample(jerk
 
 @pytest.mark.parametrize(
     ("settings", "sentence"),
-    [
-        (
-            {"step": 0.0125},
-            "`step` of the simulation must be a whole number of milliseconds (SUMO rounds it), "
-            "got 0.0125",
-        ),
-        ({"step": 0.0004, "record_interval": 0.0004}, "a whole number of milliseconds"),
-        ({"step": 1e-10, "record_interval": 1e-10}, "a whole number of milliseconds"),
-        (
-            {"step": 0.04},
-            "`record_interval` of the simulation must be a multiple of `step` (0.04 s), got 0.1",
-        ),
-        ({"step": 0.1, "record_interval": 0.05}, "must be a multiple of `step`"),
-        ({"record_interval": 1e-12}, "must be a multiple of `step`"),
-    ],
+    rows_of(
+        """
+{"step": 0.0125}
+| `step` of the simulation must be a whole number of milliseconds (SUMO rounds it), got 0.0125
+{"step": 0.0004, "record_interval": 0.0004} | a whole number of milliseconds
+{"step": 1e-10, "record_interval": 1e-10} | a whole number of milliseconds
+{"step": 0.04}
+| `record_interval` of the simulation must be a multiple of `step` (0.04 s), got 0.1
+{"step": 0.1, "record_interval": 0.05} | must be a multiple of `step`
+{"record_interval": 1e-12} | must be a multiple of `step`
+""",
+        json.loads,
+    ),
 )
 def test_steps_and_samples_that_do_not_fit_are_refused(settings, sentence):
     with refusal(re.escape(sentence)):

@@ -1,11 +1,13 @@
 """`sumo:`: Plexe's CC, CACC and EIDM with parameters, and TraCI code that names its vehicle's
 type."""
 
+import json
 import re
 
 import pytest
 from cosim_cases import case, lead
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.simulation import simulate
@@ -52,12 +54,15 @@ def test_traci_code_names_its_vehicles_type():
 
 @pytest.mark.parametrize(
     ("given", "sentence"),
-    [
-        ({"carFollowModel": "CCC"}, "Unknown SUMO car-following model `CCC`"),
-        ({"length": 1.0}, "Unknown vType parameter `length`"),
-        ({"tau": "soon"}, "`tau` of `vehicle_type` of Mine must be a finite number"),
-        ("CC", "must be a dict"),
-    ],
+    rows_of(
+        """
+{"carFollowModel": "CCC"} | Unknown SUMO car-following model `CCC`
+{"length": 1.0} | Unknown vType parameter `length`
+{"tau": "soon"} | `tau` of `vehicle_type` of Mine must be a finite number
+"CC" | must be a dict
+""",
+        json.loads,
+    ),
 )
 def test_a_type_is_how_the_vehicle_follows_and_nothing_else(given, sentence):
     class Mine:

@@ -1,6 +1,7 @@
 """Cases that are driven together have exactly what they have alone."""
 
 import importlib
+import itertools
 import math
 from collections import Counter
 from dataclasses import replace
@@ -454,45 +455,39 @@ def scripted(*moves, slides=False, y=0.0, speed=14.0):
     return case(ahead, Actor("beyond", Start(150.0, 3.5, 12.0)), speed=15.0)
 
 
-SCRIPTS = {
-    "half a lane": scripted(lane_change(0.5, 3.0, 1.75)),
-    "a little to the right": scripted(lane_change(0.3, 2.0, -0.7)),
-    "off the road": scripted(lane_change(0.5, 2.0, -4.5)),
-    "over the left edge": scripted(lane_change(0.5, 3.0, 5.6)),
-    "there and back": scripted(lane_change(0.5, 3.0, 3.5), lane_change(4.0, 2.5, -3.5)),
-    "two at once": scripted(lane_change(0.5, 3.0, 2.1), lane_change(1.5, 2.5, 1.4)),
-    "at constant lateral speed": scripted(constant_lateral(0.33, 1.1, 3.5)),
-    "braking": scripted(brake_to_stop(0.4, 6.0, 20.0)),
-    "braking as it changes lane": scripted(lane_change(0.5, 1.5, 3.5), brake_to_stop(1.0, 4.0)),
-    "sliding twice": scripted(
-        constant_lateral(0.2, 1.0, 2.0), constant_lateral(3.05, 0.7, -1.0), slides=True
-    ),
-    "sliding as it brakes": scripted(
-        constant_lateral(0.2, 2.0, 3.5), brake_to_stop(1.0, 3.0), slides=True
-    ),
-    "sliding off the road": scripted(constant_lateral(0.2, 2.0, -3.0), slides=True),
-    "sliding half a lane": scripted(constant_lateral(0.2, 2.0, 1.75), slides=True),
-    "off the centre": scripted(lane_change(0.5, 3.0, 2.0), y=0.6),
-    "standing": scripted(speed=0.0),
-    "from the left": scripted(lane_change(1.0, 2.5, -3.5), y=3.5),
-}
+SCRIPTS = [
+    scripted(lane_change(0.5, 3.0, 1.75)),
+    scripted(lane_change(0.3, 2.0, -0.7)),
+    scripted(lane_change(0.5, 2.0, -4.5)),
+    scripted(lane_change(0.5, 3.0, 5.6)),
+    scripted(lane_change(0.5, 3.0, 3.5), lane_change(4.0, 2.5, -3.5)),
+    scripted(lane_change(0.5, 3.0, 2.1), lane_change(1.5, 2.5, 1.4)),
+    scripted(constant_lateral(0.33, 1.1, 3.5)),
+    scripted(brake_to_stop(0.4, 6.0, 20.0)),
+    scripted(lane_change(0.5, 1.5, 3.5), brake_to_stop(1.0, 4.0)),
+    scripted(constant_lateral(0.2, 1.0, 2.0), constant_lateral(3.05, 0.7, -1.0), slides=True),
+    scripted(constant_lateral(0.2, 2.0, 3.5), brake_to_stop(1.0, 3.0), slides=True),
+    scripted(constant_lateral(0.2, 2.0, -3.0), slides=True),
+    scripted(constant_lateral(0.2, 2.0, 1.75), slides=True),
+    scripted(lane_change(0.5, 3.0, 2.0), y=0.6),
+    scripted(speed=0.0),
+    scripted(lane_change(1.0, 2.5, -3.5), y=3.5),
+]
 
 
-@pytest.mark.parametrize("name", SCRIPTS)
-def test_other_vehicles_move_the_same_in_a_batch(name):
-    settings = SimulationSettings(time_limit=9.0)
-    cases = [SCRIPTS[name]] * len(SWAYS)
-    why = Counter()
-    for driver, recording in zip(
-        SWAYS, simulate_many(cases, SWAYS, settings, alone=why), strict=True
-    ):
-        assert recording.same_drive(simulate(SCRIPTS[name], driver, settings))
+def test_other_vehicles_move_the_same_in_a_batch():
+    """All scripts in one batch: none is another row's."""
+    settings, why = SimulationSettings(time_limit=9.0), Counter()
+    cases, drivers = zip(*itertools.product(SCRIPTS, SWAYS), strict=True)
+    together = simulate_many(cases, drivers, settings, alone=why)
+    for one, driver, recording in zip(cases, drivers, together, strict=True):
+        assert recording.same_drive(simulate(one, driver, settings)), one
     assert not why
 
 
 def test_controllers_that_are_too_few_for_the_cases_are_refused():
     with refusal("one for each of the 2 cases"):
-        list(simulate_many([SCRIPTS["standing"]] * 2, [SWAYS[0]]))
+        list(simulate_many(SCRIPTS[:2], [SWAYS[0]]))
 
 
 def test_vehicles_of_different_roads_of_a_batch_are_apart():

@@ -1,6 +1,7 @@
 """The `traci` that an ADS sees: TraCI code as it is, the ego its own, everything else guarded."""
 
 import sys
+import tomllib
 from dataclasses import replace
 from itertools import product
 
@@ -248,32 +249,32 @@ def test_calls_without_a_command_are_not_dropped():
     assert counts(simulate(case(), call, HALF_SECOND)) == {}
 
 
-ALWAYS = {
-    "changeSublane": (0.5,),
-    "setLateralAlignment": ("left",),
-    "setMinGapLat": (2.0,),
-    "setLength": (9.0,),
-    "setWidth": (3.0,),
-    "setApparentDecel": (1.0,),
-    "setImpatience": (1.0,),
-    "setSpeedFactor": (0.01,),
-    "setRoutingMode": (1,),
-    "rerouteTraveltime": (),
-    "rerouteEffort": (),
-    "setVia": ([],),
-    "setAdaptedTraveltime": ("road", 5.0),
-    "setEffort": ("road", 5.0),
-}
-BESIDE_A_SPEED = {
-    "openGap": (3.0, 20.0, 5.0, 0.5),
-    "deactivateGapControl": (),
-    "setActionStepLength": (1.0,),
-    "setImperfection": (1.0,),
-    "setTau": (3.0,),
-    "setMinGap": (9.0,),
-    "setStop": ("road", 80.0, 0, 2.0),
-    "insertStop": (0, "road", 80.0, 0, 2.0),
-}
+ALWAYS = tomllib.loads("""
+changeSublane = [0.5]
+setLateralAlignment = ["left"]
+setMinGapLat = [2.0]
+setLength = [9.0]
+setWidth = [3.0]
+setApparentDecel = [1.0]
+setImpatience = [1.0]
+setSpeedFactor = [0.01]
+setRoutingMode = [1]
+rerouteTraveltime = []
+rerouteEffort = []
+setVia = [[]]
+setAdaptedTraveltime = ["road", 5.0]
+setEffort = ["road", 5.0]
+""")
+BESIDE_A_SPEED = tomllib.loads("""
+openGap = [3.0, 20.0, 5.0, 0.5]
+deactivateGapControl = []
+setActionStepLength = [1.0]
+setImperfection = [1.0]
+setTau = [3.0]
+setMinGap = [9.0]
+setStop = ["road", 80.0, 0, 2.0]
+insertStop = [0, "road", 80.0, 0, 2.0]
+""")
 OF_TYPES = "setMinGapLat", "setSpeedDeviation", "setTau", "setImperfection"
 
 

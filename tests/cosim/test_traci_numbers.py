@@ -2,6 +2,7 @@
 that can be meant."""
 
 import inspect
+import json
 import math
 from dataclasses import replace
 from fractions import Fraction
@@ -11,6 +12,7 @@ import libsumo
 import numpy as np
 import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead, once
+from tables import rows_of
 from traci._vehicle import VehicleDomain
 from traci._vehicletype import VehicleTypeDomain
 
@@ -109,40 +111,30 @@ def test_every_call_with_every_number_that_is_none_is_refused(running, domain, c
     GUARD.begin([], 0.05, "refuse")
 
 
-SILENT = [  # what libsumo takes without a word: measured
-    ("setSpeed", (math.nan,), "`speed` = nan", "a finite number"),
-    ("slowDown", (10.0, -3.0), "`duration` = -3.0", "within 0..2147483648 s"),
-    ("setAcceleration", (1.0, -1.0), "`duration` = -1.0", "within 0..2147483648 s"),
-    (
-        "setActionStepLength",
-        (1e12,),
-        "`actionStepLength` = 1000000000000.0",
-        "within 0..2147483648 s",
-    ),
-    ("openGap", (1.0, 1.0, -3.0, 1.0), "`duration` = -3.0", "within 0..2147483648 s"),
-    ("setStop", ("road", 500.0, 0, -4.0), "`duration` = -4.0", "within 0..2147483648 s"),
-    ("setStop", ("road", 500.0, 0, 4.0, 0, 0.0, -5.0), "`until` = -5.0", "within 0..2147483648 s"),
-    ("changeLane", (10**6, 1.0), "`laneIndex` = 1000000", "within 0..1, the lanes of its road"),
-    ("changeLane", (2, 1.0), "`laneIndex` = 2", "within 0..1, the lanes of its road"),
-    ("changeLane", (-1, 1.0), "`laneIndex` = -1", "within 0..1, the lanes of its road"),
-    ("changeLane", (1, -5.0), "`duration` = -5.0", "within 0..2147483648 s"),
-    ("changeLaneRelative", (2, 1.0), "`indexOffset` = 2", "within 0..1, the lanes of its road"),
-    ("changeLaneRelative", (-1, 1.0), "`indexOffset` = -1", "within 0..1, the lanes of its road"),
-    ("moveTo", ("nowhere", 60.0), "`laneID` = 'nowhere'", "the id of a lane of the network"),
-    (
-        "moveTo",
-        ("road_0", 1e6),
-        "`pos` = 1000000.0",
-        "within 0..6000 m, the length of lane `road_0`",
-    ),
-    (
-        "moveToXY",
-        ("", 10**6, 60.0, 0.0),
-        "`laneIndex` = 1000000",
-        "within -1..1, the lanes of its road",
-    ),
-    ("setParameter", ("laneChangeModel.lcStrategic", "inf"), "`value` = 'inf'", "a finite number"),
-]
+# what libsumo takes without a word: measured
+SILENT = rows_of(
+    """
+setSpeed | [NaN] | `speed` = nan | a finite number
+slowDown | [10.0, -3.0] | `duration` = -3.0 | within 0..2147483648 s
+setAcceleration | [1.0, -1.0] | `duration` = -1.0 | within 0..2147483648 s
+setActionStepLength | [1000000000000.0] | `actionStepLength` = 1000000000000.0 | within 0..2147483648 s
+openGap | [1.0, 1.0, -3.0, 1.0] | `duration` = -3.0 | within 0..2147483648 s
+setStop | ["road", 500.0, 0, -4.0] | `duration` = -4.0 | within 0..2147483648 s
+setStop | ["road", 500.0, 0, 4.0, 0, 0.0, -5.0] | `until` = -5.0 | within 0..2147483648 s
+changeLane | [1000000, 1.0] | `laneIndex` = 1000000 | within 0..1, the lanes of its road
+changeLane | [2, 1.0] | `laneIndex` = 2 | within 0..1, the lanes of its road
+changeLane | [-1, 1.0] | `laneIndex` = -1 | within 0..1, the lanes of its road
+changeLane | [1, -5.0] | `duration` = -5.0 | within 0..2147483648 s
+changeLaneRelative | [2, 1.0] | `indexOffset` = 2 | within 0..1, the lanes of its road
+changeLaneRelative | [-1, 1.0] | `indexOffset` = -1 | within 0..1, the lanes of its road
+moveTo | ["nowhere", 60.0] | `laneID` = 'nowhere' | the id of a lane of the network
+moveTo | ["road_0", 1000000.0] | `pos` = 1000000.0 | within 0..6000 m, the length of lane `road_0`
+moveToXY | ["", 1000000, 60.0, 0.0] | `laneIndex` = 1000000 | within -1..1, the lanes of its road
+setParameter | ["laneChangeModel.lcStrategic", "inf"] | `value` = 'inf' | a finite number
+""",
+    str,
+    json.loads,
+)
 
 
 @pytest.mark.parametrize(

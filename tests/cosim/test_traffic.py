@@ -1,5 +1,6 @@
 """Vehicles that react: SUMO drives them and sees the ego, alone and in packs to the same bits."""
 
+import tomllib
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -16,10 +17,12 @@ from sumo_eval.trajectory import Recording
 TWENTY = SimulationSettings(time_limit=12.0)
 ROAD = Road("r", 900.0, 2, 3.5, 300.0)
 
-SPACE = {
-    "name": "t", "zone": "none", "ego": {"speed": "v"},
-    "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
-}  # fmt: skip
+SPACE = tomllib.loads("""
+name = "t"
+zone = "none"
+ego = { speed = "v" }
+parameter = [{ name = "v", unit = "m/s", low = 10.0, high = 30.0, step = 10.0 }]
+""")  # fmt: skip
 """A scenario file without vehicles and an end."""
 
 
@@ -81,18 +84,18 @@ def test_how_long_the_ego_had_been_in_the_lane_in_which_it_is_struck():
 @pytest.mark.parametrize("radius", [1e6, 250.0])
 def test_law_on_a_curve_vehicles_react_as_on_a_straight_road(radius):
     content = {
-        **SPACE, "end": {"x": 600.0, "time": 6.0},
-        "vehicle": [
-            {"name": "walker", "body": "pedestrian", "x": 150.0, "y": -4.0, "speed": 0.0,
-                "heading": 90.0,
-             "manoeuvre": [{"do": "accelerate", "when": "ttc(ego, walker) < 4", "speed": 1.0,
-                 "acceleration": 2.0}]},
-            {"name": "lead", "x": 100.0, "speed": "v",
-             "manoeuvre": [{"do": "brake", "when": "time > 1", "deceleration": 3.0}]},
-            {"name": "rear", "gap_behind": 15.0, "speed": "v",
-                "manoeuvre": [{"do": "follow", "model": "IDM"}]},
-        ],
-    }  # fmt: skip
+        **SPACE,
+        **tomllib.loads("""
+end = { x = 600.0, time = 6.0 }
+vehicle = [
+    { name = "walker", body = "pedestrian", x = 150.0, y = -4.0, speed = 0.0, heading = 90.0, manoeuvre = [
+        { do = "accelerate", when = "ttc(ego, walker) < 4", speed = 1.0, acceleration = 2.0 },
+    ] },
+    { name = "lead", x = 100.0, speed = "v", manoeuvre = [{ do = "brake", when = "time > 1", deceleration = 3.0 }] },
+    { name = "rear", gap_behind = 15.0, speed = "v", manoeuvre = [{ do = "follow", model = "IDM" }] },
+]
+"""),
+    }
     bent = {**content, "road": {"line": [{"length": 1400.0, "radius": radius}]}}
     straight, found = (
         simulate(scenario_from(it, "t", Path()).concrete(v=15.0), "idm") for it in (content, bent)
@@ -173,14 +176,16 @@ def test_others_see_the_ego_once_it_reaches_over_their_line_as_the_setting_says(
 
 def test_a_scripted_vehicle_is_followed_as_well():
     content = {
-        **SPACE, "ego": {"speed": "v", "y": 3.5}, "end": {"x": 600.0, "time": 12.0},
-        "vehicle": [
-            {"name": "lead", "x": 200.0, "speed": "v",
-             "manoeuvre": [{"do": "brake", "begin": 1.0, "deceleration": 5.0}]},
-            {"name": "next", "x": 170.0, "speed": "v",
-                "manoeuvre": [{"do": "follow", "model": "IDM"}]},
-        ],
-    }  # fmt: skip
+        **SPACE,
+        **tomllib.loads("""
+ego = { speed = "v", y = 3.5 }
+end = { x = 600.0, time = 12.0 }
+vehicle = [
+    { name = "lead", x = 200.0, speed = "v", manoeuvre = [{ do = "brake", begin = 1.0, deceleration = 5.0 }] },
+    { name = "next", x = 170.0, speed = "v", manoeuvre = [{ do = "follow", model = "IDM" }] },
+]
+"""),
+    }
     found = simulate(scenario_from(content, "t", Path()).concrete(v=20.0), "no_reaction")
     ahead, behind = found.actors["lead"], found.actors["next"]
     assert ahead.x[-1] == pytest.approx(200.0 + 20.0 + 40.0)
@@ -191,15 +196,16 @@ def test_a_scripted_vehicle_is_followed_as_well():
 
 def test_a_trigger_that_never_fires_is_on_record():
     content = {
-        **SPACE, "end": {"x": 400.0, "time": 12.0},
-        "vehicle": [
-            {"name": "child", "body": "child", "x": 200.0, "y": -5.0, "speed": 0.0, "heading": 90.0,
-             "manoeuvre": [
-                 {"do": "accelerate", "when": "ttc(ego, child) < "
-                                              "0.01", "speed": 2.0, "acceleration": 2.0},
-             ]},
-        ],
-    }  # fmt: skip
+        **SPACE,
+        **tomllib.loads("""
+end = { x = 400.0, time = 12.0 }
+vehicle = [
+    { name = "child", body = "child", x = 200.0, y = -5.0, speed = 0.0, heading = 90.0, manoeuvre = [
+        { do = "accelerate", when = "ttc(ego, child) < 0.01", speed = 2.0, acceleration = 2.0 },
+    ] },
+]
+"""),
+    }
     found = simulate(scenario_from(content, "t", Path()).concrete(v=20.0), "no_reaction")
     clips = {clip.what: clip.count for clip in found.clips}
     assert clips["trigger_never_fired"] == 1
@@ -208,18 +214,19 @@ def test_a_trigger_that_never_fires_is_on_record():
 
 def test_law_packed_scripts_with_conditions_have_the_bits_of_single_ones():
     content = {
-        **SPACE, "end": {"x": 400.0, "time": 12.0},
-        "vehicle": [
-            {"name": "walker", "body": "pedestrian", "x": 180.0, "y": -5.0, "speed": 0.0,
-                "heading": 90.0,
-             "manoeuvre": [
-                 {"do": "accelerate", "name": "go", "when": "ttc(ego, walker) < 3", "speed": 1.5,
-                     "acceleration": 2.0},
-             ]},
-            {"name": "lead", "gap": 90.0, "y": 3.5, "speed": "v", "manoeuvre": [
-                {"do": "sinus", "when": "ended(walker, go)", "offset": -0.5, "acceleration": 1.0}]},
-        ],
-    }  # fmt: skip
+        **SPACE,
+        **tomllib.loads("""
+end = { x = 400.0, time = 12.0 }
+vehicle = [
+    { name = "walker", body = "pedestrian", x = 180.0, y = -5.0, speed = 0.0, heading = 90.0, manoeuvre = [
+        { do = "accelerate", name = "go", when = "ttc(ego, walker) < 3", speed = 1.5, acceleration = 2.0 },
+    ] },
+    { name = "lead", gap = 90.0, y = 3.5, speed = "v", manoeuvre = [
+        { do = "sinus", when = "ended(walker, go)", offset = -0.5, acceleration = 1.0 },
+    ] },
+]
+"""),
+    }
     logical = scenario_from(content, "t", Path())
     cases = [logical.concrete(v=float(v)) for v in (10, 14, 20, 25, 30)]
     for who in ("idm", "lane_changer", "ideal_braking"):

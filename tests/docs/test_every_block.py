@@ -15,6 +15,7 @@ import yaml
 from commands import sumo_eval
 from doc_blocks import BLOCKS, CODE, PAGES, ROOT, Desk, code_of, mentioned
 from example_files import write_needs
+from tables import rows_of
 
 from sumo_eval.cli import commands, main
 from sumo_eval.cosim.doors.features import read_interface
@@ -37,23 +38,24 @@ MARKED = {
 }
 """Languages of blocks that are neither run nor read by this test, and why."""
 
-NOT_RUN = {
-    "--gui": "needs a display",
-    "--scheduler": "needs a cluster",
-    "CCRm.xosc": "needs a file of Euro NCAP; test_openscenario_catalogues.py reads and drives it",
-    "drive": "needs somebody at the wheel; tests/wheel has bots there",
-    "dlr_highway": "needs a recording; test_recorded_people_example.py runs it where the wheel "
-    "tasi is",
-    "afternoon/ratings.csv": "needs a study's ratings; tests/cli/test_as_typed.py has some",
-    "people.toml": "needs a recording; test_recorded_people_example.py runs these lines where the "
-    "wheel tasi is",
-    "afternoon/evaluation.toml": "needs a study; tests/wheel has one",
-    "/work/evaluation.toml": "a path inside a container",
-    "cut_in-0042-mine": "needs a night with that case; tests/cli/test_compare.py drives one again so",
-    "nights/nights/2026-11-21T02-00-00Z": "compares it with that night; tests/cli/test_compare.py "
-    "does so",
-    "qualify": "takes minutes; tests/studies runs its parts",
-}
+NOT_RUN = dict(
+    rows_of("""
+--gui | needs a display
+--scheduler | needs a cluster
+CCRm.xosc | needs a file of Euro NCAP; test_openscenario_catalogues.py reads and drives it
+drive | needs somebody at the wheel; tests/wheel has bots there
+dlr_highway | needs a recording; test_recorded_people_example.py runs it where the wheel tasi is
+afternoon/ratings.csv | needs a study's ratings; tests/cli/test_as_typed.py has some
+people.toml
+| needs a recording; test_recorded_people_example.py runs these lines where the wheel tasi is
+afternoon/evaluation.toml | needs a study; tests/wheel has one
+/work/evaluation.toml | a path inside a container
+cut_in-0042-mine | needs a night with that case; tests/cli/test_compare.py drives one again so
+nights/nights/2026-11-21T02-00-00Z
+| compares it with that night; tests/cli/test_compare.py does so
+qualify | takes minutes; tests/studies runs its parts
+""")
+)
 """Commands that are read and not run, by a word in them, and why."""
 
 READERS = {
@@ -72,27 +74,29 @@ READERS = {
 }
 """Keys of fragments: an evaluation's, and a scenario file's."""
 
-ELSEWHERE = {
-    "make quick": ".ci/run runs `make test` and `make check`; quick is a part of the first, the "
-    "others take long",
-    "make score": "tests/golden/test_golden.py runs this evaluation and compares README's table",
-    "make test": ".ci/run runs it",
-    "tests/golden/golden.py": "tests/golden/test_golden.py compares what this one does",
-    "tools/release.py": "tests/tools/test_release.py runs it in a clone",
-    "-m venv .venv": "Makefile does the same before .ci/run has anything to run",
+ELSEWHERE = dict(
+    rows_of("""
+make quick
+| .ci/run runs `make test` and `make check`; quick is a part of the first, the others take long
+make score | tests/golden/test_golden.py runs this evaluation and compares README's table
+make test | .ci/run runs it
+tests/golden/golden.py | tests/golden/test_golden.py compares what this one does
+tools/release.py | tests/tools/test_release.py runs it in a clone
+-m venv .venv | Makefile does the same before .ci/run has anything to run
+openssl | tests/record/test_cluster_tls.py runs it word for word
+DASK_DISTRIBUTED__ | tests/record/test_cluster_tls.py runs it word for word
+kind: Job | needs Kubernetes; the shards are those of tests/record/test_resume.py
+[[feature]] | needs a policy; tests/learning/test_onnx.py drives one through such a file
+learned/cut_in.toml | needs what `learn` wrote; tests/rates has that
+project.entry-points | tests/scenario/test_formats.py installs such a package
+consent | needs people who rate; tests/wheel/test_study.py has bots
+train_ppo.py | trains for minutes; tests/learning/test_examples_of_learning.py trains a little
+paper_example.py | draws for minutes; tests/golden/test_golden.py drives the same evaluation
+num_timesteps | what that training printed
+""")
+) | {
     "pip install .\n": "Makefile does the same before .ci/run has anything to run",
-    "openssl": "tests/record/test_cluster_tls.py runs it word for word",
-    "DASK_DISTRIBUTED__": "tests/record/test_cluster_tls.py runs it word for word",
-    "kind: Job": "needs Kubernetes; the shards are those of tests/record/test_resume.py",
-    "[[feature]]": "needs a policy; tests/learning/test_onnx.py drives one through such a file",
-    "learned/cut_in.toml": "needs what `learn` wrote; tests/rates has that",
     "old path  ": "a table",
-    "project.entry-points": "tests/scenario/test_formats.py installs such a package",
-    "consent": "needs people who rate; tests/wheel/test_study.py has bots",
-    "train_ppo.py": "trains for minutes; tests/learning/test_examples_of_learning.py trains a "
-    "little",
-    "paper_example.py": "draws for minutes; tests/golden/test_golden.py drives the same evaluation",
-    "num_timesteps": "what that training printed",
 }
 """Blocks that this test only reads, by a text in them, and what runs them or why nothing here
 can."""
@@ -297,21 +301,23 @@ def test_the_programs_own_reader_reads_every_block_of_toml(block, desk):
     read_toml_block(block.text, desk.folder)
 
 
-NOT_DRIVEN = {
-    "[joint]": "a road test's events, which learning and exposure read; a drive knows nothing of "
-    "them",
-    "[recorded]": "which recordings are like a scenario; needs recordings",
-    'source = "recorded"': "needs a recording; test_recorded_people_example.py has one",
-    'kind = "recorded"': "needs a recording; tests/drivers has some",
-    "CarlaAgent": "needs an agent of CARLA; tests/ads/test_adapters.py has one",
-    "fmu:": "needs an FMU; tests/cosim/test_fmu.py builds one",
-    "simulation.plant": "needs an FMU; tests/cosim/test_fmu.py builds one",
-    "ros2_node.py": "needs ROS 2; tests/ads/test_ros2.py has a stand-in",
-    "weights.onnx": "a planner of the reader's own, with its weights",
+NOT_DRIVEN = dict(
+    rows_of("""
+[joint] | a road test's events, which learning and exposure read; a drive knows nothing of them
+[recorded] | which recordings are like a scenario; needs recordings
+source = "recorded" | needs a recording; test_recorded_people_example.py has one
+kind = "recorded" | needs a recording; tests/drivers has some
+CarlaAgent | needs an agent of CARLA; tests/ads/test_adapters.py has one
+fmu: | needs an FMU; tests/cosim/test_fmu.py builds one
+simulation.plant | needs an FMU; tests/cosim/test_fmu.py builds one
+ros2_node.py | needs ROS 2; tests/ads/test_ros2.py has a stand-in
+weights.onnx | a planner of the reader's own, with its weights
+.xosc | needs a file of OpenSCENARIO; test_openscenario_catalogues.py drives them
+qualification = | a run names its qualification; it changes no drive
+""")
+) | {
     "folder = ": "needs the reader's own copy of a catalogue; test_openscenario_catalogues.py "
     "drives them",
-    ".xosc": "needs a file of OpenSCENARIO; test_openscenario_catalogues.py drives them",
-    "qualification =": "a run names its qualification; it changes no drive",
 }
 """Blocks of scenarios and evaluations that are read and not driven, by a text in them, and why."""
 

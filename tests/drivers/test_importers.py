@@ -8,6 +8,7 @@ import pytest
 from commands import sumo_eval
 from drivers.real_data import needs_recordings, recording
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.drivers.recorded.importers import commonroad, highd, levelx, ngsim, openacc, sumo_fcd
 from sumo_eval.drivers.recorded.importing import FORMATS, each_of, import_recordings
@@ -261,43 +262,41 @@ NGSIM = ",".join((*ngsim._ORIGINAL, "Location")) + "\n"
 @pytest.mark.parametrize(
     ("form", "name", "text", "words"),
     [
-        ("csv", "x.csv", OWN + "r,a,0,1,2,4,2\n\n \nr,a,0.1,oops,2,4,2\n", "`x` in row 5 of"),
-        ("csv", "x.csv", OWN + "r,a,0,1,2,0,2\nr,a,0.1,2,2,0,2\n", "must be above 0 m, got '0 and"),
-        ("csv", "x.csv", OWN + "r,a,0,1e300,2,4,2\nr,a,0.1,2,2,4,2\n",
-            "must be at most 9.0072e+15 in size, got 1e+300"),
-        ("csv", "x.csv", "recording,vehicle,time,x,y,length,width\nr,a,0,1,2,4,2\n",
-            "must have a column `t`"),
-        ("csv", "x.csv", "vehicel,time\na,0\n",
-         "must have the columns `recording`, `vehicle`, `t`, `x`, `y`, `length`, `width`. Known: "
-         "vehicel, time"),
-        ("csv", "x.csv", OWN[:-1] + ",x\n", "must have every column once, got `x` twice"),
-        ("csv", "x.csv", OWN + "r,a,0,true,2,4,2\n", "`x` in row 2 of"),
-        ("csv", "x.csv", OWN[:-1] + ",steering\nr,a,0,1,2,4,2,\nr,a,1,1,2,4,2,left\n",
-            "`steering` in row 3 of"),
-        ("map", "x.csv", "vehicle,t,x,y\na,0,0,0\na,1,1e15,0\n", "at most 1e+06 m long"),
+        *rows_of(r"""
+csv | x.csv | OWNr,a,0,1,2,4,2\n\n \nr,a,0.1,oops,2,4,2\n | `x` in row 5 of
+csv | x.csv | OWNr,a,0,1,2,0,2\nr,a,0.1,2,2,0,2\n | must be above 0 m, got '0 and
+csv | x.csv | OWNr,a,0,1e300,2,4,2\nr,a,0.1,2,2,4,2\n
+| must be at most 9.0072e+15 in size, got 1e+300
+csv | x.csv | recording,vehicle,time,x,y,length,width\nr,a,0,1,2,4,2\n | must have a column `t`
+csv | x.csv | vehicel,time\na,0\n
+| must have the columns `recording`, `vehicle`, `t`, `x`, `y`, `length`, `width`. Known: vehicel, time
+csv | x.csv | recording,vehicle,t,x,y,length,width,x\n | must have every column once, got `x` twice
+csv | x.csv | OWNr,a,0,true,2,4,2\n | `x` in row 2 of
+csv | x.csv | recording,vehicle,t,x,y,length,width,steering\nr,a,0,1,2,4,2,\nr,a,1,1,2,4,2,left\n
+| `steering` in row 3 of
+map | x.csv | vehicle,t,x,y\na,0,0,0\na,1,1e15,0\n | at most 1e+06 m long
+ngsim | x.txt | 1 2 3\n | `Global_Time` in row 1 of
+highd | 01_tracks.csv | frame,id,x\n1,1,1\n | must have the columns `y`, `width`, `height`
+commonroad | x.xml | <commonRoad timeStepSize='0.1'>\n<dynamic | is not well-formed XML
+commonroad | x.xml | <commonRoad timeStepSize='nan'/> | must be a number, got 'nan'
+sumo_fcd | x.csv | FCD0;;;;;\n1;90;a;oops;2;3\n | `speed` in row 3 of
+openacc | x.csv | a,b\n1,2\n | must begin with the five rows
+dlr_highway | x.csv | timestamp,id\n1,2\n | must have the columns `center_easting`
+"""),
         ("sumo_fcd", "x.csv", FCD[:-1] + ";vehicle_posLat\n1;90;a;3;2;3;inf\n",
             "`posLat` in row 2 of"),
         ("openacc", "x.csv", PLATOON + "0,10,\n0.1,\"1,5\",\n", "`Speed1` in row 8 of"),
-        ("ngsim", "x.txt", "1 2 3\n", "`Global_Time` in row 1 of"),
-        ("highd", "01_tracks.csv", "frame,id,x\n1,1,1\n", "must have the columns `y`, `width`, "
-                                                          "`height`"),
-        ("commonroad", "x.xml", "<commonRoad timeStepSize='0.1'>\n<dynamic", "is not well-formed "
-                                                                             "XML"),
         ("sumo_fcd", "x.xml", NO_ANGLE, "must have `angle`"),
-        ("commonroad", "x.xml", "<commonRoad timeStepSize='nan'/>", "must be a number, got 'nan'"),
-        ("sumo_fcd", "x.csv", FCD + "0;;;;;\n1;90;a;oops;2;3\n", "`speed` in row 3 of"),
         ("ngsim", "x.csv", NGSIM + "1," * 18 + "\n", "`Location` in row 2 of"),
         ("ngsim", "x.csv", NGSIM + "1," * 30 + "\n", "is not such a table"),
-        ("openacc", "x.csv", "a,b\n1,2\n", "must begin with the five rows"),
         ("openacc", "x.csv", 'a,"' + "b" * 200_000, "field larger than field limit"),
-        ("dlr_highway", "x.csv", "timestamp,id\n1,2\n", "must have the columns `center_easting`"),
         ("hihgD", "x.csv", "", "Did you mean `highd`?"),
     ],
 )  # fmt: skip
 def test_a_damaged_file_gets_one_sentence_and_nothing_half_imported_stays(
     tmp_path, form, name, text, words
 ):
-    (tmp_path / name).write_text(text)
+    (tmp_path / name).write_text(text.replace("OWN", OWN).replace("FCD", FCD))
     out = tmp_path / "out" / "table.csv"
     result = sumo_eval("humans", "import", form, tmp_path / name, "--out", out, status=2)
     assert words in result.said

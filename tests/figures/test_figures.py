@@ -1,7 +1,9 @@
 """Figures for papers: every one is drawn of a real run, in every format and width, and mistakes are
 sentences."""
 
+import json
 import re
+import tomllib
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
@@ -12,6 +14,7 @@ from browser import CHROMIUM, Page
 from evaluations import small
 from refusals import refusal
 from standard_run import SCENARIOS
+from tables import rows_of
 
 import sumo_eval
 from sumo_eval.evaluation import zone_partitions
@@ -169,17 +172,21 @@ def test_a_history_of_nights_is_drawn(done, tmp_path):
 
 @pytest.mark.parametrize(
     ("figure", "more", "words"),
-    [
-        ("zonemap", {}, "Unknown figure `zonemap`.*Did you mean `zone_map`"),
-        ("field", {"case": "nobody"}, "Unknown case `nobody`"),
-        ("field", {"ads": "idn"}, "Unknown ADS `idn`.*Did you mean `idm`"),
-        ("points", {"scenario": "cut"}, "Unknown scenario `cut`"),
-        ("points", {"width": "wide"}, "Unknown width `wide`"),
-        ("opinion", {}, "must hold ratings, got none"),
-        ("trend", {}, "There is no history in"),
-        ("trend", {"case": "x"}, "takes no `case`, got 'x'"),
-        ("opinion", {"ads": "idm"}, "takes no `ads`, got 'idm'"),
-    ],
+    rows_of(
+        """
+zonemap | {} | Unknown figure `zonemap`.*Did you mean `zone_map`
+field | {"case": "nobody"} | Unknown case `nobody`
+field | {"ads": "idn"} | Unknown ADS `idn`.*Did you mean `idm`
+points | {"scenario": "cut"} | Unknown scenario `cut`
+points | {"width": "wide"} | Unknown width `wide`
+opinion | {} | must hold ratings, got none
+trend | {} | There is no history in
+trend | {"case": "x"} | takes no `case`, got 'x'
+opinion | {"ads": "idm"} | takes no `ads`, got 'idm'
+""",
+        str,
+        json.loads,
+    ),
 )
 def test_what_is_missing_is_named(done, figure, more, words):
     with refusal(words):
@@ -211,14 +218,14 @@ def test_the_list_of_figures_is_the_documented_one():
 def test_on_a_curve_field_and_ways_are_drawn_on_the_map(tmp_path):
     """Along an arc of R = 250 m to the left the ego ends about s^2 / 2R to the left of where it
     began: metres."""
-    evaluation = {
-        "name": "bend",
-        "scenario": [{"use": "curve_cut_in", "sampling": {"levels": {"ego_speed": 2, "gap": 2}}}],
-        "ads": [{"name": "idm", "controller": "idm"}],
-        "drivers": {"count": 2},
-        "run": {"engine": "serial"},
-        "method": {"zones": {"restarts": 0, "refinements": 0, "grid_points": 1000}},
-    }
+    evaluation = tomllib.loads("""
+name = "bend"
+scenario = [{ use = "curve_cut_in", sampling = { levels = { ego_speed = 2, gap = 2 } } }]
+ads = [{ name = "idm", controller = "idm" }]
+drivers = { count = 2 }
+run = { engine = "serial" }
+method = { zones = { restarts = 0, refinements = 0, grid_points = 1000 } }
+""")
     bent = sumo_eval.evaluate(evaluation, tmp_path / "run")
     for name in ("field", "trajectories"):
         figure = draw(bent, name, ads="idm")

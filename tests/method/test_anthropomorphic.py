@@ -1,5 +1,6 @@
 """Laws and worked numbers of the anthropomorphic index D, Eqs. 11-13."""
 
+import json
 import math
 from dataclasses import replace
 
@@ -8,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refusal
+from tables import rows_of
 from twins import anthropomorphic as twin
 
 from sumo_eval.method import anthropomorphic as module
@@ -641,16 +643,20 @@ def test_the_index_over_the_safe_zone():
 
 @pytest.mark.parametrize(
     ("values", "exposure", "words"),
-    [
-        ([0.5, 1.0], [1.0], "equally long"),
-        ([[0.5, 1.0]], [[1.0, 1.0]], "equally long"),
-        ([0.5, math.nan], [1.0, 1.0], "`values` .* finite, got nan"),
-        ([0.5, 1.0], [1.0, -1.0], "`exposure` .* at least 0, got -1.0"),
-        ([0.5, 1.0], [1.0, math.nan], "`exposure` .* got nan"),
-        ([0.5, 1.0], [1.0, math.inf], "`exposure` .* got inf"),
-        ([0.5, 1.0], [0.0, 0.0], "sum of `exposure` .* greater than 0"),
-        ([], [], "sum of `exposure` .* greater than 0"),
-    ],
+    rows_of(
+        """
+[0.5, 1.0] | [1.0] | equally long
+[[0.5, 1.0]] | [[1.0, 1.0]] | equally long
+[0.5, NaN] | [1.0, 1.0] | `values` .* finite, got nan
+[0.5, 1.0] | [1.0, -1.0] | `exposure` .* at least 0, got -1.0
+[0.5, 1.0] | [1.0, NaN] | `exposure` .* got nan
+[0.5, 1.0] | [1.0, Infinity] | `exposure` .* got inf
+[0.5, 1.0] | [0.0, 0.0] | sum of `exposure` .* greater than 0
+[] | [] | sum of `exposure` .* greater than 0
+""",
+        json.loads,
+        json.loads,
+    ),
 )
 def test_the_weighted_index_refuses(values, exposure, words):
     with refusal(words):

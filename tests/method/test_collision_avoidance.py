@@ -1,10 +1,11 @@
 """Eqs. 14-17 against hand-worked numbers, laws, and a plain walk along the ray."""
 
-import math
+import json
 
 import numpy as np
 import pytest
 from refusals import refusal
+from tables import rows_of
 from twins.collision_avoidance import walked_weight
 from twins.spaces import space, two_hills
 
@@ -179,23 +180,18 @@ def test_the_first_exit_counts_where_a_ray_enters_the_zone_again(ring):
 
 @pytest.mark.parametrize(
     ("point", "sentence"),
-    [
-        (
-            {"ego_speed": 30.0, "gap": 50.0},
-            "Parameter `obstacle_speed` of scenario `front_vehicle_cut_out` is missing",
-        ),
-        (
-            {"ego_speed": 30.0, "obstacle_sped": 0.0, "gap": 50.0},
-            "Unknown parameter `obstacle_sped` of scenario `front_vehicle_cut_out`. Did you mean "
-            "`obstacle_speed`",
-        ),
-        (
-            [30.0, 0.0, 150.0],
-            "`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150.0",
-        ),
-        ([30.0, 0.0], "`points` of scenario `front_vehicle_cut_out` must be 3 long"),
-        (30.0, "`point` of scenario `front_vehicle_cut_out` must be values by name, a row or rows"),
-    ],
+    rows_of(
+        """
+{"ego_speed": 30.0, "gap": 50.0}
+| Parameter `obstacle_speed` of scenario `front_vehicle_cut_out` is missing
+{"ego_speed": 30.0, "obstacle_sped": 0.0, "gap": 50.0}
+| Unknown parameter `obstacle_sped` of scenario `front_vehicle_cut_out`. Did you mean `obstacle_speed`
+[30.0, 0.0, 150.0] | `gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150.0
+[30.0, 0.0] | `points` of scenario `front_vehicle_cut_out` must be 3 long
+30.0 | `point` of scenario `front_vehicle_cut_out` must be values by name, a row or rows
+""",
+        json.loads,
+    ),
 )
 def test_points_outside_the_space_have_no_weight(cut_out, point, sentence):
     with refusal(sentence):
@@ -236,20 +232,18 @@ def test_hitting_no_harder_than_the_ideal_vehicle_counts_1():
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
-    [
-        (
-            ([1, 2], [1], [1, 1]),
-            "`u`, `u_ideal` and `weights` of the collisions must be of one length",
-        ),
-        ((1.0, 1.0, 1.0), "`u`, `u_ideal` and `weights` of the collisions must be of one length"),
-        (([-1], [1], [1]), "`u` of a collision must be at least 0, got -1.0"),
-        (([1], [math.nan], [1]), "`u_ideal` of a collision must be finite, got nan"),
-        (([1], [1], [math.inf]), "`weights` of a collision must be finite, got inf"),
-        (
-            ([1], [1], [1], "l"),
-            "`loss` of `collision_avoidance_index` must be 'severity' or 'class', got 'l'",
-        ),
-    ],
+    rows_of(
+        """
+[[1, 2], [1], [1, 1]] | `u`, `u_ideal` and `weights` of the collisions must be of one length
+[1.0, 1.0, 1.0] | `u`, `u_ideal` and `weights` of the collisions must be of one length
+[[-1], [1], [1]] | `u` of a collision must be at least 0, got -1.0
+[[1], [NaN], [1]] | `u_ideal` of a collision must be finite, got nan
+[[1], [1], [Infinity]] | `weights` of a collision must be finite, got inf
+[[1], [1], [1], "l"]
+| `loss` of `collision_avoidance_index` must be 'severity' or 'class', got 'l'
+""",
+        json.loads,
+    ),
 )
 def test_impossible_collisions_are_refused(arguments, sentence):
     with refusal(sentence):
@@ -258,18 +252,15 @@ def test_impossible_collisions_are_refused(arguments, sentence):
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
-    [
-        (((20, 0), (5, 0), 1.01), "`overlap` of a collision must be within 0..1, got 1.01"),
-        (((20, 0), (5, 0), -0.1), "`overlap` of a collision must be at least 0, got -0.1"),
-        (
-            ((20, 0, 0), (5, 0, 0), 1.0),
-            "`ego_velocity` of a collision must be finite with a last axis of 2",
-        ),
-        (
-            ((20, 0), (5, math.nan), 1.0),
-            "`obstacle_velocity` of a collision must be finite with a last axis of 2",
-        ),
-    ],
+    rows_of(
+        """
+[[20, 0], [5, 0], 1.01] | `overlap` of a collision must be within 0..1, got 1.01
+[[20, 0], [5, 0], -0.1] | `overlap` of a collision must be at least 0, got -0.1
+[[20, 0, 0], [5, 0, 0], 1.0] | `ego_velocity` of a collision must be finite with a last axis of 2
+[[20, 0], [5, NaN], 1.0] | `obstacle_velocity` of a collision must be finite with a last axis of 2
+""",
+        json.loads,
+    ),
 )
 def test_impossible_impacts_are_refused(arguments, sentence):
     with refusal(sentence):

@@ -1,6 +1,7 @@
 """Eqs. 1-6 against hand-worked numbers, published tables and a plain simulation."""
 
 import csv
+import json
 import math
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from refusals import refusal
+from tables import rows_of
 from twins.criticality import braked
 
 from sumo_eval.method.criticality import (
@@ -250,14 +252,17 @@ def test_arrays_broadcast_and_scalars_stay_scalars():
 
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
-    [
-        ({"ego_speed": math.nan}, "`ego_speed` of an approach must be finite, got nan"),
-        ({"lead_speed": -1.0}, "`lead_speed` of an approach must be at least 0, got -1.0"),
-        ({"gap": math.inf}, "`gap` of an approach must be finite, got inf"),
-        ({"deceleration": 0.0}, "`deceleration` of an approach must be greater than 0, got 0.0"),
-        ({"delay": -0.1}, "`delay` of an approach must be at least 0, got -0.1"),
-        ({"build_up": -0.1}, "`build_up` of an approach must be at least 0, got -0.1"),
-    ],
+    rows_of(
+        """
+{"ego_speed": NaN} | `ego_speed` of an approach must be finite, got nan
+{"lead_speed": -1.0} | `lead_speed` of an approach must be at least 0, got -1.0
+{"gap": Infinity} | `gap` of an approach must be finite, got inf
+{"deceleration": 0.0} | `deceleration` of an approach must be greater than 0, got 0.0
+{"delay": -0.1} | `delay` of an approach must be at least 0, got -0.1
+{"build_up": -0.1} | `build_up` of an approach must be at least 0, got -0.1
+""",
+        json.loads,
+    ),
 )
 def test_impossible_approaches_are_refused(wrong, sentence):
     approach = {

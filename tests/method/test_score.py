@@ -1,9 +1,10 @@
 """Eq. 18."""
 
-import math
+import json
 
 import pytest
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.method.score import combined_score, population_scale
 
@@ -36,23 +37,20 @@ def test_the_population_scale_gives_the_middle_ads_half_of_the_points():
 
 @pytest.mark.parametrize(
     ("arguments", "keywords", "sentence"),
-    [
-        ((1.1, 0.5), {}, "`c` of the score must be within 0..1, got 1.1"),
-        ((math.nan, 0.5), {}, "`c` of the score must be within 0..1, got nan"),
-        ((0.5, -0.1), {}, "`d` of the score must be within 0..1, got -0.1"),
-        (
-            (0.5, 0.5),
-            {"a": 60},
-            "`a` and `b` of the score must be at least 0 and together 100, got .60, 50.0.",
-        ),
-        (
-            (0.5, 0.5),
-            {"a": -10, "b": 110},
-            "`a` and `b` of the score must be at least 0 and together 100",
-        ),
-        ((0.5, 0.5), {"k5": 0.0}, "`k5` of the score must be greater than 0, got 0.0"),
-        ((0.5, None), {"k6": math.inf}, "`k6` of the score must be greater than 0, got inf"),
-    ],
+    rows_of(
+        """
+[1.1, 0.5] | {} | `c` of the score must be within 0..1, got 1.1
+[NaN, 0.5] | {} | `c` of the score must be within 0..1, got nan
+[0.5, -0.1] | {} | `d` of the score must be within 0..1, got -0.1
+[0.5, 0.5] | {"a": 60}
+| `a` and `b` of the score must be at least 0 and together 100, got .60, 50.0.
+[0.5, 0.5] | {"a": -10, "b": 110} | `a` and `b` of the score must be at least 0 and together 100
+[0.5, 0.5] | {"k5": 0.0} | `k5` of the score must be greater than 0, got 0.0
+[0.5, null] | {"k6": Infinity} | `k6` of the score must be greater than 0, got inf
+""",
+        json.loads,
+        json.loads,
+    ),
 )
 def test_what_makes_no_score_is_refused(arguments, keywords, sentence):
     with refusal(sentence):
@@ -61,21 +59,18 @@ def test_what_makes_no_score_is_refused(arguments, keywords, sentence):
 
 @pytest.mark.parametrize(
     ("arguments", "keywords", "sentence"),
-    [
-        (([],), {}, "`values` of `population_scale` must be at least one index"),
-        (([0.5, 1.5],), {}, "`values` of the score must be within 0..1, got 1.5"),
-        (([0.0, 0.0, 1.0],), {}, "The median of the population's indexes must be greater than 0"),
-        (
-            ([0.5], 0.0),
-            {},
-            "`share` of `population_scale` must be within 0..1 and above 0, got 0.0",
-        ),
-        (
-            ([0.5],),
-            {"centre": "mode"},
-            "`centre` of `population_scale` must be 'median' or 'mean', got 'mode'",
-        ),
-    ],
+    rows_of(
+        """
+[[]] | {} | `values` of `population_scale` must be at least one index
+[[0.5, 1.5]] | {} | `values` of the score must be within 0..1, got 1.5
+[[0.0, 0.0, 1.0]] | {} | The median of the population's indexes must be greater than 0
+[[0.5], 0.0] | {} | `share` of `population_scale` must be within 0..1 and above 0, got 0.0
+[[0.5]] | {"centre": "mode"}
+| `centre` of `population_scale` must be 'median' or 'mean', got 'mode'
+""",
+        json.loads,
+        json.loads,
+    ),
 )
 def test_what_makes_no_scale_is_refused(arguments, keywords, sentence):
     with refusal(sentence):

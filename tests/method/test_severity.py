@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.method.severity import (
@@ -182,15 +183,17 @@ def test_an_own_function_replaces_u(folder):
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("mine.py:too_large", "must return a finite number within 0..1, got 1.5 for an example"),
-        ("mine.py:not_a_number", "within 0..1, got nan for an example"),
-        ("mine.py:in_words", "got 'severe' for an example"),
-        ("mine.py:raises", "failed for an example, .*: RuntimeError: no table at this speed"),
+        *rows_of("""
+mine.py:too_large | must return a finite number within 0..1, got 1.5 for an example
+mine.py:not_a_number | within 0..1, got nan for an example
+mine.py:in_words | got 'severe' for an example
+mine.py:raises | failed for an example, .*: RuntimeError: no table at this speed
+mine.py:table | must be a function of a Contact
+mine.py:by_closing_sped | Did you mean `by_closing_speed`
+injury:cyclst | Unknown injury-risk curve `cyclst`. Did you mean `cyclist`
+eq41 | Unknown severity `eq41`. Did you mean `eq14`
+"""),
         ("mine.py:wavers", "must return one number for one contact, got .* and then "),
-        ("mine.py:table", "must be a function of a Contact"),
-        ("mine.py:by_closing_sped", "Did you mean `by_closing_speed`"),
-        ("injury:cyclst", "Unknown injury-risk curve `cyclst`. Did you mean `cyclist`"),
-        ("eq41", "Unknown severity `eq41`. Did you mean `eq14`"),
     ],
 )
 def test_a_wrong_severity_is_known_before_the_first_case(folder, name, sentence):

@@ -1,5 +1,6 @@
 """Laws and worked numbers of the trajectory field, Eqs. 9-10."""
 
+import json
 import math
 
 import numpy as np
@@ -8,6 +9,7 @@ from commands import python
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refusal
+from tables import rows_of
 from twins import trajectory_field as twin
 
 from sumo_eval.method import trajectory_field as module
@@ -256,22 +258,27 @@ def test_numba_is_imported_late():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"points": [1.0, 2.0]}, r"`points` .* \(n, 2\)"),
+        *rows_of(
+            r"""
+{"points": [1.0, 2.0]} | `points` .* \(n, 2\)
+{"k1": -0.1} | `k1` .* at least 0, got -0.1
+{"k1": Infinity} | `k1` .* finite
+{"k2": -0.1} | `k2` .* at least 0
+{"k2": NaN} | `k2` .* got nan
+{"k2": 1.5} | `k2` .* at most 1, got 1.5
+{"sample_interval": 0.0} | `sample_interval` .* greater than 0
+{"sample_interval": NaN} | `sample_interval` .* got nan
+{"sample_interval": Infinity} | `sample_interval` .* got inf
+{"superposition": "sum"} | `superposition` .* 'magnitude', 'vector', got 'sum'
+""",
+            json.loads,
+        ),
         ({"points": [(1.0, 2.0, 3.0)]}, r"`points` .* \(n, 2\)"),
         ({"points": [(1.0, math.nan)]}, r"`points` .* finite, got nan"),
-        ({"k1": -0.1}, r"`k1` .* at least 0, got -0.1"),
-        ({"k1": math.inf}, r"`k1` .* finite"),
-        ({"k2": -0.1}, r"`k2` .* at least 0"),
-        ({"k2": math.nan}, r"`k2` .* got nan"),
-        ({"k2": 1.5}, r"`k2` .* at most 1, got 1.5"),
         (
             {"k2": 1.0, "trajectory": one_sample(720.0)},
             r"`k2` times the speed .* at most 700, got 720",
         ),
-        ({"sample_interval": 0.0}, r"`sample_interval` .* greater than 0"),
-        ({"sample_interval": math.nan}, r"`sample_interval` .* got nan"),
-        ({"sample_interval": math.inf}, r"`sample_interval` .* got inf"),
-        ({"superposition": "sum"}, r"`superposition` .* 'magnitude', 'vector', got 'sum'"),
     ],
 )
 def test_a_field_refuses(change, words):

@@ -1,6 +1,7 @@
 """A scenario whose probability of collision is known in closed form: three normal parameters and a
 plane."""
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -26,11 +27,13 @@ def logical(folder=Path(), **more):
         for name, (mean, deviation) in SPREAD.items()
     ]
     content = {
-        "name": "rare",
+        **tomllib.loads("""
+name = "rare"
+ego = { speed = "ego_speed" }
+vehicle = [{ name = "lead", speed = "lead_speed", gap = "headway * ego_speed" }]
+zone = { obstacle = "lead" }
+"""),
         "parameter": parameters,
-        "ego": {"speed": "ego_speed"},
-        "vehicle": [{"name": "lead", "speed": "lead_speed", "gap": "headway * ego_speed"}],
-        "zone": {"obstacle": "lead"},
         **more,
     }
     return scenario_from(content, "the rare scenario", folder)

@@ -1,6 +1,7 @@
 """A recorded scene with an ADS in the place of one of its vehicles: others as they drove, or
 reacting to it."""
 
+import json
 import tomllib
 from itertools import pairwise
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from commands import sumo_eval
 from rates.planted import recordings_of
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, write_csv
@@ -191,10 +193,15 @@ def test_a_path_that_comes_back_to_where_it_began_keeps_its_furthest_point():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"ego": "eg"}, "Unknown vehicle `eg` of the recording. Did you mean `ego`"),
-        ({"ego": "ego", "span": (None, 300.0)}, "within its recording, 100 to 120 s"),
-        ({"ego": "ego", "recording": "q"}, "Unknown recording `q`"),
-        ({"ego": "ego", "model": "IDM", "beyond": 0.0}, "must be above 0 m"),
+        *rows_of(
+            """
+{"ego": "eg"} | Unknown vehicle `eg` of the recording. Did you mean `ego`
+{"ego": "ego", "span": [null, 300.0]} | within its recording, 100 to 120 s
+{"ego": "ego", "recording": "q"} | Unknown recording `q`
+{"ego": "ego", "model": "IDM", "beyond": 0.0} | must be above 0 m
+""",
+            json.loads,
+        ),
         ({"ego": "ego", "path": Path("x.txt")}, "one that ends with .toml, got 'x.txt'"),
     ],
 )
@@ -227,11 +234,14 @@ def test_of_several_recordings_the_only_one_with_the_ego_is_taken(tmp_path):
 def test_one_who_follows_late_must_do_nothing_after_it_and_departed_needs_a_recorded_ego():
     follow = {"do": "follow", "model": "IDM", "when": "departed > far"}
     content = {
-        "name": "t", "parameter": [{"name": "far", "unit": "m", "values": [1.0, 2.0]}],
-        "zone": "none",
-        "ego": {"speed": 20.0, "recorded": [[50.0, 0.0], [52.0, 0.0]]},
+        **tomllib.loads("""
+name = "t"
+parameter = [{ name = "far", unit = "m", values = [1.0, 2.0] }]
+zone = "none"
+ego = { speed = 20.0, recorded = [[50.0, 0.0], [52.0, 0.0]] }
+"""),
         "vehicle": [{"name": "a", "gap": 30.0, "speed": 20.0, "manoeuvre": [follow]}],
-    }  # fmt: skip
+    }
     assert scenario_from(content, "t", Path()).concrete(far=1.0).reacts
     content["vehicle"][0]["manoeuvre"] = [follow, {"do": "brake", "deceleration": 2.0}]
     with refusal("must do nothing after it does `follow`"):

@@ -1,6 +1,7 @@
 """A run in rounds, through SUMO: chosen by what was found, the same bytes for any workers, stopped
 or not."""
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,19 +16,16 @@ from sumo_eval.record.points import choose_points
 from sumo_eval.record.run_folder import read_manifest, read_settings
 from sumo_eval.scoring.steps import Scoring
 
-EVALUATION = {
-    "name": "rounds",
-    "scenario": [
-        {
-            "use": "front_vehicle_low_speed",
-            "sampling": {"method": "adaptive", "count": 40, "round": 16},
-        }
-    ],
-    "ads": [{"name": "careful", "controller": "careful_driver"}],
-    "drivers": {"count": 2},
-    "simulation": {"step": 0.1},
-    "method": {"zones": {"restarts": 0, "refinements": 0, "grid_points": 1000}},
-}
+EVALUATION = tomllib.loads("""
+name = "rounds"
+scenario = [
+    { use = "front_vehicle_low_speed", sampling = { method = "adaptive", count = 40, round = 16 } },
+]
+ads = [{ name = "careful", controller = "careful_driver" }]
+drivers = { count = 2 }
+simulation = { step = 0.1 }
+method = { zones = { restarts = 0, refinements = 0, grid_points = 1000 } }
+""")
 
 
 def sampling_of(run):

@@ -13,6 +13,7 @@ import pytest
 from commands import python
 from record.runs import CONCRETE, cases_of, each_once, limited
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.cli.stopping import heard
 from sumo_eval.cosim.simulation import simulate
@@ -27,32 +28,28 @@ from sumo_eval.settings import RunSettings
 LIMITS = {"case_timeout": 2.0, "step_timeout": 0.2, "memory_limit": 700.0}
 
 FAULTS = {
-    "raises": ("ads_error", "The ADS raised at 0.00 s: ValueError: no path found."),
-    "gives_nan": (
-        "ads_error",
-        "`acceleration` of the ADS's Command must be a finite number, got nan at 0.00 s.",
-    ),
-    "wrong_type": (
-        "ads_error",
-        "The ADS must return a Command, Pedals, a Plan or None, got str at 0.00 s.",
-    ),
-    "leaves": ("ads_error", "The ADS raised at 0.00 s: SystemExit: 3."),
-    "interrupts": (
-        "ads_error",
-        "The ADS raised at 0.00 s: RuntimeError: it raised KeyboardInterrupt.",
-    ),
-    "InterruptsWhenMade": ("ads_error", "making one failed: it raised KeyboardInterrupt."),
-    "vanishes": ("crashed", "The process that ran the case died with exit code 7."),
-    "segfaults": ("crashed", "The process that ran the case died with exit code -11 (SIGSEGV)."),
-    "hangs": ("ads_timeout", "The ADS must answer within 0.2 s, took longer at 0.00 s."),
-    "hangs_in_c": ("timeout", "The case took longer than 2 s of wall time."),
-    "slow": ("ads_timeout", "The ADS must answer within 0.2 s, took longer at 0.00 s."),
-    "fills_memory": ("ads_error", "MemoryError: more than the 700 MB of `run.memory_limit`."),
+    name: row
+    for name, *row in rows_of("""
+raises | ads_error | The ADS raised at 0.00 s: ValueError: no path found.
+gives_nan | ads_error
+| `acceleration` of the ADS's Command must be a finite number, got nan at 0.00 s.
+wrong_type | ads_error | The ADS must return a Command, Pedals, a Plan or None, got str at 0.00 s.
+leaves | ads_error | The ADS raised at 0.00 s: SystemExit: 3.
+interrupts | ads_error | The ADS raised at 0.00 s: RuntimeError: it raised KeyboardInterrupt.
+InterruptsWhenMade | ads_error | making one failed: it raised KeyboardInterrupt.
+vanishes | crashed | The process that ran the case died with exit code 7.
+segfaults | crashed | The process that ran the case died with exit code -11 (SIGSEGV).
+hangs | ads_timeout | The ADS must answer within 0.2 s, took longer at 0.00 s.
+hangs_in_c | timeout | The case took longer than 2 s of wall time.
+slow | ads_timeout | The ADS must answer within 0.2 s, took longer at 0.00 s.
+fills_memory | ads_error | MemoryError: more than the 700 MB of `run.memory_limit`.
+NeedsArguments | rejected | making one without arguments failed
+RaisesInClose | collision | The ADS raised in close: RuntimeError: late.
+""")
+} | {
     "chatters": ("collision", ""),
     "leaves_threads": ("collision", ""),
     "leaves_a_process": ("collision", ""),
-    "NeedsArguments": ("rejected", "making one without arguments failed"),
-    "RaisesInClose": ("collision", "The ADS raised in close: RuntimeError: late."),
 }
 INNOCENT = ("coast", "idm")
 

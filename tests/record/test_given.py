@@ -2,6 +2,7 @@
 picture out."""
 
 import threading
+import tomllib
 from importlib.metadata import version
 from pathlib import Path
 
@@ -13,12 +14,12 @@ import sumo_eval
 from sumo_eval.settings import AdsSettings
 from sumo_eval.settings.config import read_evaluation
 
-EVALUATION = {
-    "name": "notebook",
-    "scenario": [{"use": "front_vehicle_low_speed", "sampling": {"levels": 2}}],
-    "ads": [{"name": "idm", "controller": "idm"}],
-    "drivers": {"count": 2},
-}
+EVALUATION = tomllib.loads("""
+name = "notebook"
+scenario = [{ use = "front_vehicle_low_speed", sampling = { levels = 2 } }]
+ads = [{ name = "idm", controller = "idm" }]
+drivers = { count = 2 }
+""")
 LIMIT = 4.0
 
 

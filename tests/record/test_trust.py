@@ -6,6 +6,7 @@ import shutil
 import pytest
 from commands import sumo_eval as sumo_eval_cli
 from refusals import refusal
+from tables import rows_of
 
 import sumo_eval
 from sumo_eval.nightly.night import import_runs
@@ -77,30 +78,32 @@ def said(*arguments):
     return done.returncode, done.stderr
 
 
-COMMANDS = {
-    "report": ("report", "{run}"),
-    "score": ("score", "{run}"),
-    "compare": ("compare", "{run}", "{run}"),
-    "explain": ("explain", "{run}", CASE),
-    "find": ("find", "{run}", "ego_speed=20"),
-    "replay": ("replay", "{run}", CASE),
-    "plot": ("plot", "{run}", "zone_map"),
-    "export": ("export", "{run}"),
-    "export a case": ("export", "{run}", CASE),
-    "evidence": ("export", "{run}", "--evidence"),
-    "verify": ("verify", "{run}"),
-    "resume": ("run", "--out", "{run}", "--resume"),
-    "merge": ("merge", "{run}", "--out", "{run}-whole"),
-    "trend": ("trend", "{run}-history", "--import", "{run}"),
-    "sensitivity": ("sensitivity", "{run}"),
-}
+COMMANDS = dict(
+    rows_of("""
+report | report {run}
+score | score {run}
+compare | compare {run} {run}
+explain | explain {run} CASE
+find | find {run} ego_speed=20
+replay | replay {run} CASE
+plot | plot {run} zone_map
+export | export {run}
+export a case | export {run} CASE
+evidence | export {run} --evidence
+verify | verify {run}
+resume | run --out {run} --resume
+merge | merge {run} --out {run}-whole
+trend | trend {run}-history --import {run}
+sensitivity | sensitivity {run}
+""")
+)
 
 
 @pytest.mark.parametrize("kind", COMMANDS)
 def test_no_command_runs_code_of_others(foreign, tmp_path, kind):
     run = tmp_path / "run"
     shutil.copytree(foreign / "run", run)
-    status, words = said(*(word.format(run=run) for word in COMMANDS[kind]))
+    status, words = said(*COMMANDS[kind].replace("CASE", CASE).format(run=run).split())
     assert status == 2
     assert words.startswith("sumo-eval: ")
     assert "--trust" in words
@@ -129,13 +132,17 @@ def test_no_function_runs_code_of_others(foreign, tmp_path, door):
 
 
 EVIL = {
-    "severity": ('severity = "injury:cyclist"', 'severity = "{evil}"'),
-    "severity as a module": ('severity = "injury:cyclist"', 'severity = "evil:severity"'),
-    "module": ('severity = "injury:cyclist"', 'severity = "sumo:severity"'),
-    "scenario": ('use = "front_vehicle_low_speed"', 'use = "{evil}"'),
-    "scenario with options": ('use = "front_vehicle_low_speed"', 'use = "{evil}?a=1"'),
+    name: row
+    for name, *row in rows_of("""
+severity | severity = "injury:cyclist" | severity = "{evil}"
+severity as a module | severity = "injury:cyclist" | severity = "evil:severity"
+module | severity = "injury:cyclist" | severity = "sumo:severity"
+scenario | use = "front_vehicle_low_speed" | use = "{evil}"
+scenario with options | use = "front_vehicle_low_speed" | use = "{evil}?a=1"
+people | source = "synthetic" | source = "{evil}"
+""")
+} | {
     "sampler": ("[scenario.sampling]\n", '[scenario.sampling]\nmethod = "{evil}"\n'),
-    "people": ('source = "synthetic"', 'source = "{evil}"'),
 }
 
 

@@ -1,6 +1,7 @@
 """Cases of the evaluation made by hand, picked and changed: what the tests of comparison, gates and
 JUnit share."""
 
+import tomllib
 from dataclasses import replace
 
 import builders
@@ -38,7 +39,15 @@ def night(name, status=0, verdict="", wall_time=1.0):
     return Night(name, "made", place, wall_time, status, None, verdict, "0.1", "1.28", False)
 
 
-HIT = {
-    "status": "collision", "collided": True, "impact_speed": 5.0, "overlap": 1.0, "side": "front",
-    "severity": 5.0, "loss": 0.4, "ideal_severity": 0.0, "weight": 0.5, "end_reason": "contact",
-}  # fmt: skip
+HIT = tomllib.loads("""
+status = "collision"
+collided = true
+impact_speed = 5.0
+overlap = 1.0
+side = "front"
+severity = 5.0
+loss = 0.4
+ideal_severity = 0.0
+weight = 0.5
+end_reason = "contact"
+""")  # fmt: skip

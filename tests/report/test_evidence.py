@@ -11,6 +11,7 @@ from importlib.metadata import version
 
 import pytest
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval import evaluate, score
 from sumo_eval.record.qualification import read_qualification
@@ -231,8 +232,14 @@ def test_a_wrong_qualification_is_refused_before_any_drive(tmp_path, text, sente
 
 @pytest.mark.parametrize(
     ("end", "below", "at_least"),
-    [(0.49977, "0.5", "0.499"), (0.5, "0.5", "0.5"), (0.1, "0.1", "0.1"), (0.0, "0", "0"),
-     (-0.12345, "-0.123", "-0.124"), (1.2341e-7, "1.24e-07", "1.23e-07")],
+    rows_of("""
+0.49977 | 0.5 | 0.499
+0.5 | 0.5 | 0.5
+0.1 | 0.1 | 0.1
+0.0 | 0 | 0
+-0.12345 | -0.123 | -0.124
+1.2341e-07 | 1.24e-07 | 1.23e-07
+""", float),
 )  # fmt: skip
 def test_a_claim_rounds_to_the_side_that_claims_less(end, below, at_least):
     assert (_outward(end, ROUND_CEILING), _outward(end, ROUND_FLOOR)) == (below, at_least)

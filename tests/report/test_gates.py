@@ -1,6 +1,7 @@
 """Gates: a limit fails when its bound is passed, says by what and where, and is never judged
 without a base."""
 
+import json
 import math
 import re
 from dataclasses import replace
@@ -9,6 +10,7 @@ import builders
 import pytest
 from refusals import refusal
 from report_cases import HIT, every, pick, with_case
+from tables import rows_of
 
 from sumo_eval.nightly import gates
 from sumo_eval.nightly.gates import judge
@@ -116,13 +118,15 @@ CERTAIN = "counts only where the interval leaves out 0"
 @pytest.mark.parametrize(
     ("quantity", "by", "words"),
     [
-        ("D", {"worse_by": 0.01}, "it may fall by at most 0.01"),
-        ("D", {"worse_by_percent": 1.0}, "it may fall by at most 1 %"),
-        ("D", {"worse_by": 0.0}, "it must not fall"),
+        *rows_of("""
+D | {"worse_by": 0.01} | it may fall by at most 0.01
+D | {"worse_by_percent": 1.0} | it may fall by at most 1 %
+D | {"worse_by": 0.0} | it must not fall
+regret | {"worse_by": 0.0} | it must not rise
+""", str, json.loads),
         ("D", {"worse_by": 0.0, "only_if_certain": True}, f"it must not fall; a fall {CERTAIN}"),
         ("D", {"worse_by": 0.01, "only_if_certain": True},
             f"it may fall by at most 0.01; a larger fall {CERTAIN}"),
-        ("regret", {"worse_by": 0.0}, "it must not rise"),
     ],
 )  # fmt: skip
 def test_a_limit_on_a_change_says_what_may_change(evaluation, quantity, by, words):
@@ -246,22 +250,21 @@ def test_a_gate_file_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("before", "after", "sentence"),
     [
-        ('quantity = "S"', 'quantity = "Q"', "Unknown quantity `Q` of `limit` 1 in"),
-        (
-            '[[limit]]\nquantity = "S"',
-            'near_miss.measure = [{ quantity = "min_gab", absolute = 0.1 }]\n[[limit]]\nquantity '
-            '= "S"',
-            "Did you mean `min_gap`?",
-        ),
-        ("worse_by_percent", "worse_by_procent", "Did you mean `worse_by_percent`?"),
-        ("confidence = 0.9", "confidense = 0.9", "Did you mean `confidence`?"),
+        *rows_of(r"""
+quantity = "S" | quantity = "Q" | Unknown quantity `Q` of `limit` 1 in
+[[limit]]\nquantity = "S"
+| near_miss.measure = [{ quantity = "min_gab", absolute = 0.1 }]\n[[limit]]\nquantity = "S"
+| Did you mean `min_gap`?
+worse_by_percent | worse_by_procent | Did you mean `worse_by_percent`?
+confidence = 0.9 | confidense = 0.9 | Did you mean `confidence`?
+at_most = 0 | worse_by = 0 | is a change already
+at_most = 0 | at_least = 0 | is a change already
+worse_by_percent = 5 | worse_by = -1 | must be at least 0
+worse_by_percent = 5 | at_least = 5 | must stand beside worse_by
+confidence = 0.9 | confidence = 1.5 | confidence
+[[limit]] | [[limit | not valid TOML
+"""),
         ("at_most = 0", "", "must have at_least, at_most, worse_by or worse_by_percent"),
-        ("at_most = 0", "worse_by = 0", "is a change already"),
-        ("at_most = 0", "at_least = 0", "is a change already"),
-        ("worse_by_percent = 5", "worse_by = -1", "must be at least 0"),
-        ("worse_by_percent = 5", "at_least = 5", "must stand beside worse_by"),
-        ("confidence = 0.9", "confidence = 1.5", "confidence"),
-        ("[[limit]]", "[[limit", "not valid TOML"),
     ],
 )
 def test_a_mistake_in_a_gate_file_gets_a_sentence(before, after, sentence, tmp_path):
@@ -272,14 +275,20 @@ def test_a_mistake_in_a_gate_file_gets_a_sentence(before, after, sentence, tmp_p
 
 @pytest.mark.parametrize(
     ("quantity", "field"),
-    [
-        ("A", "avoided_share"), ("H", "human_likeness"), ("S+", "s_plus"), ("regret", "regret"),
-        ("T", "task_share"),
-        ("A'", "avoidance_grade"), ("C", "c"), ("D", "d"), ("S", "s"),
-        ("avoidable_collisions", "avoidable_collisions"),
-        ("unavoidable_collisions", "unavoidable_collisions"),
-        ("caused_collisions", "caused_collisions"),
-    ],
+    rows_of("""
+A | avoided_share
+H | human_likeness
+S+ | s_plus
+regret | regret
+T | task_share
+A' | avoidance_grade
+C | c
+D | d
+S | s
+avoidable_collisions | avoidable_collisions
+unavoidable_collisions | unavoidable_collisions
+caused_collisions | caused_collisions
+"""),
 )  # fmt: skip
 def test_the_scores_that_order_can_be_limited_by_value(evaluation, quantity, field):
     """The bound is the value itself, which holds; the same bound with another value in the run does

@@ -1,6 +1,7 @@
 """The first words of a run: worked numbers, and an alarm for each thing that must not be missed."""
 
 import re
+import tomllib
 from dataclasses import replace
 
 import builders
@@ -61,16 +62,14 @@ HIT = {
     "ideal_severity": 0.0,
 }
 ALARMS = {
-    "left the road in 1 case": {
-        "departure_time": 1.0,
-        "departure_speed": 20.0,
-        "departure_severity": 20.0,
-    },
-    "gave up 1 case": {"status": "ads_error", "no_reaction_severity": 9.0},
+    **tomllib.loads("""
+"left the road in 1 case" = { departure_time = 1.0, departure_speed = 20.0, departure_severity = 20.0 }
+"gave up 1 case" = { status = "ads_error", no_reaction_severity = 9.0 }
+"stands in 1 safe case where drivers drive on" = { task_share = 0.4, end_reason = "standstill" }
+"slower than the slowest driver in 1 safe case" = { task_share = 0.9, end_reason = "road_end" }
+"1 case not evaluated" = { status = "sim_error" }
+"""),
     "1 avoidable collision": HIT,
-    "stands in 1 safe case where drivers drive on": {"task_share": 0.4, "end_reason": "standstill"},
-    "slower than the slowest driver in 1 safe case": {"task_share": 0.9, "end_reason": "road_end"},
-    "1 case not evaluated": {"status": "sim_error"},
 }
 
 

@@ -2,6 +2,7 @@
 `sumo_eval.scenarios`."""
 
 import sys
+import tomllib
 
 import pytest
 from refusals import refusal
@@ -9,12 +10,12 @@ from refusals import refusal
 import sumo_eval
 from sumo_eval.scenario import catalogue, formats
 
-EVALUATION = {
-    "name": "own format",
-    "scenario": [{"use": "slow.lead?speed=5", "sampling": {"levels": 2}}],
-    "ads": [{"name": "idm", "controller": "idm"}],
-    "drivers": {"count": 2},
-}
+EVALUATION = tomllib.loads("""
+name = "own format"
+scenario = [{ use = "slow.lead?speed=5", sampling = { levels = 2 } }]
+ads = [{ name = "idm", controller = "idm" }]
+drivers = { count = 2 }
+""")
 READER = """
 from dataclasses import replace
 from sumo_eval.scenario.catalogue import load

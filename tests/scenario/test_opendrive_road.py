@@ -3,6 +3,7 @@ is refused."""
 
 import math
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -234,12 +235,15 @@ def test_a_scenario_file_drives_on_it(tmp_path):
     written(tmp_path, more='<geometry s="100" x="14.07372" y="102.7495" hdg="1.5" '
                            'length="80"><arc curvature="0.01"/>'
             "</geometry>")  # fmt: skip
-    content = {
-        "name": "theirs",
-        "parameter": [{"name": "ego_speed", "unit": "m/s", "low": 10.0, "high": 20.0, "step": 5.0}],
-        "ego": {"speed": "ego_speed"}, "vehicle": [{"name": "lead", "speed": 5.0, "gap": 40.0}],
-        "zone": {"obstacle": "lead"}, "end": {"x": 150.0}, "road": {"opendrive": "road.xodr"},
-    }  # fmt: skip
+    content = tomllib.loads("""
+name = "theirs"
+parameter = [{ name = "ego_speed", unit = "m/s", low = 10.0, high = 20.0, step = 5.0 }]
+ego = { speed = "ego_speed" }
+vehicle = [{ name = "lead", speed = 5.0, gap = 40.0 }]
+zone = { obstacle = "lead" }
+end = { x = 150.0 }
+road = { opendrive = "road.xodr" }
+""")  # fmt: skip
     road = scenario_from(content, "the file", tmp_path).road
     assert (road.lanes, road.lane_width, road.length) == (2, 3.5, 150.0)
     assert road.line == (

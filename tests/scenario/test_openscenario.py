@@ -3,6 +3,7 @@ catalogues."""
 
 import math
 import re
+import tomllib
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from commands import sumo_eval
 from lxml import etree
 from refusals import refusal
 from scipy.integrate import cumulative_trapezoid
+from tables import rows_of
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
@@ -261,16 +263,16 @@ def test_no_room_to_be_there_on_time_is_refused(distance, time):
 
 
 BAD = {
-    "its version must be one of": {"minor": 9},
-    "folder .* of its catalogs is not there": {"catalogs": "nowhere"},
-    "catalog `bikes` is not there": {"catalog": "bikes"},
-    "the file .*none.xodr is not there": {"road": "none.xodr"},
-    "a constraint does not hold|allow no point": {"most": 10},
-    "cannot be read": {"v": "${$kph +}"},
-    "holds `__import__": {"v": "${__import__(1)}"},
-    "no action `other` stands above it": {
-        "events": timed(BRAKE, ENDED.format("other"))
-    },
+    **tomllib.loads("""
+"its version must be one of" = { minor = 9 }
+"folder .* of its catalogs is not there" = { catalogs = "nowhere" }
+"catalog `bikes` is not there" = { catalog = "bikes" }
+"the file .*none.xodr is not there" = { road = "none.xodr" }
+"a constraint does not hold|allow no point" = { most = 10 }
+"cannot be read" = { v = "${$kph +}" }
+"holds `__import__" = { v = "${__import__(1)}" }
+"""),
+    "no action `other` stands above it": {"events": timed(BRAKE, ENDED.format("other"))},
     "line .*<AcquirePositionAction>: this is not supported|<RoutingAction>": {
         "events": timed("<RoutingAction><AcquirePositionAction/></RoutingAction>", 1)
     },
@@ -283,7 +285,7 @@ BAD = {
     "<SpeedActionDynamics>: `Other`, on which it depends, may move before": {
         "events": timed(BRAKE.replace('value="0"', 'value="15"'), 5) + timed(BRAKE, 2, n=2)
     },
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("sentence", BAD)
@@ -1034,13 +1036,30 @@ def test_the_files_of_euro_ncap_play_without_their_night_duplicates():
         counts[file.stem] = sum(why is None for read in reads for _, why in concrete_points(read))
         assert len(reads) == (3 if file.stem in ("CCFtap", "CMFtap") else 1)
     assert sum(counts.values()) == 388
-    assert counts == {
-        "CBFA": 12, "CBLA": 5, "CBLA_FCW": 4, "CBNA": 12, "CBNAO": 12, "CCCscp": 50, "CCFhos": 18,
-        "CCFtap": 9,
-        "CCRb": 30, "CCRm": 55, "CCRs": 25, "CCRs_FCW": 15, "CMCscp": 50, "CMFtap": 9, "CMRb": 18,
-        "CMRs": 15,
-        "CMRs_FCW": 9, "CPFA": 6, "CPLA": 6, "CPLA_FCW": 4, "CPNA": 18, "CPNCO": 6,
-    }  # fmt: skip
+    assert counts == dict(rows_of("""
+CBFA | 12
+CBLA | 5
+CBLA_FCW | 4
+CBNA | 12
+CBNAO | 12
+CCCscp | 50
+CCFhos | 18
+CCFtap | 9
+CCRb | 30
+CCRm | 55
+CCRs | 25
+CCRs_FCW | 15
+CMCscp | 50
+CMFtap | 9
+CMRb | 18
+CMRs | 15
+CMRs_FCW | 9
+CPFA | 6
+CPLA | 6
+CPLA_FCW | 4
+CPNA | 18
+CPNCO | 6
+""", str, int))  # fmt: skip
 
 
 @needs_catalogues

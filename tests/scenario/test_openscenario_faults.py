@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from commands import sumo_eval
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.extras.openscenario.collections import entries_of
 from sumo_eval.scenario.catalogue import find
@@ -161,36 +162,27 @@ EVENTS |= {
     ) + """<Event name="n" priority="parallel"><Action name="sets"><GlobalAction><ParameterAction parameterRef="light">
     <SetAction value="night"/></ParameterAction></GlobalAction></Action></Event>""",
 }  # fmt: skip
-TEXTS = {
-    r"<SimulationTimeCondition>: a stop by time must come after the start, got lessThan 30 s": (
-        'value="30" rule="greaterThan"', 'value="30" rule="lessThan"'
-    ),
-    r"<ScenarioObject>: its speed at the start must be at most 60 m/s, the "
-    r"fastest": ("${$kph / 3.6}", "61"),
-    r"`value` must be a finite number, got '\$v', which is '2_0'": ("${$kph / 3.6}", "2_0"),
-    r"expression .* divides by zero": ("${$kph / 3.6}", "${$kph % 0}"),
-    r"<ManeuverGroup>: a group of manoeuvres must run once": (
-        'maximumExecutionCount="1"', 'maximumExecutionCount="2"'
-    ),
-    r"<ScenarioObject>: there is another entity with the name `Ego`": (
-        '<ScenarioObject name="Other">', '<ScenarioObject name="Ego">'
-    ),
-    r"<RelativeLanePosition>: `dLane` must be a whole number, got "
-    r"0.5": ('dLane="1"', 'dLane="0.5"'),
-    r"<LanePosition>: road `7` is not in road.xodr": ('roadId="0"', 'roadId="7"'),
-    r"<CatalogReference>: entry `truck` is not in catalog "
-    r"`cars`": ('entryName="car"', 'entryName="truck"'),
-    r"<ParameterAssignments>|<CatalogReference>|<ParameterDeclarations>: parameter `wide` is not "
-    r"declared": (
-        'parameterRef="long"', 'parameterRef="wide"'
-    ),
-    r"<OpenSCENARIO>: <Entities> is missing in it": ("Entities>", "Entitys>"),
-    r"holds `\$kph and 2`": ("${$kph / 3.6}", "${$kph and 2}"),
-    r"bracket does not close": ("${$kph / 3.6}", "${$kph / 3.6"),
-    r"parameter `kmh` is not declared. Did you mean "
-    r"`kph`": ("${$kph / 3.6}", "${max(pow($kmh, 2), 1)}"),
-    r"<Private>: entity `Third` is not "
-    r"among": ('<Private entityRef="Other">', '<Private entityRef="Third">'),
+TEXTS = {name: row for name, *row in rows_of(r"""
+<SimulationTimeCondition>: a stop by time must come after the start, got lessThan 30 s
+| value="30" rule="greaterThan" | value="30" rule="lessThan"
+<ScenarioObject>: its speed at the start must be at most 60 m/s, the fastest | ${$kph / 3.6} | 61
+`value` must be a finite number, got '\$v', which is '2_0' | ${$kph / 3.6} | 2_0
+expression .* divides by zero | ${$kph / 3.6} | ${$kph % 0}
+<ManeuverGroup>: a group of manoeuvres must run once | maximumExecutionCount="1"
+| maximumExecutionCount="2"
+<ScenarioObject>: there is another entity with the name `Ego` | <ScenarioObject name="Other">
+| <ScenarioObject name="Ego">
+<RelativeLanePosition>: `dLane` must be a whole number, got 0.5 | dLane="1" | dLane="0.5"
+<LanePosition>: road `7` is not in road.xodr | roadId="0" | roadId="7"
+<CatalogReference>: entry `truck` is not in catalog `cars` | entryName="car" | entryName="truck"
+<ParameterAssignments>|<CatalogReference>|<ParameterDeclarations>: parameter `wide` is not declared
+| parameterRef="long" | parameterRef="wide"
+<OpenSCENARIO>: <Entities> is missing in it | Entities> | Entitys>
+holds `\$kph and 2` | ${$kph / 3.6} | ${$kph and 2}
+bracket does not close | ${$kph / 3.6} | ${$kph / 3.6
+parameter `kmh` is not declared. Did you mean `kph` | ${$kph / 3.6} | ${max(pow($kmh, 2), 1)}
+<Private>: entity `Third` is not among | <Private entityRef="Other"> | <Private entityRef="Third">
+""")} | {
     r"<StopTrigger>: an act that a time stops while an actor moves in it": (
         "</ManeuverGroup>", '</ManeuverGroup><StopTrigger><ConditionGroup><Condition name="x" '
                             'delay="0" '
@@ -213,30 +205,25 @@ def test_a_file_with_one_thing_wrong_is_refused_with_its_element(tmp_path, sente
     assert re.search(sentence, found), found
 
 
-ROADS = {
-    r"<lane>: `id` must be a whole number, got 1\.5": ('<lane id="-1"', '<lane id="1.5"'),
-    r"<lane>: `id` must be a finite number, got 'one'": ('<lane id="-1"', '<lane id="one"'),
-    r"<width>: `a` must be a finite number, got 'wide'": ('a="3.5"', 'a="wide"'),
-    r"<width>: `b` must be a finite number, got 'steep'": ('b="0"', 'b="steep"'),
-    r"`length` of <geometry>.* must be a "
-    r"number|length": ('hdg="0.5" length="1000"', 'hdg="0.5" length="long"'),
-    r"<road>: there is another road with the `id` 0": (
-        "<OpenDRIVE>", '<OpenDRIVE><road id="0" length="1" junction="-1"/>'
-    ),
-    r"must be <OpenDRIVE>": ("OpenDRIVE>", "OpenROAD>"),
-    r"<GeoPosition>: the <geoReference> .* in m and decimal degrees, got": (
-        "+lat_0=4.8e1", "+lat_0=48d30'N"
-    ),
-    r"<GeoPosition>: the <geoReference> .* m and decimal degrees, got .*us-ft": (
-        "+lon_0=11", "+units=us-ft"
-    ),
-    r"<GeoPosition>: the <geoReference> .* on WGS 84, .*bessel": ("+lon_0=11", "+ellps=bessel"),
+ROADS = {name: row for name, *row in rows_of(r"""
+<lane>: `id` must be a whole number, got 1\.5 | <lane id="-1" | <lane id="1.5"
+<lane>: `id` must be a finite number, got 'one' | <lane id="-1" | <lane id="one"
+<width>: `a` must be a finite number, got 'wide' | a="3.5" | a="wide"
+<width>: `b` must be a finite number, got 'steep' | b="0" | b="steep"
+`length` of <geometry>.* must be a number|length | hdg="0.5" length="1000"
+| hdg="0.5" length="long"
+<road>: there is another road with the `id` 0 | <OpenDRIVE>
+| <OpenDRIVE><road id="0" length="1" junction="-1"/>
+must be <OpenDRIVE> | OpenDRIVE> | OpenROAD>
+<GeoPosition>: the <geoReference> .* in m and decimal degrees, got | +lat_0=4.8e1 | +lat_0=48d30'N
+<GeoPosition>: the <geoReference> .* m and decimal degrees, got .*us-ft | +lon_0=11 | +units=us-ft
+<GeoPosition>: the <geoReference> .* on WGS 84, .*bessel | +lon_0=11 | +ellps=bessel
+must not declare a document type | <OpenDRIVE> | <!DOCTYPE OpenDRIVE []><OpenDRIVE>
+is in no lane; road.xodr, line 2, <road>: it must have one <laneSection>, got 2\.$ | <lanes>
+| <lanes><laneSection s="0"/>
+""")} | {
     r"<GeoPosition>: .* of \+proj=tmerc or \+proj=utm \+zone=1\.\.60, .*zone=61": (
         "+proj=tmerc", "+proj=utm +zone=61 "
-    ),
-    r"must not declare a document type": ("<OpenDRIVE>", "<!DOCTYPE OpenDRIVE []><OpenDRIVE>"),
-    r"is in no lane; road.xodr, line 2, <road>: it must have one <laneSection>, got 2\.$": (
-        "<lanes>", '<lanes><laneSection s="0"/>'
     ),
 }  # fmt: skip
 

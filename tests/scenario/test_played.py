@@ -1,12 +1,15 @@
 """Moves that begin when a condition holds, speeds, swings and paths, against their closed forms."""
 
+import json
 import math
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.method.point_criticality import criticality
 from sumo_eval.method.zone_partition import partition
@@ -15,11 +18,13 @@ from sumo_eval.scenario.file import check_points, scenario_from
 from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.undisturbed import tracks
 
-BASE = {
-    "name": "t",
-    "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
-    "ego": {"speed": "v"}, "end": {"x": 600.0, "time": 20.0}, "zone": "none",
-}  # fmt: skip
+BASE = tomllib.loads("""
+name = "t"
+parameter = [{ name = "v", unit = "m/s", low = 10.0, high = 30.0, step = 10.0 }]
+ego = { speed = "v" }
+end = { x = 600.0, time = 20.0 }
+zone = "none"
+""")  # fmt: skip
 
 
 def scene(*moves, zone="none", **vehicle):
@@ -186,35 +191,36 @@ def test_a_move_begins_when_another_has_ended_and_a_delay_is_over():
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"when": "gap(ego, leed) < 3"}, "Did you mean `lead`?"),
-        ({"when": "tcc(ego, lead) < 3"}, "Did you mean `ttc`?"),
-        ({"when": "gap(ego, lead)"}, "must be a condition such as"),
-        ({"when": "gap(ego) < 2"}, "gap(a, b)"),
-        ({"when": "gap(ego, ego) < 2"}, "of two vehicles"),
-        ({"when": "min(time) < 3"}, "given at least 2 values"),
-        ({"when": "abs(x(ego), x(lead)) < 3"}, "given one value"),
-        ({"when": "gap(ego, lead) < w"}, "Unknown name"),
-        ({"when": "ended(lead, x)"}, "Unknown manoeuvre"),
-        ({"when": "ended(ego, x)"}, "the ego has none"),
-        ({"when": "lead.x < 2"}, "which the language does not have"),
-        ({"when": "time == 2"}, "compared with <, <=, > or >="),
-        ({"when": "(("}, "cannot be read"),
+        *rows_of("""
+{"when": "gap(ego, leed) < 3"} | Did you mean `lead`?
+{"when": "tcc(ego, lead) < 3"} | Did you mean `ttc`?
+{"when": "gap(ego, lead)"} | must be a condition such as
+{"when": "gap(ego) < 2"} | gap(a, b)
+{"when": "gap(ego, ego) < 2"} | of two vehicles
+{"when": "min(time) < 3"} | given at least 2 values
+{"when": "abs(x(ego), x(lead)) < 3"} | given one value
+{"when": "gap(ego, lead) < w"} | Unknown name
+{"when": "ended(lead, x)"} | Unknown manoeuvre
+{"when": "ended(ego, x)"} | the ego has none
+{"when": "lead.x < 2"} | which the language does not have
+{"when": "time == 2"} | compared with <, <=, > or >=
+{"when": "(("} | cannot be read
+{"speed": 3.0} | has no `speed`
+{"do": "accelerate", "deceleration": null} | must have `speed`
+{"do": "sinus", "deceleration": null} | must have `acceleration`
+{"do": "speed_profile", "deceleration": null, "times": [1.0], "speeds": [1.0, 2.0]}
+| as many `times`
+{"do": "speed_profile", "deceleration": null, "times": [2.0, 1.0], "speeds": [1.0, 2.0]}
+| ascending
+{"do": "path", "deceleration": null, "points": [[10.0, 400.0]]} | must be on the map
+{"do": "path", "deceleration": null, "lanes": [7], "places": [10.0]} | within 0..1
+{"do": "follow", "deceleration": null} | must have `model`
+{"do": "follow", "deceleration": null, "model": "IDM", "begin": 1.0} | follows from the start
+{"do": "follow", "deceleration": null, "model": "IDM", "when": "departed > 1"}
+| has `recorded` places
+""", json.loads),
         ({"when": 21 * "(1 + " + "time" + 21 * ")" + " > 20.5"}, "nested too deep"),
         ({"when": "1 < time" + 24 * " or time > 9"}, "is too long"),
-        ({"speed": 3.0}, "has no `speed`"),
-        ({"do": "accelerate", "deceleration": None}, "must have `speed`"),
-        ({"do": "sinus", "deceleration": None}, "must have `acceleration`"),
-        ({"do": "speed_profile", "deceleration": None, "times": [1.0], "speeds": [1.0, 2.0]},
-            "as many `times`"),
-        ({"do": "speed_profile", "deceleration": None, "times": [2.0, 1.0], "speeds": [1.0, 2.0]},
-            "ascending"),
-        ({"do": "path", "deceleration": None, "points": [[10.0, 400.0]]}, "must be on the map"),
-        ({"do": "path", "deceleration": None, "lanes": [7], "places": [10.0]}, "within 0..1"),
-        ({"do": "follow", "deceleration": None}, "must have `model`"),
-        ({"do": "follow", "deceleration": None, "model": "IDM", "begin": 1.0}, "follows from the "
-                                                                               "start"),
-        ({"do": "follow", "deceleration": None, "model": "IDM", "when": "departed > 1"},
-            "has `recorded` places"),
     ],
 )  # fmt: skip
 def test_every_mistake_names_the_nearest_word(change, sentence):

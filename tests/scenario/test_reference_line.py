@@ -1,7 +1,9 @@
 """The reference line of a road: its closed forms, its frame, its polyline in SUMO, and how a file
 draws it."""
 
+import json
 import math
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 from lxml import etree
 from refusals import refusal
 from scipy.special import fresnel
+from tables import rows_of
 
 from sumo_eval.cosim.openscenario import opendrive_xml
 from sumo_eval.cosim.sumo.sumo_files import network_xml
@@ -144,15 +147,14 @@ def test_a_bent_road_as_opendrive_has_its_pieces():
 
 def scenario(**road):
     return {
-        "name": "bent",
-        "parameter": [{"name": "ego_speed", "unit": "m/s", "low": 10.0, "high": 20.0, "step": 5.0}],
-        "option": [
-            {"name": "radius", "unit": "m", "default": 300.0},
-            {"name": "bend", "unit": "m"},
-        ],
-        "ego": {"speed": "ego_speed"},
-        "vehicle": [{"name": "lead", "speed": 5.0, "gap": 40.0}],
-        "zone": {"obstacle": "lead"},
+        **tomllib.loads("""
+name = "bent"
+parameter = [{ name = "ego_speed", unit = "m/s", low = 10.0, high = 20.0, step = 5.0 }]
+option = [{ name = "radius", unit = "m", default = 300.0 }, { name = "bend", unit = "m" }]
+ego = { speed = "ego_speed" }
+vehicle = [{ name = "lead", speed = 5.0, gap = 40.0 }]
+zone = { obstacle = "lead" }
+"""),
         "road": {"length": 800.0, **road},
     }
 
@@ -181,28 +183,20 @@ def test_a_line_without_curves_is_a_straight_road():
 
 @pytest.mark.parametrize(
     ("line", "sentence"),
-    [
-        ([{"length": 100.0, "radius": "radios"}], r"`radios`.*Did you mean `radius`\?"),
-        (
-            [{"length": 100.0, "radius": "ego_speed"}],
-            "`radius` in the file must be in m, got `ego_speed`",
-        ),
-        (
-            [{"length": 100.0, "radious": 100.0}],
-            r"line\[0\]\.radious` in the file\. Did you mean `radius`\?",
-        ),
-        ([{"length": 100.0, "radius": 0.0}], "must be a number other than 0 m"),
-        (
-            [{"length": 100.0, "radius": 300.0, "end_radius": 100.0}],
-            "either `radius` or `begin_radius`",
-        ),
-        (
-            [{"length": 100.0}, {"length": 20.0, "radius": 6.0}],
-            "piece 2 .*so that the ego can drive its innermost",
-        ),
-        ([{"length": 801.0, "radius": 300.0}], r"at most as long as the road \(800 m\), got 801"),
-        ([{"length": -1.0}], "length"),
-    ],
+    rows_of(
+        r"""
+[{"length": 100.0, "radius": "radios"}] | `radios`.*Did you mean `radius`\?
+[{"length": 100.0, "radius": "ego_speed"}] | `radius` in the file must be in m, got `ego_speed`
+[{"length": 100.0, "radious": 100.0}] | line\[0\]\.radious` in the file\. Did you mean `radius`\?
+[{"length": 100.0, "radius": 0.0}] | must be a number other than 0 m
+[{"length": 100.0, "radius": 300.0, "end_radius": 100.0}] | either `radius` or `begin_radius`
+[{"length": 100.0}, {"length": 20.0, "radius": 6.0}]
+| piece 2 .*so that the ego can drive its innermost
+[{"length": 801.0, "radius": 300.0}] | at most as long as the road \(800 m\), got 801
+[{"length": -1.0}] | length
+""",
+        json.loads,
+    ),
 )
 def test_a_road_that_cannot_be_driven_is_refused(line, sentence):
     with refusal(sentence):

@@ -1,15 +1,18 @@
 """Roads whose lanes open, end, are ramps or are crossed: where they are, what is refused, what SUMO
 is given."""
 
+import json
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 from lxml import etree
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.cosim.sumo.sumo_files import network_xml, road_edges, routes_xml, vehicle_edges
 from sumo_eval.method.anthropomorphic import slice_points
@@ -22,12 +25,14 @@ from sumo_eval.settings import VehicleSettings
 SHAPED = [name for name in catalogue.SCENARIOS if catalogue.load(name).road.shaped]
 RAMP = {"lane": 0, "end": 300.0, "taper": 50.0, "ramp_until": 120.0}
 BASE = {
-    "name": "t",
-    "parameter": [{"name": "v", "low": 10.0, "high": 30.0, "step": 10.0, "unit": "m/s"}],
-    "ego": {"speed": "v"},
-    "zone": "none",
+    **tomllib.loads("""
+name = "t"
+parameter = [{ name = "v", low = 10.0, high = 30.0, step = 10.0, unit = "m/s" }]
+ego = { speed = "v" }
+zone = "none"
+vehicle = [{ name = "other", speed = 20.0, x = 20.0, y = 7.0 }]
+"""),
     "road": {"lanes": 3, "length": 900.0, "lane": [RAMP]},
-    "vehicle": [{"name": "other", "speed": 20.0, "x": 20.0, "y": 7.0}],
 }
 
 
@@ -132,11 +137,11 @@ def test_sumo_opens_the_network_of_a_shipped_scenario_and_drives_its_routes(name
 
 def test_pages_draw_what_is_not_there_the_lines_of_ramps_and_the_roads_that_cross():
     road = read(road={"lanes": 3, "length": 900.0, "lane": [RAMP], "crossing": [{"x": 500.0}]}).road
-    assert drawn_shape(road) == {
-        "gone": [[[900.0, -1.75], [900.0, 1.75], [350.0, 1.75], [300.0, -1.75]]],
-        "solid": [[0.0, 120.0, 1.75]],
-        "crossings": [[500.0, 7.0, 100.0]],
-    }
+    assert drawn_shape(road) == tomllib.loads("""
+gone = [[[900.0, -1.75], [900.0, 1.75], [350.0, 1.75], [300.0, -1.75]]]
+solid = [[0.0, 120.0, 1.75]]
+crossings = [[500.0, 7.0, 100.0]]
+""")
 
 
 @pytest.mark.parametrize(
@@ -163,47 +168,48 @@ def test_a_goal_lane_is_a_way_that_ends_where_the_first_lane_does(ego, begin, by
 ROAD = {"lanes": 3, "length": 900.0}
 BEND = {"length": 500.0, "radius": 300.0}
 GOAL = {"speed": "v", "goal_lane": 1, "change_from": 150.0}
+CHANGED = {
+    "all": dict,
+    "road": lambda it: {"road": {**ROAD, **it}},
+    "ramp": lambda it: {"road": {**ROAD, "lane": [{**RAMP, **it}]}},
+    "bend": lambda it: {"road": {**ROAD, "line": [{**BEND, **it}]}},
+    "goal": lambda it: {"ego": {**GOAL, **it}},
+}
 
 
 @pytest.mark.parametrize(
-    ("changes", "sentence"),
+    ("part", "changes", "sentence"),
     [
-        ({"road": {**ROAD, "lane": [{**RAMP, "lane": 1}]}}, "must be 0 or 2, of a road of at "
-                                                            "least 2 lanes"),
-        ({"road": {**ROAD, "lane": [RAMP, RAMP]}}, "must have lane 0 once"),
-        ({"road": {**ROAD, "lane": [{"lane": 0}]}}, "must have a `begin` or an `end`"),
-        ({"road": {**ROAD, "lane": [{**RAMP, "end": 890.0}]}}, "must be in order within 0..900 m"),
-        ({"road": {**ROAD, "lane": [{**RAMP, "ramp_until": 310.0}]}}, "must be within 0..300 m, "
-                                                                      "where the lane is"),
-        ({"road": {**ROAD, "lane": [{**RAMP, "ramp_from": 310.0}]}}, "has a `ramp_from`, so it "
-                                                                     "must be one that"),
-        ({"road": {**ROAD, "lane": [{**RAMP, "rmp_until": 31.0}]}}, "ramp_until"),
-        ({"road": {**ROAD, "crossing": [{"x": 2000.0}]}}, "must be within the road's 900 m"),
-        (
-            {"road": {**ROAD, "crossing": [{"x": 400.0, "reach": 280.0}], "line": [BEND]}},
-            "`reach` of [[road.crossing]] of t must be at most 270.0 m, 0.9 of the radius there",
-        ),
-        ({"vehicle": [{"name": "other", "speed": 20.0, "x": 52.0, "y": 0.5}]}, "must be clear of "
-                                                                               "`ego` at the start"),
-        ({"road": {**ROAD, "line": [{**BEND, "radius": 9.0}]}}, "so that the ego can drive its "
-                                                                "innermost lane"),
-        ({"road": {**ROAD, "line": [{"length": 30.0, "begin_radius": -9.0, "end_radius": 10.0}]}},
-            "must be at least 11.0 m, so that the ego can drive its innermost lane, got 10.0"),
-        ({"road": {"network": "a.net.xml", "lane": [RAMP]}}, "must not stand beside `network`: it "
-                                                             "shapes a road that is written"),
-        ({"ego": {"speed": "v", "change_from": 150.0}}, "must have a `goal_lane`"),
-        ({"ego": {"speed": "v", "goal_lane": 1}}, "so it must have a `change_from`"),
-        ({"ego": {**GOAL, "goal_lane": 7}}, "must be below 3"),
-        ({"ego": {**GOAL, "goal_lane": 2}}, "must be a lane beside lane 0"),
-        ({"ego": {**GOAL, "change_from": 100.0}}, "must be within 120..300 m and 20 m apart, "
-                                                  "where both lanes are"),
-        ({"ego": {**GOAL, "y": 7.0}}, "must have a `change_by`: neither its lane nor the other "
-                                      "one ends"),
-        ({"vehicle": [{"name": "other", "speed": 20.0, "x": 600.0}]}, "must be on a lane"),
+        *rows_of("""
+ramp | {"lane": 1} | must be 0 or 2, of a road of at least 2 lanes
+road | {"lane": [{"lane": 0}]} | must have a `begin` or an `end`
+ramp | {"end": 890.0} | must be in order within 0..900 m
+ramp | {"ramp_until": 310.0} | must be within 0..300 m, where the lane is
+ramp | {"ramp_from": 310.0} | has a `ramp_from`, so it must be one that
+ramp | {"rmp_until": 31.0} | ramp_until
+road | {"crossing": [{"x": 2000.0}]} | must be within the road's 900 m
+all | {"vehicle": [{"name": "other", "speed": 20.0, "x": 52.0, "y": 0.5}]}
+| must be clear of `ego` at the start
+bend | {"radius": 9.0} | so that the ego can drive its innermost lane
+road | {"line": [{"length": 30.0, "begin_radius": -9.0, "end_radius": 10.0}]}
+| must be at least 11.0 m, so that the ego can drive its innermost lane, got 10.0
+all | {"ego": {"speed": "v", "change_from": 150.0}} | must have a `goal_lane`
+all | {"ego": {"speed": "v", "goal_lane": 1}} | so it must have a `change_from`
+goal | {"goal_lane": 7} | must be below 3
+goal | {"goal_lane": 2} | must be a lane beside lane 0
+goal | {"change_from": 100.0} | must be within 120..300 m and 20 m apart, where both lanes are
+goal | {"y": 7.0} | must have a `change_by`: neither its lane nor the other one ends
+all | {"vehicle": [{"name": "other", "speed": 20.0, "x": 600.0}]} | must be on a lane
+""", str, json.loads),
+        ("road", {"lane": [RAMP, RAMP]}, "must have lane 0 once"),
+        ("road", {"crossing": [{"x": 400.0, "reach": 280.0}], "line": [BEND]},
+            "`reach` of [[road.crossing]] of t must be at most 270.0 m, 0.9 of the radius there"),
+        ("all", {"road": {"network": "a.net.xml", "lane": [RAMP]}},
+            "must not stand beside `network`: it shapes a road that is written"),
     ],
 )  # fmt: skip
-def test_a_shape_that_cannot_be_is_refused(changes, sentence):
+def test_a_shape_that_cannot_be_is_refused(part, changes, sentence):
     from sumo_eval.scenario.file import check_points
 
     with refusal(re.escape(sentence)):
-        check_points(read(**changes), np.array([[20.0]]))
+        check_points(read(**CHANGED[part](changes)), np.array([[20.0]]))

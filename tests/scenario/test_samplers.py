@@ -2,8 +2,10 @@
 away."""
 
 import itertools
+import json
 import math
 import re
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 from refusals import refusal
 from road_scenes import every_point
 from scipy import stats
+from tables import rows_of
 
 from sumo_eval.scenario import (
     Approach,
@@ -67,13 +70,13 @@ def test_same_seed_same_points_another_seed_others(method):
 
 
 # Written down once, so that a platform or a version with other digits is noticed.
-GOLDEN = {
-    "latin_hypercube": [19.93606, 14.94641, 39.3377],
-    "sobol": [19.13502, 6.30581, 22.6703],
-    "halton": [18.28122, 6.67076, 48.426],
-    "exposure": [19.44968, 13.76941, 22.2015],
-    "exposure_danger": [13.77439, 2.39121, 25.4241],
-}
+GOLDEN = tomllib.loads("""
+latin_hypercube = [19.93606, 14.94641, 39.3377]
+sobol = [19.13502, 6.30581, 22.6703]
+halton = [18.28122, 6.67076, 48.426]
+exposure = [19.44968, 13.76941, 22.2015]
+exposure_danger = [13.77439, 2.39121, 25.4241]
+""")
 
 
 @pytest.mark.parametrize("method", DRAWN)
@@ -317,25 +320,22 @@ def test_a_sampler_of_the_users_is_a_function_of_space_number_and_stream(tmp_pat
 
 @pytest.mark.parametrize(
     ("method", "keys", "sentence"),
-    [
-        (
-            "sobol",
-            {},
-            "`count` of the sampling of scenario `front_vehicle_cut_out` must be a whole number "
-            "from 1",
-        ),
-        ("sobol", {"count": 0}, "must be a whole number from 1"),
-        (
-            "sobol",
-            {"count": 5, "levels": 3},
-            "`levels` of the sampling of scenario `front_vehicle_cut_out` does nothing",
-        ),
-        ("grid", {"count": 5}, "does nothing in method `grid`, which takes `levels`, `steps`"),
-        ("combinations", {"strength": 4}, "within 1..3, its parameters"),
-        ("file", {}, "`file` of the sampling of scenario `front_vehicle_cut_out` is missing"),
-        ("exposure_danger", {"count": 5}, "needs a danger of each point"),
-        ("soboll", {"count": 5}, "Did you mean `sobol`?"),
-    ],
+    rows_of(
+        """
+sobol | {}
+| `count` of the sampling of scenario `front_vehicle_cut_out` must be a whole number from 1
+sobol | {"count": 0} | must be a whole number from 1
+sobol | {"count": 5, "levels": 3}
+| `levels` of the sampling of scenario `front_vehicle_cut_out` does nothing
+grid | {"count": 5} | does nothing in method `grid`, which takes `levels`, `steps`
+combinations | {"strength": 4} | within 1..3, its parameters
+file | {} | `file` of the sampling of scenario `front_vehicle_cut_out` is missing
+exposure_danger | {"count": 5} | needs a danger of each point
+soboll | {"count": 5} | Did you mean `sobol`?
+""",
+        str,
+        json.loads,
+    ),
 )
 def test_a_request_that_makes_no_points_is_refused(method, keys, sentence):
     with refusal(re.escape(sentence)):

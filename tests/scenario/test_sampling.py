@@ -1,5 +1,6 @@
 """The grid: exact decimals, both ends, C order, nothing silently missing."""
 
+import json
 import re
 from decimal import Decimal
 
@@ -9,6 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from refusals import refusal
 from road_scenes import every_point
+from tables import rows_of
 
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.joint import Joint
@@ -108,31 +110,29 @@ def test_points_keep_the_grids_order():
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"method": "gird"}, "Unknown sampling method `gird`. Did you mean `grid`?"),
-        (
-            {"levels": {"gpa": 3}},
-            "Unknown parameter `gpa` of scenario `front_vehicle_cut_out`. Did you mean `gap`?",
+        *rows_of(
+            """
+{"method": "gird"} | Unknown sampling method `gird`. Did you mean `grid`?
+{"levels": {"gpa": 3}}
+| Unknown parameter `gpa` of scenario `front_vehicle_cut_out`. Did you mean `gap`?
+{"steps": {"ego_sped": 3}} | Did you mean `ego_speed`?
+{"levels": 1} | must be a whole number of levels, at least 2, got 1
+{"levels": {"gap": 1}}
+| `gap` of the sampling of scenario `front_vehicle_cut_out` must be a whole number
+{"levels": 2.5} | must be a whole number of levels, at least 2, got 2.5
+{"levels": true} | must be a whole number of levels, at least 2, got True
+{"steps": {"gap": 0.0}}
+| `gap` of the sampling of scenario `front_vehicle_cut_out` must be a step greater than 0, got 0.0
+{"steps": {"gap": -5}} | must be a step greater than 0, got -5
+{"steps": {"gap": "10"}} | must be a step greater than 0, got '10'
+{"levels": 3, "steps": {"gap": 10.0}} | must have levels or a step, got both
+{"levels": {"gap": 3}, "steps": {"gap": 10.0}} | must have levels or a step, got both
+{"steps": {"gap": 1e-07}} | must have at most 1,000,000 points, got 1,000,000,001
+{"levels": 1000} | must have at most 1,000,000 points, got 1,000,000,000
+""",
+            json.loads,
         ),
-        ({"steps": {"ego_sped": 3}}, "Did you mean `ego_speed`?"),
-        ({"levels": 1}, "must be a whole number of levels, at least 2, got 1"),
-        (
-            {"levels": {"gap": 1}},
-            "`gap` of the sampling of scenario `front_vehicle_cut_out` must be a whole number",
-        ),
-        ({"levels": 2.5}, "must be a whole number of levels, at least 2, got 2.5"),
-        ({"levels": True}, "must be a whole number of levels, at least 2, got True"),
-        (
-            {"steps": {"gap": 0.0}},
-            "`gap` of the sampling of scenario `front_vehicle_cut_out` must be a step greater "
-            "than 0, got 0.0",
-        ),
-        ({"steps": {"gap": -5}}, "must be a step greater than 0, got -5"),
         ({"steps": {"gap": float("nan")}}, "must be a step greater than 0, got nan"),
-        ({"steps": {"gap": "10"}}, "must be a step greater than 0, got '10'"),
-        ({"levels": 3, "steps": {"gap": 10.0}}, "must have levels or a step, got both"),
-        ({"levels": {"gap": 3}, "steps": {"gap": 10.0}}, "must have levels or a step, got both"),
-        ({"steps": {"gap": 1e-7}}, "must have at most 1,000,000 points, got 1,000,000,001"),
-        ({"levels": 1000}, "must have at most 1,000,000 points, got 1,000,000,000"),
         ({"levels": 10**12}, "must have at most 1,000,000 points"),
     ],
 )

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from refusals import refusal
 from scipy import stats
+from tables import rows_of
 
 import sumo_eval
 from sumo_eval.cosim.simulation import simulate
@@ -160,79 +161,74 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("truck_speed < ego_speed", "truck_sped < ego_speed", "Did you mean `truck_speed`?"),
-        ("truck_speed < ego_speed", "truck_speed - ego_speed", "a condition such as"),
+        *rows_of(r"""
+truck_speed < ego_speed | truck_sped < ego_speed | Did you mean `truck_speed`?
+truck_speed < ego_speed | truck_speed - ego_speed | a condition such as
+"norm" | "nrm" | Did you mean `norm`?
+name = "truck" | name = "a truck" | must be without spaces and
+loc = 27.0 | lok = 27.0 | Did you mean `loc`?
+scale = 5.0 | scale = -5.0 | does not exist with
+scale = 5.0 | scale = inf | , `parameter[0]`: `distribution.scale` of
+loc = 27.0, scale = 5.0 | loc = 900.0, scale = 0.1 | possible within 15..35
+name = "norm", loc = 27.0, scale = 5.0 | name = "gamma", loc = 2.0 | must be given `a`
+deceleration = 4.0 | deceleration = 4.0, duration = 2.0 | has no `duration`
+do = "brake" | do = "break"
+| must be 'keep_speed', 'brake', 'change_lane', 'move_sideways', 'accelerate'
+obstacle = "truck" | obstacle = "trunk" | Did you mean `truck`?
+step = 5.0 | stp = 5.0 | Did you mean `step`?
+low = 15.0 | low = 35.0 | finite, low < high
+[10.0, 15.0, 22.2] | [10.0, 10.0] | ascending
+values = [ | step = 1.0\nvalues = [ | must have either low, high and step, or values
+gap = "2.0 * ego_speed" | gap = "2.0 * ego_speed"\nx = 3.0 | must have either gap, gap_behind or x
+gap = "2.0 * ego_speed" | gap = "open(1)" | Unknown function
+gap = "2.0 * ego_speed" | gap = "60 + 1 / (ego_speed - 20)"
+| must be finite, got 'inf at ego_speed=20
+gap = "2.0 * ego_speed" | gap = 1e5 | on the road
+speed = "truck_speed" | speed = "truck_speed - 11.0" | finite and at least 0
+name = "truck" | name = "ego" | a name of its own, got `ego` twice
+[ego] | [road]\nedges = ['a']\n[ego] | there is none
+[ego] | [end]\nx = 7000.0\n[ego] | at most the road's length 6000
+[ego] | [road]\nnetwork = 'no.net.xml'\n[ego] | There is no network
+[zone] | [zone | is not valid TOML
+name = "slow_truck" | name = "slow_truck"\ndefault_sample = "grd" | Did you mean `grid`?
+truck_speed < ego_speed | truck_speed > ego_speed + 100
+| at least one possible point, got none. Of 15 points, 15 are not `
+"ego_speed" | "lambda" | no keyword of Python, got 'lambda'
+[ego] | [define]\n'a b' = 3\n[ego] | The name of a definition of
+manoeuvre = [ | manoeuvre = [{ do = 'keep_speed', name = 'a' }, { do = 'keep_speed', name = 'a' },
+| a name of its own, got `a` twice
+above = | abov = | Did you mean `above`?
+suffix | sufix | Did you mean `suffix`?
+"reaction" | "ego_speed" | a name of its own, got `ego_speed` twice
+"reaction" | "re action" | letters, digits and underscores
+default = 1.0 | default = inf | a finite number
+"later" | "" | `option[0].given.suffix` in scenario file
+each = | eech = | Did you mean `each`?
+each = { truck_speed | each = { truck_sped | Did you mean `truck_speed`?
+km/h | km//h | Did you mean `km/h`?
+[[90], [108]] | [] | at least 1
+[[90] | [[90, 3] | must be 1 numbers
+units = { ego_speed | units = { ego_sped | Did you mean `ego_speed`?
+each = { truck_speed = [10.0, 15.0] } | set = { truck_speed = "ego_sped" }
+| Did you mean `ego_speed`?
+each = { truck_speed = [10.0, 15.0] } | set = { truck_speed = "1/(ego_speed-25)" }
+| must be finite, got
+each = | columns = ["truck_speed"]\neach = | got `truck_speed` twice
+each = { truck_speed = [10.0, 15.0] } | columns = ["ego_speed"]
+| Parameter `truck_speed` of sample `own`
+"""),
         ("truck_speed < ego_speed", " ", "of scenario file"),
-        ('"norm"', '"nrm"', "Did you mean `norm`?"),
-        ("scale = 5.0", "scale = inf", ", `parameter[0]`: `distribution.scale` of"),
-        ('name = "truck"', 'name = "a truck"', "must be without spaces and"),
-        ("loc = 27.0", "lok = 27.0", "Did you mean `loc`?"),
-        ("scale = 5.0", "scale = -5.0", "does not exist with"),
-        ("loc = 27.0, scale = 5.0", "loc = 900.0, scale = 0.1", "possible within 15..35"),
-        ('name = "norm", loc = 27.0, scale = '
-         '5.0', 'name = "gamma", loc = 2.0', "must be given `a`"),
         (", deceleration = 4.0", "", "`brake` of vehicle `truck` in scenario file"),
-        ("deceleration = 4.0", "deceleration = 4.0, duration = 2.0", "has no `duration`"),
-        ('do = "brake"', 'do = "break"', "must be 'keep_speed', 'brake', 'change_lane', "
-                                         "'move_sideways', 'accelerate'"),
-        ('obstacle = "truck"', 'obstacle = "trunk"', "Did you mean `truck`?"),
-        ("step = 5.0", "stp = 5.0", "Did you mean `step`?"),
         ("step = 5.0", "", "`step` of parameter `ego_speed`"),
-        ("low = 15.0", "low = 35.0", "finite, low < high"),
-        ("[10.0, 15.0, 22.2]", "[10.0, 10.0]", "ascending"),
-        ("values = [", "step = 1.0\nvalues = [", "must have either low, high and step, or values"),
-        ('gap = "2.0 * ego_speed"', 'gap = "2.0 * ego_speed"\nx = 3.0', "must have either gap, "
-                                                                        "gap_behind or x"),
-        ('gap = "2.0 * ego_speed"', 'gap = "open(1)"', "Unknown function"),
-        ('gap = "2.0 * ego_speed"', 'gap = "60 + 1 / (ego_speed - 20)"', "must be finite, got "
-                                                                         "'inf at ego_speed=20"),
-        ('gap = "2.0 * ego_speed"', "gap = 1e5", "on the road"),
-        ('speed = "truck_speed"', 'speed = "truck_speed - 11.0"', "finite and at least 0"),
-        ('name = "truck"', 'name = "ego"', "a name of its own, got `ego` twice"),
-        ("[ego]", "[road]\nedges = ['a']\n[ego]", "there is none"),
-        ("[ego]", "[end]\nx = 7000.0\n[ego]", "at most the road's length 6000"),
-        ("[ego]", "[road]\nnetwork = 'no.net.xml'\n[ego]", "There is no network"),
-        ("[zone]", "[zone", "is not valid TOML"),
-        ('name = "slow_truck"', 'name = "slow_truck"\ndefault_sample = '
-                                '"grd"', "Did you mean `grid`?"),
-        ("truck_speed < ego_speed", "truck_speed > ego_speed + 100",
-            "at least one possible point, got none. Of 15 points, 15 are not `"),
         ("truck_speed < ego_speed", f"not {900 * '-'}ego_speed", "nested more than 50 deep"),
-        ('"ego_speed"', '"lambda"', "no keyword of Python, got 'lambda'"),
         ('"ego_speed"', '"\u00b5"', "in the form NFKC"),
-        ("[ego]", "[define]\n'a b' = 3\n[ego]", "The name of a definition of"),
-        ("[ego]", OPTION.replace("above", "abov") + "[ego]", "Did you mean `above`?"),
-        ("[ego]", OPTION.replace("suffix", "sufix") + "[ego]", "Did you mean `suffix`?"),
-        ("[ego]", OPTION.replace('"reaction"', '"ego_speed"') + "[ego]", "a name of its own, got "
-                                                                         "`ego_speed` twice"),
-        ("[ego]", OPTION.replace('"reaction"', '"re action"') + "[ego]", "letters, digits and "
-                                                                         "underscores"),
-        ("[ego]", OPTION.replace("1.0", "inf") + "[ego]", "a finite number"),
-        ("[ego]", SAMPLE.replace("each", "eech") + "[ego]", "Did you mean `each`?"),
-        ("[ego]", SAMPLE.replace("truck_speed =", "truck_sped =") + "[ego]",
-            "Did you mean `truck_speed`?"),
-        ("[ego]", SAMPLE.replace("km/h", "km//h") + "[ego]", "Did you mean `km/h`?"),
-        ("[ego]", 2 * SAMPLE + "[ego]", "a name of its own, got `own` twice"),
-        ("[ego]", SAMPLE.replace("[[90], [108]]", "[]") + "[ego]", "at least 1"),
-        ("manoeuvre = [", "manoeuvre = [{ do = 'keep_speed', name = 'a' }, { do = 'keep_speed', "
-         "name = 'a' }, ", "a name of its own, got `a` twice"),
-        ("[ego]", SAMPLE.replace("units = { ego_speed", "units = { ego_sped") + "[ego]",
-            "Did you mean `ego_speed`?"),
-        ("[ego]", SAMPLE.replace(EACH, 'set = { truck_speed = "ego_sped" }') + "[ego]",
-            "Did you mean `ego_speed`?"),
-        ("[ego]", SAMPLE.replace(EACH, 'set = { truck_speed = "1/(ego_speed-25)" }') + "[ego]",
-            "must be finite, got"),
-        ("[ego]", OPTION.replace('"later"', '""') + "[ego]", "`option[0].given.suffix` in "
-                                                             "scenario file"),
-        ("[ego]", SAMPLE.replace("[[90]", "[[90, 3]") + "[ego]", "must be 1 numbers"),
-        ("[ego]", SAMPLE + 'columns = ["truck_speed"]\n[ego]', "got `truck_speed` twice"),
-        ("[ego]", SAMPLE.replace(EACH, 'columns = ["ego_speed"]') + "[ego]",
-            "Parameter `truck_speed` of sample `own`"),
+        ("[[sample]]", f"{SAMPLE}[[sample]]", "a name of its own, got `own` twice"),
     ],
 )  # fmt: skip
 def test_every_mistake_has_a_message(file, old, new, sentence):
-    assert old in EXAMPLE
-    file.write_text(EXAMPLE.replace(old, new, 1))
+    text = EXAMPLE.replace("[ego]", f"{OPTION}{SAMPLE}[ego]")
+    assert old in text
+    file.write_text(text.replace(old, new, 1))
     with refusal(re.escape(sentence)):
         check_file(file)
 
@@ -376,18 +372,15 @@ def test_a_speed_in_other_units_is_never_driven_as_m_s(tmp_path, unit):
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
-    [
-        ('speed = "v"', 'speed = "30 km/h"', "without a unit, got 30 km/h: as m/s write 8.33333"),
-        ("gap = 40.0", 'gap = "12 ft"', "without a unit, got 12 ft: as m write 3.6576"),
-        (
-            'unit = "m/s"',
-            'unit = "m"',
-            "`speed` in scenario file short.toml must be in m/s, got `v`, which is in m",
-        ),
-        ("x = 280.0", "x = 5.0", "must be beyond the ego's start, x = 10 m, got 5.0"),
-        ("[[vehicle]]", "[vehicle]", "write [[vehicle]], with two brackets"),
-        ("[ego]", "[[ego]]", "write [ego], with one bracket"),
-    ],
+    rows_of("""
+speed = "v" | speed = "30 km/h" | without a unit, got 30 km/h: as m/s write 8.33333
+gap = 40.0 | gap = "12 ft" | without a unit, got 12 ft: as m write 3.6576
+unit = "m/s" | unit = "m"
+| `speed` in scenario file short.toml must be in m/s, got `v`, which is in m
+x = 280.0 | x = 5.0 | must be beyond the ego's start, x = 10 m, got 5.0
+[[vehicle]] | [vehicle] | write [[vehicle]], with two brackets
+[ego] | [[ego]] | write [ego], with one bracket
+"""),
 )
 def test_what_is_often_written_gets_the_sentence_that_helps(tmp_path, monkeypatch, old, new, words):
     monkeypatch.chdir(tmp_path)

@@ -2,6 +2,7 @@
 
 import csv
 import itertools
+import json
 import math
 import pickle
 import re
@@ -13,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refusal
 from scipy.integrate import cumulative_trapezoid
+from tables import rows_of
 
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import (
@@ -222,25 +224,19 @@ GOOD = {"ego_speed": 20.0, "obstacle_speed": 10.0, "gap": 70.0}
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (
-            {"gap": 150},
-            "`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150",
+        *rows_of(
+            """
+{"gap": 150} | `gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150
+{"ego_speed": NaN}
+| `ego_speed` of scenario `front_vehicle_cut_out` must be within 10..30 m/s, got nan
+{"ego_speed": "20"} | `ego_speed` of scenario `front_vehicle_cut_out` must be a number, got '20'
+{"ego_speed": true} | must be a number, got True
+{"gpa": 70.0} | Unknown parameter `gpa` of scenario `front_vehicle_cut_out`. Did you mean `gap`?
+{"gap": null} | must be a number, got None
+""",
+            json.loads,
         ),
         ({"gap": np.float64(19.0)}, "must be within 20..120 m, got 19.0."),
-        (
-            {"ego_speed": math.nan},
-            "`ego_speed` of scenario `front_vehicle_cut_out` must be within 10..30 m/s, got nan",
-        ),
-        (
-            {"ego_speed": "20"},
-            "`ego_speed` of scenario `front_vehicle_cut_out` must be a number, got '20'",
-        ),
-        ({"ego_speed": True}, "must be a number, got True"),
-        (
-            {"gpa": 70.0},
-            "Unknown parameter `gpa` of scenario `front_vehicle_cut_out`. Did you mean `gap`?",
-        ),
-        ({"gap": None}, "must be a number, got None"),
         (
             {"ego_speed": 10.0, "obstacle_speed": 15.0},
             "The point of scenario `front_vehicle_cut_out` must be one where the obstacle is "

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from commands import python
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.scenario import catalogue, played
 from sumo_eval.scenario.file import check_file
@@ -18,61 +19,62 @@ from sumo_eval.scenario.shipped_files import scenario_files
 
 NAMES = sorted(catalogue.SCENARIOS)
 CONTENT = {
-    "cut_in": ("175597611e2fe6f0", "75596380c27d9578", "318b38130c910aed"),
-    "front_vehicle_braking": ("a1478c0a6285f116", "a281c74aef7230e3", "6b15dc01d611404f"),
-    "front_vehicle_cut_out": ("1f7e28e2e17a5845", "180685aa1cbbf5ca", "b07605bde32b0d89"),
-    "front_vehicle_low_speed": ("0d2e3c9b4f21fe42", "d3229e4573170531", "2410b850ac40e478"),
-    "ncap_ccrb": ("3e7a16010ead55f7", "0a3d708ff1a8e2d7", "15598502bfb55bb4"),
-    "ncap_ccrm": ("eed4f8560d1c34f2", "4c0ce48c30566017", "9d8d34ed6c73f45b"),
-    "ncap_ccrs": ("e2776def4727f84f", "55ec2f06fa2ce51a", "077c00c05eff1066"),
-    "r157_cut_out": ("ad3eb578dcfc8bd6", "017e7722d0687349", "9ff636551168a70c"),
-    "curve_braking": ("8d14369afdd3b43c", "a281c74aef7230e3", "98a3d5999ec5410c"),
-    "curve_cut_in": ("cc63ca576d417cd0", "75596380c27d9578", "2d6149c4e1697ee8"),
-    "curve_cut_in?radius=-1000": ("175597611e2fe6f0", "75596380c27d9578", "04c947353d10e5eb"),
-    "curve_cut_out": ("47050b2156141897", "017e7722d0687349", "f80fbb67a1674db6"),
-    "curve_following": ("c4752e1d139d9c17", "d3229e4573170531", "98c3ad604ec0918f"),
-    "bicycle_along": ("183f1f3f13ec44b1", "8bf4f911e5c9732b", "a488f64e0acca153"),
-    "bicycle_crossing": ("1e021d7f0370c9eb", "6d12ff78a647fbc7", "d0050dfaf1522650"),
-    "child_from_behind_parked_cars": ("b6adbea885e0668a", "02c512c9ffce69c9", "6e7de0cba0cbca16"),
-    "lane_change_rear": ("df8955c844dd9cf0", "bdfe51a8635e39a7", "eb7ec39ca4e1aaac"),
-    "lane_keeping_disturbed": ("0325beb5fa86f477", "e3b0c44298fc1c14", "9f1b84439c64c7ed"),
-    "lane_keeping_disturbed?radius=250": (
-        "0325beb5fa86f477",
-        "e3b0c44298fc1c14",
-        "f3fa285b90145ba4",
-    ),
-    "oncoming_in_lane": ("10454619fb095d87", "e3b0c44298fc1c14", "817adb115095ff50"),
-    "overtaken_and_cut_off": ("b2460f07397be0f4", "c78fa3fc99a0fbae", "35737b9e7c31b1be"),
-    "partially_blocked_lane": ("fdb243e3312ddb0a", "8bf4f911e5c9732b", "c2fabe5fe0c0be94"),
-    "pedestrian_along": ("df9c4328571c4d45", "8bf4f911e5c9732b", "e29392bba97abfca"),
-    "pedestrian_crossing": ("9e86bf5e98c0c400", "c65413b34e2f80b4", "207eea9adff161d5"),
-    "side_vehicle": ("fa22f0af966e10ab", "e3b0c44298fc1c14", "e666dad7c6754fda"),
-    "stop_and_go_stream": ("65d4da962b86a13e", "e3b0c44298fc1c14", "0f393952d74c1df1"),
-    "swerving_lead": ("0413fc1ed1699959", "de9aa00c4013b7a7", "2f9287c073c993ba"),
-    "motorway_approach": ("f15405adff12005c", "fef1046538b042ee", "72ddc317eeeac9db"),
-    "motorway_cut_out": ("1594c80a190f98cc", "ad4c09b140f7bc5e", "1f56bda4fbab6a8f"),
-    "motorway_braking": ("7b52616bd25e25a5", "c23bb4bc78646553", "85c83542b8b099c6"),
-    "cut_in?lateral_acceleration=1.5": ("6dc9b9bc63ed8248", "4f7569e89befa892", "f74d71e54d36a8b6"),
-    "cut_in?lateral_acceleration=0.4": ("39aff4dd312b1a8a", "88c20fb489aa05b7", "f74d71e54d36a8b6"),
+    row[0]: row[1:]
+    for row in rows_of("""
+cut_in | 175597611e2fe6f0 | 75596380c27d9578 | 318b38130c910aed
+front_vehicle_braking | a1478c0a6285f116 | a281c74aef7230e3 | 6b15dc01d611404f
+front_vehicle_cut_out | 1f7e28e2e17a5845 | 180685aa1cbbf5ca | b07605bde32b0d89
+front_vehicle_low_speed | 0d2e3c9b4f21fe42 | d3229e4573170531 | 2410b850ac40e478
+ncap_ccrb | 3e7a16010ead55f7 | 0a3d708ff1a8e2d7 | 15598502bfb55bb4
+ncap_ccrm | eed4f8560d1c34f2 | 4c0ce48c30566017 | 9d8d34ed6c73f45b
+ncap_ccrs | e2776def4727f84f | 55ec2f06fa2ce51a | 077c00c05eff1066
+r157_cut_out | ad3eb578dcfc8bd6 | 017e7722d0687349 | 9ff636551168a70c
+curve_braking | 8d14369afdd3b43c | a281c74aef7230e3 | 98a3d5999ec5410c
+curve_cut_in | cc63ca576d417cd0 | 75596380c27d9578 | 2d6149c4e1697ee8
+curve_cut_in?radius=-1000 | 175597611e2fe6f0 | 75596380c27d9578 | 04c947353d10e5eb
+curve_cut_out | 47050b2156141897 | 017e7722d0687349 | f80fbb67a1674db6
+curve_following | c4752e1d139d9c17 | d3229e4573170531 | 98c3ad604ec0918f
+bicycle_along | 183f1f3f13ec44b1 | 8bf4f911e5c9732b | a488f64e0acca153
+bicycle_crossing | 1e021d7f0370c9eb | 6d12ff78a647fbc7 | d0050dfaf1522650
+child_from_behind_parked_cars | b6adbea885e0668a | 02c512c9ffce69c9 | 6e7de0cba0cbca16
+lane_change_rear | df8955c844dd9cf0 | bdfe51a8635e39a7 | eb7ec39ca4e1aaac
+lane_keeping_disturbed | 0325beb5fa86f477 | e3b0c44298fc1c14 | 9f1b84439c64c7ed
+lane_keeping_disturbed?radius=250 | 0325beb5fa86f477 | e3b0c44298fc1c14 | f3fa285b90145ba4
+oncoming_in_lane | 10454619fb095d87 | e3b0c44298fc1c14 | 817adb115095ff50
+overtaken_and_cut_off | b2460f07397be0f4 | c78fa3fc99a0fbae | 35737b9e7c31b1be
+partially_blocked_lane | fdb243e3312ddb0a | 8bf4f911e5c9732b | c2fabe5fe0c0be94
+pedestrian_along | df9c4328571c4d45 | 8bf4f911e5c9732b | e29392bba97abfca
+pedestrian_crossing | 9e86bf5e98c0c400 | c65413b34e2f80b4 | 207eea9adff161d5
+side_vehicle | fa22f0af966e10ab | e3b0c44298fc1c14 | e666dad7c6754fda
+stop_and_go_stream | 65d4da962b86a13e | e3b0c44298fc1c14 | 0f393952d74c1df1
+swerving_lead | 0413fc1ed1699959 | de9aa00c4013b7a7 | 2f9287c073c993ba
+motorway_approach | f15405adff12005c | fef1046538b042ee | 72ddc317eeeac9db
+motorway_cut_out | 1594c80a190f98cc | ad4c09b140f7bc5e | 1f56bda4fbab6a8f
+motorway_braking | 7b52616bd25e25a5 | c23bb4bc78646553 | 85c83542b8b099c6
+cut_in?lateral_acceleration=1.5 | 6dc9b9bc63ed8248 | 4f7569e89befa892 | f74d71e54d36a8b6
+cut_in?lateral_acceleration=0.4 | 39aff4dd312b1a8a | 88c20fb489aa05b7 | f74d71e54d36a8b6
+""")
 }
 """Of each scenario: everybody's starts and scripts, the approaches that zones are computed from,
 the rest of it.
 
 Every number is a sum, product or quotient of doubles, which IEEE 754 rounds alike everywhere.
 """
-PLAYED = {
-    "crossing_path": "5feca20952bc67b8",
-    "cut_in_from_ramp": "04b53d9946e18e38",
-    "exit": "62ff2278dc067452",
-    "exit_cut": "99dfa70b42449a46",
-    "lane_drop": "88cd2646c83d1d29",
-    "lane_drop_cut": "3b9adc506701e311",
-    "leaving_traffic": "b32dbb2715f3fb10",
-    "making_room": "f54988084c511057",
-    "ramp_merge": "321e9d6151a4fb82",
-    "ramp_merge_cut": "8d56be13c6d3bad7",
-    "turn_across_path": "55e5d6e31593a09d",
-}
+PLAYED = dict(
+    rows_of("""
+crossing_path | 5feca20952bc67b8
+cut_in_from_ramp | 04b53d9946e18e38
+exit | 62ff2278dc067452
+exit_cut | 99dfa70b42449a46
+lane_drop | 88cd2646c83d1d29
+lane_drop_cut | 3b9adc506701e311
+leaving_traffic | b32dbb2715f3fb10
+making_room | f54988084c511057
+ramp_merge | 321e9d6151a4fb82
+ramp_merge_cut | 8d56be13c6d3bad7
+turn_across_path | 55e5d6e31593a09d
+""")
+)
 """Of each scenario without a closed form: everything that is placed, and where zones are searched
 from."""
 
@@ -273,33 +275,22 @@ def test_the_check_of_a_shipped_file_counts_its_points(name):
 
 @pytest.mark.parametrize(
     ("use", "sentence"),
-    [
-        (
-            "cut_in?lateral_acceleraton=1.5",
-            "Unknown option `lateral_acceleraton` of scenario `cut_in`. Did you mean",
-        ),
-        (
-            "cut_in?lateral_acceleration=fast",
-            "of scenario `cut_in` must be a finite number of m/s2 above 0, got 'fast'.",
-        ),
-        (
-            "cut_in?lateral_acceleration=0",
-            "of scenario `cut_in` must be a finite number of m/s2 above 0, got '0'.",
-        ),
-        ("cut_in?lateral_acceleration=inf", "must be a finite number of m/s2 above 0, got 'inf'."),
-        ("cut_in?lateral_acceleration=nan", "must be a finite number of m/s2 above 0, got 'nan'."),
-        ("cut_in?lateral_acceleration", "must be a finite number of m/s2 above 0, got ''."),
-        ("cut_in?lateral_acceleration=1&lateral_acceleration=2", "must be given once"),
-        ("cut_in?", "Unknown option `` of scenario `cut_in`."),
-        (
-            "r157_cut_out?lateral_acceleration=1.5",
-            "Unknown option `lateral_acceleration` of scenario `r157_cut_out`.",
-        ),
-        (
-            "cutin?lateral_acceleration=1.5",
-            "Unknown logical scenario `cutin`. Did you mean `cut_in`?",
-        ),
-    ],
+    rows_of("""
+cut_in?lateral_acceleraton=1.5
+| Unknown option `lateral_acceleraton` of scenario `cut_in`. Did you mean
+cut_in?lateral_acceleration=fast
+| of scenario `cut_in` must be a finite number of m/s2 above 0, got 'fast'.
+cut_in?lateral_acceleration=0
+| of scenario `cut_in` must be a finite number of m/s2 above 0, got '0'.
+cut_in?lateral_acceleration=inf | must be a finite number of m/s2 above 0, got 'inf'.
+cut_in?lateral_acceleration=nan | must be a finite number of m/s2 above 0, got 'nan'.
+cut_in?lateral_acceleration | must be a finite number of m/s2 above 0, got ''.
+cut_in?lateral_acceleration=1&lateral_acceleration=2 | must be given once
+cut_in? | Unknown option `` of scenario `cut_in`.
+r157_cut_out?lateral_acceleration=1.5
+| Unknown option `lateral_acceleration` of scenario `r157_cut_out`.
+cutin?lateral_acceleration=1.5 | Unknown logical scenario `cutin`. Did you mean `cut_in`?
+"""),
 )
 def test_a_wrong_option_is_refused(use, sentence):
     with refusal(re.escape(sentence)):

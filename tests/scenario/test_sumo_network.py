@@ -3,6 +3,7 @@
 import cmath
 import contextlib
 import itertools
+import json
 import math
 import random
 import re
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from lxml import etree
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.sumo.session import session
@@ -120,13 +122,17 @@ def test_a_scenario_file_names_a_network_of_its_folder(tmp_path, network):
 
 @pytest.mark.parametrize(
     ("edges", "end", "sentence"),
-    [
-        ([], 600.0, "must name the `edges`"),
-        (["raod"], 600.0, "Did you mean `road`?"),
-        (["road", "road"], 600.0, "Edge `road` of network town.net.xml must lead to edge `road`"),
-        (["road", "side_road"], 600.0, "must have one width"),
-        (["road"], 1200.0, "within the 1000.0 m of its edges"),
-    ],
+    rows_of(
+        """
+[] | 600.0 | must name the `edges`
+["raod"] | 600.0 | Did you mean `road`?
+["road", "road"] | 600.0 | Edge `road` of network town.net.xml must lead to edge `road`
+["road", "side_road"] | 600.0 | must have one width
+["road"] | 1200.0 | within the 1000.0 m of its edges
+""",
+        json.loads,
+        float,
+    ),
 )
 def test_a_road_that_is_not_there_is_refused(network, edges, end, sentence):
     with refusal(re.escape(sentence)):

@@ -1,5 +1,6 @@
 """The shipped scenarios with people, others that react and moves that depend on what happens."""
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -31,13 +32,30 @@ def test_oracle_braking_as_un_r79_ends_1_s_behind(ego, faster):
     margin = catalogue.load("lane_change_rear").margin
     assert float(margin(point)[0]) == pytest.approx(50.0 - s)
     content = {
-        "name": "t",
-        "parameter": [{"name": "gap", "unit": "m", "low": 10.0, "high": 90.0, "step": 10.0}],
-        "ego": {"speed": ego, "x": 150.0}, "end": {"x": 600.0, "time": 8.0}, "zone": "none",
-        "vehicle": [{"name": "rear", "speed": ego + faster, "gap_behind": "gap", "manoeuvre": [
-            {"do": "accelerate", "when": "time >= 0", "begin": 0.4, "speed": ego,
-                "acceleration": 3.0}]}],
-    }  # fmt: skip
+        **tomllib.loads("""
+name = "t"
+parameter = [{ name = "gap", unit = "m", low = 10.0, high = 90.0, step = 10.0 }]
+end = { x = 600.0, time = 8.0 }
+zone = "none"
+"""),
+        "ego": {"speed": ego, "x": 150.0},
+        "vehicle": [
+            {
+                "name": "rear",
+                "speed": ego + faster,
+                "gap_behind": "gap",
+                "manoeuvre": [
+                    {
+                        "do": "accelerate",
+                        "when": "time >= 0",
+                        "begin": 0.4,
+                        "speed": ego,
+                        "acceleration": 3.0,
+                    }
+                ],
+            }
+        ],
+    }
     logical = scenario_from(content, "t", Path())
     for gap in (s - 0.01, s + 0.01):
         found = simulate(logical.concrete(gap=gap), "no_reaction")
@@ -78,8 +96,13 @@ CURVE = {
     "lanes": 3, "lane_width": 3.5, "length": 900.0,
     "line": [{"length": 60.0}, {"length": 260.0, "radius": 72.0}],  # more than half a circle
 }  # fmt: skip
-EXIT = {**CURVE, "line": [{"length": 70.0}, {"length": 140.0, "radius": -690.0}],
-        "lane": [{"lane": 0, "taper": 60.0, "begin": 410.0, "ramp_from": 560.0}]}  # fmt: skip
+EXIT = {
+    **CURVE,
+    **tomllib.loads("""
+line = [{ length = 70.0 }, { length = 140.0, radius = -690.0 }]
+lane = [{ lane = 0, taper = 60.0, begin = 410.0, ramp_from = 560.0 }]
+"""),
+}
 RAMP = {**EXIT, "lane": [{"lane": 0, "taper": 60.0, "end": 530.0, "ramp_until": 410.0}]}
 SLOWER = {"do": "follow", "model": "Krauss", "speed": 10.5}
 BACK = [{"do": "path", "begin": 0.5, "points": [[50.0, 4.5], [120.0, 3.5], [210.0, 3.0]]}]

@@ -2,12 +2,14 @@
 
 import csv
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 from refusals import refusal
 from road_scenes import ROAD
+from tables import rows_of
 
 from sumo_eval import evaluate
 from sumo_eval.nightly.gates import judge
@@ -20,14 +22,14 @@ from sumo_eval.scoring.gate_settings import GateSettings, LimitSettings
 from sumo_eval.scoring.requirements import series_of
 from sumo_eval.trajectory import Trajectory
 
-SCENE = {
-    "name": "approach",
-    "parameter": [{"name": "gap0", "unit": "m", "low": 20.0, "high": 60.0, "step": 40.0}],
-    "ego": {"speed": 20.0},
-    "vehicle": [{"name": "lead", "speed": 10.0, "gap": "gap0"}],
-    "zone": {"obstacle": "lead"},
-    "end": {"x": 300.0},
-}
+SCENE = tomllib.loads("""
+name = "approach"
+parameter = [{ name = "gap0", unit = "m", low = 20.0, high = 60.0, step = 40.0 }]
+ego = { speed = 20.0 }
+vehicle = [{ name = "lead", speed = 10.0, gap = "gap0" }]
+zone = { obstacle = "lead" }
+end = { x = 300.0 }
+""")
 
 
 def drive(y=0.0):
@@ -50,15 +52,20 @@ def ahead():
 
 @pytest.mark.parametrize(
     ("text", "holds"),
-    [
-        ("min(gap) >= 5 - 1e-9", True), ("min(gap) > 5.01", False), ("at_end(speed) == 8", True),
-        ("max(abs(offset)) < "
-         "0.15", True), ("min(acceleration) >= -2", True), ("min(jerk) >= -1.9", False),
-        ("min(ttc) >= 1.25 - 1e-9", True), ("min(ttc) > 1.26", False), ("min(thw) >= 0.625 - "
-                                                                        "1e-9", True),
-        ("at_end(time) <= limit", True), ("max(speed - 2 * time) <= 10 and collided == 0", True),
-        ("min(3, limit) < 3 or max(x) > 18", True),
-    ],
+    rows_of("""
+min(gap) >= 5 - 1e-9 | true
+min(gap) > 5.01 | false
+at_end(speed) == 8 | true
+max(abs(offset)) < 0.15 | true
+min(acceleration) >= -2 | true
+min(jerk) >= -1.9 | false
+min(ttc) >= 1.25 - 1e-9 | true
+min(ttc) > 1.26 | false
+min(thw) >= 0.625 - 1e-9 | true
+at_end(time) <= limit | true
+max(speed - 2 * time) <= 10 and collided == 0 | true
+min(3, limit) < 3 or max(x) > 18 | true
+""", str, json.loads),
 )  # fmt: skip
 def test_a_requirement_by_hand(text, holds):
     """TTC at the end 5 m / (8 - 4) m/s = 1.25 s, THW 5 / 8 s, jerk -2 m/s3."""
@@ -84,13 +91,15 @@ def test_without_a_lead_the_gap_is_infinite():
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
-    [
-        ("min(gab) > 2", "Did you mean `gap`"), ("gap > 2", r"`gap` of requirement .* must be "
-                                                            r"within min\(\), max\(\)"),
-        ("min(gap)", "must be a condition"), ("max(gap0) < 2", "must be of time, x, offset"),
-        ("min(gap) >", "cannot be read"),
-        ("at_the_end(gap) > 2", "Unknown function"), ("min(gap.x) > 2", "language does not have"),
-    ],
+    rows_of(r"""
+min(gab) > 2 | Did you mean `gap`
+gap > 2 | `gap` of requirement .* must be within min\(\), max\(\)
+min(gap) | must be a condition
+max(gap0) < 2 | must be of time, x, offset
+min(gap) > | cannot be read
+at_the_end(gap) > 2 | Unknown function
+min(gap.x) > 2 | language does not have
+"""),
 )  # fmt: skip
 def test_a_requirement_that_cannot_be_is_refused(text, sentence):
     with refusal(sentence):

@@ -5,6 +5,7 @@ from dataclasses import fields
 
 import pytest
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.errors import InputError
 from sumo_eval.settings import RunSettings
@@ -76,22 +77,21 @@ def test_every_mistake_in_a_file_is_named_at_once(tmp_path):
 @pytest.mark.parametrize(
     ("before", "after", "sentence"),
     [
-        ("workers = 2", "workers = 0", "`run.workers`"),
-        ("workers = 2", "workers = true", "`run.workers`"),
-        ("case_timeout = 20.0", "case_timeout = nan", "`run.case_timeout`"),
-        ("case_timeout = 20.0", "case_timeout = -1.0", "`run.case_timeout`"),
-        ("case_timeout = 20.0", 'case_timeout = "20"', "`run.case_timeout`"),
-        ('method = "grid"', "method = 3", "`scenario[0].sampling.method`"),
+        *rows_of(r"""
+workers = 2 | workers = 0 | `run.workers`
+workers = 2 | workers = true | `run.workers`
+case_timeout = 20.0 | case_timeout = nan | `run.case_timeout`
+case_timeout = 20.0 | case_timeout = -1.0 | `run.case_timeout`
+case_timeout = 20.0 | case_timeout = "20" | `run.case_timeout`
+method = "grid" | method = 3 | `scenario[0].sampling.method`
+count = 10 | count = 1 | `drivers.count`
+name = "mine" | name = "~ideal" | must not begin with `~`
+name = "mine" | name = "" | `ads[0].name` in
+[drivers] | [[ads]]\nname = "mine"\ncontroller = "idm"\n[drivers]
+| must differ from each other, got 'mine' twice
+"""),
         ('name = "nightly"', "", "`name` in"),
-        ("count = 10", "count = 1", "`drivers.count`"),
         ('name = "nightly"', "name = ", "is not valid TOML"),
-        ('name = "mine"', 'name = "~ideal"', "must not begin with `~`"),
-        ('name = "mine"', 'name = ""', "`ads[0].name` in"),
-        (
-            "[drivers]",
-            '[[ads]]\nname = "mine"\ncontroller = "idm"\n[drivers]',
-            "must differ from each other, got 'mine' twice",
-        ),
     ],
 )
 def test_a_wrong_value_is_refused_with_its_path(tmp_path, before, after, sentence):

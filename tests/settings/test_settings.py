@@ -2,13 +2,15 @@
 itself."""
 
 import dataclasses
-import math
+import json
 import re
+from functools import partial
 from typing import get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
 from refusals import refusal
+from tables import rows_of
 
 import sumo_eval.settings as settings_module
 from sumo_eval.settings import (
@@ -17,7 +19,6 @@ from sumo_eval.settings import (
     Checked,
     DriverSettings,
     FieldSettings,
-    RunSettings,
     SamplingSettings,
     ScoreSettings,
     SimulationSettings,
@@ -65,51 +66,41 @@ def test_about_knows_unit_symbol_and_equation():
 
 @pytest.mark.parametrize(
     ("cls", "values", "sentence"),
-    [
-        (SimulationSettings, {"step": 0.0}, "`step` of `SimulationSettings` must be greater than "
-                                            "0, got 0.0"),
-        (SimulationSettings, {"step": 0.2}, "`step` of `SimulationSettings` must be at most 0.1, "
-                                            "got 0.2"),
-        (SimulationSettings, {"step": math.nan}, "`step` of `SimulationSettings` must be a "
-                                                 "number, got nan"),
-        (SimulationSettings, {"step": "0.1"}, "`step` of `SimulationSettings` must be a number, "
-                                              "got '0.1'"),
-        (SimulationSettings, {"step": None}, "`step` of `SimulationSettings` must be a number, "
-                                             "got None"),
-        (SimulationSettings, {"time_limit": True}, "`time_limit` of `SimulationSettings` must be "
-                                                   "a number, got True"),
-        (SimulationSettings, {"time_limit": -1}, "`time_limit` of `SimulationSettings` must be "
-                                                 "greater than 0, got -1"),
-        (VehicleSettings, {"friction": 0}, "`friction` of `VehicleSettings` must be greater than "
-                                           "0, got 0"),
-        (VehicleSettings, {"max_deceleration": -9.0}, "must be greater than 0, got -9.0"),
-        (FieldSettings, {"k1": -0.1}, "`k1` of `FieldSettings` must be at least 0, got -0.1"),
-        (FieldSettings, {"k1": 1e12}, "`k1` of `FieldSettings` must be at most 20, got "
-                                      "1000000000000"),
-        (FieldSettings, {"k2": 1e12}, "`k2` of `FieldSettings` must be at most 1, got "
-                                      "1000000000000"),
-        (AnthropomorphicSettings, {"centre_deviation_floor": 1e-300}, "must be at least 1e-06, "
-                                                                      "got 1e-300"),
-        (AnthropomorphicSettings, {"field_deviation_floor": 1e-300}, "must be at least 1e-06, got "
-                                                                     "1e-300"),
-        (ZoneSettings, {"deceleration": 1e-300}, "must be at least 0.01, got 1e-300"),
-        (ZoneSettings, {"critical_inverse_ttc": 1e-300}, "must be at least 0.001, got 1e-300"),
-        (FieldSettings, {"superposition": "sum"}, "must be one of 'magnitude', 'vector', got "
-                                                  "'sum'"),
-        (AnthropomorphicSettings, {"points_per_side": 0}, "`AnthropomorphicSettings` must be at "
-                                                          "least 1, got 0"),
-        (AnthropomorphicSettings, {"points_per_side": 2.5}, "must be a whole number, got 2.5"),
-        (ScoreSettings, {"a": 100.1}, "`a` of `ScoreSettings` must be at most 100, got 100.1"),
-        (DriverSettings, {"count": 1}, "`count` of `DriverSettings` must be at least 2, got 1"),
-        (SamplingSettings, {"count": "5"}, "`count` of `SamplingSettings` must be a whole number, "
-                                           "got '5'"),
-        (SamplingSettings, {"aim": "risk"}, "must be one of 's_plus', 'boundary', got 'risk'"),
-        (DriverSettings, {"source": 3}, "`source` of `DriverSettings` must be a text, got 3"),
-        (settings_module.AdsSettings, {"name": "", "controller": "idm"}, "must be no shorter than 1, got ''"),
-        (RunSettings, {"workers": 0}, "`workers` of `RunSettings` must be at least 1, got 0"),
-        (ZoneSettings, {"target": "labels"}, "`target` of `ZoneSettings` must be one of "
-                                             "'squared_time', 'label'"),
-    ],
+    rows_of("""
+SimulationSettings | {"step": 0.0} | `step` of `SimulationSettings` must be greater than 0, got 0.0
+SimulationSettings | {"step": 0.2} | `step` of `SimulationSettings` must be at most 0.1, got 0.2
+SimulationSettings | {"step": NaN} | `step` of `SimulationSettings` must be a number, got nan
+SimulationSettings | {"step": "0.1"} | `step` of `SimulationSettings` must be a number, got '0.1'
+SimulationSettings | {"step": null} | `step` of `SimulationSettings` must be a number, got None
+SimulationSettings | {"time_limit": true}
+| `time_limit` of `SimulationSettings` must be a number, got True
+SimulationSettings | {"time_limit": -1}
+| `time_limit` of `SimulationSettings` must be greater than 0, got -1
+VehicleSettings | {"friction": 0} | `friction` of `VehicleSettings` must be greater than 0, got 0
+VehicleSettings | {"max_deceleration": -9.0} | must be greater than 0, got -9.0
+FieldSettings | {"k1": -0.1} | `k1` of `FieldSettings` must be at least 0, got -0.1
+FieldSettings | {"k1": 1000000000000.0}
+| `k1` of `FieldSettings` must be at most 20, got 1000000000000
+FieldSettings | {"k2": 1000000000000.0}
+| `k2` of `FieldSettings` must be at most 1, got 1000000000000
+AnthropomorphicSettings | {"centre_deviation_floor": 1e-300} | must be at least 1e-06, got 1e-300
+AnthropomorphicSettings | {"field_deviation_floor": 1e-300} | must be at least 1e-06, got 1e-300
+ZoneSettings | {"deceleration": 1e-300} | must be at least 0.01, got 1e-300
+ZoneSettings | {"critical_inverse_ttc": 1e-300} | must be at least 0.001, got 1e-300
+FieldSettings | {"superposition": "sum"} | must be one of 'magnitude', 'vector', got 'sum'
+AnthropomorphicSettings | {"points_per_side": 0}
+| `AnthropomorphicSettings` must be at least 1, got 0
+AnthropomorphicSettings | {"points_per_side": 2.5} | must be a whole number, got 2.5
+ScoreSettings | {"a": 100.1} | `a` of `ScoreSettings` must be at most 100, got 100.1
+DriverSettings | {"count": 1} | `count` of `DriverSettings` must be at least 2, got 1
+SamplingSettings | {"count": "5"} | `count` of `SamplingSettings` must be a whole number, got '5'
+SamplingSettings | {"aim": "risk"} | must be one of 's_plus', 'boundary', got 'risk'
+DriverSettings | {"source": 3} | `source` of `DriverSettings` must be a text, got 3
+AdsSettings | {"name": "", "controller": "idm"} | must be no shorter than 1, got ''
+RunSettings | {"workers": 0} | `workers` of `RunSettings` must be at least 1, got 0
+ZoneSettings | {"target": "labels"}
+| `target` of `ZoneSettings` must be one of 'squared_time', 'label'
+""", partial(getattr, settings_module), json.loads),
 )  # fmt: skip
 def test_a_value_outside_its_bounds_is_refused(cls, values, sentence):
     with refusal(re.escape(sentence)):

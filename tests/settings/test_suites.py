@@ -1,11 +1,13 @@
 """A frozen suite brings its scenarios, seed and drivers, and nothing about it can be changed."""
 
 import hashlib
+import json
 import tomllib
 from dataclasses import fields
 
 import pytest
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.settings import PopulationSettings
 from sumo_eval.settings.config import SUITES, settings_from
@@ -36,14 +38,17 @@ def test_a_suite_says_everything_of_its_drivers_so_that_no_default_moves_its_sco
 
 @pytest.mark.parametrize(
     ("more", "sentence"),
-    [
-        ({"seed": 2}, "`seed` in here is fixed by the suite"),
-        ({"drivers": {"count": 3}}, "`drivers` in here is fixed"),
-        ({"method": {"score": {"a": 60.0}}}, "`method` in here is fixed"),
-        ({"scenario": [{"use": "suite:2026.1"}, {"use": "cut_in"}]}, "stands alone"),
-        ({"scenario": [{"use": "suite:2026.1", "sampling": {"levels": 2}}]}, "stands alone"),
-        ({"scenario": [{"use": "suite:2025.1"}]}, "Unknown suite `2025.1`"),
-    ],
+    rows_of(
+        """
+{"seed": 2} | `seed` in here is fixed by the suite
+{"drivers": {"count": 3}} | `drivers` in here is fixed
+{"method": {"score": {"a": 60.0}}} | `method` in here is fixed
+{"scenario": [{"use": "suite:2026.1"}, {"use": "cut_in"}]} | stands alone
+{"scenario": [{"use": "suite:2026.1", "sampling": {"levels": 2}}]} | stands alone
+{"scenario": [{"use": "suite:2025.1"}]} | Unknown suite `2025.1`
+""",
+        json.loads,
+    ),
 )
 def test_nothing_about_a_suite_can_be_changed(more, sentence):
     with refusal(sentence):

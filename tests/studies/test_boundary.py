@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from commands import sumo_eval
 from refusals import refusal
+from tables import rows_of
 
 from sumo_eval.extras.studies.boundary import find_boundary, slice_of
 from sumo_eval.extras.studies.boundary_page import summary, write_boundary
@@ -92,13 +93,16 @@ def broken():
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
-    [
-        (["cut_in", "careful_drivr", "--fix", "ego_speed=30"], "Did you mean `careful_driver`?"),
-        (["cut_inn", "idm"], "Did you mean `cut_in`?"),
-        (["cut_in", "idm", "--fix", "ego_speed"], "--fix must have the form NAME=VALUE"),
-        (["cut_in", "idm", "--fix", "ego_sped=3"], "Did you mean `ego_speed`?"),
-        (["cut_in", "idm", "--tolerance", "2"], "a share of the space"),
-    ],
+    rows_of(
+        """
+["cut_in", "careful_drivr", "--fix", "ego_speed=30"] | Did you mean `careful_driver`?
+["cut_inn", "idm"] | Did you mean `cut_in`?
+["cut_in", "idm", "--fix", "ego_speed"] | --fix must have the form NAME=VALUE
+["cut_in", "idm", "--fix", "ego_sped=3"] | Did you mean `ego_speed`?
+["cut_in", "idm", "--tolerance", "2"] | a share of the space
+""",
+        json.loads,
+    ),
 )
 def test_the_command_refuses(tmp_path, arguments, sentence):
     result = sumo_eval("boundary", *arguments, "--out", tmp_path / "out", status=2)

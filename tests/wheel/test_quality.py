@@ -1,10 +1,12 @@
 """How good a drive by a person is as a measurement: reactions by hand, and each bound with the
 drive that breaks it."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from tables import rows_of
 
 from sumo_eval.extras.wheel.quality import Quality, QualitySettings, reaction
 from sumo_eval.settings import VehicleSettings
@@ -52,20 +54,20 @@ def test_a_reaction_is_what_hands_and_feet_did_after_the_event(recording, after)
 def test_each_bound_marks_the_drive_that_breaks_it_and_no_other():
     rule = QualitySettings()
     assert GOOD.against(rule) == ()
-    for change, words in (
-        ({"dropped": 0.21}, "share of late pictures 0.21, at most 0.2"),
-        ({"latency_ms": 151.0}, "input to picture, 95 %, ms 151, at most 150"),
-        ({"stalls": 3}, "halts of the loop 3, at most 2"),
-        ({"pauses": 2}, "pauses 2, at most 1"),
-        ({"unanswered": 1.1}, "no answer of the window, s 1.1, at most 1"),
-        (
-            {"stepped_down": 1},
-            "times that the road was drawn more cheaply in mid-drive 1, at most 0",
-        ),
-        ({"end": "off_road"}, "left the road"),
-        ({"end": "quit"}, "ended before its end"),
-        ({"end": "contact"}, "touched another vehicle"),
-        ({"end": "sim_error"}, "a fault of the simulation"),
+    for change, words in rows_of(
+        """
+{"dropped": 0.21} | share of late pictures 0.21, at most 0.2
+{"latency_ms": 151.0} | input to picture, 95 %, ms 151, at most 150
+{"stalls": 3} | halts of the loop 3, at most 2
+{"pauses": 2} | pauses 2, at most 1
+{"unanswered": 1.1} | no answer of the window, s 1.1, at most 1
+{"stepped_down": 1} | times that the road was drawn more cheaply in mid-drive 1, at most 0
+{"end": "off_road"} | left the road
+{"end": "quit"} | ended before its end
+{"end": "contact"} | touched another vehicle
+{"end": "sim_error"} | a fault of the simulation
+""",
+        json.loads,
     ):
         assert replace(GOOD, **change).against(rule) == (words,)
     assert replace(GOOD, end="quit").against(replace(rule, quit=True)) == ()

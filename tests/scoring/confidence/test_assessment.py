@@ -1,7 +1,7 @@
 """Confidence put together from rows and facts: influence, the drivers' error, and where there is no
 interval."""
 
-import math
+import tomllib
 from dataclasses import replace
 
 import builders
@@ -39,24 +39,23 @@ def evaluation(tmp_path_factory, partitions):
 
 
 def four_cases(**changes):
-    nan = math.nan
-    plain = {
-        "exposure": np.array([2.0, 2.0, 1.0, 4.0]),
-        "weight": np.array([1.0, 3.0, 1.0, 1.0]),
-        "severity": np.array([10.0, 10.0, 0.0, 0.0]),
-        "ideal": np.array([2.0, 8.0, 0.0, 0.0]),
-        "unreacting": np.full(4, 10.0),
-        "ratio": np.array([0.2, 0.8, nan, nan]),
-        "collided": np.array([True, True, False, False]),
-        "evaluated": np.ones(4, dtype=bool),
-        "index": np.array([nan, nan, 0.4, 0.9]),
-        "likeness": np.array([nan, nan, 0.4, 0.9]),
-        "voids": np.zeros(4, dtype=bool),
-        "incident": np.array([True, True, False, False]),
-        "counted": np.ones(4, dtype=bool),
-        "task": np.array([nan, nan, 1.0, 1.0]),
-    }
-    return CaseTerms(**(plain | changes))
+    plain = tomllib.loads("""
+exposure = [2.0, 2.0, 1.0, 4.0]
+weight = [1.0, 3.0, 1.0, 1.0]
+severity = [10.0, 10.0, 0.0, 0.0]
+ideal = [2.0, 8.0, 0.0, 0.0]
+unreacting = [10.0, 10.0, 10.0, 10.0]
+ratio = [0.2, 0.8, nan, nan]
+collided = [true, true, false, false]
+evaluated = [true, true, true, true]
+index = [nan, nan, 0.4, 0.9]
+likeness = [nan, nan, 0.4, 0.9]
+voids = [false, false, false, false]
+incident = [true, true, false, false]
+counted = [true, true, true, true]
+task = [nan, nan, 1.0, 1.0]
+""")
+    return CaseTerms(**{name: np.array(of) for name, of in (plain | changes).items()})
 
 
 def test_influence_by_hand():

@@ -1,0 +1,17 @@
+"""Tables of cases as text."""
+
+from itertools import chain, repeat
+
+
+def rows_of(text, *kinds):
+    r"""The rows of a text, one a line, their cells between bars, read by `kinds` or as they stand.
+
+    A line that begins with a bar goes on with the row above it; `\n` in a cell ends a line of it.
+    """
+    return [
+        tuple(
+            kind(cell.replace(r"\n", "\n"))
+            for kind, cell in zip(chain(kinds, repeat(str)), row.split(" | "), strict=False)
+        )
+        for row in text.strip("\n").replace("\n| ", " | ").splitlines()
+    ]
