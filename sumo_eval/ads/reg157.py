@@ -70,21 +70,21 @@ def avoidable_ttc(closing_speed: float, granted: Any) -> float:
 def reg157_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
     """Deceleration that a vehicle in front demands, m/s2: all that is granted, or 0.
 
-    For one in the path that brakes: at a headway of 2 s or less. For any other one that has
-    intruded into the lane: at the TTC that can just be avoided, or less.
+    For one in the path that brakes: at a headway of 2 s or less. For any that has intruded into the
+    lane: at the TTC that can just be avoided, or less.
 
     p: parameters of `Reg157`.
     """
     # m, lateral gap to a vehicle that has just intruded
     intruding = 0.5 * scenario.road.lane_width - me.half_width - INTRUSION
-    closing, demands = me.along - other.along, False
     if lateral_gap(me, other) > intruding:
         return 0.0
-    if lateral_overlap(me, other) > 0.0 and other.braking > p.lead_braking and me.along > 0.0:
-        demands = within_headway(me, other, FOLLOWING_HEADWAY)
-    elif closing > 0.0:
+    demands = lateral_overlap(me, other) > 0.0 and other.braking > p.lead_braking
+    demands = demands and within_headway(me, other, FOLLOWING_HEADWAY)
+    closing = me.along - other.along
+    if closing > 0.0:
         critical = avoidable_ttc(closing, p.brakes) + p.margin + p.standstill_gap / closing
-        demands = time_to_collision(me, other) <= critical
+        demands = demands or time_to_collision(me, other) <= critical
     return float(p.brakes.braking) if demands else 0.0
 
 

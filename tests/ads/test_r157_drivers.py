@@ -30,7 +30,7 @@ from sumo_eval.ads.r157 import (
     time_to_collision,
 )
 from sumo_eval.ads.r157_careful_driver import _WATCHED, CarefulDriver, _look_at, needed_deceleration
-from sumo_eval.ads.reg157 import Reg157, avoidable_ttc
+from sumo_eval.ads.reg157 import Reg157, avoidable_ttc, reg157_braking
 from sumo_eval.ads.rss import lateral_safe_distance, longitudinal_safe_distance
 from sumo_eval.cosim.records import MOVER
 from sumo_eval.cosim.simulation import simulate
@@ -142,6 +142,11 @@ def test_rss_by_hand():
 
 def test_the_ttc_of_the_regulation_by_hand():
     assert avoidable_ttc(12.0, Reg157.brakes) == pytest.approx(1.35)
+    # TTC 2.93 s is below 30 / 12 + 0.45 s; at 2.7 s of headway it is no matter if the lead brakes
+    scenario = SimpleNamespace(road=SimpleNamespace(lane_width=3.5))
+    me, lead = mover("me", 0.0, along=33.0), mover("lead", 4.5 + 88.0, along=3.0)
+    for lead.braking in (0.0, 2.0):
+        assert reg157_braking(me, lead, Reg157(), scenario) == 6.0
 
 
 def test_the_needed_deceleration_by_hand():
