@@ -43,7 +43,9 @@ EMERGENCY_GAP = 2.0  # m left to a vehicle in the other lane after an evasion
 SPEED_RESERVE = 1.0
 BRAKE_BUILD_UP = 0.1  # s, in which the gap closes before brakes hold
 LEAST_LENGTH = 20.0  # m of road for a lane change at a crawl: a fifth of a car's tightest curve
-END_AHEAD = 10.0  # s to the end of the lane on the left; an ego nearer to it does not change there
+# s to the place where the lane on the left ends, or a line that must not be crossed begins; an ego
+# nearer to it does not change
+END_AHEAD = 10.0
 LEAST_SPEED = 2.0  # m/s, an ego does not overtake from a slower roll
 COMES_TOWARDS = 1.0  # m/s against the ego's direction, faster than which a vehicle comes towards it
 # s, shortest headway accepted behind the vehicle in the other lane (LMRS: 0.56 s)
@@ -125,29 +127,35 @@ def overtake(
     way: the lane change that the scenario asks of the ego.
     scenario: road, vehicle and step.
     """
-    habits, idm, desired_speed = p.habits, p.idm, memory.desired_speed
+    habits = p.habits
     if memory.began == 0:
-        memory.began, memory.cruising_speed = 1, me.speed
+        memory.began = 1
+        memory.cruising_speed = me.speed
         keep_lane(memory.path, me, scenario.road)
         memory.curvature = curvature_kept(memory.path, me)
-    most = math.inf  # m/s2 that the asked change allows
+    allowed = math.inf  # strongest acceleration during the asked lane change, m/s2
     if way.asked:
-        most = change_as_asked(memory.path, way, me, others, desired_speed, idm, scenario)
+        allowed = change_as_asked(
+            memory.path, way, me, others, memory.desired_speed, p.idm, scenario
+        )
     leads = _find_leads(memory, me, others, watched, scenario)
-    may = memory.changing == 0 and way.asked == 0 and _has_left_lane(memory, me, scenario.road)
-    if leads and may and not _comes_towards(others, watched):
-        if _begins(memory, me, others, watched, habits, scenario):
+    may_change = memory.changing == 0 and way.asked == 0
+    may_change = may_change and _has_left_lane(memory, me, scenario.road)
+    if leads and may_change and not _comes_towards(others, watched):
+        if _try_to_begin(memory, me, others, watched, habits, scenario):
+            # other vehicles are in the way on the new path
             _find_leads(memory, me, others, watched, scenario)
         elif _waits_to_overtake(memory, me, others, watched, habits, scenario):
             return float(memory.free)
-    wanted: float = min(memory.free, most)
+    wanted: float = min(memory.free, allowed)
     for j in range(len(others)):
         known = watched[j]
         if known.leads:
-            wanted = min(wanted, follow(known, me, others[j], desired_speed, idm, scenario.step))
+            follows = follow(known, me, others[j], memory.desired_speed, p.idm, scenario.step)
+            wanted = min(wanted, follows)
     memory.passing = 0
     if memory.changing:
-        would_clip = False  # what it passes, if it were a little faster
+        would_clip = False  # a vehicle that it passes, if it drove `SPEED_RESERVE` faster
         for j in range(len(others)):
             if _still_ahead(memory, me, others[j], scenario):
                 memory.passing = 1
@@ -168,13 +176,13 @@ def _has_left_lane(memory: Any, me: Any, road: Any) -> bool:
     lane = lane_of(memory.path.start, road)
     if lane + 1 >= road.lanes or road.shaped == 0:
         return bool(lane + 1 < road.lanes)
-    # the right lane may be parted from its neighbour here
-    if not (lane > 0 or road.right_parted_until < me.x < road.right_parted_from):
-        return False
-    # of the lanes to change to, only the leftmost may be closed or parted here
-    begin = max(road.left_is_open, road.left_parted_until)
-    end = min(road.left_closes, road.left_parted_from)
-    return bool(lane + 2 < road.lanes or begin <= me.x < end - END_AHEAD * me.along)
+    begin, end = -math.inf, math.inf  # x between which both lanes are there, side by side, m
+    if lane == 0:
+        begin, end = road.right_parted_until, road.right_parted_from
+    if lane + 2 == road.lanes:  # of the lanes to change to, only the leftmost may open or end
+        begin = max(begin, road.left_is_open, road.left_parted_until)
+        end = min(end, road.left_closes, road.left_parted_from)
+    return bool(begin <= me.x < end - END_AHEAD * me.along)
 
 
 @kernel
@@ -223,7 +231,8 @@ def _find_leads(memory: Any, me: Any, others: Any, watched: Any, scenario: Any) 
         known = watched[j]
         known.leads = 0
         if _in_the_way(memory, me, others[j], scenario, 0.0, 0.0):
-            known.leads, known.gap = 1, bumper_gap(me, others[j])
+            known.leads = 1
+            known.gap = bumper_gap(me, others[j])
             known.closing = me.along - others[j].along
             count += 1
     return count
@@ -240,14 +249,17 @@ def _nearest_lead(others: Any, watched: Any) -> int:
 
 
 @kernel
-def _begins(memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenario: Any) -> bool:
+def _try_to_begin(
+    memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenario: Any
+) -> bool:
     """Begin the lane change if it can be done, and is wanted or needed because braking alone is not
     enough; return whether it has begun.
     """
     if me.along < LEAST_SPEED:
         return False
     lead = _nearest_lead(others, watched)
-    emergency, relied_on = False, EMERGENCY_BRAKING * scenario.vehicle.max_deceleration
+    emergency = False
+    relied_on = EMERGENCY_BRAKING * scenario.vehicle.max_deceleration  # m/s2
     for j in range(len(others)):
         if watched[j].leads and _needed_braking(watched[j]) > relied_on:
             emergency = True
@@ -260,8 +272,10 @@ def _begins(memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenar
     duration = _duration(me, others, watched, shortest, habits, scenario)
     if duration < 0.0 or not _left_is_free(memory, me, others, duration, emergency, scenario):
         return False
-    memory.path.offset, memory.path.begin = scenario.road.lane_width, me.x
-    memory.path.length, memory.changing = duration * me.along, 1
+    memory.path.offset = scenario.road.lane_width
+    memory.path.begin = me.x
+    memory.path.length = duration * me.along
+    memory.changing = 1
     return True
 
 
@@ -319,10 +333,11 @@ def _duration(
     for j in range(len(others)):
         if watched[j].leads == 0:
             continue
-        other, gap, closing = others[j], watched[j].gap, watched[j].closing
-        clear = other.y + 0.5 * scenario.vehicle.width + other.half_width + CLEARANCE
-        # of the change's offset, after which the ego is clear of this lead
-        share = (clear - me.y) / scenario.road.lane_width
+        other = others[j]
+        gap, closing = watched[j].gap, watched[j].closing
+        # y from which on the ego passes this lead at `CLEARANCE`, m
+        clear_y = other.y + 0.5 * scenario.vehicle.width + other.half_width + CLEARANCE
+        share = (clear_y - me.y) / scenario.road.lane_width  # of the change's offset, until there
         if share > 1.0 or gap <= 0.0:
             return -1.0
         if share <= 0.0 or closing <= 0.0:

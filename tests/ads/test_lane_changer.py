@@ -1,5 +1,7 @@
 """The ADS `lane_changer` in SUMO."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from road_scenes import (
@@ -14,6 +16,7 @@ from road_scenes import (
 
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.scenario import Actor, Start
+from sumo_eval.scenario.road.lanes import LaneSpan
 
 
 def onset(recording):
@@ -49,6 +52,13 @@ def test_it_never_collides_in_the_safe_zone_of_the_cut_out(concrete):
     recording = simulate(concrete, "lane_changer")
     assert (recording.collision, recording.error) == (None, None)
     assert recording.end_reason in ("road_end", "standstill")
+
+
+@pytest.mark.parametrize(("exit_from", "changes"), [(200.0, False), (400.0, True)])
+def test_it_does_not_cross_the_line_of_an_exit(exit_from, changes):
+    road = replace(ROAD, spans=(LaneSpan(0, parted_from=exit_from),))
+    concrete = replace(case(actor("lead", 60.0, 10.0), speed=25.0), road=road)
+    assert (simulate(concrete, "lane_changer").ego.y[-1] > 1.75) == changes
 
 
 def test_it_does_not_react_to_the_lead_that_leaves_its_lane():
