@@ -118,7 +118,7 @@ def holm(chances: Sequence[tuple[float, float]], level: float) -> list[bool]:
 
     chances: (P, least P that was possible) of each test.
     """
-    # indices: the test of the largest least P goes until that of each of m is at most level / m
+    # indices; with m tests left, the least P of each must be at most level / m
     possible = list(range(len(chances)))
     while any(chances[i][1] > level / len(possible) for i in possible):
         possible.remove(max(possible, key=lambda i: chances[i][1]))
@@ -335,21 +335,25 @@ def got_worse(total: Tally, settings: GateSettings) -> bool:
         certain = total.chance < rule.chance or not total.better
         return total.number > total.better and (certain or total.least_kept <= rule.kept_margin)
     shift = settings.shift
-    alone = 0.0 if most_lost(total) >= shift.lost else shift.share_alone
-    none_better = not total.better and many(total, settings, alone)
-    return none_better or (many(total, settings, shift.share) and total.chance < shift.chance)
+    lost = most_lost(total) >= shift.lost * (1.0 - LAST_DIGIT)  # 0.7 - 0.4 is below 0.3 by rounding
+    if not total.better and many(total, settings, 0.0 if lost else shift.share_alone):
+        return True
+    return many(total, settings, shift.share) and total.chance < shift.chance
 
 
 def most_lost(total: Tally) -> float:
     """The largest loss of task or likeness in a case, 0..1; 0 of any other measure."""
-    graded = total.measure.quantity in ("task_share", "human_likeness", "index")
-    worst = [(it, pair) for it in total.worse for pair in it.which[:1] if graded]
-    return max((float(it.before[pair] - it.after[pair]) for it, pair in worst), default=0.0)
+    if total.measure.quantity not in ("task_share", "human_likeness", "index"):
+        return 0.0
+    # `which` begins with the worst case of a scenario
+    losses = (it.before[it.which[0]] - it.after[it.which[0]] for it in total.worse if it.which)
+    return float(max(losses, default=0.0))
 
 
 def many(total: Tally, settings: GateSettings, share: float) -> bool:
     """Whether at least 3 cases, and at least `share` of all cases, are worse."""
-    return total.number >= max(settings.shift.cases, share * total.cases)
+    least = share * total.cases * (1.0 - LAST_DIGIT)  # 0.07 * 100 is above 7 by rounding
+    return total.number >= max(settings.shift.cases, least)
 
 
 def can_fail(total: Tally, settings: GateSettings, *, noisy: bool) -> bool:

@@ -145,10 +145,10 @@ def test_got_worse_by_counts(near, worse, better, cases, kept, fails):
 
 
 def test_three_cases_are_a_shift_if_one_lost_its_likeness():
-    """0.9 - 0.6 = 0.3; 3 of 99 are too few otherwise."""
+    """0.7 - 0.4 = 0.3; 3 of 99 are too few otherwise."""
     likeness = MeasureSettings("human_likeness", absolute=0.01)
-    for worse, after, fails in ((3, 0.6, True), (2, 0.6, False), (3, 0.61, False)):
-        part: Any = SimpleNamespace(which=range(worse), before=[0.9], after=[after])
+    for worse, after, fails in ((3, 0.4, True), (2, 0.4, False), (3, 0.41, False)):
+        part: Any = SimpleNamespace(which=range(worse), before=[0.7], after=[after])
         found = Tally("ads", likeness, False, (part,), 0, 99, 1.0)
         assert got_worse(found, SETTINGS) is fails
 
