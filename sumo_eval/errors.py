@@ -124,7 +124,8 @@ def install_command(extra: str) -> str:
     from pathlib import Path
     from urllib.parse import unquote
 
-    name, editable = f"sumo_eval[{extra}]", ""
+    name = f"sumo_eval[{extra}]"
+    editable = ""
     try:
         # pip writes this file; none: the package came from a package index
         origin = json.loads(distribution("sumo_eval").read_text("direct_url.json") or "{}")

@@ -55,7 +55,8 @@ def clean(text: str, most: int = SENTENCE, *, lines: bool = False) -> str:
     # of a very long text only a head and a tail are read: more than is kept
     tail_length = most if lines else 0
     if length <= most + tail_length:
-        fit, left_out = _replaced(text, lines=lines), 0
+        fit = _replaced(text, lines=lines)
+        left_out = 0
     else:
         head = str.__getitem__(text, slice(0, most))
         tail = str.__getitem__(text, slice(length - tail_length, length))

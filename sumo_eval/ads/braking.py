@@ -236,13 +236,15 @@ def follow_demand(
     vehicle, step = scenario.vehicle, scenario.step
     if braking.looks == 0:
         if demand(scene, 0.0) > 0.0:
-            braking.is_alarmed, braking.alarmed = 1, time
+            braking.is_alarmed = 1
+            braking.alarmed = time
     elif braking.is_alarmed == 0 and demand(scene, -0.5 * step) > 0.0:
         began = -step  # a jump
         earlier = -1.5 * step if braking.looks > 1 else -step
         if not demand(scene, earlier) > 0.0:
             began = first_instant(demand, scene, 0.0, earlier, -0.5 * step)
-        braking.is_alarmed, braking.alarmed = 1, time + began
+        braking.is_alarmed = 1
+        braking.alarmed = time + began
     braking.looks += 1
     wait = max(braking.alarmed + brakes.response - time, 0.0) if braking.is_alarmed else math.inf
     if wait >= step:

@@ -138,7 +138,8 @@ def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scena
         mean_heading = me.heading + 0.5 * ahead * now
         y = me.y - half * math.sin(me.heading) + ahead * math.sin(mean_heading)
         heading = me.heading + ahead * now
-        wanted, beside = math.atan(slope), 0.0
+        wanted = math.atan(slope)
+        beside = 0.0
     else:
         line = line_curvature(me)
         # from the centre back to the rear axle

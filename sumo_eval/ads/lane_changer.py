@@ -60,7 +60,8 @@ def wanted_at(scene: Any, after: float) -> float:
     for j in range(len(others_then)):
         foresee(others_then[j], watched[j].sighting, after, scenario.step)
         # each try begins with what was decided; no actor is expected to brake (0)
-        others_then[j].braking, watched[j].accepted = 0.0, watched[j].kept
+        others_then[j].braking = 0.0
+        watched[j].accepted = watched[j].kept
     # here `leads` says whether the actor is seen at all; `overtake` writes it again
     for j in range(len(others_then)):
         watched[j].leads = 1 if is_visible(own.then, others_then, j, 0.0) else 0

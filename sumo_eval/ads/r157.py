@@ -132,7 +132,9 @@ def sight(sighting: Any, other: Any, step: float) -> None:
     last_y = sighting.last_y
     before = 0.0 if math.isnan(sighting.across) else sighting.across
     mover.braking = max((last_speed - other.along) / step, 0.0)
-    sighting.last_speed, sighting.last_y, sighting.gain = other.along, other.y, 0.0
+    sighting.last_speed = other.along
+    sighting.last_y = other.y
+    sighting.gain = 0.0
     if math.isnan(last_y):
         return
     across = (other.y - last_y) / step
@@ -182,7 +184,8 @@ def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable
         own, watched, others_then = scene[:3]
         cycle = scene[3]
         foresee_all(own, watched, others_then, after, cycle.step)
-        me, demanded = own.then, 0.0
+        me = own.then
+        demanded = 0.0
         for j in range(len(others_then)):
             if others_then[j].x > me.x and is_in_sight(me, others_then, j, MOST_COVERED):
                 demanded = max(demanded, braking_for(me, others_then[j], own.p, cycle))

@@ -267,7 +267,9 @@ def _judge_path(
     Such a vehicle is revealed by one that leaves the lane, brakes within 2 s of headway, or is
     approached too fast. The search ends at the nearest vehicle that hides what is beyond it.
     """
-    me, leaves = own.me, -1  # leaves: index of the nearest vehicle that leaves the ego's lane
+    # leaves: index of the nearest vehicle that leaves the ego's lane
+    me = own.me
+    leaves = -1
     j = next_ahead(me, others, -1)
     while j >= 0:
         known = watched[j]
@@ -411,7 +413,8 @@ def _watch_over(
                 if _aeb_demand(scene, 0.0) > 0.0
                 else first_instant(_aeb_demand, scene, 0.0, 0.0, step)
             )
-            own.aeb_brakes, own.aeb_began = 1, time + begins
+            own.aeb_brakes = 1
+            own.aeb_began = time + begins
         return
     for j in range(len(others)):
         if _aeb_ttc(own.me, others[j]) < math.inf:  # still closing in

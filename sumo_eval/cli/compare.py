@@ -101,7 +101,8 @@ def _partners(pairs: Sequence[str], base: Path, new: Path) -> dict[str, str]:
     from sumo_eval.errors import InputError, check_known
     from sumo_eval.record.run_folder import read_settings
 
-    listed, partners = " ".join(pairs), []
+    listed = " ".join(pairs)
+    partners = []
     olds, news = ([ads.name for ads in read_settings(run).ads] for run in (base, new))
     for pair in pairs:
         # all ways to part it at a `=` into two names that are not empty

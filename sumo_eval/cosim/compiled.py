@@ -176,7 +176,8 @@ class Compiled:
         _show_rows(movers, self._in_frame(bodies), knots_of(self._line), rear)
         self._egos["time"] = time
         if time == 0.0:
-            self._egos["way"]["start"], self._egos["way"]["length"] = movers["y"][0], 1.0
+            self._egos["way"]["start"] = movers["y"][0]
+            self._egos["way"]["length"] = 1.0
             if self._way is not None:
                 write_way(
                     self._egos[0], self._way, float(movers["y"][0]), float(movers["speed"][0])

@@ -32,7 +32,8 @@ class Latencies:
 
     def time_fixed_work(self) -> None:
         """Time the fixed work once: some ten microseconds of plain Python."""
-        began, total = time.perf_counter(), 0.0
+        began = time.perf_counter()
+        total = 0.0
         for number in range(200):
             total += 0.5 * number
         self._reference.append(time.perf_counter() - began)

@@ -142,7 +142,8 @@ class Executor:
         """acceleration = throttle * max_acceleration - brake * max_deceleration; steering-wheel
         angle = steer * end stop, positive to the left.
         """
-        limits, values = self._vehicle, []
+        limits = self._vehicle
+        values = []
         for name, least in (("throttle", 0.0), ("brake", 0.0), ("steer", -1.0)):
             value = _finite(name, getattr(asked, name), "pedals")
             if not least <= value <= 1.0:

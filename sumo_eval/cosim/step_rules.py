@@ -72,7 +72,8 @@ def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
     length, width = body.length, body.width
     heading = 0.0 if abs(body.heading) < ALONG else within_a_turn(body.heading)
     mover.x, mover.y, mover.heading = body.x, body.y, heading
-    mover.speed, mover.braking = speed, 0.0
+    mover.speed = speed
+    mover.braking = 0.0
     mover.along, mover.across = speed * math.cos(heading) / inner, speed * math.sin(heading)
     mover.curvature = curvature / inner
     lean = heading + math.atan(rear * mover.curvature)
@@ -317,7 +318,9 @@ def _read_ego(ego: Any, shown: FloatArray, scenario: Any) -> bool:
         _goes_along(ego, shown, scenario.road) and goes_straight(*motion, step, scenario.vehicle)
     ):
         return False
-    ego.x, at.x, ego.heading = x, x, 0.0
+    ego.x = x
+    at.x = x
+    ego.heading = 0.0
     ego.speed, ego.next.speed, ego.acceleration = speed, speed, (speed - motion[3]) / step
     return True
 
@@ -347,7 +350,9 @@ def read_rows(scenes: Scenes, scenario: Records, numbers: Any, read: FloatArray,
     read: x and y of the front bumper, angle and speed of each.
     odd: receives the numbers of those that are left.
     """
-    left, width, far = 0, 1 + scenes.shown.shape[1], FASTEST * scenario[0].step
+    left = 0
+    width = 1 + scenes.shown.shape[1]
+    far = FASTEST * scenario[0].step
     for k, number in enumerate(numbers):
         row, j = number // width, number % width
         if j > 0:

@@ -167,7 +167,7 @@ class Traffic(Stage):
         now, before = (world.egos, world.others), (world.egos["before"], world.others["before"])
 
         def of_all(state: tuple[Any, Any], name: str) -> FloatArray:
-            """A field of the vehicles that SUMO receives, in the order of `told`."""
+            """A field of the vehicles that SUMO receives, in the order of `received`."""
             return joined(*state, name).ravel()[number]
 
         half, names = 0.5 * of_all(now, "length"), [self._flat[n] for n in number.tolist()]

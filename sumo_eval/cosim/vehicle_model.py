@@ -209,7 +209,8 @@ def _drive_within(
     end_acceleration, end_speed, distance = drive(ego.speed, ego.acceleration, target, limits, step)
     if end_speed > limits.max_speed:
         count_clip(clips, _SPEED, ego.time, end_speed, limits.max_speed)
-        end_acceleration, end_speed = 0.0, limits.max_speed
+        end_acceleration = 0.0
+        end_speed = limits.max_speed
         distance = 0.5 * (ego.speed + end_speed) * step
     elif abs(end_acceleration - target) > _GRANTED and end_speed > 0.0:
         count_clip(clips, _ACCELERATION_RATE, ego.time, target, end_acceleration)
@@ -363,7 +364,8 @@ def drive(
     """(acceleration, speed) at the end of the step and the distance driven in it, exactly; no
     vehicle reverses.
     """
-    distance, left = 0.0, step
+    distance = 0.0
+    left = step
     a, v = acceleration, speed
     while left > 0.0:
         goal, jerk = _ramp(a, target, limits)
@@ -378,7 +380,9 @@ def drive(
                 if target < _SAME:
                     return 0.0, 0.0, distance
                 # brakes still closing at a standstill hold nothing: drive begins
-                a, v, left = 0.0, 0.0, left - stop
+                a = 0.0
+                v = 0.0
+                left = left - stop
                 continue
         square = duration * duration
         distance += v * duration + 0.5 * a * square + jerk * (square * duration) / 6.0

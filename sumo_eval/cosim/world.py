@@ -376,7 +376,8 @@ class World:
             setattr(self, name, getattr(self, name)[rows])
         if len(self.scenario) > 2:  # two records for each row
             self.scenario = self.scenario.reshape(-1, 2)[rows].reshape(-1)
-        self.players, self._codes = self.players.of(rows), {}
+        self.players = self.players.of(rows)
+        self._codes = {}
         self._numbers = numbers_of(self.egos)
         self.gather()
 
@@ -492,8 +493,10 @@ def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: i
     for name in ("x", "y", "speed", "heading"):
         egos[name] = [getattr(concrete.ego, name) for concrete in cases]
     egos["length"], egos["width"] = vehicle.length, vehicle.width
-    egos["live"], egos["placed"] = 1, placed
-    egos["way"]["start"], egos["way"]["length"] = egos["y"], 1.0
+    egos["live"] = 1
+    egos["placed"] = placed
+    egos["way"]["start"] = egos["y"]
+    egos["way"]["length"] = 1.0
     for i, concrete in enumerate(cases):
         if concrete.ego.way is not None:
             write_way(egos[i], concrete.ego.way, concrete.ego.y, concrete.ego.speed)

@@ -78,7 +78,9 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
             x, y = points[first + min(i, n - 1), 0], points[first + min(i, n - 1), 1]
             west, east = min(west, x), max(east, x)
             south, north = min(south, y), max(north, y)
-            px[i], py[i], total[i] = x, y, 0.0
+            px[i] = x
+            py[i] = y
+            total[i] = 0.0
         wide = east - west + north - south > QUICK_DISTANCE
         # slow samples are added at once, quick ones are listed
         count = 0
@@ -213,7 +215,8 @@ def far_values(samples: FloatArray, grid: Any, near: IntArray, k1: float) -> Flo
         for box in range(boxes):
             parent, place = box // 2, boxes - 1 + box  # place: of the box in `near`
             left, right = near[place, 0], near[place, 1]
-            first, last = 0, samples.shape[0]
+            first = 0
+            last = samples.shape[0]
             if level > 0:
                 first, last = near[boxes // 2 - 1 + parent, 0], near[boxes // 2 - 1 + parent, 1]
                 for a in range(p):
@@ -292,7 +295,8 @@ def put_field(
         for point in range(k):
             place = across[point, first:last]
             for row in range(n):
-                now[row], before[row] = series[q - 1, row], 0.0
+                now[row] = series[q - 1, row]
+                before[row] = 0.0
             for b in range(q - 2, 0, -1):
                 term = series[b]
                 for row in range(n):

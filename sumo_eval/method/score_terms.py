@@ -41,10 +41,11 @@ def once(n: int) -> FloatArray:
 class AskedTerms:
     """Counts that record the terms which a score sums, in order; each sum that they return is 0.
 
-    A score is a function of sums over cases, and which sums it needs does not depend on the data.
-    So its terms are recorded for some of the cases at a time, and summed in all samples. The sums
-    of all parts are added. Then `KnownSums` gives them to the score in place of counts, so the
-    memory in use does not grow with the number of cases.
+    A score is a function of sums over cases, and the same sums whatever the data. So a long table
+    of cases is scored in parts: for the cases of each part the score is called with `AskedTerms`,
+    the caller sums the recorded terms over every sample, and adds these sums to those of earlier
+    parts. At the end the score is called once with `KnownSums` of the totals. The memory in use
+    does not grow with the number of cases.
     """
 
     def __init__(self) -> None:
@@ -109,8 +110,8 @@ def collision_avoidance(
     plain = weighted_mean(compared, np.ones(compared.shape), counts)
     c = weighted_mean(compared, np.nan_to_num(weight), counts)
     c = np.where(np.isnan(c), plain, c)
-    without = ~_drawn(collided, counts) & _drawn(evaluated, counts)
-    return np.where(np.isnan(c) & without, 1.0, c)
+    no_collision = ~_contains(collided, counts) & _contains(evaluated, counts)
+    return np.where(np.isnan(c) & no_collision, 1.0, c)
 
 
 exposure_mean = weighted_mean
@@ -202,14 +203,14 @@ def avoided_share(
     is no worse in any case and better in one never has a lower A.
     """
     stakes = Stakes.of(severity, ideal, unreacting, weights)
-    weighs = counts @ stakes.weight > 0.0  # in a sample without any weight every point weighs 1
+    weighted = counts @ stakes.weight > 0.0  # else every point of a sample weighs 1
     numerator, denominator = (
-        np.where(weighs, counts @ (stakes.weight * part), counts @ part)
+        np.where(weighted, counts @ (stakes.weight * part), counts @ part)
         for part in (stakes.lost, stakes.at_stake)
     )
     share = 1.0 - quotient(numerator, denominator, denominator > 0.0, 1.0)
     share = np.where(numerator > 0.0, share, 1.0)
-    return np.where(_drawn(stakes.known, counts), share, np.nan)
+    return np.where(_contains(stakes.known, counts), share, np.nan)
 
 
 class Stakes(NamedTuple):
@@ -317,6 +318,6 @@ def grade_slope(avoided: float, sharpness: float) -> float:
     )
 
 
-def _drawn(flags: ArrayLike, counts: Counts) -> BoolArray:
+def _contains(flags: ArrayLike, counts: Counts) -> BoolArray:
     """Whether each sample contains a flagged case, (m,)."""
     return counts @ np.asarray(flags, dtype=float) > 0.0

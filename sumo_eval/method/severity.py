@@ -192,7 +192,8 @@ def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Seve
 
     def answer(hit: Collision, case: str) -> float:
         """The number that the user's function returns; a second call must return the same."""
-        contact, losses = contact_of(hit, settings), []
+        contact = contact_of(hit, settings)
+        losses = []
         for _ in range(2):
             try:
                 loss = function(contact)

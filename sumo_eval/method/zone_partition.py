@@ -212,7 +212,9 @@ def partition(
     if points is None:
         training, notes, rounds = mesh(axes), list(grid_notes), 1 + settings.refinements
     else:  # used as they are, without refinement
-        training, notes, rounds = _user_points(logical, points), [], 1
+        training = _user_points(logical, points)
+        notes = []
+        rounds = 1
 
     refined, grid, feasible = _dense_grid(logical, axes, settings)
     unit = logical.to_unit(grid)

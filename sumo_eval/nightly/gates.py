@@ -79,7 +79,8 @@ def _judge(
 
     part: comparison of the ADS in the scenario; None without a base.
     """
-    quantity, why = limit.quantity, "there is no base to compare with"
+    quantity = limit.quantity
+    why = "there is no base to compare with"
     result = partial(GateResult, quantity, score.ads, score.scenario)
     without_base = partial(result, None, f"{quantity}: {why}", reason=why)
     # the number: of changed cases, or of the new run alone

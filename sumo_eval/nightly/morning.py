@@ -177,7 +177,8 @@ def tell_github(result: NightResult) -> list[str]:
     """Append the summary to `$GITHUB_STEP_SUMMARY`, if that is set. Returns lines for GitHub's log:
     annotations, if GitHub runs the night.
     """
-    summary, lines = os.environ.get("GITHUB_STEP_SUMMARY"), list[str]()
+    summary = os.environ.get("GITHUB_STEP_SUMMARY")
+    lines = list[str]()
     if summary:
         text = (result.report.parent / SUMMARY).read_text(encoding="utf-8")
         try:

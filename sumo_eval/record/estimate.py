@@ -106,7 +106,8 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     compile_loops(settings, spaces)
 
     # all ADSs count, also those that are not loaded
-    plan_of_all, drives = replace(plan, run=run), Counter[str]()
+    plan_of_all = replace(plan, run=run)
+    drives = Counter[str]()
     for stage in chain.from_iterable(stages(space, plan_of_all) for space in spaces):
         drives[_sort(stage.role)] += stage.total
     setup = replace(plan.setup, run=replace(settings.run, workers=1, engine="processes"))
@@ -184,7 +185,9 @@ def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, flo
     """Wall time of a drive of each sort that was timed, s; number of timed drives; whether one of
     them was broken off.
     """
-    until, timed, broken_off = clock.perf_counter() + _TIMED_FOR, 0, False
+    until = clock.perf_counter() + _TIMED_FOR
+    timed = 0
+    broken_off = False
     took = defaultdict[str, list[float]](list)
     limits = replace(setup.run, case_timeout=min(setup.run.case_timeout, _LONGEST_DRIVE))
     for sort, cases in kinds:

@@ -128,7 +128,8 @@ def _load_world() -> None:
 
 def _load_ahead() -> None:
     """Zones of moves that depend on what happens, foresight, and curves."""
-    played, size = [_concrete(_TURNED)], (4.0, 2.0)
+    played = [_concrete(_TURNED)]
+    size = (4.0, 2.0)
     conflict_criticality(played, 0, [0.0], size, ZoneSettings())
     meetings(played, [size], 0.1, [0.1], 5.0, 0, [0.0])
     frame_places((arc(10.0, 100.0),), 1.0, 0.0)

@@ -333,7 +333,8 @@ class _Child:
     def attend(self, descriptor: int) -> None:
         """Handle an event on one of the descriptors."""
         if descriptor == self._report.fileno():
-            self._ended, self._reported = read_report(descriptor), True
+            self._ended = read_report(descriptor)
+            self._reported = True
             self._read_results()  # a child may end right after it has sent its result
         elif not self._results.closed and descriptor == self._results.fileno():
             self._read_results()

@@ -436,7 +436,8 @@ class _Work:
 
 def _own_drives(plan: Planner, number: int, concrete: ConcreteScenario) -> Iterator[Outcome]:
     """Outcomes with the trajectories that the user's function returns for a concrete scenario."""
-    locator, kind = plan.run.settings.drivers.source, "Human reference"
+    locator = plan.run.settings.drivers.source
+    kind = "Human reference"
     reference: Callable[..., Iterable[object]] = load_object(locator, plan.run.source, kind)
     place = f"for {concrete.scenario} at {concrete.label}"
     try:

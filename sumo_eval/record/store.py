@@ -73,6 +73,7 @@ LEFT_OUT = "left out"
 """Beginning of the notes on recorded drives that are left out: JSON of the number that cover too
 little of the road, the largest share that one of these covers, and the number that leave the
 road."""
+# table and condition of these notes, behind FROM
 _NOTES = f"about WHERE name LIKE '{LEFT_OUT} %'"
 # bytes; the hash finds damage and careless edits, but a forger of the file can write one that fits
 _HASH_SIZE = 16
@@ -292,7 +293,8 @@ class Store:
 
     def _sealed(self) -> str:
         """The seal: number of cases, a space, the hash over their hashes."""
-        cases, seal = 0, hashlib.blake2b(digest_size=_HASH_SIZE)
+        cases = 0
+        seal = hashlib.blake2b(digest_size=_HASH_SIZE)
         for (digest,) in self._read('SELECT hash FROM circumstances ORDER BY "case"'):
             cases += 1
             seal.update(digest)
@@ -318,7 +320,8 @@ class Store:
 
         Returns how many cases lost theirs.
         """
-        content, cases = self.content, 0
+        content = self.content
+        cases = 0
         with self._changes():
             write = self._connection.execute
             for fact in self._read(
@@ -333,10 +336,10 @@ class Store:
                     (_hash(fact, circumstance[:-1], ()), fact[0]),
                 )
                 cases += 1
-            gone = 'FROM trajectories WHERE "case" IN (SELECT "case" FROM let_go)'
-            (size,) = self._first(f"SELECT total(length(data)) {gone}")
+            to_discard = 'FROM trajectories WHERE "case" IN (SELECT "case" FROM let_go)'
+            (size,) = self._first(f"SELECT total(length(data)) {to_discard}")
             size = self.discarded_size + int(size)
-            write(f"DELETE {gone}")
+            write(f"DELETE {to_discard}")
             self._connection.executemany(
                 "INSERT OR REPLACE INTO about VALUES (?,?)",
                 [(_SEAL, self._sealed()), (_CONTENT, content), (_DISCARDED, str(size))],
@@ -490,7 +493,7 @@ class Store:
         """Copy everything recorded in another store of the same format, in one transaction."""
         try:
             with open_store(other) as part, self._changes():
-                for rows in (*_TABLES, _NOTES):
+                for rows in (*_TABLES, _NOTES):  # a table, or a table WHERE a condition holds
                     self._insert(rows.split()[0], part._read(f"SELECT * FROM {rows}"))  # noqa: S608
                 for file in part._read("SELECT * FROM files_read"):
                     # `?`, `reads.UNKNOWN`: another shard has read another version of the file
@@ -520,8 +523,8 @@ class Store:
     def _facts(self, where: str, *values: object) -> Iterator[Fact]:
         for row in self._read(_SELECT_FACTS + where, values):
             columns = list(row)
-            for place, make in _PLACES:
-                columns[place] = make(columns[place])
+            for index, make in _PLACES:
+                columns[index] = make(columns[index])
             yield Fact(*columns)
 
     def facts_at(self, points: range, role: Role, scenario: str) -> list[Fact]:
@@ -784,11 +787,11 @@ def _values(text: str) -> dict[str, float]:
 def _collision(text: str | None) -> Collision | None:
     if text is None:
         return None
-    channels: dict[str, Any] = {
+    values: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in json.loads(text).items()
     }
-    return Collision(**channels)
+    return Collision(**values)
 
 
 _MAKES: dict[str, Callable[[Any], Any]] = {
@@ -797,5 +800,5 @@ _MAKES: dict[str, Callable[[Any], Any]] = {
     "clips": lambda text: tuple(Clip(**clip) for clip in json.loads(text)),
 }  # fmt: skip
 """Functions that make a field of a fact out of its column; all other columns are as they are."""
-# the same by the index of the column
+# index of the column, and its function
 _PLACES = [(_COLUMNS.index(name), make) for name, make in _MAKES.items()]

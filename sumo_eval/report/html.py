@@ -169,12 +169,15 @@ def _shared(
 
 def write_comparison(evaluation: Evaluation, additions: Additions, path: Path) -> Path:
     """Write a page of the comparison alone; its cases lead into the report of the newer run."""
-    folder, title, change_title = evaluation.folder, evaluation.name, ""
+    folder = evaluation.folder
+    title = evaluation.name
+    change_title = ""
     if additions.comparison:
         base = Path(additions.comparison.base_folder).name
         title = f"{base} and {folder.name}: {evaluation.name}"
         change_title = f"Change from {base} to {folder.name}"
-    report, link = folder / REPORT, ""
+    report = folder / REPORT
+    link = ""
     if report.is_file():
         try:  # a relative link holds if both pages are moved together
             link = quote(Path(os.path.relpath(report, path.parent)).as_posix())

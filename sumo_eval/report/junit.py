@@ -170,7 +170,8 @@ def _written(
     tests: Iterable[Test], classname: str, body: IO[bytes]
 ) -> tuple[IO[bytes], Counter[str], float]:
     """`body` with a suite's tests, their number by verdict, and the sum of their times, s."""
-    counts, seconds = Counter[str](), array("d")
+    counts = Counter[str]()
+    seconds = array("d")
     for test in tests:
         counts.update(("tests", test.verdict))
         seconds.append(test.seconds)

@@ -259,7 +259,9 @@ def drawn_shape(road: Road) -> dict[str, Any]:
     solid: lines that no vehicle may cross, [first x, last x, y], m.
     crossings: [x, width, length to each side], m.
     """
-    gone, solid, last = [], [], road.length + road.run_out
+    gone = []
+    solid = []
+    last = road.length + road.run_out
     for span in road.spans:
         # x, m, at which the lane begins to widen, is open, begins to narrow and is gone; inf: never
         (opens, is_open), (closes, is_gone) = span.places[:2], span.places[2:]

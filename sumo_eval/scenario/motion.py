@@ -97,7 +97,8 @@ def _at_constant_speed(move: Any, since: float) -> tuple[float, float, float]:
         speed, acceleration = move.speed * t / rise, move.acceleration
     else:
         covered = (t - 0.5 * rise) * move.speed
-        speed, acceleration = move.speed, 0.0
+        speed = move.speed
+        acceleration = 0.0
     return (
         math.copysign(min(covered, abs(move.offset)), move.offset),
         math.copysign(speed, move.offset) if going else 0.0,

@@ -57,7 +57,8 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
     titles = [from_cell(title.strip()) for title in head]
     header, factors = [], {}
     for title in titles:
-        name, factor = title, 1.0
+        name = title
+        factor = 1.0
         match = _WITH_UNIT.fullmatch(title)
         if match and match[1] in units:
             name = match[1]

@@ -179,7 +179,8 @@ class Players(NamedTuple):
         """These records with the only case of `other` in place of case `row`, wide enough for
         both.
         """
-        plays, joined = self.plays.copy(), []
+        plays = self.plays.copy()
+        joined = []
         plays[row] = other.plays[0]
         for own, new in zip(self[1:], other[1:], strict=True):
             width = max(own.shape[-1], new.shape[-1])
@@ -284,7 +285,8 @@ def _speed_up(pieces: Any, v: float, act: Any) -> int:
 def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> int:
     """Write the pieces of constant acceleration through the knots of a profile; their number."""
     # last: the knot before, s since `begin` of a profile by time, x m of one by position
-    k, last = 0, (0.0 if act.kind == BY_TIME else x)
+    k = 0
+    last = 0.0 if act.kind == BY_TIME else x
     for q in range(act.first, act.first + act.count):
         knot, speed = table[q].one, table[q].two
         apart = knot - last
@@ -362,7 +364,8 @@ def place(
     other.heading, other.across = heading, across
     other.speed, other.acceleration = v, a
     if not play.slides and across != 0.0:
-        other.heading, other.across = heading + math.atan2(across, v), 0.0
+        other.heading = heading + math.atan2(across, v)
+        other.across = 0.0
         other.speed = math.sqrt(v * v + across * across)
         other.acceleration = along_heading(v, across, a, sideways)
 
@@ -612,7 +615,8 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
         play.path, play.points = act.first, act.count
         act.end = math.inf  # `_end_path` writes it: it depends on the speed
         return
-    play.since, play.match = act.begin, 0
+    play.since = act.begin
+    play.match = 0
     play.s, play.v = s, v
     if act.kind == SPEED:
         play.pieces = _speed_up(pieces, v, act)
@@ -654,7 +658,9 @@ def _end_path(play: Any, acts: Any, pieces: Any, table: Any, before: float, now:
         ends = act.kind == PATH and act.state == BEGUN and math.isinf(act.end)
         if not ends or act.first != play.path:
             continue
-        length, x, y = 0.0, play.x, play.y
+        length = 0.0
+        x = play.x
+        y = play.y
         for p in range(play.path, play.path + play.points):
             dx, dy = table[p].one - x, table[p].two - y
             length += math.sqrt(dx * dx + dy * dy)
@@ -710,7 +716,8 @@ def _approach(
         not.
     since: time since the last step, s.
     """
-    rates, top_speed = table[play.match + 2], table[play.match + 3].one
+    rates = table[play.match + 2]  # one: limit of acceleration, two: of deceleration
+    top_speed = table[play.match + 3].one
     behind = max(headway, 0.0)
     # distance before this step, in which the position moved with the other vehicle
     apart = ahead - speed * since - behind * play.v
@@ -840,7 +847,7 @@ def _play_of(actor: Any) -> tuple[Any, ...]:
     """A row of `PLAY` at the start, in the order of its fields."""
     start = actor.start
     pose = (start.x, start.y, actor.heading) if actor.on_map is None else actor.on_map
-    motion = 0.0, 0.0, 0.0, 0.0, start.speed, math.inf
+    driven_so_far = 0.0, 0.0, 0.0, 0.0, start.speed, math.inf
     model = AT_ONCE if actor.follows_at_once else 0
     counts = len(actor.acts), 0, 0, 0, actor.slides, model, actor.on_map is not None, 0
-    return *pose, *motion, *counts
+    return *pose, *driven_so_far, *counts

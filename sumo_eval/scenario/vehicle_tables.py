@@ -540,7 +540,8 @@ class Vehicle:
             x = numbers["x"]
         else:
             x = ego.x - numbers["gap_behind"] - apart
-        start, on_map = Start(x, numbers["y"], speed), None
+        start = Start(x, numbers["y"], speed)
+        on_map = None
         if table.on_map:  # its numbers are on the map: start and heading along the road follow
             on_map = start.x, start.y, heading
             s, d, heading = (float(it) for it in frame_places(road.line, *on_map))

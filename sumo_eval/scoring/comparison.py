@@ -371,7 +371,8 @@ def _compare_ads(
     base: Evaluation, new: Evaluation, paired: Paired, settings: GateSettings
 ) -> AdsComparison:
     """Compare the cases of an ADS in a scenario, pair by pair."""
-    case, tables = paired.new[0], (paired.base, paired.new)
+    case = paired.new[0]
+    tables = paired.base, paired.new
     methods = base.settings.method, new.settings.method
     base_collision, new_collision = (method.collision for method in methods)
     one_unit = base_collision.regret_unit == new_collision.regret_unit
@@ -478,11 +479,11 @@ def _changes(
         if size is not None:
             by[unmarked] = size[unmarked]
 
-    left, leaves = (it.off_road | it.departed for it in (old, now))
+    left_before, left_now = (it.off_road | it.departed for it in (old, now))
     flips: tuple[tuple[BoolArray, BoolArray, Change, Change], ...] = (
         (~old.evaluated, ~now.evaluated, "not evaluated any more", "evaluated again"),
         (old.collided, now.collided, "new collision", "collision gone"),
-        (left, leaves, "left the road", "back on the road"),
+        (left_before, left_now, "left the road", "back on the road"),
     )
     for before, after, worse, better in flips:
         mark(after & ~before, worse)
@@ -496,7 +497,7 @@ def _changes(
     for rise in (likeness, index):
         mark(rise < -settings.less_human_by, "less human", rise)
         mark(rise > settings.less_human_by, "more human", rise)
-    regrets = [excess(terms.severity, terms.ideal) for terms in terms]
+    regrets = [excess(it.severity, it.ideal) for it in terms]
     which = np.flatnonzero(kind >= 0)
     # by kind of change, then the largest first, then by name; the last key counts first
     order = np.lexsort((now.case[which], -np.abs(np.nan_to_num(by[which])), kind[which]))

@@ -122,7 +122,8 @@ def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind
 
     margin: `road_margin`, m; a drive that departs from the road does not count as a reference.
     """
-    share, ego = scene.case.task_share, scene.ego
+    share = scene.case.task_share
+    ego = scene.ego
     start = logical.placed(scene.case.values).ego
     clean = [
         trajectory
@@ -135,14 +136,15 @@ def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind
     drivers = sum(trajectory in scene.drivers for trajectory in clean)
     compared_with = drivers, len(clean) > drivers  # the last two fields: drivers, car
     if start.way is not None and misses(ego, start.way):
-        when = float(times_at(ego, np.array([start.way.by]))[0])
-        return Behind("missed", start.way.by - start.x, when, np.nan, *compared_with)
-    own, places = times_at(ego, task.places), task.places - start.x
+        when = times_at(ego, np.array([start.way.by]))[0]
+        return Behind("missed", start.way.by - start.x, float(when), np.nan, *compared_with)
+    own = times_at(ego, task.places)
+    places = task.places - start.x
     if np.isinf(own[-1]):
-        # the furthest place that it reached, and when
-        gone, last = max(ego.x.max() - start.x, 0.0), ego.time[np.argmax(ego.x)] - ego.time[0]
+        furthest_way = max(ego.x.max() - start.x, 0.0)
+        when = ego.time[np.argmax(ego.x)] - ego.time[0]
         what: Literal["stood", "short"] = "stood" if ego.speed[-1] < STANDING else "short"
-        return Behind(what, float(gone), float(last), float(places[-1]), *compared_with)
+        return Behind(what, float(furthest_way), float(when), float(places[-1]), *compared_with)
     worst = int(np.argmax(own - task.slowest))
     way, late, slowest = (float(part[worst]) for part in (places, own, task.slowest))
     return Behind("late", way, late, slowest, *compared_with)
@@ -241,9 +243,10 @@ def _furthest(scene: CaseDrives, places: FloatArray, channel: Literal["speed", "
     spread = np.maximum(theirs.std(axis=0, ddof=1), LEAST_SPREADS[channel])
     away = np.abs(own - theirs.mean(axis=0)) / spread
     worst = int(np.argmax(away))
-    when, drivers_there = times_at(scene.ego, places[worst : worst + 1])[0], theirs[:, worst]
-    ends = drivers_there.min(), drivers_there.mean(), drivers_there.max()
-    return Furthest(float(away[worst]), channel, float(when), float(own[worst]), *map(float, ends))
+    (when,) = times_at(scene.ego, places[worst : worst + 1])
+    there = theirs[:, worst]
+    values = own[worst], there.min(), there.mean(), there.max()
+    return Furthest(float(away[worst]), channel, float(when), *map(float, values))
 
 
 def _at_places(drive: Trajectory, places: FloatArray, channel: str) -> FloatArray:

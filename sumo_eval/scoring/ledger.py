@@ -236,7 +236,8 @@ def _collision_lines(findings: Findings) -> _Lines:
 
 def _likeness_lines(findings: Findings) -> _Lines:
     """D = 1, and losses in D by the factors of D_i (Eqs. 11-13)."""
-    cases, whole = findings.cases, "D = 1, within the drivers' own spread everywhere"
+    cases = findings.cases
+    whole = "D = 1, within the drivers' own spread everywhere"
     yield _line(findings, "D", whole, alone=1.0, equation="13")
     if findings.score.d is None:
         hits = np.flatnonzero(cases.voids_index)
@@ -261,9 +262,13 @@ def _factor_lines(
     if not len(places):
         return
     cases = findings.cases
-    factors, equation, likeness = LIKENESS_FACTORS, "", cases.human_likeness
+    factors = LIKENESS_FACTORS
+    equation = ""
+    likeness = cases.human_likeness
     if term == "D":
-        factors, equation, likeness = FACTORS, "11–13", cases.index
+        factors = FACTORS
+        equation = "11–13"
+        likeness = cases.index
     share = weights[places]
     values = np.column_stack([getattr(cases, field)[places] for field in factors.values()])
     losses = product_losses(values)

@@ -56,7 +56,9 @@ def plausible_people(
             actors = _undisturbed(logical.concrete(**fact.values), ego)
             drives.append(extremes_of(course_of(ego, actors, None, logical.road)))
             names.append(fact.log or fact.driver)
-    persons, people, stand_in = len(set(names)), MOTORWAY_PEOPLE, None
+    persons = len(set(names))
+    people = MOTORWAY_PEOPLE
+    stand_in = None
     if persons < LEAST_PEOPLE:
         stand_in = people.people  # number of the people that stand in
     else:

@@ -79,7 +79,8 @@ def rooms_of(logical: LogicalScenario, points: FloatArray) -> list[Levels]:
 
     One that only says yes or no has a room of 1 or -1.
     """
-    values, rooms = logical.columns(points), []
+    values = logical.columns(points)
+    rooms = []
     for constraint in logical.constraints:
         holds = np.broadcast_to(constraint.holds(values), len(points))
         room = np.ones(len(points)) if constraint.room is None else np.abs(constraint.room(values))

@@ -474,7 +474,8 @@ class FmuController(Adapter):
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Make a fresh instance, which the first step initializes: it knows the signals."""
-        self._step, self._plan = scenario.period, None
+        self._step = scenario.period
+        self._plan = None
         self._fmu.load()
 
     def act(self, seen: Observation) -> Any:

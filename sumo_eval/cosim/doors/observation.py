@@ -120,7 +120,8 @@ def lane_borders(road: Road) -> tuple[LaneLine, ...]:
 
     Of a lane that opens or ends, only the part of full width.
     """
-    half, lines = 0.5 * road.lane_width, []
+    half = 0.5 * road.lane_width
+    lines = []
     for lane in range(road.lanes):
         span, y = road.span(lane), road.lane_centre(lane)
         begin, end = max(span.begin, 0.0), min(span.end, road.end)
@@ -270,7 +271,8 @@ class Observation:
         """Nearest vehicles by lane: `left_ahead`, `left_behind`, `right_ahead`, `right_behind`,
         `behind`.
         """
-        lane, nearest = self.ego.lane, {}
+        lane = self.ego.lane
+        nearest = {}
         for name, place in (
             ("left_ahead", (lane + 1, True)), ("left_behind", (lane + 1, False)),
             ("right_ahead", (lane - 1, True)), ("right_behind", (lane - 1, False)),

@@ -95,7 +95,8 @@ def shared_network_xml(cases: Sequence[ConcreteScenario], *, ads_asks: bool = Fa
 
     ads_asks: every road has all its lanes.
     """
-    road, tail = plain(cases[0].road), ""
+    road = plain(cases[0].road)
+    tail = ""
     edges, lanes = [], []
     for case, concrete in enumerate(cases):
         name = edge_name(case, len(cases), ads_asks=ads_asks)

@@ -91,7 +91,8 @@ def vehicle_edges(road: Road, y: float, goal: float | None = None) -> tuple[str,
     """
     if road.network is not None:
         return road_edges(road)
-    lane, edges = lane_at(road, y), []
+    lane = lane_at(road, y)
+    edges = []
     for section in sections(road):
         edges.append(section.ramp_edge if section.ramp == lane else section.edge)
         if goal is not None:
@@ -414,7 +415,8 @@ def departures(
     one_lane: the network has only lane 0 (`shared_files.fits_one_lane`).
     on_map: in a curve, vehicles depart in their own lanes, where their places are on the map.
     """
-    vehicles, road = [], concrete.road
+    vehicles = []
+    road = concrete.road
     starts = [(EGO, concrete.ego, ego_length)]
     for actor in concrete.actors:
         start, length = actor.start, actor.length

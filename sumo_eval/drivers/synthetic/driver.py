@@ -117,7 +117,8 @@ def attend(attention: Any, me: Any, others: Any, mind: Any, p: Any, time: float)
     """
     looks, memories, known = mind.looks, mind.memories, mind.known
     if attention.attends == 0:
-        attention.attends, attention.delay = 1, p.reaction_time
+        attention.attends = 1
+        attention.delay = p.reaction_time
 
     # look at the vehicles in sight
     for j in range(len(others)):
@@ -125,7 +126,8 @@ def attend(attention: Any, me: Any, others: Any, mind: Any, p: Any, time: float)
             continue
         other, memory, ring = others[j], memories[j], looks[j]
         if memory.begun == 0:
-            memory.begun, memory.first_seen = 1, time
+            memory.begun = 1
+            memory.first_seen = time
             if time > 0.0:
                 attention.delay = p.alerted_reaction_time
         elif other.x > me.x and (

@@ -201,7 +201,8 @@ def cosimulation(cases: int, rounds: int) -> list[Figures]:
     }
 
     seconds, bare = _least_seconds(ways, concretes, steps, rounds)
-    count, fastest = len(concretes), "careful_driver, packed"
+    count = len(concretes)
+    fastest = "careful_driver, packed"
     return [
         *((f"{name} ({np.mean(steps[name]):.0f} steps a case)", count / seconds[name],
            "cases/s", bare[name] / seconds[name], "bare libsumo") for name in ways),

@@ -342,7 +342,8 @@ def _without_roads(space: FileSpace, frame: Frame, scenes: Scenes) -> FileSpace:
 
     Where only some points were tried, an axis is cut only if each of its values has one road.
     """
-    kept, own = {}, frame.shape
+    kept = {}
+    own = frame.shape
     for axis in space.axes:
         roads: dict[float, set[tuple[object, ...]]] = {}
         for point, case in scenes:

@@ -449,7 +449,8 @@ class Conditions:
             # GAP takes the bodies as they point at that time; the larger one is that to the front
             a, b = self._number(one, element), self._number(other, element)
             gaps = (played.GAP, a, b, 0.0), (played.GAP, b, a, 0.0), operation(played.LARGER)
-            apart, free = DriveNumber(gaps, apart.start - bodies.start), False
+            apart = DriveNumber(gaps, apart.start - bodies.start)
+            free = False
         scale = self._scale(element, one) if axis == played.X else 1.0
         if scale != 1.0:
             apart *= constant(scale)

@@ -151,7 +151,7 @@ class Moves:
         move = entity.next_move
         span = element.chosen(known, "moves")(element, entity, moment)
         # The action became no act, so a later act gets its number. Plans of actors that depend on
-        # this move must not take that later act for it.
+        # this move (`it[3]` of `reads`) must not take that later act for it.
         if entity.next_move == move:
             for other in self.places.entities.values():
                 if other is not entity:
@@ -208,8 +208,9 @@ class Moves:
         """Earliest time of a moment, s, and the facts that are true then: times that have passed,
         moves that have ended.
         """
-        past, programs = set[Fact]({0.0}), [begin.program]
-        # the list grows: where a move has ended, the condition of its begin held, too
+        past = set[Fact]({0.0})
+        programs = [begin.program]
+        # the list grows: where a move `it` has ended, the condition of its begin held, too
         for program in programs:
             new = implied(program) - past
             programs += (
@@ -242,8 +243,8 @@ class Moves:
         shape = dynamics.one_of("dynamicsShape", _SHAPES)
         # During an earlier change, the speed lies between its ends: assume the end from which this
         # change takes longer.
-        between = (entity.pace, entity.before) if _changes(entity, begin) else (entity.pace,)
-        first = max(between, key=lambda it: abs(it - speed))
+        ends = (entity.pace, entity.before) if _changes(entity, begin) else (entity.pace,)
+        first = max(ends, key=lambda it: abs(it - speed))
         change = abs(speed - first)
         if target.tag == "RelativeTargetSpeed":
             other = self._read(target, entity, begin, _SPEEDS)
@@ -371,7 +372,8 @@ class Moves:
         return other, apart / self.frame.ground(other.frame), gap
 
     def _distance(self, element: Node, entity: Entity, begin: Moment) -> Span:
-        limits, once = element.find("DynamicConstraints"), not element.flag("continuous")
+        limits = element.find("DynamicConstraints")
+        once = not element.flag("continuous")
         if once and limits is None:
             if not begin.known or begin.time > 0.0:
                 raise element.fault(
@@ -537,7 +539,8 @@ class Moves:
 
     def _follow(self, element: Node, entity: Entity, begin: Moment) -> Span:
         course, spot = self.places.followed(element), entity.placed()
-        ahead, straight = element.number("initialDistanceOffset", 0.0), course.straight
+        ahead = element.number("initialDistanceOffset", 0.0)
+        straight = course.straight
         pose = course.at(ahead, element)
         # 1. where it begins: at the entity, within 0.5 m
         if math.dist(pose[:2], spot.pose[:2]) > 0.5:

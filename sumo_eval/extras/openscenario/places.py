@@ -190,7 +190,8 @@ class MapPath:
 
         element: what asks.
         """
-        ahead, length = s, 0.0
+        ahead = s
+        length = 0.0
         pairs = list(pairwise(self.points))
         # a stretch between equal points has no direction: it counts only if there is no other
         for begin, end in [it for it in pairs if it[0] != it[1]] or pairs:
@@ -404,7 +405,8 @@ class Places:
         assert road is not None
         at = element.child("InRoutePosition").only()
         way = -1 if end.road is road and end.s < begin.s else 1
-        s, lane = at.number("pathS"), None
+        s = at.number("pathS")
+        lane = None
         if at.tag == "FromLaneCoordinates":
             lane = self.network.lane(road, at.text("laneId"), at)
             t = lane.centre + at.number("laneOffset", 0.0)

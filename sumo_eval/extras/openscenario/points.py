@@ -166,7 +166,8 @@ def read_variation(path: Path, count: int | None, seed: int) -> Variation:
     if distribution is None:
         raise InputError(f"{path.name} must hold a ParameterValueDistribution.")
     notes: list[str] = []
-    named, scenario = distribution.find("ScenarioFile"), None
+    named = distribution.find("ScenarioFile")
+    scenario = None
     target = None if named is None else path.parent / str(named.get("filepath", ""))
     if target is None or not target.exists():
         notes.append(

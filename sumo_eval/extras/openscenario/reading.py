@@ -263,7 +263,8 @@ class Node:
 
         Raises InputError for a given value without a declaration.
         """
-        values, written = dict(self.values), dict[str, str]()
+        values = dict(self.values)
+        written = dict[str, str]()
         # a `$` before a declared name is of version 1.0
         parts = [
             (part.attribute("name").removeprefix("$"), replace(part, values=values))

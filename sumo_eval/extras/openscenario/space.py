@@ -131,7 +131,8 @@ class FileSpace:
 
         kept: the choices that stay, by axis; an axis without an entry keeps its own.
         """
-        fixed, axes = list(self.fixed), []
+        fixed = list(self.fixed)
+        axes = []
         for axis in self.axes:
             choices = kept.get(axis.name, axis.choices)
             if len(choices) == 1:

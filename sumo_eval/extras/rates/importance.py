@@ -278,7 +278,8 @@ class RareEvents:
         defensive = DEFENSIVE if mixtures else 1.0
         # the mixtures take turns: of each, which points (size,) it may draw
         turns = [np.arange(size) % len(mixtures) == turn for turn in range(len(mixtures))]
-        drawn, density = 0, np.zeros(size)
+        drawn = 0
+        density = np.zeros(size)
         while not density.any():  # until at least one point is possible
             rows = self.met.base(size, stream)
             lots = stream.uniform(size=size)  # below `defensive`: stays drawn by exposure

@@ -76,7 +76,8 @@ def _scale(means: Mapping[str, float], by: Any) -> float | None:
 def calibration_lines(calibration: Calibration) -> list[str]:
     """k5 and k6 as sentences, and the command that scores with them."""
     it, by = calibration, calibration.by
-    lines, options = list(it.left_out), []
+    lines = list(it.left_out)
+    options = []
     for name, index, scale, values in (("k5", "C", it.k5, it.c), ("k6", "D", it.k6, it.d)):
         among = ", ".join(f"{ads} {value:z.3f}" for ads, value in values.items()) or "none"
         if scale is None:

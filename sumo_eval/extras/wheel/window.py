@@ -274,7 +274,9 @@ class Window:
         """Let the person drive: the recording, and the figures that the page sent (`Telling`)."""
         await self.show({"show": "wait"})
         await asyncio.to_thread(warm_up, concrete, settings)
-        self._desk, self._tellings, self._outbox = Desk(), [], {}
+        self._desk = Desk()
+        self._tellings = []
+        self._outbox = {}
         await self.show({**view, "show": "drive", "countdown": self._countdown})
         loop = asyncio.get_running_loop()
 

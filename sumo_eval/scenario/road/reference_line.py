@@ -194,7 +194,8 @@ def stretch_at(knot: Any, u: float) -> Position:
 @kernel
 def line_at(line: Any, s: float) -> Position:
     """A line (knots) at s."""
-    low, high = 0, len(line)
+    low = 0
+    high = len(line)
     while high - low > 1:
         middle = (low + high) // 2
         if line[middle].s <= s:
@@ -342,7 +343,8 @@ def drawn_points(pieces: Line, begin: float, end: float, longest: float = 1.0) -
     longest: m between two corners, at most, where the line is curved. Also where two pieces meet
         there is a corner.
     """
-    corners, s = [begin], 0.0
+    corners = [begin]
+    s = 0.0
     for piece in pieces:
         low, high = max(s, begin), min(s + piece.length, end)
         s += piece.length

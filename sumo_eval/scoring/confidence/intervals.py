@@ -213,15 +213,18 @@ class _Sums:
             worse[name] = better[name] + lost if name in BAD_SIDE_UP else better[name] - lost
         worse = _with_one_more(worse, better, ads.terms, weight, method)
 
-        values, freedom = point_values(ads.terms, method), _freedom(ads, groups)
+        values = point_values(ads.terms, method)
+        freedom = _freedom(ads, groups)
         limits = self._limits(values, worse, better, freedom)
         # the scores themselves in every replicate: what varies then are the drivers alone
         fixed = {
             name: np.full(m, np.nan if value is None else value) for name, value in values.items()
         }
-        alone = {"cases": plain, "drivers": with_drivers(fixed)}
+        by_source = {"cases": plain, "drivers": with_drivers(fixed)}
         sources: dict[str, Mapping[str, float]] = {
-            name: {source: _half(scores[name], freedom[name]) for source, scores in alone.items()}
+            name: {
+                source: _half(scores[name], freedom[name]) for source, scores in by_source.items()
+            }
             for name in ("s", "s_plus")
             if name in limits
         }
@@ -240,13 +243,16 @@ class _Sums:
         worse, better: their replicates on the bad and on the good side, (m,).
         freedom: degrees of freedom of each score.
         """
-        terms, lost, limits = self._ads.terms, dict[str, FloatArray](), {}
+        terms = self._ads.terms
+        lost: dict[str, FloatArray] = {}
+        limits = {}
         if not terms.collided.any():
             # no collision was seen: the rule of three gives the losses, without any draw
             whole = np.array([once(len(each)) @ each for each in self._unseen.terms])
             lost = self._unseen.losses(whole, np.array([UNSEEN]))
         for name in SCORED:
-            value, up = values[name], name in BAD_SIDE_UP
+            value = values[name]
+            up = name in BAD_SIDE_UP
             low, high = (better, worse) if up else (worse, better)
             ends = percentiles(low[name], high[name], freedom[name])
             if value is None or ends is None:
@@ -339,7 +345,7 @@ class UnseenCollisions(NamedTuple):
         among = comparable & ads.hazardous
         if not among.any():
             among = comparable
-        weight, exposure = (
+        weight, exposure = (  # 1 each where all cases that count weigh 0
             np.where(comparable, weights if (weights * comparable).any() else 1.0, 0.0)
             for weights in map(np.nan_to_num, (terms.weight, terms.exposure))
         )

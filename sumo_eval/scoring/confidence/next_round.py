@@ -75,12 +75,14 @@ def standing(
             ),
             default=0.0,
         )
-        width, unit = f"{half:.2g}", " of the space"
+        width = f"{half:.2g}"
+        unit = " of the space"
     else:
         ends = [score.s_plus_interval for score in scores]  # None: without one
         widths = [math.inf if it is None else it[1] - it[0] for it in ends]
         half = max(widths, default=math.inf) / 2.0
-        width, unit = f"{half:.2f}", " points of S+"
+        width = f"{half:.2f}"
+        unit = " points of S+"
     state = "an ADS has no interval"
     if math.isfinite(half):
         state = f"half the widest 95 % interval is {width}{unit}"
@@ -88,7 +90,8 @@ def standing(
     # why there is no further round; where there is one, why it is not driven yet
     reason = f"{state}; it was stopped, `--resume` drives more rounds"
     if sampling.until is not None and half <= sampling.until:
-        further, reason = 0, f"{state}, no more than the {sampling.until:g} asked for"
+        further = 0
+        reason = f"{state}, no more than the {sampling.until:g} asked for"
     elif not further:
         asked = "" if sampling.until is None else f", more than the {sampling.until:g} asked for"
         reason = f"all it may drive; {state}{asked}"

@@ -55,7 +55,8 @@ def rank(
     ranked = sorted(totals, key=lambda name: (-totals[name], name))
     pairs = []
     for above, below in itertools.combinations(ranked, 2):
-        difference, ends = totals[above] - totals[below], None
+        difference = totals[above] - totals[below]
+        ends = None
         first, second = spreads[above], spreads[below]
         if first is not None and second is not None:
             ends = first.less(second).interval(difference)

@@ -256,7 +256,8 @@ def resamples(
     draws = partial(_draws, groups, most, replicates, seed, name)
     balance = None if groups.even is None else Balance.of(groups, groups.even)
     along: Any = 0.0
-    drawn, of = 0, groups.points * (1 if balance is None else 2)
+    drawn = 0
+    of = groups.points * (1 if balance is None else 2)
     if balance is not None:
         for places, counts in draws():
             along += balance.along(counts, places)
@@ -276,7 +277,9 @@ def _draws(
 
     most: points of a block of whole lists. A list with more points is divided into several blocks.
     """
-    first, number, ends = 0, 0, lists.ends
+    first = 0
+    number = 0
+    ends = lists.ends
     # most points of a block of a divided list; more blocks would keep more shares in memory
     longest = max(AT_ONCE // replicates, 1)
 

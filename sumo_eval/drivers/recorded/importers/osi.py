@@ -183,7 +183,8 @@ def _fields(message: bytes) -> Iterator[tuple[int, Any]]:
     """Numbers and values of the fields of a message in the wire format of protocol buffers; of
     several of one number the last counts.
     """
-    at, end = 0, len(message)
+    at = 0
+    end = len(message)
     while at < end:
         key, at = _varint(message, at)
         kind = key & 7

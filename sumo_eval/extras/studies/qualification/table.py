@@ -442,7 +442,8 @@ def _change(
 
 def halving() -> Rows:
     """Measures that a step half as long does not change."""
-    source, limit = "does not depend on the step", SimulationSettings().time_limit
+    source = "does not depend on the step"
+    limit = SimulationSettings().time_limit
     stops, follows = behind(30.0, 0.0, 45.0), behind(25.0, 15.0, 40.0)
     for step in (0.1, 0.05):
         name = f"impact speed, {step:g} to {step / 2.0:g} s"
