@@ -44,14 +44,15 @@ class Choice(NamedTuple):
 
 
 def manoeuvre_of(trajectory: Trajectory, road: Road, keeping_time: float) -> Manoeuvre:
-    """The lane in which a vehicle begins and the first to which it changes; visits shorter than
-    `keeping_time` (s) do not count.
+    """The lane in which a vehicle begins and the first to which it changes; later visits shorter
+    than `keeping_time` (s) do not count.
     """
     lane = np.round(trajectory.y / road.lane_width).astype(np.int64)
     starts = np.flatnonzero(np.append(True, np.diff(lane) != 0))
     ends = np.append(starts[1:], lane.size - 1)
     kept = trajectory.time[ends] - trajectory.time[starts] >= keeping_time - ROUNDING
-    visited = lane[starts[kept]].tolist() or [int(lane[0])]
+    # the lane of the start counts, however soon it is left
+    visited = lane[np.append(0, starts[kept])].tolist()
     return (visited[0], *[lane for lane in visited if lane != visited[0]][:1])
 
 
