@@ -320,7 +320,8 @@ class Traffic(Stage):
         if self._bent:
             # taken at the front; where a curve begins, that moves x by centimetres at most
             ground = self._ground_of_lane(shown[:, 0], others["y"][at])
-            others["x"][at], others["heading"][at] = shown[:, 0] - half / ground, 0.0
+            others["x"][at] = shown[:, 0] - half / ground
+            others["heading"][at] = 0.0
             speed = speed * ground
         else:
             heading = np.radians((STRAIGHT - shown[:, 2] + 180.0) % 360.0 - 180.0)

@@ -138,7 +138,8 @@ def drive_results(
     driven = [fact for fact in drives if fact.end_reason not in (None, "sim_error")]
     driven.sort(key=lambda fact: fact.point)
     for number, facts in groupby(driven, key=lambda fact: fact.point):
-        missing, others = [], references_at.get(number, [])
+        missing = []
+        others = references_at.get(number, [])
         first, *more = facts
         concrete = logical.placed(first.values)
         start = concrete.ego
@@ -200,7 +201,8 @@ def _results_at(point: _Point, store: Store) -> Iterator[tuple[str, DriveResult]
 
 def _numbers(fact: Fact, point: _Point, ego: Trajectory, actors: Trajectories) -> list[float]:
     """The numbers of a `DriveResult`."""
-    hit, pet = fact.collision, math.nan
+    hit = fact.collision
+    pet = math.nan
     course = course_of(ego, actors, hit, point.road)
     extremes = extremes_of(course)
     if point.conflicting in actors:

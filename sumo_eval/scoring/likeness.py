@@ -157,7 +157,8 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
         space.progress(f"{space.name}: weights of the points", done, len(values))
     if space.points.stands_for is not None:
         weights = weights * space.points.stands_for[:count]
-    usable, any_drivers = np.zeros(count, dtype=np.bool_), False
+    usable = np.zeros(count, dtype=np.bool_)
+    any_drivers = False
     for point, drivers, recorded in space.store.drivers_at_points(space.name):
         usable[point] = _usable(drivers, recorded, space.settings.drivers)[1]
         any_drivers = True
