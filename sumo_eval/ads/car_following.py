@@ -293,7 +293,8 @@ def _decide(
             lead = coming
     gap, lead_speed, braking = math.inf, 0.0, 0.0
     if lead >= 0:
-        gap, lead_speed = bumper_gap(me, others[lead]), others[lead].along
+        gap = bumper_gap(me, others[lead])
+        lead_speed = others[lead].along
         if not math.isnan(watched[lead].last_speed):
             braking = (watched[lead].last_speed - lead_speed) / scenario.step
     for j in range(len(others)):
@@ -304,7 +305,9 @@ def _decide(
     # accelerations lead, serves as the mean over the cycle.
     half = 0.5 * scenario.step
     gap = gap + (lead_speed - me.speed) * half - 0.5 * (braking + now) * half * half
-    speed, lead_speed = max(me.speed + now * half, 0.0), max(lead_speed - braking * half, 0.0)
+    speed = max(me.speed + now * half, 0.0)
+    # a lead that brakes comes to stand; an oncoming one keeps coming
+    lead_speed = max(lead_speed - braking * half, min(lead_speed, 0.0))
     wanted = idm_acceleration(speed, own.desired_speed, gap, lead_speed, p)
     if way.asked:
         wanted = min(

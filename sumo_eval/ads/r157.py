@@ -131,7 +131,8 @@ def sight(sighting: Any, other: Any, step: float) -> None:
     last_speed = other.along if math.isnan(sighting.last_speed) else sighting.last_speed
     last_y = sighting.last_y
     before = 0.0 if math.isnan(sighting.across) else sighting.across
-    mover.braking = max((last_speed - other.along) / step, 0.0)
+    # an oncoming vehicle that speeds up does not brake
+    mover.braking = max((last_speed - other.along) / step, 0.0) if last_speed > 0.0 else 0.0
     sighting.last_speed = other.along
     sighting.last_y = other.y
     sighting.gain = 0.0

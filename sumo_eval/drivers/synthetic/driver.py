@@ -137,7 +137,8 @@ def attend(attention: Any, me: Any, others: Any, mind: Any, p: Any, time: float)
         braking = 0.0
         if memory.count > 0:
             last = ring[(memory.count - 1) % len(ring)]
-            braking = (last.mover.along - other.along) / (time - last.time)
+            if last.mover.along > 0.0:  # an oncoming vehicle that speeds up does not brake
+                braking = (last.mover.along - other.along) / (time - last.time)
         look = ring[memory.count % len(ring)]
         take(look.mover, other)  # copies `other` into the look
         look.time, look.mover.braking = time, braking if braking > NOTICED_BRAKING else 0.0
