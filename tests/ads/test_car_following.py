@@ -26,6 +26,7 @@ from sumo_eval.ads.r157_careful_driver import CarefulDriver
 from sumo_eval.cosim.doors.entry import made
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
+from sumo_eval.scenario import Actor, Start
 
 IDM = IdmParameters(headway=1.2, standstill_gap=2.0, acceleration=1.5, deceleration=2.0)
 STATES = [
@@ -153,6 +154,13 @@ def test_idm_brakes_as_hard_as_the_formula_asks_up_to_its_brakes():
     recording = simulate(case(actor("lead", 60.0, 0.0), speed=30.0), "idm")
     assert recording.ego.acceleration.min() == -9.0
     assert "acceleration" not in {clip.what for clip in recording.clips}
+
+
+def test_idm_brakes_for_an_oncoming_lead_as_the_formula_asks():
+    oncoming = Actor("oncoming", Start(50.0 + 4.5 + 150.0, 0.0, 15.0), heading=math.pi)
+    ego = simulate(case(oncoming, speed=15.0), "idm").ego
+    asked = idm_acceleration(15.0, 15.0, 150.0, -15.0, IDM)
+    assert ego.acceleration[ego.time <= 0.3].min() == pytest.approx(asked, abs=0.1)
 
 
 def test_idm_holds_its_speed_and_passes_the_other_lane():

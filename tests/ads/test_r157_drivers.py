@@ -174,6 +174,9 @@ def test_a_speed_across_is_the_one_in_the_middle_of_the_step_that_shows_it():
         sight(sighting, mover("other", 50.0, y=-0.5 * time * time, along=20.0), 0.1)
     found = [seen_after(sighting, after).across for after in (-0.05, -0.1, 0.0)]
     assert found == pytest.approx([-0.15, -0.10, -0.15])
+    for speed in (-10.0, -11.0):  # oncoming, it speeds up
+        sight(sighting, mover("other", 50.0, along=speed), 0.1)
+    assert sighting.mover.braking == 0.0
 
 
 def safety_braking():

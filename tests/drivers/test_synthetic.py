@@ -126,6 +126,14 @@ def test_a_hidden_vehicle_is_unknown_until_a_lamp_of_it_shows():
     assert known_since(scenes, "hidden") == pytest.approx(shows + 0.56, abs=2 * STEP)
 
 
+def test_an_oncoming_vehicle_that_speeds_up_keeps_coming():
+    attention = Attention(DRIVER)
+    for time in STEP * np.arange(41):
+        other = mover("oncoming", 200.0 - 10.0 * time - 0.5 * time * time, along=-10.0 - time)
+        known = attention.known(mover("ego", 0.0), (other,), time)
+    assert known[0].x == pytest.approx(other.x, abs=0.5)
+
+
 def test_a_steady_vehicle_is_perceived_exactly_and_braking_one_reaction_time_late():
     attention = Attention(DRIVER)
     x, speed, speeds = 30.0, 20.0, []
