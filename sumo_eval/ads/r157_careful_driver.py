@@ -267,9 +267,8 @@ def _judge_path(
     Such a vehicle is revealed by one that leaves the lane, brakes within 2 s of headway, or is
     approached too fast. The search ends at the nearest vehicle that hides what is beyond it.
     """
-    # leaves: index of the nearest vehicle that leaves the ego's lane
     me = own.me
-    leaves = -1
+    leaves = -1  # index of the nearest vehicle that leaves the ego's lane
     j = next_ahead(me, others, -1)
     while j >= 0:
         known = watched[j]
