@@ -82,8 +82,8 @@ class Mixture:
     def step(self, traci, ego, time):
         self.calls += 1
         vehicle = traci.vehicle
-        beside = vehicle.getNeighbors(ego, 0b10) + vehicle.getNeighbors(ego, 0)
-        assert (ego in vehicle.getIDList(), vehicle.getRoadID(ego)) == (True, "road")
+        beside = vehicle.getNeighbors(ego, 0b10) + vehicle.getNeighbors(ego, mode=0)
+        assert (ego in vehicle.getIDList(), vehicle.getRoadID(vehID=ego)) == (True, "road")
         if self.calls % 2:
             return Command(-0.1 * len(beside))
         speed = vehicle.getSpeed(ego)

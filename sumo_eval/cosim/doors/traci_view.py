@@ -59,21 +59,27 @@ others."""
 def _reading(read: _Call) -> Any:
     """A call that reads from the row."""
 
-    def reading(name: Any, *args: Any, **kwargs: Any) -> Any:
+    def reading(*args: Any, **kwargs: Any) -> Any:
         names = GUARD.names
         try:
-            inside = [names[it] if type(it) is str else it for it in (name, *args)]
-            return names.outside(read(*inside, **kwargs))
+            inside = [names[it] if type(it) is str else it for it in args]
+            named = {key: names[it] if type(it) is str else it for key, it in kwargs.items()}
+            return names.outside(read(*inside, **named))
         except (libsumo.TraCIException, TypeError):
             GUARD.leave()  # raises
 
     return reading
 
 
-def _reading_by_name(read: Callable[[str], Any]) -> Any:
-    """A call that reads from the row and takes only a name: half the time of `_reading`."""
+def _reading_by_name(read: Callable[[str], Any], usual: _Call) -> Any:
+    """A call that reads from the row and takes only a name: half the time of `_reading`.
 
-    def reading(name: Any) -> Any:
+    usual: that of `_reading`, for a name that is a keyword.
+    """
+
+    def reading(name: Any = None, **kwargs: Any) -> Any:
+        if kwargs:
+            return usual(**kwargs)
         try:
             answer = read(GUARD.names[name])
             # most answers are floats, which hold no name
@@ -110,10 +116,11 @@ def _kept_speed(reading: _Call) -> Any:
 def _kept_position(reading: _Call) -> Any:
     """`getPosition`, answered as by `_kept_speed`."""
 
-    def position(vehID: Any, *more: Any) -> Any:  # noqa: N803 - TraCI's name
+    def position(vehID: Any, includeZ: Any = False) -> Any:  # noqa: N803 - TraCI's names
         name = GUARD.names[vehID]
         # a kept position is valid as long as its vehicle has a kept speed (`Guard.begin`)
-        return GUARD.positions[name] if name in GUARD.speeds and not more else reading(vehID, *more)
+        kept = name in GUARD.speeds and not includeZ
+        return GUARD.positions[name] if kept else reading(vehID, includeZ)
 
     return position
 
@@ -159,7 +166,9 @@ def _seen(domain: Any, call: str) -> Any:
     if kind in _OF_A_ROW and call.startswith(_READS) and call not in _OF_MANY:
         read = getattr(domain, call)
         by_name = read.__code__.co_argcount == 1  # a static method: its argument is the name
-        reading = _reading_by_name(insides.direct(call, read, kind)) if by_name else _reading(read)
+        reading = _reading(read)
+        if by_name:
+            reading = _reading_by_name(insides.direct(call, read, kind), reading)
         # the ego's type has the ego's name
         if call in _OF_MODELS and kind in ("vehicle", "vehicletype"):
             return _of_ego(reading)
