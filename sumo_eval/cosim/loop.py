@@ -228,7 +228,7 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             # to_sumo: SUMO receives the vehicles in this step; as_read: actors are where SUMO shows
             # them; count: rows of `world.tell` to send; gone: numbers of actors that left their
             # last lane
-            count, gone = world.move(to_sumo=stage.sends(world.steps), as_read=stage.as_read)
+            count, gone = world.move(to_sumo=stage.sends(world), as_read=stage.as_read)
             moved = 1
             stage.put_aside(gone)
             try:

@@ -409,9 +409,12 @@ class _Hook:
             raise ControllerError(f"The ADS is responsible: {fault}") if GUARD.moved else fault
         heading = math.remainder(math.radians(STRAIGHT - angle), math.tau)
         x, y = front_x - self._half * math.cos(heading), front_y - self._half * math.sin(heading)
+        pointed = last_heading
+        if not self._world.steps:  # SUMO has inserted it along its lane
+            pointed, state[2] = last_heading - state[2], 0.0
         # motion of the front bumper
-        moved_x = front_x - last_x - self._half * math.cos(last_heading)
-        moved_y = front_y - last_y - self._half * math.sin(last_heading)
+        moved_x = front_x - last_x - self._half * math.cos(pointed)
+        moved_y = front_y - last_y - self._half * math.sin(pointed)
         stretch = 1.0  # metres on the map for each metre along the line
         pose: tuple[float, ...] = x, y, heading
         state[MAP], state[MAP + 1], state[MAP + 2] = pose

@@ -140,9 +140,13 @@ class Stage:
                 if departure_speed(actor) < actor.start.speed:
                     calls.setPreviousSpeed(name, actor.start.speed)
 
-    def sends(self, steps: int) -> bool:
-        """Whether SUMO receives the vehicles in the step after `steps`; else it receives none."""
-        return self.ads_asks or self.compares(steps)
+    def sends(self, world: World) -> bool:
+        """Whether SUMO receives the vehicles in the coming step; else it receives none.
+
+        Near the road's end it does: one that its script slows down must not leave before.
+        """
+        now = world.time + self._step
+        return self.ads_asks or self.compares(world.steps) or world.may_leave(now)
 
     def compares(self, steps: int) -> bool:
         """Whether SUMO and the world are compared in the step after `steps`: in the first and every

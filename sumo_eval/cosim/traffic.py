@@ -117,9 +117,8 @@ class Traffic(Stage):
         super().take_charge(world)
         self._handed: set[str] = set()  # vehicles that SUMO has begun to drive within their case
         self._shown_shadows: set[str] = set()
-        # in a curve: position along the lane, m, where each told vehicle's front is to be after the
-        # step
-        self._meant: dict[str, float] = {}
+        # by number of a told vehicle: position of its front along the lane after the step, m
+        self._meant: dict[int, float] = {}
         calls = self.calls
         for name in filter(None, self._shadow_of):
             calls.setSpeedMode(name, EXACT_SPEED_MODE)
@@ -135,7 +134,7 @@ class Traffic(Stage):
                     self._told[name] = max(actor.start.speed * math.cos(actor.heading), 0.0)
                     calls.setPreviousSpeed(name, self._told[name])
 
-    def sends(self, steps: int) -> bool:
+    def sends(self, world: World) -> bool:
         """Whether SUMO receives everything: vehicles that react see all at every step."""
         return True
 
@@ -175,7 +174,7 @@ class Traffic(Stage):
         # the step's end; `begin`: the position at the step's start
         s, y, along = received[:, 5:].T
         heading = of_all(now, "heading")
-        self._meant = dict(zip(names, s.tolist(), strict=True))
+        self._meant = dict(zip(number.tolist(), s.tolist(), strict=True))
         # m/s, that each received last; of one that received none, this step's
         last = [self._told.get(name, v) for name, v in zip(names, along, strict=True)]
         # SUMO moves it by the mean of the speed that it received last and this one
@@ -338,18 +337,13 @@ class Traffic(Stage):
         if not self._bent:
             super().compare(world)
             return
-        for row in self._live.tolist():
-            for j in range(self._width):
-                body = world.egos[row] if j == 0 else world.others[row, j - 1]
-                name = self._flat[row * self._width + j]
-                was_put = j == 0 or (body["present"] and body["told"] == 2)
-                if world.egos["reason"][row] or not was_put or name not in self._told:
-                    continue
-                off = self.calls.getLanePosition(name) - self._meant[name]
-                if not abs(off) <= _TOLERANCE_IN_A_CURVE:  # `not <=`: true of nan as well
-                    self._fail(
-                        world, row, j, f"put {{}} {off:.3f} m along its lane from its place."
-                    )
+        for number, meant in self._meant.items():
+            (row, j), name = divmod(number, self._width), self._flat[number]
+            if world.egos["reason"][row] or name not in self._told:
+                continue
+            off = self.calls.getLanePosition(name) - meant
+            if not abs(off) <= _TOLERANCE_IN_A_CURVE:  # `not <=`: true of nan as well
+                self._fail(world, row, j, f"put {{}} {off:.3f} m along its lane from its place.")
 
     def remove(self, world: World, row: int) -> None:
         """Remove the vehicles of a case that has ended from its batch."""

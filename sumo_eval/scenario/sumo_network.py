@@ -458,10 +458,11 @@ def _straighten(edge: Element, places: Mapping[str, int]) -> None:
     places: of the lanes by their id, 0 for the road's right-hand lane.
     """
     elements = {element.get("id"): element for element in edge.iter("lane")}
-    for lane in _lanes(edge):  # read again, because their shapes now lie along x
-        # y exactly: the start of every vehicle is checked to a millimetre
+    lanes = _lanes(edge)  # read again, because their shapes now lie along x
+    # x and y exactly: the start of every vehicle is checked to a millimetre
+    begin, end = (lanes[0].shape[it][0] for it in (0, -1))
+    for lane in lanes:
         y = places[lane.id] * lane.width
-        begin, end = lane.shape[0][0], lane.shape[-1][0]
         elements[lane.id].attrib.update({
             "shape": _text([(begin, y), (end, y)]), "length": repr(end - begin),
             "speed": f"{SPEED_LIMIT:g}", "width": repr(lane.width),

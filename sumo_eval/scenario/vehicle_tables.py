@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Annotated, Any, Literal
 
-from annotated_types import Ge, MinLen
+from annotated_types import Ge, MinLen, MultipleOf
 
 from sumo_eval.errors import InputError, check_vehicle_name, did_you_mean, must_be
 from sumo_eval.scenario import played
@@ -252,7 +252,9 @@ class ManoeuvreTable(Checked):
     offset: Annotated[
         Formula | None, About("of moves to a side: how far to the left, negative to the right", "m")
     ] = None
-    cycles: Annotated[PositiveOrNone, About("of `sinus`: swings, each to one side and back")] = None
+    cycles: Annotated[
+        PositiveOrNone, MultipleOf(1.0), About("of `sinus`: swings, each to one side and back")
+    ] = None
     times: Annotated[tuple[Formula, ...], About("of `speed_profile`: since its start", "s")] = ()
     places: Annotated[
         tuple[Formula, ...], About("of `speed_profile`, `path`: of its centre along the road", "m")

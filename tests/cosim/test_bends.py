@@ -217,3 +217,5 @@ def test_an_ego_may_begin_sideways():
         assert ego.heading[0] == pytest.approx(math.asin(0.03) - leans)
         assert 0.1 < ego.y.max() < 0.6
         assert abs(ego.y[-1]) < 0.01
+        quick = replace(SHORT, step=0.02)
+        assert simulate(on(road, concrete), lambda *_: None, quick).error is None

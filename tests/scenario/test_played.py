@@ -208,6 +208,7 @@ def test_a_move_begins_when_another_has_ended_and_a_delay_is_over():
 {"speed": 3.0} | has no `speed`
 {"do": "accelerate", "deceleration": null} | must have `speed`
 {"do": "sinus", "deceleration": null} | must have `acceleration`
+{"do": "sinus", "cycles": 0.5} | must be a multiple of 1
 {"do": "speed_profile", "deceleration": null, "times": [1.0], "speeds": [1.0, 2.0]}
 | as many `times`
 {"do": "speed_profile", "deceleration": null, "times": [2.0, 1.0], "speeds": [1.0, 2.0]}

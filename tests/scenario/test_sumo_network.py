@@ -87,7 +87,7 @@ def test_the_road_lies_along_x_with_its_own_lanes(network):
     for lane, y in (("road_0", 0.0), ("road_1", 3.5)):
         (x0, y0), (x1, y1) = (tuple(map(float, part.split(","))) for part in shapes[lane].split())
         assert (y0, y1) == (y, y)
-        assert (x0, x1) == (pytest.approx(0.0, abs=0.02), pytest.approx(1000.0, abs=0.02))
+        assert (x0, x1) == (pytest.approx(0.0, abs=1e-4), pytest.approx(road.end, abs=1e-4))
     # everything else went along: the side road began at the old origin
     assert float(shapes["side_road_0"].split()[0].split(",")[0]) == pytest.approx(
         -(1234.5 * math.cos(0.7) - 987.0 * math.sin(0.7)), abs=0.05

@@ -108,6 +108,8 @@ SLOWER = {"do": "follow", "model": "Krauss", "speed": 10.5}
 BACK = [{"do": "path", "begin": 0.5, "points": [[50.0, 4.5], [120.0, 3.5], [210.0, 3.0]]}]
 STEEP = {"do": "move_sideways", "begin": 0.5, "speed": 2.5, "offset": 4.0}
 BESIDE = {**SLOWER, "when": "y(a) > 13"}
+STOPS = {"do": "brake", "begin": 1.2, "deceleration": 8.5}
+DROP = {"length": 900.0, "lane": [{"lane": 1, "end": 500.0}]}
 ZIGZAG = [{"do": "path", "points": [[90.0, 3.5], [92.0, -5.0], [85.0, 0.0], [99.0, 1.0]]}]
 AHEAD = {"name": "a", "gap": 40.0, "speed": 18.0}
 
@@ -128,9 +130,10 @@ AHEAD = {"name": "a", "gap": 40.0, "speed": 18.0}
         ({"lanes": 2}, 0.0, {**AHEAD, "speed": 4.0, "manoeuvre": ZIGZAG}),
         ({**CURVE, "lanes": 4}, 10.5, {**AHEAD, "y": 10.5, "manoeuvre": [STEEP, BESIDE]}),
         ({**EXIT, "lanes": 4, "line": CURVE["line"]}, 10.5, {**AHEAD, "y": 3.5}),
+        (DROP, 0.0, {"name": "a", "x": 863.0, "speed": 16.0, "manoeuvre": [STOPS]}),
     ],
     ids=["slower", "past_the_arc", "back", "exit", "ramp", "across", "follows_across", "steep",
-         "zigzag", "beside", "tight"],
+         "zigzag", "beside", "tight", "stops"],
 )  # fmt: skip
 @pytest.mark.parametrize("ads", ["no_reaction", "traci"])
 def test_what_check_accepts_is_played(road, y, vehicle, ads):
