@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError
-from sumo_eval.input_file import read_input, sha256
+from sumo_eval.input_file import read_input, sha256, taking_apart
 
 _LARGEST = 10_000_000  # bytes of a file
 
@@ -25,9 +25,8 @@ def read_qualification(named: str, source: Path) -> dict[str, Any]:
     path = source / named
     if path.is_dir():
         path = path / "qualification.json"
-    owner = f"The qualification {path}, which `qualification` of [run] names,"
     text = read_input(path, "qualification", _LARGEST)
-    try:
+    with taking_apart(path, "It is not what `sumo-eval qualify` writes: qualification.json."):
         content = json.loads(text)
         checks = [(str(it["name"]), it["passed"] is True) for it in content["checks"]]
         entry = {
@@ -39,12 +38,10 @@ def read_qualification(named: str, source: Path) -> dict[str, Any]:
             "versions": _texts(content["versions"]),
             "machine": _texts(content["machine"]),
         }
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise InputError(
-            f"{owner} is not what `sumo-eval qualify` writes: qualification.json."
-        ) from None
     if not checks:
-        raise InputError(f"{owner} holds no checks.")
+        raise InputError(
+            f"The qualification {path}, which `qualification` of [run] names, holds no checks."
+        )
     return entry
 
 

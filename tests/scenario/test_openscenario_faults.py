@@ -178,6 +178,7 @@ expression .* divides by zero | ${$kph / 3.6} | ${$kph % 0}
 <ParameterAssignments>|<CatalogReference>|<ParameterDeclarations>: parameter `wide` is not declared
 | parameterRef="long" | parameterRef="wide"
 <OpenSCENARIO>: <Entities> is missing in it | Entities> | Entitys>
+<Init>: it must hold one <Actions>, got 2 | <Init> | <Init><Actions/>
 holds `\$kph and 2` | ${$kph / 3.6} | ${$kph and 2}
 bracket does not close | ${$kph / 3.6} | ${$kph / 3.6
 parameter `kmh` is not declared. Did you mean `kph` | ${$kph / 3.6} | ${max(pow($kmh, 2), 1)}

@@ -156,11 +156,13 @@ class Node:
         return parts[0]
 
     def child(self, name: str) -> Node:
-        """The element of a name inside it."""
-        part = self.find(name)
-        if part is None:
+        """The one element of a name inside it."""
+        parts = self.all(name)
+        if not parts:
             raise self.fault(f"<{name}> is missing in it")
-        return part
+        if len(parts) > 1:
+            raise self.fault(f"it must hold one <{name}>, got {len(parts)}")
+        return parts[0]
 
     # -- its attributes ----------------------------------------------------------------------------
 
