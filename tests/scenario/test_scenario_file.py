@@ -168,7 +168,7 @@ truck_speed < ego_speed | truck_speed - ego_speed | a condition such as
 name = "truck" | name = "a truck" | must be without spaces and
 loc = 27.0 | lok = 27.0 | Did you mean `loc`?
 scale = 5.0 | scale = -5.0 | does not exist with
-scale = 5.0 | scale = inf | , `parameter[0]`: `distribution.scale` of
+scale = 5.0 | scale = inf | `parameter[0]` in scenario file
 loc = 27.0, scale = 5.0 | loc = 900.0, scale = 0.1 | possible within 15..35
 name = "norm", loc = 27.0, scale = 5.0 | name = "gamma", loc = 2.0 | must be given `a`
 deceleration = 4.0 | deceleration = 4.0, duration = 2.0 | has no `duration`
