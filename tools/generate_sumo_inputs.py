@@ -37,7 +37,8 @@ def sumo_inputs() -> dict[str, str]:
         )  # fmt: skip
         files[f"networks/{view}"] = view_xml(logical.road)
         files[f"networks/{network}"] = network_xml(logical.road)
-        files[f"routes/{routes}"] = routes_xml(concrete, settings.vehicle, origin=ORIGIN)
+        vehicle = concrete.simulation(settings).vehicle
+        files[f"routes/{routes}"] = routes_xml(concrete, vehicle, origin=ORIGIN)
         files[f"routes/{logical.name}.sumocfg"] = configuration
     return files
 

@@ -146,7 +146,7 @@ def _sumo_inputs(
         inputs |= {
             f"networks/{network}": road,
             f"networks/{view}": view_xml(concrete.road),
-            f"routes/{routes}": routes_xml(concrete, simulation.vehicle),
+            f"routes/{routes}": routes_xml(concrete, concrete.simulation(simulation).vehicle),
             f"routes/{concrete.scenario}.sumocfg": configuration_xml(
                 f"../networks/{network}",
                 routes,

@@ -23,7 +23,7 @@ from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.played import Act, Pairs
 from sumo_eval.scenario.road.lanes import EVERYWHERE, Crossing, LaneSpan, missing_at
 from sumo_eval.scenario.road.reference_line import Line
-from sumo_eval.settings import SimulationSettings, VehicleSettings
+from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import point_words
 from sumo_eval.trajectory import FloatArray
 
@@ -516,11 +516,6 @@ class ConcreteScenario:
     def label(self) -> str:
         """`ego_speed=30, gap=40`: the point in words."""
         return point_words(self.values)
-
-    def ego_vehicle(self, vehicle: VehicleSettings) -> VehicleSettings:
-        """These vehicle settings with the body that the scenario prescribes."""
-        body = self.ego_body
-        return vehicle if body is None else replace(vehicle, length=body.length, width=body.width)
 
     @property
     def without_ads(self) -> ConcreteScenario:

@@ -91,7 +91,7 @@ def levers_of(
         levers.append(Lever(_SPEED, "m/s", 0.0, max(_FASTEST, ego.speed), 0.05, ego.speed))
     if ahead is not None:
         # from the ego's front to the actor's rear; places are of the centres
-        bodies = ahead.length + concrete.ego_vehicle(settings.vehicle).length
+        bodies = ahead.length + concrete.simulation(settings).vehicle.length
         gap = ahead.start.x - ego.x - bodies / 2.0
         levers.append(Lever(_GAP, "m", min(0.0, gap), max(_FARTHEST, gap), 0.1, gap))
 

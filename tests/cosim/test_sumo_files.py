@@ -174,7 +174,7 @@ def test_what_is_checked_in_is_what_a_session_starts(name):
     logical = catalogue.load(name)
     concrete = logical.concretes(central_point(logical)[None])[0]
     shipped = etree.parse(TREE / "routes" / f"{name}.rou.xml").getroot()
-    started = parse(routes_xml(concrete, SimulationSettings().vehicle))
+    started = parse(routes_xml(concrete, concrete.simulation(SimulationSettings()).vehicle))
     assert [dict(element.attrib) for element in shipped] == [
         dict(element.attrib) for element in started
     ]

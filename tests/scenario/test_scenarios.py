@@ -126,7 +126,7 @@ def test_every_concrete_scenario_starts_within_the_road_and_apart(logical):
 
 
 def ego_length(concrete):
-    return concrete.ego_vehicle(VehicleSettings()).length
+    return concrete.simulation(SimulationSettings()).vehicle.length
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ def test_the_approach_describes_what_is_placed(logical):
         assert slowing == (ahead.braking.acceleration if ahead.braking else 0.0)
         begin = np.broadcast_to(approach.conflict_begin, len(points))[index]
         if begin > 0.0:  # the bodies begin to overlap across the road
-            width = (concrete.ego_vehicle(VehicleSettings()).width + ahead.width) / 2
+            width = (concrete.simulation(SimulationSettings()).vehicle.width + ahead.width) / 2
             assert ahead.y(begin) - concrete.ego.y == pytest.approx(width)
 
 

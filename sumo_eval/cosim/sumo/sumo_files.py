@@ -324,10 +324,10 @@ def routes_xml(
     """Vehicle types and departures of a concrete scenario, with a comment that says which one it
     is.
 
+    vehicle: as in `vehicle_types`.
     ego_type: vType attributes of the ego, added to the usual ones or instead of them.
     origin: a sentence on where the file comes from.
     """
-    vehicle = concrete.ego_vehicle(vehicle)
     routes = E.routes(*map(E.vType, vehicle_types(concrete, vehicle, ego_type)))
     routes.addprevious(etree.Comment(_remarks(concrete, origin)))
     way, y = concrete.ego.way, concrete.ego.y
@@ -349,7 +349,7 @@ def vehicle_types(
 ) -> list[dict[str, str]]:
     """Attributes of the vTypes of a case, the ego's first.
 
-    vehicle: `concrete.ego_vehicle` of the settings', which has the scenario's body.
+    vehicle: the ego, of `concrete.simulation`.
     """
     strongest = vehicle.max_deceleration
     ego = _texts(

@@ -46,7 +46,7 @@ def drive_view(
 
     lines: text shown until the drive begins.
     """
-    vehicle = concrete.ego_vehicle(settings.vehicle)
+    vehicle = concrete.simulation(settings).vehicle
     return {
         "title": title, "lines": lines, "step": settings.step, "wanted": concrete.ego.speed,
         "scene": {

@@ -165,7 +165,6 @@ def quality_of(
     # when the first actor changes its motion, if its script states the time
     begins = (act.begin for it in concrete.actors for act in it.acts if act.timed)
     event = min(begins, default=None)
-    vehicle = concrete.ego_vehicle(settings.vehicle)
     return Quality(
         end=recording.end_reason,
         dropped=figures["dropped"] / figures["frames"] if figures["frames"] else None,
@@ -174,7 +173,7 @@ def quality_of(
         pauses=len(pauses),
         paused=float(sum(pauses)),
         event=event,
-        reaction=None if event is None else reaction(recording, event, vehicle),
+        reaction=None if event is None else reaction(recording, event, settings.vehicle),
         unanswered=round(max(_steps_behind(tape), default=0) * settings.step, 4),
         stepped_down=figures["stepped_down"],
         drawn=figures["renderer"],

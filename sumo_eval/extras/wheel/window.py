@@ -283,8 +283,7 @@ class Window:
         def post(key: str, value: Any) -> None:
             loop.call_soon_threadsafe(self._post, key, value)
 
-        vehicle, step = concrete.ego_vehicle(settings.vehicle), settings.step
-        seat = Seat(self._desk, vehicle, step, writer, post, paced=self._paced)
+        seat = Seat(self._desk, settings.vehicle, settings.step, writer, post, paced=self._paced)
         drive = asyncio.create_task(asyncio.to_thread(simulate, concrete, seat, settings))
         try:
             recording = with_quit(await asyncio.shield(drive), seat.left)
