@@ -18,6 +18,7 @@ from sumo_eval.scenario.reachable import leaves_at, never_begin
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.settings.config import validated
 from sumo_eval.settings.toml_file import read_toml
+from sumo_eval.text import number_in
 from sumo_eval.trajectory import FloatArray
 
 
@@ -61,11 +62,8 @@ def _with_options(
             continue
         wanted = "a finite number" + ("" if item.unit == "1" else f" of {item.unit}")
         wanted += "" if item.above is None else f" above {item.above:g}"
-        try:
-            value = float(given[item.name])
-        except ValueError:
-            value = math.nan
-        if not (math.isfinite(value) and (item.above is None or value > item.above)):
+        value = number_in(given[item.name])
+        if math.isnan(value) or (item.above is not None and value <= item.above):
             raise must_be(f"`{item.name}`", owner, wanted, given[item.name])
         values[item.name] = value
         changes = item.given  # what the file changes when this option is given

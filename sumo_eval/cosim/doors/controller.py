@@ -38,6 +38,7 @@ from sumo_eval.errors import (
 from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.settings import VehicleSettings
 from sumo_eval.settings.locators import load_object
+from sumo_eval.text import number_in
 
 
 @dataclass(frozen=True, slots=True)
@@ -459,15 +460,8 @@ def _check_attributes(attributes: Mapping[str, str], owner: str) -> None:
     for name, value in attributes.items():
         if name not in SUMO_ATTRIBUTES and not name.startswith(PARAMETER):
             raise unknown(f"vType parameter of {owner}", name, SUMO_ATTRIBUTES)
-        if not _is_finite(value):
+        if math.isnan(number_in(value)):
             raise must_be(f"`{name}`", owner, "a finite number", value)
-
-
-def _is_finite(text: str) -> bool:
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return False
 
 
 def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None) -> Adapter:
