@@ -11,6 +11,7 @@ from scipy.special import ndtri
 from sumo_eval.extras.rates.campaign import MILLION, EncounterSpace, part_of, summed
 from sumo_eval.extras.rates.importance import DEFENSIVE, Met, estimated
 from sumo_eval.scenario.joint import Joint
+from sumo_eval.scenario.logical import Occurrence
 
 Known = Literal["given", "counted", "fitted"]
 """How often a scenario is met, and with which parameters: both given, events counted, or both from
@@ -62,8 +63,8 @@ def rate_of(known, drives, seed):
             met = Met(SimpleNamespace(name=str(number)), joint, 1.0, 1.0)
         space = EncounterSpace(
             str(number), SimpleNamespace(name=f"{seed} {number}"), met,
-            per_km if events is None else events / kilometres, events,
-            None if events is None else kilometres, "",
+            per_km if events is None else events / kilometres,
+            None if events is None else Occurrence(events, kilometres),
         )  # fmt: skip
         points = np.where(
             stream.uniform(size=(drives, 1)) < DEFENSIVE, met.base(drives, stream),

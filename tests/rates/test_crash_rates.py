@@ -96,7 +96,7 @@ def test_a_sum_is_as_wide_as_its_largest_scenario():
         )
         search.points = np.zeros((len(weights), 3))
         return part_of(
-            EncounterSpace(name, logical(), how_met(logical()), 0.1, None, None, ""),
+            EncounterSpace(name, logical(), how_met(logical()), 0.1, None),
             search,
             1,
             "budget",

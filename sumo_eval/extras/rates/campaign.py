@@ -17,7 +17,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -39,7 +39,7 @@ from sumo_eval.extras.studies.boundary import outcomes_at
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.record.cases import Outcome, Setup
 from sumo_eval.record.engines import identify
-from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.logical import LogicalScenario, Occurrence
 from sumo_eval.scenario.resolved import find_with
 from sumo_eval.settings import AdsSettings, RunSettings, SimulationSettings
 from sumo_eval.settings.checked import (
@@ -96,24 +96,21 @@ class EncounterSpace(NamedTuple):
     use: its name or file in the campaign file.
     met: exposure of its points.
     per_km: encounters, 1/km.
-    events, vehicle_km: that the rate was counted from; None: the campaign file gives the rate.
-    where: source of the rate.
+    counted: what the rate was counted from; None: the campaign file gives the rate.
     """
 
     use: str
     logical: LogicalScenario
     met: Met
     per_km: float
-    events: int | None
-    vehicle_km: float | None
-    where: str
+    counted: Occurrence | None
 
     @property
     def interval(self) -> tuple[float, float]:
         """95 % limits of `per_km`; a given rate has no uncertainty."""
-        if self.events is None or self.vehicle_km is None:
+        if self.counted is None:
             return self.per_km, self.per_km
-        return rate_interval(self.events, self.vehicle_km)
+        return rate_interval(self.counted.events, self.counted.vehicle_km)
 
 
 class ScenarioRate(NamedTuple):
@@ -194,22 +191,17 @@ def spaces_of(settings: CampaignSettings, folder: Path) -> tuple[EncounterSpace,
     spaces = []
     for item in settings.scenario:
         logical = find_with(settings.simulation.vehicle, item.use, folder)
-        counted = logical.met
-        if item.per_km is not None:
-            rate: Any = item.per_km, None, None, "as given"
+        per_km, counted = item.per_km, logical.met
+        if per_km is not None:
+            counted = None
         elif counted and counted.events:
-            rate = (
-                counted.events / counted.vehicle_km,
-                counted.events,
-                counted.vehicle_km,
-                counted.where,
-            )
+            per_km = counted.events / counted.vehicle_km
         else:
             raise InputError(
                 f"Scenario `{item.use}` needs an encounter rate: [met] with events in its file, "
                 "or `per_km` in its [[scenario]]."
             )
-        spaces.append(EncounterSpace(item.use, logical, how_met(logical), *rate))
+        spaces.append(EncounterSpace(item.use, logical, how_met(logical), per_km, counted))
     return tuple(spaces)
 
 
@@ -351,12 +343,13 @@ def _summed_rates(
     the points' distribution has no events, and one draw where the rate is given.
     """
     sums: FloatArray = terms.sum(axis=1)[:, None, None]
-    if space.events is None or space.vehicle_km is None:
+    counted = space.counted
+    if counted is None:
         return space.per_km * sums
 
     resamples = resampled(space.met, RESAMPLED, seed)
     if not resamples:  # only the rate comes from events
-        return stream.gamma(space.events + 0.5, size=DRAWS) / space.vehicle_km * sums
+        return stream.gamma(counted.events + 0.5, size=DRAWS) / counted.vehicle_km * sums
 
     # density of each hit by form and resample, over the density that was driven
     driven = np.maximum(space.met.base_density(points), 1e-300)
@@ -416,5 +409,5 @@ def recorded_drivers(spaces: Sequence[EncounterSpace]) -> list[tuple[str, float,
     The limit is that of no collision: none can be seen, as the gap of an event with a collision
     makes it a ghost of the tracker (`drivers.recorded.events`), which is dropped.
     """
-    roads = {(space.where, space.vehicle_km) for space in spaces if space.vehicle_km is not None}
+    roads = {(it.counted.where, it.counted.vehicle_km) for it in spaces if it.counted is not None}
     return [(where, km, MILLION * -math.log(1.0 - LEVEL) / km) for where, km in sorted(roads)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,9 @@ BASIS = (
 )
 
 
+_AS_GIVEN = {"events": None, "vehicle_km": None, "where": "as given"}
+
+
 def write_campaign(campaign: Campaign, folder: Path) -> tuple[Path, ...]:
     """Write `campaign.html` and `campaign.json` into a folder; return their paths."""
     content = plain(campaign)
@@ -57,8 +61,8 @@ def plain(campaign: Campaign) -> dict[str, Any]:
         "scenarios": [
             {
                 "use": space.use, "name": space.logical.name, "per_vehicle_km": space.per_km,
-                "per_vehicle_km_interval": space.interval, "events": space.events,
-                "vehicle_km": space.vehicle_km, "where": space.where,
+                "per_vehicle_km_interval": space.interval,
+                **(asdict(space.counted) if space.counted else _AS_GIVEN),
                 "exposure": space.logical.exposure_about,
             }
             for space in campaign.spaces
