@@ -2,26 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 NAMED = "named with its line"
 """Words of a refusal: its message names the element and its line."""
 
 
-class Support(NamedTuple):
-    """An element of the standard.
-
-    treatment: `played`, `ignored` or `refused`.
-    words: how it is played, why it is ignored, or how it is refused.
-    """
-
-    kind: str
-    treatment: str
-    element: str
-    words: str
-
-
-_ROWS = {
+ROWS = {
     ("file", "played"): {
         "ParameterDeclarations": (
             "of the file, a story, a manoeuvre; with ConstraintGroup: of several groups one "
@@ -129,17 +114,16 @@ _ROWS = {
         "StopTrigger": "but by time; of an act: by a condition, over changes of speed",
     },
 }
-IGNORED = tuple(_ROWS["action", "ignored"])
+"""By kind and treatment (`played`, `ignored` or `refused`): the elements of the standard, each with
+how it is played, why it is ignored, or how it is refused.
+"""
+IGNORED = tuple(ROWS["action", "ignored"])
 """Actions that move no vehicle here; for `scene`."""
-ROWS = tuple(
-    Support(*group, element, words)
-    for group, rows in _ROWS.items()
-    for element, words in rows.items()
-)
 
 
 def table() -> str:
     """The list as a table of Markdown."""
     lines = ["| kind | element | | how |", "|---|---|---|---|"]
-    lines += [f"| {it.kind} | `{it.element}` | {it.treatment} | {it.words} |" for it in ROWS]
+    for (kind, treatment), rows in ROWS.items():
+        lines += [f"| {kind} | `{name}` | {treatment} | {words} |" for name, words in rows.items()]
     return "\n".join(lines)
