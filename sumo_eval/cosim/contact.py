@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 
-from sumo_eval.scenario.touch import Body
+from sumo_eval.scenario.road.pose import Pose
+from sumo_eval.scenario.touch import Body, velocity
 from sumo_eval.trajectory import Collision, Side
 
 # m by which bodies grow on every side, so that the corner that touches is inside the other
@@ -19,8 +20,8 @@ def describe(time: float, name: str, ego: Body, other: Body) -> Collision:
     return Collision(
         time=time,
         other=name,
-        ego_velocity=ego.velocity,
-        other_velocity=other.velocity,
+        ego_velocity=velocity(ego),
+        other_velocity=velocity(other),
         overlap=bumper_overlap(ego, other),
         side=struck_side(ego, other),
         ego_pose=(ego.x, ego.y, ego.heading),
@@ -30,9 +31,7 @@ def describe(time: float, name: str, ego: Body, other: Body) -> Collision:
 
 def _in_frame_of(body: Body, point: tuple[float, float]) -> tuple[float, float]:
     """A point as (ahead, left) of a body's centre, m."""
-    dx, dy = point[0] - body.x, point[1] - body.y
-    c, s = math.cos(body.heading), math.sin(body.heading)
-    return dx * c + dy * s, dy * c - dx * s
+    return Pose(*point, 0.0).seen_from(Pose(*body[:3]))[:2]
 
 
 def bumper_overlap(ego: Body, other: Body) -> float:
@@ -62,7 +61,8 @@ def struck_side(ego: Body, other: Body) -> Side:
     # at a corner of the ego two faces are touched: both bodies have grown by `_GROWN`, so the
     # depths of the two differ by at most twice that
     candidates = [side for side, depth in depths.items() if depth <= nearest + 2.0 * _GROWN]
-    closing = (other.velocity[0] - ego.velocity[0], other.velocity[1] - ego.velocity[1])
+    own, others = velocity(ego), velocity(other)
+    closing = others[0] - own[0], others[1] - own[1]
     c, s = math.cos(ego.heading), math.sin(ego.heading)
     forward, leftward = closing[0] * c + closing[1] * s, closing[1] * c - closing[0] * s
     # m/s, at which the other body moves into each face

@@ -296,7 +296,7 @@ def break_off(world: World, error: Exception, moved: int = 0) -> None:
 def _stop(world: World, moved: int) -> None:
     """Record the vehicles of a single case where it stops; `moved` as in `break_off`."""
     world.room_for_samples()
-    stop_rows(world.egos, world.others, world.samples, 0, moved)
+    stop_rows(world.egos, world.others, world.samples, moved)
 
 
 def _end_rows(world: World, driver: EgoControl, stage: Stage) -> None:

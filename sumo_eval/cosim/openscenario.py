@@ -39,7 +39,7 @@ from sumo_eval.scenario.concrete import (
 )
 from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.lanes import EVERYWHERE, Crossing, LaneSpan, missing_at
-from sumo_eval.scenario.road.reference_line import Piece, map_places
+from sumo_eval.scenario.road.reference_line import Piece, length_of, map_places
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import FloatArray, Trajectories
@@ -192,7 +192,7 @@ def _plan(road: Road, length: float, aside: float) -> Iterator[Any]:
     """
     s = 0.0
     # the format asks for a length above 0, hence 1 mm where nothing is left
-    for piece in (*road.line, Piece(max(length - sum(piece.length for piece in road.line), 1e-3))):
+    for piece in (*road.line, Piece(max(length - length_of(road.line), 1e-3))):
         if piece.begin != piece.end:
             shape = E.spiral(curvStart=f"{piece.begin:.12g}", curvEnd=f"{piece.end:.12g}")
         elif piece.begin:

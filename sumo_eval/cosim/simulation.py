@@ -67,8 +67,7 @@ from sumo_eval.cosim.records import MODEL, SUMO
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.sumo.insides import libsumo
 from sumo_eval.cosim.sumo.session import running, session
-from sumo_eval.cosim.sumo.shared_files import plain, shared_network_xml, shared_routes_xml
-from sumo_eval.cosim.sumo.sumo_files import network_xml
+from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
 from sumo_eval.cosim.traffic import Traffic
 from sumo_eval.cosim.world import World, kind_of
 from sumo_eval.errors import ControllerError, InputError, SimulationError, must_be, said
@@ -211,7 +210,7 @@ def _opened(
     if not on_traci and road.network is None:
         own = ads.is_policy  # it may ask SUMO for lanes, which must be those of the road alone
         return running(
-            network_xml(plain(road)) if own else shared_network_xml([concrete]),
+            shared_network_xml([concrete], ads_asks=own),
             shared_routes_xml([concrete], settings, own_lanes=own),
             settings,
             road,

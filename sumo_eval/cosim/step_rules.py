@@ -49,6 +49,7 @@ from sumo_eval.scenario.touch import (
     body_of,
     keeps_apart,
     share_at_touch,
+    velocity,
     within_a_turn,
 )
 from sumo_eval.trajectory import FloatArray
@@ -185,18 +186,17 @@ def begin_rows(
 
 
 @rows
-def stop_rows(egos: Records, others: Records, samples: FloatArray, row: int, back: int) -> None:
-    """Record a case that is broken off.
+def stop_rows(egos: Records, others: Records, samples: FloatArray, back: int) -> None:
+    """Record a case that is alone, and broken off.
 
     back: not 0 within a step: its vehicles return to the step's start.
     """
-    ego = egos[row]
+    ego, actors = egos[0], others[0]
     if back:
         _restate(ego, ego.before)
-        for j in range(len(others[row])):
-            other = others[row][j]
-            _restate(other, other.before)
-    _sample_row(ego, others[row], samples[row])
+        for j in range(len(actors)):
+            _restate(actors[j], actors[j].before)
+    _sample_row(ego, actors, samples[0])
 
 
 # -- one step, before and after SUMO's -------------------------------------------------------------
@@ -531,9 +531,7 @@ def _tell_actors(
                 other.told = 0
             elif to_sumo:
                 other.told = 2
-                along = (
-                    other.speed * math.cos(other.heading) - other.across * math.sin(other.heading)
-                ) / inner
+                along = velocity(other)[0] / inner
                 count = _tell(tell, count, i * (1 + len(others[i])) + 1 + j, other, line, along)
     return count
 

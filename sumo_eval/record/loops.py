@@ -123,7 +123,7 @@ def _load_world() -> None:
     world.move(to_sumo=True)
     world.read(np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0, np.int64))
     world.see(sampling=True)
-    stop_rows(world.egos, world.others, world.samples, 0, 0)
+    stop_rows(world.egos, world.others, world.samples, 0)
 
 
 def _load_ahead() -> None:

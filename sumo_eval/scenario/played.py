@@ -22,7 +22,7 @@ from sumo_eval.scenario import motion
 from sumo_eval.scenario.bodies import half_sizes
 from sumo_eval.scenario.motion import along_heading, lateral_motion
 from sumo_eval.scenario.road.reference_line import line_at, to_frame
-from sumo_eval.scenario.touch import Body, body_of
+from sumo_eval.scenario.touch import Body, body_of, velocity
 
 Records = NDArray[Any]
 Pairs = tuple[tuple[float, float], ...]
@@ -433,10 +433,8 @@ def _of(body: Body, what: int) -> float:
         return body.x
     if what == Y:
         return body.y
-    c, s = math.cos(body.heading), math.sin(body.heading)
-    if what == ALONG:
-        return body.speed * c - body.across * s
-    return body.speed * s + body.across * c
+    along, across = velocity(body)
+    return along if what == ALONG else across
 
 
 @kernel

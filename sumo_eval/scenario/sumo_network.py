@@ -29,9 +29,9 @@ from lxml import etree
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.input_file import LARGEST, hash_of
 from sumo_eval.scenario.concrete import NetworkFile, Road
-from sumo_eval.scenario.road.fitted_line import WITHIN, fitted_line, onto_the_line
+from sumo_eval.scenario.road.fitted_line import WITHIN, fitted_line
 from sumo_eval.scenario.road.lanes import LaneSpan
-from sumo_eval.scenario.road.pose import Pose
+from sumo_eval.scenario.road.pose import Pose, onto_the_line
 from sumo_eval.scenario.road.reference_line import (
     Line,
     drawn_points,

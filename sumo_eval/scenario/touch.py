@@ -37,12 +37,6 @@ class Body(NamedTuple):
     width: float
     across: float = 0.0
 
-    @property
-    def velocity(self) -> tuple[float, float]:
-        """(vx, vy), m/s."""
-        c, s = math.cos(self.heading), math.sin(self.heading)
-        return self.speed * c - self.across * s, self.speed * s + self.across * c
-
     def corners(self) -> tuple[tuple[float, float], ...]:
         """The four corners, m."""
         c, s = math.cos(self.heading), math.sin(self.heading)
@@ -65,6 +59,13 @@ def body_of(at: Any, moving: Any, body: Any) -> Body:
     body: has its size.
     """
     return Body(at.x, at.y, at.heading, moving.speed, body.length, body.width, moving.across)
+
+
+@kernel
+def velocity(body: Any) -> tuple[float, float]:
+    """(vx, vy) of a `Body` or of a record with its fields, m/s."""
+    c, s = math.cos(body.heading), math.sin(body.heading)
+    return body.speed * c - body.across * s, body.speed * s + body.across * c
 
 
 @kernel

@@ -28,6 +28,7 @@ from sumo_eval.scenario.played import (
     wake,
 )
 from sumo_eval.scenario.road.reference_line import knots_of
+from sumo_eval.scenario.touch import velocity
 from sumo_eval.trajectory import FloatArray
 
 CHANNELS = ("x", "y", "heading", "speed", "across")
@@ -226,10 +227,10 @@ def _meet_rows(
             long = 0.5 * (ego.length + other.length * abs(c) + other.width * abs(s))
             wide = 0.5 * (ego.width + other.length * abs(s) + other.width * abs(c))
             ahead = other.x - ego.x
-            closing = ego.speed - (other.speed * c - other.across * s)
+            along, across = velocity(other)
+            closing = ego.speed - along
             if abs(other.y - ego.y) < wide:
                 if abs(ahead) <= long:
-                    across = other.speed * s + other.across * c
                     met[i, 0], met[i, 1] = math.inf, math.sqrt(closing * closing + across * across)
                     break
                 gap = ahead - long

@@ -23,6 +23,7 @@ from sumo_eval.cosim.records import Records
 from sumo_eval.scenario.bodies import BODIES, CAR, half_sizes
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.played import Pairs
+from sumo_eval.scenario.road.pose import Pose, onto_the_line
 from sumo_eval.scenario.road.reference_line import curvatures, map_places
 from sumo_eval.settings import ConditionSettings
 from sumo_eval.settings.random_streams import random_stream
@@ -347,16 +348,13 @@ class Observation:
         ahead: length along the road, from the ego's centre on, m.
         every: distance of the points along the road, m.
         """
-        x, y, heading = self._ego[:3]
-        me_x, me_y, turned = map(float, map_places(self.road.line, x, y, heading))
-        c, s = math.cos(turned), math.sin(turned)
+        road, (x, y, heading) = self.road, self._ego[:3]
+        me = Pose(*map(float, map_places(road.line, x, y, heading)))
         along = x + np.arange(0.0, ahead + 0.5 * every, every)
-        lines = []
-        for lane in range(self.road.lanes):
-            map_x, map_y, _ = map_places(self.road.line, along, self.road.lane_centre(lane))
-            dx, dy = map_x - me_x, map_y - me_y
-            lines.append(np.stack([dx * c + dy * s, dy * c - dx * s], 1))
-        return tuple(lines)
+        lanes = (
+            map_places(road.line, along, road.lane_centre(lane))[:2] for lane in range(road.lanes)
+        )
+        return tuple(onto_the_line(np.stack(lane, 1), me) for lane in lanes)
 
     def plain(self) -> dict[str, Any]:
         """Everything as plain values, ready for JSON."""

@@ -20,7 +20,7 @@ from sumo_eval.cosim.pack import Pack
 from sumo_eval.errors import InputError, must_be, said
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.resolved import find_with
-from sumo_eval.scenario.touch import Body
+from sumo_eval.scenario.touch import Body, velocity
 from sumo_eval.settings import SimulationSettings
 
 Floats = NDArray[Any]
@@ -260,7 +260,7 @@ class Episodes:
         world = self.pack.world
         both = world.egos[row], world.others[row, world.egos["struck"][row]]
         # the first 7 fields of both records are those of a body
-        return math.dist(*(Body(*vehicle.tolist()[:7]).velocity for vehicle in both))
+        return math.dist(*(velocity(Body(*vehicle.tolist()[:7])) for vehicle in both))
 
 
 def _sampled(sampler: Any, generator: np.random.Generator) -> dict[str, float]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.scenario.road.pose import Pose
+from sumo_eval.scenario.road.pose import Pose, onto_the_line
 from sumo_eval.scenario.road.reference_line import Line, Piece, map_places
 from sumo_eval.trajectory import FloatArray
 
@@ -50,16 +50,6 @@ def fitted_line(polyline: FloatArray) -> Fit:
         if best[2] <= WITHIN:
             break
     return best
-
-
-def onto_the_line(points: FloatArray, begins: Pose) -> FloatArray:
-    """Places (n, 2) of the map in the frame of a line's beginning: it is the origin, its heading
-    the x axis.
-    """
-    x, y, heading = begins
-    east, north = points[:, 0] - x, points[:, 1] - y
-    cos, sin = np.cos(heading), np.sin(heading)
-    return np.column_stack([east * cos + north * sin, north * cos - east * sin])
 
 
 def _resampled(polyline: FloatArray) -> FloatArray:

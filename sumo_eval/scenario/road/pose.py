@@ -6,7 +6,10 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from sumo_eval.scenario.road.reference_line import Line, Piece, bends, length_of, map_places
+from sumo_eval.trajectory import FloatArray
 
 
 class Pose(NamedTuple):
@@ -48,3 +51,13 @@ class Pose(NamedTuple):
         c, s = math.cos(origin.heading), math.sin(origin.heading)
         turned = math.remainder(self.heading - origin.heading, math.tau)
         return Pose(dx * c + dy * s, dy * c - dx * s, turned)
+
+
+def onto_the_line(points: FloatArray, begins: Pose) -> FloatArray:
+    """Places (n, 2) of the map in the frame of a line's beginning: it is the origin, its heading
+    the x axis.
+    """
+    x, y, heading = begins
+    east, north = points[:, 0] - x, points[:, 1] - y
+    cos, sin = np.cos(heading), np.sin(heading)
+    return np.column_stack([east * cos + north * sin, north * cos - east * sin])

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.kernels import kernel, rows
+from sumo_eval.scenario.touch import within_a_turn
 from sumo_eval.trajectory import FloatArray
 
 # A spiral is cut into stretches from knot to knot, each with at most this turn and this length.
@@ -242,11 +243,7 @@ def to_frame(line: Any, x: float, y: float, heading: float, near: float) -> Posi
         course += step * curvature
         if abs(step) < _CLOSE:
             break
-    turned = heading - course
-    # within -pi..pi; kernels have no `remainder`
-    if not -math.pi <= turned <= math.pi:
-        turned -= 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
-    return Position(s, d, turned, curvature)
+    return Position(s, d, within_a_turn(heading - course), curvature)
 
 
 # -- many places at once ---------------------------------------------------------------------------
