@@ -278,7 +278,7 @@ class _Hook:
     def _ask(self, time: float) -> tuple[Command | None, float]:
         """The answer of the ADS as a command, after its listeners, and its wall time, s."""
         answer, started = None, perf_counter()
-        GUARD.moved = False
+        GUARD.moved = GUARD.placed = False
         try:
             if not GUARD.shared:
                 GUARD.call_listeners()
@@ -546,8 +546,13 @@ class _Hook:
             )  # fmt: skip
 
     def _unphysical(self, what: str, requested: float, possible: float, sentence: str) -> None:
-        """Raise ControllerError for impossible motion; of SUMO's own models only record it."""
-        if not self._native:
+        """Raise ControllerError for impossible motion; of SUMO's own models only record it.
+
+        Where SUMO ends a lane change that began off the lane's centre, it puts the vehicle on the
+        new lane's centre at once.
+        """
+        put = not (GUARD.shared or GUARD.placed or self._calls.getLateralLanePosition(self.ego))
+        if not (self._native or (put and what != "unphysical_acceleration")):
             raise ControllerError(sentence)
         if what == "jump" and not requested < FASTEST * self._step:  # `not <`: true of nan as well
             raise SimulationError(

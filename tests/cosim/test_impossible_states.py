@@ -157,6 +157,27 @@ def lose(name):
     libsumo.vehicle.moveToXY(name, "road", 0, x, y - 40.0, 90.0, 2)
 
 
+@pytest.mark.parametrize("call", ["changeLane", "moveToXY", "setLateralLanePosition"])
+def test_law_sumo_alone_may_put_an_ego_on_a_lanes_centre(call):
+    """A lane change that began 0.4 m beside the centre ends with a shift by 0.4 m."""
+
+    def shifts(traci, ego, time):
+        v, x = traci.vehicle, traci.vehicle.getPosition(ego)[0]
+        speed = v.getSpeed(ego)
+        v.setSpeed(ego, speed)
+        if call == "changeLane" and time == 0.0:
+            v.changeLane(ego, 1, 2.0)
+        if call == "moveToXY" and time == 1.0:
+            v.moveToXY(ego, "", -1, x + 0.05 * speed, 0.0, 90.0, 2)
+        if call == "setLateralLanePosition" and time == 1.0:
+            v.setLateralLanePosition(ego, 0.0)
+
+    found = alone(controller=shifts, settings=SimulationSettings(time_limit=8.0), y=-0.4)
+    innocent = call == "changeLane"
+    assert (found.end_reason == "ads_error") != innocent
+    assert ("jump" in {clip.what for clip in found.clips}) == innocent
+
+
 def test_a_vehicle_that_sumo_has_lost_ends_the_case_with_its_name_its_place_and_the_time():
     found = alone(lead(50.0, speed=20.0), controller=once(lambda traci: lose("lead")))
     assert found.end_reason == "sim_error"

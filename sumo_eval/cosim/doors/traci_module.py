@@ -25,6 +25,7 @@ from sumo_eval.cosim.doors.traci_numbers import (
     HANDS_OVER,
     IGNORED,
     MOTION,
+    PLACING,
     WHY_IGNORED,
     breach,
     shown,
@@ -117,7 +118,8 @@ class Guard:
         self.touched: dict[str, int] = {}  # number of calls, by the clip that shows it
         self.heeding = set(heeding)
         self.asked: dict[str, int] = {}  # number of each call that SUMO may ignore
-        self.moved = False  # whether a call has moved the ego since the step began
+        # whether a call has moved the ego since the step began, and whether one has placed it
+        self.moved = self.placed = False
         self.refusal: tuple[str, str] | None = None  # `deed` and `why` of `refuse`
         self.names = SumoNames()
         self.mode_may_differ = True  # whether the ADS may have changed the ego's speed mode
@@ -258,6 +260,7 @@ def _vehicle_writer(call: str, write: _Call) -> _Call:
             GUARD.note_touched("vehicle", call, vehID)
         if moves and vehID == EGO:
             GUARD.moved = True
+            GUARD.placed |= call in PLACING
         if GUARD.shared:
             vehID, args = GUARD.translate(call, vehID, args, kwargs)  # noqa: N806
         GUARD.check("vehicle", call, vehID, args, kwargs)

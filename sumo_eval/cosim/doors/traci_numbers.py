@@ -64,11 +64,13 @@ _OPTIONAL = frozenset(
     if it.default is not it.empty
 )
 
-MOTION = frozenset(
-    {"setSpeed", "slowDown", "setAcceleration", "setPreviousSpeed", "changeLane",
-        "changeLaneRelative", "moveTo",
-     "moveToXY", "setLateralLanePosition", "openGap"}
-)  # fmt: skip
+PLACING = frozenset({"moveTo", "moveToXY", "setLateralLanePosition"})
+"""Calls that put a vehicle at a place."""
+
+MOTION = PLACING | {
+    "setSpeed", "slowDown", "setAcceleration", "setPreviousSpeed", "changeLane",
+    "changeLaneRelative", "openGap",
+}  # fmt: skip
 """Calls that move a vehicle: for an ego that has a `Command` for the same step they do nothing."""
 
 WHY_IGNORED = {
