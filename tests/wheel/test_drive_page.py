@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("websockets")
 from browser import Page, needs_chromium
 from test_window import LOGICAL, SETTINGS
+from unpaced import UnpacedWindow
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.extras.wheel.hands import Given, Hands
@@ -59,7 +60,7 @@ class AtTheDoor:
         return self._hands.command(given, me.speed)
 
 
-def driven(path, at_the_browser, *, paced, size=(500, 400)):
+def driven(path, at_the_browser, window_of=Window, size=(500, 400)):
     """What comes of a drive while a browser shows it.
 
     at_the_browser: what is done there.
@@ -68,7 +69,7 @@ def driven(path, at_the_browser, *, paced, size=(500, 400)):
     ready = threading.Event()
 
     async def body():
-        async with Window(page("Drive"), countdown=0.0, paced=paced) as made:
+        async with window_of(page("Drive"), countdown=0.0) as made:
             window.append(made)
             ready.set()
             recording, _ = await one_drive(
@@ -119,7 +120,7 @@ def test_a_driver_at_the_pages_gamepad_is_that_driver_at_the_door_to_the_bit(tmp
         browser.wait("document.documentElement.dataset.shown === 'sheet'")
 
     path = tmp_path / "drive.jsonl"
-    found, door = driven(path, pad, paced=False), simulate(SHORT, AtTheDoor(), SETTINGS)
+    found, door = driven(path, pad, UnpacedWindow), simulate(SHORT, AtTheDoor(), SETTINGS)
     assert found.end_reason == door.end_reason == "time_limit"
     assert found.ego.y[-1] > 1.0
     assert digest(found) == digest(door)
@@ -199,7 +200,7 @@ def test_mouse_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_dri
         browser.wait("document.documentElement.dataset.shown === 'sheet'")
 
     path = tmp_path / "drive.jsonl"
-    assert driven(path, keys, paced=True).end_reason == "time_limit"
+    assert driven(path, keys).end_reason == "time_limit"
     tape = read_tape(path)
     pressed = [row[4] for row in tape.rows if row[3] == "keys"]
     changes = [key for key, before in zip(pressed, [None, *pressed], strict=False) if key != before]
@@ -286,7 +287,7 @@ def test_fingers_reach_the_tape_and_3_d_by_the_processor_gives_way_to_the_plain_
         browser.wait("document.documentElement.dataset.shown === 'sheet'")
 
     path = tmp_path / "drive.jsonl"
-    driven(path, fingers, paced=True, size=(500, 900))
+    driven(path, fingers, size=(500, 900))
     rows = read_tape(path).rows
     assert {row[3] for row in rows[10:]} == {"stick"}
     assert min(row[5] for row in rows) == -0.5

@@ -14,6 +14,7 @@ from refusals import refusal
 
 pytest.importorskip("websockets")
 from test_window import known
+from unpaced import UnpacedWindow
 from websockets.exceptions import ConnectionClosed
 
 import sumo_eval
@@ -23,7 +24,6 @@ from sumo_eval.extras.wheel.outcome import collect, evaluation_of
 from sumo_eval.extras.wheel.page import page
 from sumo_eval.extras.wheel.plan import read_study
 from sumo_eval.extras.wheel.study import participants, study
-from sumo_eval.extras.wheel.window import Window
 from sumo_eval.report.people import study_sentences
 
 RUN = """
@@ -128,7 +128,7 @@ async def participant(window, code, *, leaves_at=None, quits="", stops_at=""):
 
 def take_part(plan, code, **more):
     async def body():
-        async with Window(page("Drive"), countdown=0.0, paced=False) as window:
+        async with UnpacedWindow(page("Drive"), countdown=0.0) as window:
             team = asyncio.create_task(study(window, plan, lambda line: None))
             try:
                 return await asyncio.wait_for(participant(window, code, **more), 120.0)

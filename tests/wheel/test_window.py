@@ -13,6 +13,7 @@ import pytest
 from refusals import refusal
 
 websockets = pytest.importorskip("websockets")
+from unpaced import UnpacedWindow  # noqa: E402
 from websockets.asyncio.client import connect  # noqa: E402
 from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 
@@ -188,7 +189,7 @@ def begun(window, path):
 @asynccontextmanager
 async def drive_in_window(path):
     """A window that keeps no clock, and a drive in it."""
-    async with Window(page("Drive"), countdown=0.0, paced=False) as window:
+    async with UnpacedWindow(page("Drive"), countdown=0.0) as window:
         yield window, begun(window, path)
 
 

@@ -81,16 +81,15 @@ class Seat:
     post: sends the page a message by key, and is called in the thread of the drive: each `state`,
         and as `held` why the seat puts the drive on hold, `asleep` (the machine stood still) or
         `silent` (the window does not answer).
-    paced: True: steps are due by the clock; False: each waits for an answer to its state.
     left: why the drive was ended before its end; empty: it was not.
     """
 
     def __init__(
         self, desk: Desk, vehicle: VehicleSettings, step: float, writer: Writer,
-        post: Callable[[str, Any], None], *, paced: bool = True,
+        post: Callable[[str, Any], None],
     ) -> None:  # fmt: skip
         self._desk, self._hands, self._step = desk, Hands(vehicle, step), step
-        self._writer, self._post, self._paced = writer, post, paced
+        self._writer, self._post = writer, post
         self._tick = 0  # number of the step
         self._start = 0.0  # when step 0 was due, by `perf_counter`; pauses move it
         self._resumed = 0  # step at which the drive last continued
@@ -100,7 +99,7 @@ class Seat:
     def act(self, seen: Observation) -> Command:
         """Show the state, wait until the step is due, and take the newest input then."""
         self._post("state", state_of(self._tick, self._desk.newest.number, self._hands.angle, seen))
-        late = self._wait_until_due() if self._paced else self._wait_for_answer()
+        late = self._wait_until_due()
         if self._desk.end_reason:
             self.left = self._desk.end_reason
             raise LeftTheWheelError(self.left)
@@ -112,22 +111,12 @@ class Seat:
         self._tick += 1
         return command
 
-    def _wait_for_answer(self) -> float:
-        """Wait until the window has answered this step's state; no step is late then."""
-        desk, begun = self._desk, clock.perf_counter()
-        while (self._waits() or desk.newest.seen < self._tick) and not desk.end_reason:
-            if self._waits():
-                self._stay_on_hold()
-                begun = clock.perf_counter()
-            self._lose_patience(begun)
-            clock.sleep(GLANCE / 10.0)  # an answer must not wait for the next look
-        return 0.0
-
     def _wait_until_due(self) -> float:
         """Wait until the step is due; how late it is then, s."""
         desk = self._desk
         while True:
-            if self._waits():
+            # on hold, held since the last look, or counted down
+            if desk.on_hold or desk.was_held or clock.perf_counter() < desk.due:
                 self._stay_on_hold()
             due = self._start + self._tick * self._step
             clock.sleep(max(due - clock.perf_counter(), 0.0))
@@ -147,16 +136,6 @@ class Seat:
             self._start += late
         return late
 
-    def _waits(self) -> bool:
-        """Whether the drive is on hold, was so since the last look, or is counted down."""
-        desk = self._desk
-        return bool(desk.on_hold or desk.was_held) or clock.perf_counter() < desk.due
-
-    def _lose_patience(self, begun: float) -> None:
-        """End a drive that has waited too long since `begun`, by `perf_counter`."""
-        if clock.perf_counter() - begun > PATIENCE:
-            self._desk.end(f"No answer came for {PATIENCE:g} s.")
-
     def _put_on_hold(self, why: str) -> None:
         """Put the drive on hold, because the driver cannot control the ego now; tell the page."""
         self._desk.hold(why)
@@ -168,7 +147,8 @@ class Seat:
         why = desk.was_held or desk.on_hold or "key"
         self._awake = awake()
         while (desk.on_hold or clock.perf_counter() < desk.due) and not desk.end_reason:
-            self._lose_patience(begun)
+            if clock.perf_counter() - begun > PATIENCE:
+                desk.end(f"No answer came for {PATIENCE:g} s.")
             clock.sleep(GLANCE)
             if awake() - self._awake > ASLEEP and not desk.on_hold:  # in the countdown
                 self._put_on_hold("asleep")

@@ -62,13 +62,10 @@ class Window:
 
     page: its HTML, with `{nonce}` where the nonce of the policy belongs.
     countdown: s from `ready` to the first step.
-    paced: False lets each step wait for an answer to its state.
     """
 
-    def __init__(
-        self, page: str, *, port: int = 0, countdown: float = COUNTDOWN, paced: bool = True
-    ) -> None:
-        self._page, self._countdown, self._paced = page, countdown, paced
+    def __init__(self, page: str, *, port: int = 0, countdown: float = COUNTDOWN) -> None:
+        self._page, self._countdown = page, countdown
         self.token = secrets.token_urlsafe(24)
         try:
             self._listening = socket.create_server((LOOPBACK, port))  # port 0: any free one
@@ -283,7 +280,7 @@ class Window:
         def post(key: str, value: Any) -> None:
             loop.call_soon_threadsafe(self._post, key, value)
 
-        seat = Seat(self._desk, settings.vehicle, settings.step, writer, post, paced=self._paced)
+        seat = Seat(self._desk, settings.vehicle, settings.step, writer, post)
         drive = asyncio.create_task(asyncio.to_thread(simulate, concrete, seat, settings))
         try:
             recording = with_quit(await asyncio.shield(drive), seat.left)
