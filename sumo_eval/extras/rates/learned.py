@@ -40,6 +40,7 @@ from sumo_eval.extras.rates.scenes import (
     Quantity,
     content_of,
 )
+from sumo_eval.input_file import writing
 from sumo_eval.report.page import write_csv
 from sumo_eval.report.words import count
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -130,14 +131,12 @@ def learn(
         f"{survey.kilometres:.1f} vehicle-km in {survey.hours:.2f} h"
     )
     learnt = {}
-    try:
+    with writing(f"The scenarios in {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
         for done, name in enumerate(CLASSES):
             watch(f"fitting {name}", done)
             measured = measure(survey.classes[name], survey, folder, about)
             learnt[name] = _learnt(survey.classes[name], measured, folder / name)
-    except OSError as error:
-        raise InputError(f"The scenarios cannot be written into {folder}: {error}.") from error
     return Lesson(survey, learnt, source)
 
 

@@ -23,6 +23,7 @@ import tomli_w
 from sumo_eval.drivers.recorded.recordings import INTERVAL, STANDARD_LANE, Recordings
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.rates.encounters import lane_gaps
+from sumo_eval.report.page import write_page
 from sumo_eval.scenario.file import check_file, read_scenario
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.trajectory import FloatArray
@@ -156,9 +157,7 @@ def write_scene(
         "constraint": [] if model else [never],
         **_traffic(scene_ego, _speed(recorded, 0.0), actors, width, lanes, model or "IDM"),
     }  # fmt: skip
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(tomli_w.dumps(content), encoding="utf-8")
-    check_file(path)
+    check_file(write_page(path, tomli_w.dumps(content), "The scene"))
     error = _error(path, scene_ego, actors)
     return WrittenScene(len(actors), dict(sorted(left_out.items())), continued, error, clock[-1])
 

@@ -20,7 +20,7 @@ from sumo_eval.extras.wheel.study import Participant, participants
 from sumo_eval.extras.wheel.tape import digest, drive_again, read_tape
 from sumo_eval.record.run_folder import read_manifest, read_settings
 from sumo_eval.report.export_case import absolute
-from sumo_eval.report.page import write_csv, write_json
+from sumo_eval.report.page import write_csv, write_json, write_page
 from sumo_eval.report.people import STUDY, drawn_words
 from sumo_eval.settings.config import to_toml
 from sumo_eval.trajectory import Trajectory
@@ -106,8 +106,9 @@ def collect(plan: StudyPlan) -> StudyResult:
     write_csv(drives / "cases.csv", head, table)
     ratings = _write_answers(plan.folder, people, left)
     with_drives = len({path.parent for path in files})  # each participant has a folder
-    evaluation = plan.folder / "evaluation.toml"
-    evaluation.write_text(evaluation_of(plan, with_drives), encoding="utf-8")
+    evaluation = write_page(
+        plan.folder / "evaluation.toml", evaluation_of(plan, with_drives), "The evaluation"
+    )
     result = StudyResult(
         len(people), with_drives, len(rows), ratings, dict(drawn), tuple(left),
         (drives, plan.folder / "ratings.csv", plan.folder / "left_out.csv", evaluation),

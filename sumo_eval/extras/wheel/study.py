@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sumo_eval.errors import InputError, said
 from sumo_eval.extras.wheel.page import drive_view, replay, sheet
 from sumo_eval.extras.wheel.plan import (
     HIGH,
@@ -29,6 +28,7 @@ from sumo_eval.extras.wheel.plan import (
 )
 from sumo_eval.extras.wheel.tape import json_lines
 from sumo_eval.extras.wheel.trip import ENDS, TASK, new_tape, one_drive, settings_at
+from sumo_eval.input_file import writing
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
@@ -90,10 +90,8 @@ def enter(plan: StudyPlan, code: str) -> Participant:
         if person.code.lower() == code.lower():
             return person
     folder = plan.folder / "participants" / code
-    try:
+    with writing(f"The study in {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"The study cannot be kept in {folder}: {said(error)}.") from error
     person = Participant(code, len(people), folder)
     person.finish("begun", number=person.number)
     return person

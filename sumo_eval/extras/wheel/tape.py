@@ -23,7 +23,7 @@ from sumo_eval.cosim.doors.traci_numbers import finite_number
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, InputError, must_be, said
-from sumo_eval.input_file import read_input_text, taking_apart
+from sumo_eval.input_file import read_input_text, taking_apart, writing
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings, VehicleSettings
@@ -65,11 +65,9 @@ class Writer:
     """A tape that is being written."""
 
     def __init__(self, path: Path, head: Mapping[str, Any]) -> None:
-        try:
+        with writing(f"The drive in {path}"):
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("x", encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"The drive cannot be kept in {path}: {said(error)}.") from error
         self.line({"format": FORMAT, **head})
 
     def line(self, value: Any) -> None:
