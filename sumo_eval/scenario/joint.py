@@ -12,7 +12,7 @@ either kind divides the distances from the events' mean, and the kernels' width,
 varies as much as the events do (Silverman, Density Estimation, 1986, 6.4.1), but gives values in a
 long tail too low a density.
 
-`[joint]` of a scenario file and the fitted exposure of recorded drivers make these densities.
+`[joint]` of a scenario file and `sumo-eval learn` make these densities.
 scipy is imported only once a density is asked for.
 """
 
@@ -42,7 +42,7 @@ class Joint:
     """A density over parameters, from events.
 
     names: parameters, in the order of the columns.
-    events: rows.
+    events: rows of finite numbers.
     weights: how much each counts, one a row; none: alike.
     low, high: the box it is cut to.
     bandwidth: kernel deviation over the data's own; None: Scott's n^(-1/(k+4)), where a copula's k
@@ -67,8 +67,6 @@ class Joint:
         if n < k + 2:
             raise must_be("The events", owner, f"at least {k + 2}", n)
         rows = np.array(self.events)
-        if rows.shape != (n, k) or not np.isfinite(rows).all():
-            raise must_be("Each event", owner, f"{k} finite numbers", rows.shape)
         if (
             np.linalg.matrix_rank(
                 (rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-12), tol=1e-6
