@@ -11,7 +11,8 @@ import difflib
 import itertools
 import os
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 
 from sumo_eval.text import SENTENCE, WORDS, clean, kind_of, shown, words_of
 
@@ -193,3 +194,18 @@ def said(error: BaseException) -> str:
             near = f"ego.{error.name}"
         text += f" (did you mean `{near}`?)" if near else ""
     return f"{kind_of(error)}: {text}" if text else kind_of(error)
+
+
+@contextmanager
+def users_code(what: str) -> Iterator[None]:
+    """A block that runs code of a user or of another package, which may raise anything: an
+    InputError takes its place, except of Ctrl-C.
+
+    what: begins the sentence, ``Sampler `my.py:points` failed`` for example.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        raise InputError(f"{what}: {said(error)}.") from error

@@ -23,7 +23,7 @@ import click
 
 from sumo_eval.cli.exit_status import INPUT_WRONG, INTERRUPTED, NOT_READ
 from sumo_eval.cli.sentences import WHOLE, tell
-from sumo_eval.errors import InputError, StoppedError, SumoEvalError, did_you_mean, said
+from sumo_eval.errors import InputError, StoppedError, SumoEvalError, did_you_mean, users_code
 from sumo_eval.gone import refuse_command
 from sumo_eval.text import clean, clean_log
 
@@ -239,10 +239,8 @@ def _plugins() -> dict[str, EntryPoint]:
 def _loaded(point: EntryPoint) -> click.Command:
     """The command of an entry point. Raises InputError if it cannot be loaded."""
     what = f"Command `{point.name}`, `{point.value}`,"
-    try:
+    with users_code(f"{what} cannot be loaded"):
         command = point.load()
-    except Exception as error:  # another package may raise anything
-        raise InputError(f"{what} cannot be loaded: {said(error)}.") from error
     if not isinstance(command, click.Command):
         raise InputError(f"{what} must be a click command, got {type(command).__name__}.")
     return command

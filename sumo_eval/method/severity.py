@@ -30,7 +30,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import InputError, check_known, must_be, said, unknown
+from sumo_eval.errors import InputError, check_known, must_be, unknown, users_code
 from sumo_eval.method.checks import not_negative
 from sumo_eval.method.collision_avoidance import impact_severity
 from sumo_eval.settings import CollisionSettings
@@ -195,12 +195,8 @@ def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Seve
         contact = contact_of(hit, settings)
         losses = []
         for _ in range(2):
-            try:
+            with users_code(f"The severity `{chosen}` failed for {case}"):
                 loss = function(contact)
-            except Exception as error:
-                raise InputError(
-                    f"The severity `{chosen}` failed for {case}: {said(error)}."
-                ) from error
             number = isinstance(loss, int | float | np.integer | np.floating)
             if isinstance(loss, bool) or not number or not 0.0 <= float(loss) <= 1.0:
                 raise InputError(

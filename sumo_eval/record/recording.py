@@ -19,7 +19,7 @@ from sumo_eval.cases import EVALUATED
 from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
-from sumo_eval.errors import InputError, StoppedError, check_known, said
+from sumo_eval.errors import InputError, StoppedError, check_known, users_code
 from sumo_eval.input_file import hash_of, sha256
 from sumo_eval.record.cases import Block, Case, Outcome, Role, Setup
 from sumo_eval.record.claims import NO_USER_CODE, affinity
@@ -440,14 +440,8 @@ def _own_drives(plan: Planner, number: int, concrete: ConcreteScenario) -> Itera
     kind = "Human reference"
     reference: Callable[..., Iterable[object]] = load_object(locator, plan.run.source, kind)
     place = f"for {concrete.scenario} at {concrete.label}"
-    try:
+    with users_code(f"The human reference `{locator}` failed {place}"):
         trajectories = list(reference(concrete))
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        raise InputError(
-            f"The human reference `{locator}` failed {place}: {said(error)}."
-        ) from error
     for index, trajectory in enumerate(trajectories):
         if not isinstance(trajectory, Trajectory):
             raise InputError(

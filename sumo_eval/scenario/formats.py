@@ -13,7 +13,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Final
 
-from sumo_eval.errors import InputError, said
+from sumo_eval.errors import InputError, users_code
 from sumo_eval.gone import refuse_use_case
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.shipped_files import scenario_files
@@ -98,10 +98,6 @@ def _readers() -> Mapping[str, EntryPoint]:
 def _loaded(ending: str) -> Format:
     """The format of an ending that is installed."""
     reader = _readers()[ending]
-    try:
+    with users_code(f"The reader of `.{ending}` files, `{reader.value}`, cannot be loaded"):
         form = reader.load()
-    except Exception as error:  # the package may be a user's: any error is possible
-        raise InputError(
-            f"The reader of `.{ending}` files, `{reader.value}`, cannot be loaded: {said(error)}."
-        ) from error
     return form if isinstance(form, Format) else Format(read=form)

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from sumo_eval.errors import InputError, did_you_mean, said
+from sumo_eval.errors import InputError, did_you_mean, said, users_code
 from sumo_eval.gone import MODULES
 from sumo_eval.input_file import hash_of
 from sumo_eval.text import words_of
@@ -76,13 +76,11 @@ def _load_file(file: str, folder: Path | None, owner: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
-        spec.loader.exec_module(module)
-    except KeyboardInterrupt:
+        with users_code(f"{owner}: running {path} failed"):
+            spec.loader.exec_module(module)
+    except BaseException:
         del sys.modules[name]
         raise
-    except BaseException as error:
-        del sys.modules[name]
-        raise InputError(f"{owner}: running {path} failed: {said(error)}.") from error
     return module
 
 

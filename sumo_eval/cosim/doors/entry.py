@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, unquote_plus
 
-from sumo_eval.errors import InputError, check_known, must_be, said
+from sumo_eval.errors import InputError, check_known, must_be, said, users_code
 
 _PERIOD, _BATCH, _OPTION = "period", "batch", "options."
 # The `?` that begins the entry: a key of the entry follows, at once or after other pairs and `&`. A
@@ -169,12 +169,8 @@ def _load_once(kind: type, options: Mapping[str, Any], described: str) -> None:
     if not callable(load) or _loaded_with.get(kind) == options:
         return
     began = clock.perf_counter()
-    try:
+    with users_code(f"ADS `{described}`: `{LOAD_ONCE}` failed"):
         load(**options)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        raise InputError(f"ADS `{described}`: `{LOAD_ONCE}` failed: {said(error)}.") from error
     _loaded_with[kind] = options
     took = clock.perf_counter() - began
     _unreported.append(f"Loading {kind.__name__} took {took:.2f} s, once in this process.\n")

@@ -48,6 +48,7 @@ from sumo_eval.errors import (
     must_be,
     needs_extra,
     said,
+    users_code,
 )
 from sumo_eval.input_file import changed_at, input_file
 from sumo_eval.settings import FmuSettings
@@ -112,10 +113,8 @@ class _Fmu:
             raise needs_extra("An FMU", "fmu") from error
         self._library = fmpy
         input_file(path, "FMU")
-        try:
+        with users_code(f"FMU {path} cannot be read"):
             self._folder, self.description = _unpacked(path, changed_at(path))
-        except Exception as error:
-            raise InputError(f"FMU {path} cannot be read: {said(error)}.") from error
         if self.description.fmiVersion not in ("2.0", "3.0"):
             raise must_be(
                 "The FMI version", f"FMU `{path.name}`", "2.0 or 3.0", self.description.fmiVersion

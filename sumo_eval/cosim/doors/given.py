@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.errors import InputError, said
+from sumo_eval.errors import users_code
 from sumo_eval.input_file import read_input
 
 
@@ -19,9 +19,5 @@ def load_given(file: str, folder: Path | None) -> Any:
     import cloudpickle
 
     content = read_input(Path(folder or Path.cwd(), file), "ADS by value")
-    try:
+    with users_code(f"ADS `given:{file}` cannot be read"):
         return cloudpickle.loads(content)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        raise InputError(f"ADS `given:{file}` cannot be read: {said(error)}.") from error

@@ -23,7 +23,15 @@ from sumo_eval.cosim.doors.controller import Briefing, PolicyController
 from sumo_eval.cosim.doors.entry import read_query, steps_between
 from sumo_eval.cosim.doors.features import Interface, read_interface
 from sumo_eval.cosim.doors.observation import Observations
-from sumo_eval.errors import ControllerError, InputError, check_known, must_be, needs_extra, said
+from sumo_eval.errors import (
+    ControllerError,
+    InputError,
+    check_known,
+    must_be,
+    needs_extra,
+    said,
+    users_code,
+)
 from sumo_eval.input_file import input_file
 from sumo_eval.trajectory import FloatArray
 
@@ -36,7 +44,7 @@ class OnnxPolicy:
 
     batch = True
 
-    def __init__(self, model: Path, table: Path, output: str | None = None) -> None:
+    def __init__(self, model: Path, table: Path, output: str | None) -> None:
         self._name = model.name
         input_file(model, "model")
         input_file(table, "features table")
@@ -146,7 +154,5 @@ def _session(model: Path) -> Any:
     options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
     options.use_deterministic_compute = True
     options.log_severity_level = 3
-    try:
+    with users_code(f"Model {model.name} cannot be loaded"):
         return onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
-    except Exception as error:
-        raise InputError(f"Model {model.name} cannot be loaded: {said(error)}.") from error

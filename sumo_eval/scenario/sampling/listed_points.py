@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sumo_eval.errors import InputError, must_be, said
+from sumo_eval.errors import InputError, must_be, users_code
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.number_table import read_numbers
 from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
@@ -56,12 +56,8 @@ def from_function(logical: LogicalScenario, request: Request, locator: str) -> D
             f"Sampler `{locator}`", f"scenario `{logical.name}`", "a function",
             type(function).__name__,
         )  # fmt: skip
-    try:
+    with users_code(f"Sampler `{locator}` failed"):
         points = np.asarray(function(logical, count, request.stream(logical, locator)), float)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        raise InputError(f"Sampler `{locator}` failed: {said(error)}.") from error
     k = len(logical.names)
     if points.ndim != 2 or points.shape[1] != k or not len(points):
         must = f"an (n, {k}) array with a column for each of {', '.join(logical.names)}"
