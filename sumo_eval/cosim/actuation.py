@@ -53,9 +53,7 @@ class Actuation:
         self._note("late_command", took, self.budget)
         return True
 
-    def pass_on(
-        self, commands: NDArray[np.void], cases: Any, now: int, *, has_new: bool = True
-    ) -> None:
+    def pass_on(self, commands: NDArray[np.void], cases: Any, now: int, *, has_new: bool) -> None:
         """Replace commands of cases, (n,), by those that arrive in step `now`.
 
         commands: changed in place. Without delay and budget they stay as they are: the caller's

@@ -36,7 +36,7 @@ class Pack:
     """
 
     def __init__(
-        self, cases: Sequence[ConcreteScenario], settings: SimulationSettings, *, sumo: bool = True
+        self, cases: Sequence[ConcreteScenario], settings: SimulationSettings, *, sumo: bool
     ) -> None:
         if settings.plant is not None or settings.conditions != ConditionSettings():
             raise InputError(

@@ -69,9 +69,9 @@ class Pedals:
     the left.
     """
 
-    throttle: float = 0.0
-    brake: float = 0.0
-    steer: float = 0.0
+    throttle: float
+    brake: float
+    steer: float
 
 
 class EgoState(NamedTuple):

@@ -176,7 +176,7 @@ class Names:
     owner: str
     known: list[str]
     vehicles: Mapping[str, Mapping[str, int]]
-    departs: bool = False
+    departs: bool
     scene: list[Expression] = field(default_factory=list)
 
     def expression(self, formula: Formula, what: str) -> Expression:

@@ -73,7 +73,7 @@ class Requirement:
     about: str
     outer: Expression
     parts: tuple[tuple[str, str, Expression], ...]
-    asks: tuple[tuple[str, str, str], ...] = ()
+    asks: tuple[tuple[str, str, str], ...]
 
     @property
     def expressions(self) -> tuple[Expression, ...]:

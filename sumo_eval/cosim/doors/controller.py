@@ -15,7 +15,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol, cast
@@ -227,7 +227,7 @@ class NativeModel(Adapter):
     """
 
     model: str
-    attributes: Mapping[str, str] = field(default_factory=dict)
+    attributes: Mapping[str, str]
 
     def vtype_on(self, road: Road) -> dict[str, str]:
         """Attributes of the ego's vehicle type: SUMO's own defaults of a passenger car, within what
@@ -464,7 +464,7 @@ def _check_attributes(attributes: Mapping[str, str], owner: str) -> None:
             raise must_be(f"`{name}`", owner, "a finite number", value)
 
 
-def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None) -> Adapter:
+def adapted(found: Any, described: str, options: Mapping[str, Any]) -> Adapter:
     """A fresh controller from what a locator names, or from what was given in its place.
 
     options: of its entry.
@@ -473,7 +473,7 @@ def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None
         if (refusal := _foreign(found, described)) is not None:
             raise InputError(refusal)
         if inspect.isclass(found):
-            found = made(found, options or {}, described)
+            found = made(found, options, described)
         elif options and hasattr(found, "options"):  # a program, of `exec:` or `traci:`
             found.options = dict(options)
             _named_type(found)  # refused before the first case

@@ -220,7 +220,7 @@ class Places:
     network: Network
     catalogs: Catalogs
     entities: dict[str, Entity]
-    side: float = 1.0
+    side: float
 
     def entity(self, name: str, element: Node) -> Entity:
         """An entity by its name; refused where there is none."""
