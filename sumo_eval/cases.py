@@ -472,7 +472,7 @@ def _plain(name: str, data: bytes, rows: int) -> list[Any]:
 def records_of(chunk: Chunk) -> list[CaseResult]:
     """The records of a chunk."""
     data = chunk.columns(slice(COLUMNS))  # all in one query, which is faster than one for each
-    names: list[str] = json.loads(data[_PLACES["values"]])
+    names = json.loads(data[_PLACES["values"]])
     parameters = [_plain("", column, chunk.rows) for column in data[len(_PLACES) :]]
     points = [dict(zip(names, point, strict=True)) for point in zip(*parameters, strict=True)]
     points = points or [{} for _ in range(chunk.rows)]  # a scenario without parameters

@@ -541,7 +541,7 @@ def slice_positions(start: float, length: float, spacing: float) -> FloatArray:
         closer.
     """
     steps = int(length / spacing)
-    positions: FloatArray = start + spacing * np.arange(steps + 1, dtype=float)
+    positions = start + spacing * np.arange(steps + 1, dtype=float)
     return (
         np.append(positions, start + length) if length - steps * spacing > SAME_PLACE else positions
     )
@@ -616,7 +616,7 @@ def _centre_term(
     ads, humans, choice = compared.y[0], compared.y[1:], compared.choice
     members = choice.members
     ends = np.array([driver.begin + driver.reach for driver in compared.drivers])
-    reached: BoolArray = compared.x <= ends[:, None] + SAME_PLACE  # (k, m)
+    reached = compared.x <= ends[:, None] + SAME_PLACE  # (k, m)
     # Where too few members got that far, all of them count, with their last y. In mixture mode one
     # is enough, because its deviation is pooled with those of the other manoeuvres.
     too_few = np.count_nonzero(reached[members], axis=0) < (1 if choice.manoeuvre else 2)

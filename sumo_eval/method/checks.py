@@ -43,6 +43,6 @@ def quotient(
     dividend: ArrayLike, divisor: ArrayLike, where: BoolArray, otherwise: float = np.inf
 ) -> FloatArray:
     """Dividend over divisor where a condition holds, `otherwise` elsewhere; all broadcast."""
-    result: FloatArray = np.full(np.broadcast(dividend, divisor, where).shape, otherwise)
+    result = np.full(np.broadcast(dividend, divisor, where).shape, otherwise)
     np.divide(dividend, divisor, out=result, where=where)
     return result

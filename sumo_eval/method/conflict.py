@@ -134,7 +134,7 @@ def crossing_conflict(
     ego, (length, width) = concrete.ego, size
     until = min(_time_on_road(concrete), _LONGEST)
     motion, actor = tracks([concrete], [size], STEP, until).others[0, other], concrete.actors[other]
-    times: FloatArray = np.arange(len(motion), dtype=float) * STEP
+    times = np.arange(len(motion), dtype=float) * STEP
     x, y, heading = motion[:, :3].T
     long, wide = half_extents(heading, actor.length, actor.width)
     # distance of the body from the strip, m, negative inside

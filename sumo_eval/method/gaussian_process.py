@@ -54,7 +54,7 @@ def covariance(points: FloatArray, parameters: Hyperparameters) -> FloatArray:
     between *= -0.5
     np.exp(between, out=between)
     between *= parameters.signal
-    k: FloatArray = squareform(between)
+    k = squareform(between)
     k[np.diag_indices_from(k)] = parameters.signal + parameters.noise
     return k
 

@@ -103,7 +103,7 @@ def _wheel_threshold(speed: FloatArray, settings: AnthropomorphicSettings) -> Fl
     if lateral is None:
         return np.full(speed.shape, math.radians(settings.steering_threshold_deg))
     curvature = quotient(lateral, speed**2, speed > 0.0)
-    return np.asarray(settings.steering_ratio * np.arctan(settings.wheelbase * curvature))
+    return settings.steering_ratio * np.arctan(settings.wheelbase * curvature)
 
 
 def _operations(

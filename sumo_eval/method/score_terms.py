@@ -233,7 +233,7 @@ class Stakes(NamedTuple):
     ) -> Stakes:
         """Terms of each point, from the arguments of `avoided_share`."""
         lost, at_stake = excess(severity, ideal), excess(unreacting, ideal)
-        known: BoolArray = np.isfinite(lost) & np.isfinite(at_stake) & np.isfinite(weights)
+        known = np.isfinite(lost) & np.isfinite(at_stake) & np.isfinite(weights)
         lost, at_stake, weight = (np.where(known, each, 0.0) for each in (lost, at_stake, weights))
         return cls(lost, at_stake, weight, known)
 

@@ -82,7 +82,7 @@ def run_in_children(
     # `cases` is an iterator.
     loops.ready(loops.of_cases(cases if isinstance(cases, Sequence) else ()))
     batches = Batches(cases, workers, min(largest_batch(setup), setup.run.cases_per_child))
-    work: Work[Batch] = Work(answer, setup, lambda batch: affinity(batch[0], setup), driven)
+    work = Work(answer, setup, lambda batch: affinity(batch[0], setup), driven)
     with Pool(workers, setup.run, setup.run.cases_per_child) as pool:
         for outcomes in pool.run(
             work,

@@ -126,7 +126,7 @@ class Run:
 
     def _repr_html_(self) -> str:
         """Text for a notebook: where the run lies, and how its drives ended."""
-        counts: str = self.counts.to_html(index=False)
+        counts = self.counts.to_html(index=False)
         return f"<p>Run <code>{escape(str(self.folder))}</code></p>{counts}"
 
     def _store(self) -> AbstractContextManager[Store]:

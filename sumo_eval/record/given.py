@@ -32,7 +32,7 @@ def entry_of(ads: Any, run: Path, *, resume: bool) -> AdsSettings:
     if has_name and (place := _place(ads)):
         return AdsSettings(name, place)
     try:
-        data: bytes = cloudpickle.dumps(ads)
+        data = cloudpickle.dumps(ads)
     except Exception as error:
         raise InputError(
             f"ADS `{name}` cannot be sent to the processes that drive: {said(error)}. Make what it "

@@ -727,7 +727,7 @@ def _hash(fact: Row, circumstance: Row, drives: Iterable[tuple[str, bytes]]) -> 
     bits, at a quarter of the cost of `repr`.
     """
     sums = [(vehicle, len(data), zlib.crc32(data)) for vehicle, data in drives]
-    row: Any = (*fact, *circumstance, sums)
+    row = (*fact, *circumstance, sums)
     return hashlib.blake2b(marshal.dumps(row, 2), digest_size=_HASH_SIZE).digest()
 
 

@@ -77,7 +77,7 @@ def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
         beside = incidents[points]
     # texts as long as the longest verdict
     verdict_of = np.full(len(cases), "avoided", dtype=f"U{max(map(len, get_args(Verdict)))}")
-    rules: tuple[tuple[Verdict, BoolArray], ...] = (
+    rules = (
         ("better", beside == 1.0),
         ("preventable", _incident(cases)),
         ("unpreventable", _incident(cases) & (beside == 1.0)),

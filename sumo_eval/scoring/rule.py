@@ -74,7 +74,7 @@ QUIET = Noise()  # no ADS was driven twice
 
 def worsening(base: FloatArray, new: FloatArray, measure: MeasureSettings) -> FloatArray:
     """d: amount by which a quantity got worse, (n,); nan where it has no value in a run."""
-    return np.asarray(base - new if measure.higher_is_better else new - base)
+    return base - new if measure.higher_is_better else new - base
 
 
 def tolerance(base: FloatArray, measure: MeasureSettings, floor: float = 0.0) -> FloatArray:

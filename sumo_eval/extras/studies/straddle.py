@@ -119,7 +119,7 @@ class BoundarySearch:
             return np.full(len(points), float(self.outcomes[0]) if len(self.outcomes) else 0.5)
         mean, variance, _ = self._latent(self.logical.to_unit(points))
         # P(f > 0) of a normal f
-        return np.asarray(norm.cdf(mean / np.sqrt(np.maximum(variance, LEAST_VARIANCE))))
+        return norm.cdf(mean / np.sqrt(np.maximum(variance, LEAST_VARIANCE)))
 
     def classify(self, points: FloatArray) -> BoolArray:
         """The likelier outcome (n,) at points (n, k)."""

@@ -151,7 +151,7 @@ def variance_in_cells(values: FloatArray, cell: IntArray, cells: int) -> FloatAr
     mean = np.bincount(cell, values, cells) / number
     squares = np.bincount(cell, (values - mean[cell]) ** 2, cells)
     common = float(squares.sum()) / max(len(values) - cells, 1)
-    return np.asarray((squares + common) / number)
+    return (squares + common) / number
 
 
 def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSettings) -> FloatArray:

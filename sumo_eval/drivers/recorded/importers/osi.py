@@ -135,8 +135,8 @@ def _trace(path: Path) -> Iterator[tuple[str, bytes]]:
 def _mcap(path: Path) -> Iterator[tuple[str, bytes]]:
     """The messages of an MCAP file that are GroundTruth or SensorView."""
     try:
-        reader: Any = importlib.import_module("mcap.reader")
-        mcap_error: Any = importlib.import_module("mcap.exceptions").McapError
+        reader = importlib.import_module("mcap.reader")
+        mcap_error = importlib.import_module("mcap.exceptions").McapError
     except ImportError:
         raise needs_extra(f"{path} is an MCAP file, which", "osi") from None
     with path.open("rb") as file:
