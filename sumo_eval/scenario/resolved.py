@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
+from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import EgoBody
@@ -17,7 +18,7 @@ from sumo_eval.settings import EvaluationSettings, ScenarioSettings, VehicleSett
 WHOLE = (1, 1)  # the only one of one shard: all points
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Resolved:
     """An evaluation whose scenarios have been looked up.
 

@@ -11,13 +11,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sumo_eval.coded import frozen
 from sumo_eval.errors import did_you_mean
 from sumo_eval.extras.openscenario.catalogs import named_file
 from sumo_eval.extras.openscenario.reading import Node, read_openscenario
@@ -29,7 +30,7 @@ from sumo_eval.scenario.sampling.grid import decimal
 Assignments = tuple[tuple[str, Value], ...]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Axis:
     """An axis of the space.
 
@@ -80,7 +81,7 @@ class Axis:
         return np.asarray(apart.argmin(axis=-1))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class FileSpace:
     """The space of a file.
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -24,6 +24,7 @@ from annotated_types import Ge, Le
 from scipy.special import stdtrit
 
 from sumo_eval.cases import EVALUATED
+from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError
 from sumo_eval.extras.rates.importance import (
     CollisionEstimate,
@@ -59,7 +60,7 @@ RESAMPLED = 60  # resamples of a scenario's events
 DRAWS = 4000  # of each rate: intervals of sums come from summed draws
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class CampaignScenario(Checked):
     """A scenario of the campaign."""
 
@@ -69,7 +70,7 @@ class CampaignScenario(Checked):
     ] = None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class CampaignSettings(Checked):
     """A campaign file."""
 
