@@ -31,7 +31,7 @@ Superposition = Literal["magnitude", "vector"]
 
 # m; nearer than this a direction is only the rounding of the coordinates, as in `field_loops`
 COINCIDENT = 1e-9
-SAME_TIME = 1e-6  # s; sample times this close to the wanted ones are the wanted ones
+SAME_TIME = 1e-6  # s by which times of samples may differ from the wanted ones
 LARGEST_EXPONENT = 700.0  # exp(710) is beyond float64
 
 
@@ -47,11 +47,13 @@ def trajectory_field(
     """Eqs. 9-10: S(p) = sum of s(p), s = exp(k2 v cos theta) / max(|r|, 1)^k1, over a trajectory's
     samples.
 
+    r: from a sample to p, m; v: its speed, m/s; theta: between its heading and r.
+
     points: p, (n, 2), m; (n,) comes back.
     trajectory: sampled every `sample_interval` s from its first time on; one that already is
         sampled so is used as it is.
     k1: decay with distance.
-    k2: growth with speed ahead, s/m.
+    k2: growth with the speed towards p, s/m.
     sample_interval: s.
     superposition: "magnitude" sums |s|; "vector" gives |sum of s r/|r||, where a sample on the
         point itself has no direction and adds nothing.
@@ -66,7 +68,7 @@ def trajectory_field(
 def trajectory_fields(
     points: ArrayLike, trajectories: Sequence[Trajectory], constants: FieldSettings
 ) -> FloatArray:
-    """Eqs. 9-10 for m trajectories on the same n points, (m, n).
+    """Eqs. 9-10 for several trajectories on the same n points, (trajectories, n).
 
     points: p, (n, 2), m.
     trajectories: as in `trajectory_field`.
@@ -94,6 +96,7 @@ def samples_of(trajectory: Trajectory, k2: float, interval: float) -> FloatArray
     are equal, are one row.
     """
     motion = _resampled(trajectory, interval)
+    # the first of equal rows that follow each other
     begins = np.flatnonzero(np.append(True, np.any(motion[1:] != motion[:-1], axis=1)))
     weight = np.diff(np.append(begins, len(motion)))
     motion = motion[begins]
@@ -108,14 +111,13 @@ def samples_of(trajectory: Trajectory, k2: float, interval: float) -> FloatArray
 
 
 def _resampled(trajectory: Trajectory, interval: float) -> FloatArray:
-    """x, y, heading, speed at exactly `interval` steps from the first time, (k, 4); heading without
-    jumps of 2 pi.
-    """
+    """x, y, heading, speed at exactly `interval` steps from the first time, (k, 4)."""
     motion = np.column_stack((trajectory.x, trajectory.y, trajectory.heading, trajectory.speed))
     count = math.floor((trajectory.duration + SAME_TIME) / interval) + 1
     times = trajectory.time[0] + interval * np.arange(count)
     if count == len(trajectory) and np.all(np.abs(times - trajectory.time) <= SAME_TIME):
         return motion
+    # between headings of -pi and pi it must not pass 0
     motion[:, 2] = np.unwrap(motion[:, 2])
     return np.column_stack([np.interp(times, trajectory.time, channel) for channel in motion.T])
 
@@ -135,8 +137,10 @@ def _vector_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatArra
         away = points.T - sample[:2, None]
         distance = np.linalg.norm(away, axis=0)
         unit = quotient(away, distance, distance > COINCIDENT, 0.0)
+        # k2 v cos theta, from k2 vx and k2 vy
         magnitude = np.exp(sample[2:4] @ unit) / np.maximum(distance, 1.0) ** k1
-        total += sample[5] * magnitude * unit
+        weight = sample[5]
+        total += weight * magnitude * unit
     return np.asarray(np.linalg.norm(total, axis=0))
 
 

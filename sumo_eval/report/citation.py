@@ -13,7 +13,7 @@ from sumo_eval.scoring.case_terms import COMPUTED
 from sumo_eval.settings.config import suite_of
 
 DIGITS = 6
-"""Decimals of a score that the digest holds: the last bits belong to the machine."""
+"""Decimals of a score that the digest holds: the last bits differ from machine to machine."""
 
 
 def citation(evaluation: Evaluation) -> str:
@@ -34,8 +34,8 @@ def citation(evaluation: Evaluation) -> str:
 
 
 def digest(evaluation: Evaluation) -> str:
-    """Twelve digits of a SHA-256 of every score and count of every ADS; equal ones are equal
-    results.
+    """Twelve digits of a SHA-256 of the scores and these counts of every ADS: equal digests mean
+    equal results.
     """
     rows = [
         [score.ads, score.scenario, score.cases, score.collisions, score.departures, score.gave_up]

@@ -17,7 +17,7 @@ AVOIDABLE, S_PLUS = "avoidable\nof all\ncollisions", "S+ (95 %)"
 FIRST = (AVOIDABLE, "T", "A'", "H", S_PLUS, "S")
 """Headings of the first table, after the ADS and the scenario."""
 KEPT_LONGEST = (S_PLUS, AVOIDABLE, "T", "A'", "H", "S")
-"""The same headings in the order in which a wider terminal gets them."""
+"""The same headings by importance: a terminal with room for one column has the first."""
 FAULTS = (
     "caused\ncollisions",
     "collided in\nsafe zone",
@@ -35,9 +35,9 @@ BAD = frozenset((AVOIDABLE, *FAULTS))
 WIDTH = 100
 """Characters of a line where the output goes to no terminal."""
 LONGEST_NAME = 24
-"""Characters to which a longer name of an ADS is shortened before a column is left out."""
+"""A column is left out only where it does not fit beside ADS names of this many characters."""
 SHORTEST_NAME = 8
-"""Characters of a name that stay even where the line is then too long."""
+"""Least characters of a name, even if they make a line too long."""
 GAP = "  "
 WORDS = (
     "Avoidable: the ideal vehicle has no collision there. T: share of the driving task done. A': "
@@ -120,7 +120,7 @@ def _least_width(rows: Sequence[Row], columns: Sequence[str]) -> int:
     """Characters of the narrowest table of these columns: scenarios above their rows, long names
     shortened.
     """
-    longest = min(LONGEST_NAME, max(len(ads) for ads, _, _ in rows))
+    longest = min(LONGEST_NAME, max(len("ADS"), *(len(ads) for ads, _, _ in rows)))
     return longest + sum(len(GAP) + column for column in _widths(rows, columns))
 
 
@@ -133,6 +133,8 @@ def _widths(rows: Sequence[Row], columns: Sequence[str]) -> list[int]:
 def _fitting(rows: Sequence[Row], columns: Sequence[str], width: int) -> list[str]:
     """A table of these columns: names whole and scenarios in a column of their own, as far as there
     is room.
+
+    rows: those of one scenario follow each other.
     """
     widths = _widths(rows, columns)
     room = width - sum(len(GAP) + column for column in widths)
@@ -191,7 +193,10 @@ def _body(
 
 
 def _styled(cell: str, heading: str, size: int) -> str:
-    """A cell at its width: bold for S+ and S, red for what must be looked into."""
+    """A cell at its width: bold for S+ and S, red for what must be looked into.
+
+    cell: of a heading in `BAD` a count, `2` or `2 of 5`.
+    """
     text = cell.rjust(size)
     if heading in BAD and not cell.startswith("0"):
         return click.style(text, fg="red")

@@ -52,10 +52,12 @@ def _answers(interface: Interface, actions: Any, count: int) -> Floats:
 class ScenarioEnv(gymnasium.Env[Floats, Floats]):
     """Single cases of a logical scenario; arguments as of `Episodes`.
 
-    interface: features and actions; `to_toml()` is the table that `onnx:` needs next to the model.
+    interface: features and actions; `interface.to_toml()` is the table that `onnx:` needs beside
+        the model.
 
     `reset(options={"gap": 20.0})` sets parameters and draws the rest; `options={"sampler": f}`
-    asks `f(generator)` for a point. `info` has the point (`values`) and, at the end, `end_reason`.
+    asks `f(generator)` for a point. The `info` of `reset` has the point (`values`), that of the last
+    step the `end_reason`.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - gymnasium's own form
@@ -124,7 +126,7 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
     ) -> tuple[Floats, dict[str, Any]]:
         """Begin a case in each, or in those of `options["reset_mask"]`.
 
-        seed: a number, which counts up from episode to episode; or one for each.
+        seed: environment i receives `seed` + i; or a list with a seed for each.
         """
         options = dict(options or {})
         mask = options.pop("reset_mask", np.ones(self.num_envs, dtype=np.bool_))
@@ -147,7 +149,7 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
         }
 
     def _seed(self, seed: int | list[int | None] | None) -> None:
-        """Make a generator for each episode; without a seed those that exist continue."""
+        """Make a generator for each environment; without a seed those that exist continue."""
         if seed is None:
             if self._generators:
                 return
@@ -162,7 +164,7 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
     ) -> tuple[Floats, Floats, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """One step of all, or the steps of one `period`."""
         answers = _answers(self.interface, actions, self.num_envs)
-        # episodes that ended with the last step: they restart now, without regard to their actions
+        # episodes that ended with the last step: their actions do not count, they restart below
         restarts = self._over
         if restarts.any():
             if self._mode is AutoresetMode.DISABLED:
@@ -175,7 +177,8 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
         info: dict[str, Any] = {}
         if over.any():
             info = {"end_reason": reasons, "_end_reason": over.copy()}
-        # after the step, in which an episode that is over does not move and gets no reward
+        # After the step, which does not move an episode that is over: so a new one begins with its
+        # first observation. None has to where the mode is SAME_STEP (`_over` stays empty).
         self.episodes.begin(np.flatnonzero(restarts), self._generators, {})
         seen = self.episodes.show()
         if self._mode is AutoresetMode.SAME_STEP and over.any():

@@ -553,12 +553,12 @@ class Moves:
             )
         # 2. its path: a straight one gives a heading; along any other the body's centre goes
         if straight:
-            entity.way = pose[:2], course.points[-1]
+            entity.path = pose[:2], course.points[-1]
         else:
             start = course.at(ahead + entity.centre, element)
-            entity.way = start[:2], *course.rest(ahead + entity.centre)
+            entity.path = start[:2], *course.rest(ahead + entity.centre)
             pose = start.moved(-entity.centre, -entity.offset)
-            path = (Pose(*it, 0.0).seen_from(self.frame.origin)[:2] for it in entity.way[1:])
+            path = (Pose(*it, 0.0).seen_from(self.frame.origin)[:2] for it in entity.path[1:])
             self._add(entity, begin, Act(played.PATH, table=tuple(path)), NEVER)
         entity.spot = replace(spot, pose=pose)
         entity.on_map = bool(self.frame.line)

@@ -3,9 +3,9 @@ places.
 
 The place of an entity is that of its reference point, which for a vehicle is the middle of its rear
 axle. `BoundingBox/Center` says where the body's centre lies from there. Without an <Orientation> an
-entity points along the road's reference line, also in a lane to the left of it (the UN R157 file
-with its ego in lane 4 is written so). Along a route, number and offset of a lane are those of its
-road, and t is to the left of where the route goes.
+entity points to growing s, even in a left lane, where traffic goes the other way (the UN R157 file
+with its ego in lane 4 is written so). On a route to falling s, number and offset of a lane keep the
+signs that they have on the road, and t changes its sign.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Spot:
     """A place: its pose on the map, and its road, lane, s and t where it lies on a road.
 
     way: 1 along the road's reference line, -1 against it, 0 neither.
-    reason: end of an error message for a place on no road, `; ...`: why a road could not be read.
+    reason: why a road could not be read, as the end of an error message (`; ...`); else empty.
     """
 
     pose: Pose
@@ -89,8 +89,9 @@ class Entity:
     spot: where its reference point is; None as long as that is unknown.
     speed: m/s.
     waits: number of actions of Init that set this speed and are not done yet.
-    way: points on the map of the trajectory that it follows; empty: none.
-    frame: the centre of its body along and across the road, once the road is known.
+    path: points on the map of the trajectory that it follows; empty: none.
+    frame: the centre of its body along and across the scenario's road, m, and its heading relative
+        to it, once the road is known.
     deleted: it takes no part.
     on_map: its path is straight on the map and not along the road, which is curved.
     number: its index among the actors, for a `Program`; of the ego `played.EGO`.
@@ -98,13 +99,13 @@ class Entity:
     By its moves so far, in the order of the file:
 
     acts: these moves.
-    before, pace: its speed before and after the last change, m/s.
+    before, pace: its speed before the last change and after it, m/s.
     steady: end of that change, s.
     moved: its offset to the left of its start, m.
     busy_until: end of its last lateral move, s.
-    reads: (until, kinds, fault, move) for each move, of any entity, that was planned from this
-        entity's acts of these kinds. A further act of such a kind that may begin before `until`,
-        s, raises the fault, unless the planned move has ended.
+    reads: moves of any entity that were planned on the assumption that this entity begins no
+        further act of some kinds: (until that time, s, the kinds, the fault to raise if it begins
+        one, the planned move). After the planned move has ended it may begin one.
     """
 
     name: str
@@ -116,7 +117,7 @@ class Entity:
     element: Node
     spot: Spot | None = None
     speed: float = 0.0
-    way: Pairs = ()
+    path: Pairs = ()
     frame: Pose = NOWHERE
     deleted: bool = False
     on_map: bool = False
@@ -142,9 +143,9 @@ class Entity:
     @property
     def heading(self) -> float:
         """The direction in which it drives on the map, rad."""
-        if len(self.way) < 2:
+        if len(self.path) < 2:
             return self.placed().pose.heading
-        return _towards(*self.way[:2]).heading
+        return _towards(*self.path[:2]).heading
 
     def placed(self, asks: Node | None = None) -> Spot:
         """Where it is.
@@ -191,12 +192,12 @@ class MapPath:
 
         element: what asks.
         """
-        ahead = s
+        ahead = s  # of the begin of the stretch that the loop looks at
         length = 0.0
         pairs = list(pairwise(self.points))
         # a stretch between equal points has no direction: it counts only if there is no other
         for begin, end in [it for it in pairs if it[0] != it[1]] or pairs:
-            ahead -= length  # of the stretch before: `ahead` counts from this one's begin
+            ahead -= length  # of the last stretch
             length = math.dist(begin, end)
             if ahead <= length:
                 break
@@ -348,7 +349,8 @@ class Places:
         """The trajectory of a FollowTrajectoryAction."""
         mode = action.find("TrajectoryFollowingMode")
         if mode is not None:
-            mode.one_of("followingMode", ("position", "follow"))  # driven alike
+            # checked only: both are driven alike
+            mode.one_of("followingMode", ("position", "follow"))
         course = self.trajectory(action.find("TrajectoryRef") or action)
         # with <None> the times at its vertices do not count, but version 1.0 requires them
         return replace(course, times=()) if action.find("TimeReference/None") else course
@@ -417,8 +419,8 @@ class Places:
             raise at.unsupported(
                 "places on a route that are: FromLaneCoordinates, FromRoadCoordinates"
             )
-        # The route's origin is its begin, on the road's reference line. Its length is along the
-        # road, or straight to its end on another road.
+        # pathS counts from the place on the reference line (t = 0) beside the route's begin: along
+        # the road, or along a straight line if the route ends on another road
         origin = road.pose(begin.s, 0.0)
         reach = abs(end.s - begin.s) if end.road is road else end.pose.seen_from(origin).x
         if not 0.0 <= s <= reach + ON:

@@ -392,7 +392,7 @@ class _Player:
         begin = element.number("initialDistanceOffset", 0.0)
         first, pose = course.begin, course.at(begin, element)
         entity.spot = Spot(pose, first.road, first.lane, first.s + begin, first.t)
-        entity.way = (pose[:2], course.points[-1])
+        entity.path = (pose[:2], course.points[-1])
         if entity is not self.ego:
             if course.times or not course.straight:
                 self.begun.append((element, entity))
@@ -571,7 +571,7 @@ class _Player:
     def _actor(self, name: str, entity: Entity) -> Actor:
         frame, acts = entity.frame, list(entity.acts)
         spot = entity.placed()
-        follows = spot.way and not entity.way and (entity.speed or acts)
+        follows = spot.way and not entity.path and (entity.speed or acts)
         if follows and spot.road and spot.road.bent and spot.road.name != self.frame.road:
             raise entity.element.fault(
                 "it must not drive along a curved road that is not the ego's"

@@ -1,5 +1,5 @@
-"""Messages of a browser, checked for `window`: each bounded, of a known kind, its numbers finite;
-anything else is a `MessageError`.
+"""Messages of a browser, checked before `wheel/window.py` acts on them: each of a known kind, its
+numbers within bounds; anything else is a `MessageError`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from sumo_eval.extras.wheel.hands import EVERY_KEY, Given
 from sumo_eval.extras.wheel.seat import Input
 from sumo_eval.text import clean
 
-LARGEST = 8192  # bytes of a message: the answers of a form with a remark
+LARGEST = 8192  # bytes; the longest message is the answers of a form with a remark
 MOST_A_SECOND = 400  # messages
 REMARK = 1000  # characters of a text that a person types
 
@@ -24,6 +24,7 @@ Count = Annotated[int, _strict(ge=0, le=1 << 40)]
 Frames = Annotated[int, _strict(ge=0, le=100_000)]
 Number = Annotated[float, _strict(ge=-1e6, le=1e6)]
 Pedal = Annotated[float, _strict(ge=0.0, le=1.0)]
+# 1: a key or a stick moved as far as it goes; a wheel turns further
 Steer = Annotated[float, _strict(ge=-30.0, le=30.0)]
 # `true` alone; Literal[True] would also accept 1
 Wish = Annotated[bool, _strict(ge=True)]
@@ -32,7 +33,8 @@ Sent = tuple[
     Count, Annotated[int, _strict(ge=-1)], Literal["keys", "wheel", "stick"],
     Annotated[int, _strict(ge=0, le=EVERY_KEY)], Steer, Pedal, Pedal,
 ]  # fmt: skip
-"""An input: number, state seen, kind, keys, steer, throttle, brake."""
+"""An input: its running number, number of the state that the person saw (-1: none yet), kind, keys,
+steer, throttle, brake."""
 
 
 def _input(sent: Sent) -> Input:
@@ -48,7 +50,7 @@ class Telling(TypedDict):
     frames, dropped: pictures drawn, and those of them that came late.
     stepped: how often the page changed to a cheaper drawing by itself.
     latency: times from input to picture, ms.
-    resolution: share of the pixels that are drawn, each way.
+    resolution: drawn pixels for each pixel of the screen, along its width and its height.
     renderer: how the road was drawn, in words.
     """
 

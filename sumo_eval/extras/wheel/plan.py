@@ -44,7 +44,7 @@ class PracticeSettings(Checked):
         PositiveFloat, Le(1.0), About("share of the trial in which both must hold")
     ] = 0.8
     passes: Annotated[Natural, About("trials that must be passed; 0: no practice")] = 1
-    most: Annotated[PositiveInt, About("trials after which a participant goes home")] = 6
+    most: Annotated[PositiveInt, About("most trials; who has not passed by then goes home")] = 6
 
 
 @frozen
@@ -68,7 +68,7 @@ class StudySettings(Checked):
     run: Annotated[FilledText, About("folder of the run, relative to this file")]
     consent: Annotated[FilledText, About("text that a participant agrees to, by the team")]
     seed: Annotated[
-        Natural, About("source of randomness: the order of replays, which cases are shown")
+        Natural, About("source of randomness: which replays are shown, and their order")
     ] = 1
     out: Annotated[
         str, About("folder of the study, relative to this file; empty: next to it, under its name")
@@ -106,7 +106,7 @@ class StudyCase(NamedTuple):
 class StudyPlan(NamedTuple):
     """A study that can begin.
 
-    cases: in the order of the run.
+    cases: in the order of the settings, else of the run.
     ads: names of those whose drives are rated.
     """
 
@@ -122,22 +122,26 @@ class StudyPlan(NamedTuple):
         return [self.cases[index] for index in rows[number % len(rows)]]
 
     def ratings(self, code: str) -> list[tuple[StudyCase, str]]:
-        """The replays that a participant rates, in a random order of their own: case and ADS."""
+        """The replays that a participant rates: case and ADS, in an order drawn for this
+        participant.
+
+        code: of the participant.
+        """
         draw = random_stream(self.settings.seed, "replays", code)
         replays = []
         for scenario in dict.fromkeys(case.concrete.scenario for case in self.cases):
             for ads in self.ads:
                 driven = [case for case in self.cases
                     if case.concrete.scenario == scenario and ads in case.ads]  # fmt: skip
-                # in the order of the cases: a participant who continues gets the same replays
+                # in the order of the cases; the permutation below mixes them
                 chosen = draw.permutation(len(driven))[: self.settings.replays]
                 replays += [(driven[index], ads) for index in sorted(chosen)]
         return [replays[index] for index in draw.permutation(len(replays))]
 
 
 def balanced_orders(n: int) -> list[list[int]]:
-    """Orders of n items in which each stands equally often in each place and follows each other
-    equally often.
+    """Orders of n items in which each stands equally often in each place and directly follows every
+    other item equally often.
 
     Williams's design (Aust. J. Sci. Res. A 2, 149 (1949)): n rows for an even n, 2 n for an odd
     one.
@@ -158,7 +162,7 @@ def read_study(path: Path) -> StudyPlan:
     resolved = resolved_run(run)
     uses = {logical.name: (entry.use, logical) for entry, logical in resolved.entries}
     with open_store(run / FACTS) as store:
-        # a point is safe if drivers were recorded at it: they drive at no other
+        # a point is safe if human drivers were recorded at it: they drive at no other
         safe_keys = {_key(fact) for fact in store.facts("human")}
         # drives that can be replayed: the trajectories of others have been discarded
         driven = [fact for fact in store.facts("ads") if store.trajectories(fact.case)]

@@ -16,7 +16,8 @@ from sumo_eval.trajectory import FloatArray
 
 BUCKETS = 5  # equal parts of each parameter's range
 COUNTED = 2**15  # number of evenly spread points that stand for the space
-RESOLVED = 0.1  # unit-box lengths within which both sides of the boundary need a case
+# distance within which both sides of the boundary need a case; the range of each parameter is 1
+RESOLVED = 0.1
 
 
 class PairCoverage(NamedTuple):
@@ -32,16 +33,16 @@ class PairCoverage(NamedTuple):
 
 
 class SpaceCoverage(NamedTuple):
-    """Coverage of one space.
+    """Coverage of one space. Distances are in the unit box: the range of each parameter is 1.
 
-    buckets: parameter -> number of its buckets with a case, and of those that are possible.
+    buckets: parameter -> number of its buckets with a case, and number of possible buckets.
     pairs: cases by every pair of parameters.
-    empty_radius, empty_centre: largest ball without a case that is centred at a possible point;
-        radius in unit-box lengths, centre by parameter.
-    boundary_resolved: share of the zone boundary with a case within 0.1 unit-box lengths on each
-        side; None without a boundary.
-    exposure_inside: share of all encounters whose parameters lie in the ranges, by the parameters'
-        distributions; None where they have none.
+    empty_radius, empty_centre: largest ball around a possible point that holds no case; its radius
+        in the unit box, its centre by parameter.
+    boundary_resolved: share of the zone boundary with a case within `RESOLVED` on each side; None
+        without a boundary.
+    exposure_inside: share of all encounters whose parameters lie in the ranges, by the
+        distributions of those parameters that have one; None where none has.
     """
 
     buckets: Mapping[str, tuple[int, int]]
@@ -106,7 +107,7 @@ def _buckets(logical: LogicalScenario, points: FloatArray) -> np.ndarray:
 
 def _resolved(zones: ZonePartition, points: FloatArray) -> float | None:
     """`boundary_resolved` of `SpaceCoverage`."""
-    boundary = zones.boundary
+    boundary = zones.boundary  # points in the unit box
     if not len(boundary):
         return None
     unit, hazardous = zones.logical.to_unit(points), zones.exactly_hazardous(points)
