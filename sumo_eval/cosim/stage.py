@@ -326,7 +326,7 @@ class Stage:
         drives it: it begins beside the lanes.
         """
         body = world.others[row, other]
-        past = body["x"] + 0.5 * body["length"] > self._road.end - LOSS_MARGIN
+        past = body["x"] + 0.5 * body["length"] > world.end_of_lanes
         return bool(past or world.players.plays["model"][row, other])
 
     def compare(self, world: World) -> None:

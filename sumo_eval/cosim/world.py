@@ -161,7 +161,7 @@ class World:
             _put_in_curve(self.egos, cases[0].road, limits)
         self.players = players([case.actors for case in cases])
         self.egos["scripted_until"] = [case.script_end + settings.step for case in cases]
-        self._end_of_lanes = cases[0].road.end - _ARRIVED
+        self.end_of_lanes = cases[0].road.end - _ARRIVED
         self.none_leaves_before = 0.0  # s
         self.clips = np.zeros((n, len(WHATS)), CLIP)
         self.seen = np.zeros((n, m), MOVER)
@@ -262,7 +262,7 @@ class World:
             return False
         # the foremost front bumper is behind this x
         near = float((self.others["x"] + self.others["length"]).max(initial=-math.inf))
-        self.none_leaves_before = now + (self._end_of_lanes - near) / FASTEST - self.settings.step
+        self.none_leaves_before = now + (self.end_of_lanes - near) / FASTEST - self.settings.step
         return now > self.none_leaves_before
 
     def let_leave(self, now: float, count: int, as_read: bool) -> tuple[int, Sequence[int]]:
@@ -276,7 +276,7 @@ class World:
         front = others["x"] + half * np.cos(others["heading"])
         front_before = others["before"]["x"] + half * np.cos(others["before"]["heading"])
         # present actors on the lanes whose front passes the end, in cases that have not ended
-        gone = (front_before <= self._end_of_lanes) & (front > self._end_of_lanes)
+        gone = (front_before <= self.end_of_lanes) & (front > self.end_of_lanes)
         gone &= others["present"] == 1
         gone &= (others["y"] >= road.right_edge) & (others["y"] <= road.left_edge)
         gone &= (others["told"] > 0) | (not as_read)  # 0: SUMO moves it by itself

@@ -93,6 +93,13 @@ def test_batches_hold_vehicles_off_the_lanes_to_the_last_bit():
         assert together.same_drive(simulate(concrete, "no_reaction", FOUR_SECONDS))
 
 
+def test_a_vehicle_7_cm_before_the_end_of_the_lanes_has_left():
+    """SUMO removes it within 0.1 m of the end: no ADS has."""
+    actor = Actor("early", Start(ROAD.end - 2.25 - 0.07 - 5.5, 0.0, 5.5))
+    found = alone(actor, controller=lambda traci, ego, time: None)
+    assert (found.end_reason, found.error) == ("time_limit", None)
+
+
 def test_a_braking_vehicle_that_passes_the_end_of_the_lanes_has_left_the_network():
     short = replace(case(lead(100.0)), road=replace(ROAD, length=300.0, run_out=0.0))
     actor = Actor("gone", Start(280.0, 0.0, 20.0), (brake_to_stop(0.1, 8.0),))  # stands beyond it

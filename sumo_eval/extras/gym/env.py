@@ -56,8 +56,8 @@ class ScenarioEnv(gymnasium.Env[Floats, Floats]):
         the model.
 
     `reset(options={"gap": 20.0})` sets parameters and draws the rest; `options={"sampler": f}`
-    asks `f(generator)` for a point. The `info` of `reset` has the point (`values`), that of the last
-    step the `end_reason`.
+    asks `f(generator)` for a point. The `info` of `reset` has the point (`values`), that of the
+    last step the `end_reason`.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - gymnasium's own form
