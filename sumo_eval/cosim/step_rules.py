@@ -41,7 +41,7 @@ from sumo_eval.cosim.records import (
 )
 from sumo_eval.cosim.vehicle_model import count_clip, move, move_dynamic
 from sumo_eval.kernels import kernel, rows
-from sumo_eval.scenario.played import BEGUN, Cast, play_actors
+from sumo_eval.scenario.played import BEGUN, Cast, play_actor
 from sumo_eval.scenario.road.lanes import left_edge_at, right_edge_at
 from sumo_eval.scenario.road.reference_line import line_at, to_frame, to_map
 from sumo_eval.scenario.touch import (
@@ -171,7 +171,6 @@ def begin_rows(
 ) -> None:
     """Show and record every vehicle at its start."""
     egos, others = cast.egos, cast.others
-    play_actors(cast, 0, scenario[0].step, line)
     for i in range(len(egos)):
         ego = egos[i]
         put_on_map(ego, line)
@@ -179,6 +178,7 @@ def begin_rows(
         show_body(ego.seen, ego, line, 0.5 * scenario[0].vehicle.wheelbase)
         for j in range(len(others[i])):
             other = others[i][j]
+            play_actor(cast, i, j, 0.0, line)
             put_on_map(other, line)
             _restate(other.before, other)
             show_body(seen[i][j], other, line, 0.0)
@@ -217,8 +217,7 @@ def move_rows(
     to_sumo: 0: SUMO receives nothing, 1: all, 2: egos, and actors that it cannot move by itself.
     """
     count = _move_egos(cast, clips, tell, scenario, line, to_sumo)
-    play_actors(cast, steps, scenario[0].step, line)
-    return _tell_actors(cast, tell, scenario, line, steps, count, to_sumo)
+    return _move_actors(cast, tell, scenario, line, steps, count, to_sumo)
 
 
 @kernel
@@ -505,12 +504,12 @@ def _at_work(other: Any, play: Any, acts: Any, now: float, scenario: Any) -> boo
 
 
 @kernel
-def _tell_actors(
+def _move_actors(
     cast: Cast, tell: FloatArray, scenario: Records, line: Records, steps: int, count: int,
     to_sumo: int,
 ) -> int:  # fmt: skip
-    """Put the actors on the map, and append their rows to `tell`; return how many rows there are
-    then.
+    """Move the actors by one step of their scripts, and append their rows to `tell`; return how
+    many rows there are then.
 
     count: rows of `tell` so far.
     other.told: 2 if it has a row, 0 if SUMO moves it by itself on its lane, else 1.
@@ -523,6 +522,7 @@ def _tell_actors(
         now = (steps - egos[i].begun) * scenario[0].step
         for j in range(len(others[i])):
             other, play = others[i][j], plays[i][j]
+            play_actor(cast, i, j, now, line)
             other.told = 1
             if play.model or other.present == 0:
                 continue

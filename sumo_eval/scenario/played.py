@@ -766,22 +766,16 @@ def move(other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float,
     place(other, play, acts, pieces, table, time, line)
 
 
-# -- rows ------------------------------------------------------------------------------------------
-
-
 @kernel
-def play_actors(cast: Cast, steps: int, step: float, line: Records) -> None:
-    """Move the actors of every live case to the end of `steps` steps."""
-    egos, others, plays = cast.egos, cast.others, cast.plays
-    acts, pieces, table = cast.acts, cast.pieces, cast.table
-    for i in range(len(egos)):
-        if egos[i].live == 0 or egos[i].reason != 0:
-            continue
-        now = (steps - egos[i].begun) * step
-        for j in range(len(others[i])):
-            play = plays[i][j]
-            if play.model == 0:
-                move(others[i][j], play, acts[i][j], pieces[i][j], table[i][j], now, line)
+def play_actor(cast: Any, i: int, j: int, time: float, line: Any) -> None:
+    """Move actor j of case i to where its script has it at a time, unless SUMO drives it."""
+    play = cast.plays[i][j]
+    if play.model == 0:
+        acts, pieces, table = cast.acts[i][j], cast.pieces[i][j], cast.table[i][j]
+        move(cast.others[i][j], play, acts, pieces, table, time, line)
+
+
+# -- rows ------------------------------------------------------------------------------------------
 
 
 @rows
