@@ -1,4 +1,4 @@
-"""The combined score S, Eq. 18, and the terms of S+ for the report."""
+"""The combined score S, Eq. 18, and the scale of a population."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from sumo_eval.errors import must_be
-from sumo_eval.settings import ScoreSettings
 
 ROUNDING = 1e-9  # how far beyond 0..1 rounding may put an index
 
@@ -61,32 +60,6 @@ def combined_score(
     d_points = 0.0 if d is None else b * k6 * d
     total = None if c is None and d is None else c_points + d_points
     return Score(total, c, d, c_points, d_points)
-
-
-def score_of(c: float | None, d: float | None, points: ScoreSettings) -> Score:
-    """Eq. 18: S = a k5 C + b k6 D with the settings' a, b, k5 and k6; see `combined_score`."""
-    return combined_score(c, d, a=points.a, b=points.b, k5=points.k5, k6=points.k6)
-
-
-class PlusPoints(NamedTuple):
-    """The two terms of S+, points: T A' a, for driving the task without harm, and T A' b H; 0 where
-    not computed.
-    """
-
-    a_points: float
-    h_points: float
-
-
-def plus_of(
-    task: float | None, grade: float | None, human_likeness: float | None, points: ScoreSettings
-) -> PlusPoints:
-    """The terms of S+ = T max(A', 0) (a + b H).
-
-    task, grade, human_likeness: T, A' and H; None: not computed.
-    points: a and b.
-    """
-    done = (task or 0.0) * max(grade or 0.0, 0.0)
-    return PlusPoints(points.a * done, points.b * done * (human_likeness or 0.0))
 
 
 def population_scale(

@@ -109,10 +109,6 @@ class ZonePartition:
         rows = np.asarray(points, dtype=float).reshape(-1, k)
         return exactly_hazardous(self.logical, rows, self.settings).reshape(shape)
 
-    def largest_inverse_ttc(self, point: FloatArray) -> float:
-        """Eqs. 5-6: largest inverse TTC under ideal braking at one point (k,), 1/s."""
-        return float(criticality(self.logical, point[None], self.settings).inverse[0])
-
     def nearest_zone(self, points: ArrayLike) -> IntArray:
         """Zone of the nearest of the `zone_points`, as its number in `most_dangerous`; -1 without
         zones.

@@ -16,7 +16,7 @@ from sumo_eval.nightly.history import Night
 from sumo_eval.nightly.judged import JudgedNight, Since
 from sumo_eval.report.gate_result import GateResult, failed
 from sumo_eval.report.page import REPORT, case_key
-from sumo_eval.report.terminal import gate_lines, ways_to, worst_lines
+from sumo_eval.report.terminal import difference_lines, gate_lines, ways_to, worst_lines
 from sumo_eval.report.words import one_line
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import builds_besides
@@ -160,8 +160,7 @@ def morning_lines(result: NightResult) -> list[str]:
     A difference in capitals is one for which the nights are not compared.
     """
     judged, comparison = result.judged, result.judged.bases.comparison
-    lines = [f"{'DIFFERS' if difference.decides else 'differs'}: {one_line(difference.words)}"
-             for difference in (comparison.differences if comparison else ())]  # fmt: skip
+    lines = difference_lines(comparison) if comparison else []
     lines += [
         f"no partner: {one_line(group.ads)} in {group.scenario}: {group.lost} of {group.of} "
         f"cases lost, {group.added} added"

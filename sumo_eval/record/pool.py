@@ -457,10 +457,14 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
     os.register_at_fork(after_in_parent=lambda: forks.append(True))
     threads = len(sys._current_frames())
     while (head := _read(orders, _LENGTH.size)) and (order := _read(orders, *_LENGTH.unpack(head))):
-        work, (deadline, number) = pickle.loads(order)  # noqa: S301 - the owner's
+        (task, item, shared), (deadline, number) = pickle.loads(order)  # noqa: S301 - the owner's
         os.makedirs(scratch, exist_ok=True)  # another ADS may have removed it
         faulthandler.dump_traceback_later(_WARNING_SHARE * deadline, file=2)
-        refusal, answer = _answer(*work)
+        refusal, answer = "", None
+        try:
+            answer = task(item, shared)
+        except InputError as error:
+            refusal = str(error)
         faulthandler.cancel_dump_traceback_later()
         if os.getpid() != pid:  # a forked copy has come to the end of the item
             os._exit(COPY)
@@ -496,14 +500,6 @@ def _resource_limits() -> list[tuple[int, int]]:
     import resource
 
     return [resource.getrlimit(vars(resource)[it]) for it in dir(resource) if "RLIMIT" in it]
-
-
-def _answer(task: Task, item: Any, shared: Any) -> tuple[str, Any]:
-    """Text of the InputError that refuses the item, or "", and what the task returns."""
-    try:
-        return "", task(item, shared)
-    except InputError as error:
-        return str(error), None
 
 
 def _read(descriptor: int, size: int) -> bytes:

@@ -15,6 +15,7 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.errors import unknown
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
+from sumo_eval.method.point_criticality import criticality
 from sumo_eval.method.score_terms import worth
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.run_folder import FACTS
@@ -93,7 +94,7 @@ def explain_case(
 def _zone(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
     settings = zones.settings
     row = zones.logical.row(case.values)
-    largest = zones.largest_inverse_ttc(row)
+    largest = criticality(zones.logical, row[None], settings).inverse[0]
     peak = "unbounded, ideal braking hits" if math.isinf(largest) else f"{largest:z.4f} 1/s"
     yield (
         f"Eqs. 1-6: largest inverse TTC under ideal braking with {settings.deceleration:g} m/s2: "

@@ -196,12 +196,16 @@ def comparison_lines(
 ) -> list[str]:
     """Changes between two runs: verdict, flipped cases, quantities, gates."""
     lines = [verdict(comparison, gates, evaluation).sentence]
-    lines += [
+    lines += [*difference_lines(comparison), *change_lines(comparison)]
+    return [*lines, *gate_lines(gates, Path(comparison.new_folder))]
+
+
+def difference_lines(comparison: Comparison) -> list[str]:
+    """Differences in anything but the ADS; one in capitals forbids the comparison."""
+    return [
         f"{'DIFFERS' if difference.decides else 'differs'}: {one_line(difference.words)}"
         for difference in comparison.differences
     ]
-    lines += change_lines(comparison)
-    return [*lines, *gate_lines(gates, Path(comparison.new_folder))]
 
 
 def change_lines(comparison: Comparison) -> list[str]:

@@ -14,7 +14,6 @@ import numpy as np
 from sumo_eval.cases import CaseResult, CaseTable, IntArray
 from sumo_eval.method import score_terms
 from sumo_eval.method.collision_avoidance import collision_loss
-from sumo_eval.method.score import score_of
 from sumo_eval.settings import MethodSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -219,12 +218,14 @@ def missing_bounds(
         if ends and which.any():
             bounds[name] = min(ends), max(ends)
     if "c" in bounds or "d" in bounds:
-        (c, most_c), (d, most_d) = (
-            bounds.get(name, (values[name], values[name])) for name in ("c", "d")
+        c, d = (
+            np.array(bounds.get(name, (values[name], values[name])), dtype=float)
+            for name in ("c", "d")
         )
-        d = None if (cases.safe & ~terms.evaluated).any() else d
-        low, high = (score_of(*both, method.score).total for both in ((c, d), (most_c, most_d)))
-        bounds["s"] = low or 0.0, high or 0.0
+        if (cases.safe & ~terms.evaluated).any():
+            d[0] = np.nan
+        low, high = np.nan_to_num(score_terms.paper_score(c, d, method.score))
+        bounds["s"] = float(low), float(high)
     return bounds
 
 

@@ -18,7 +18,7 @@ from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.method.conflict import conflict_at
 from sumo_eval.method.driving_task import Departure, roadside_contact
 from sumo_eval.method.plausibility import Quantiles
-from sumo_eval.method.score import plus_of, score_of
+from sumo_eval.method.score_terms import worth
 from sumo_eval.method.severity import Severity
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
 from sumo_eval.record.cases import BATCHED, IN_BLOCK
@@ -330,8 +330,9 @@ def combine(
     if safe_hits > voiding:
         notes.append(Counted("ideal_collides_too", safe_hits - voiding, safe_hits))
     human_likeness = values["human_likeness"]
-    total = score_of(c, d, method.score)
-    plus = plus_of(values["task_share"], values["avoidance_grade"], human_likeness, method.score)
+    points = worth(method.score)
+    # T max(A', 0), the part of S+ that a and b H multiply
+    done = (values["task_share"] or 0.0) * max(values["avoidance_grade"] or 0.0, 0.0)
     scores: dict[str, Any] = {f"{name}_interval": ends for name, ends in bounds.items()}
     scores |= values | counts(cases) | {"not_evaluated": missing.total()}  # by name of the field
     # this field of the result is never None
@@ -349,10 +350,10 @@ def combine(
         else _without_mean(
             safe_cases, 0, _number(safe & np.isfinite(cases.human_likeness)), people=people
         ),
-        c_points=total.c_points,
-        d_points=total.d_points,
-        a_points=plus.a_points,
-        h_points=plus.h_points,
+        c_points=points.c * (c or 0.0),
+        d_points=points.d * (d or 0.0),
+        a_points=method.score.a * done,
+        h_points=method.score.b * done * (human_likeness or 0.0),
         cases=len(cases),
         safe_cases=safe_cases,
         hazardous_cases=len(cases) - safe_cases,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.cases import CaseTable
-from sumo_eval.method.score import score_of
+from sumo_eval.method.score_terms import worth
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scoring.case_terms import case_terms
@@ -76,7 +76,7 @@ def with_intervals(
         scores[0].scenario,
         progress=progress,
     )
-    most = score_of(1.0, 1.0, settings.method.score).total or 0.0  # of S
+    most = sum(worth(settings.method.score))  # of S
     for number, interval in zip(judged, computed, strict=True):
         value, ends = scores[number].s_plus, scores[number].s_plus_interval
         if value is not None and ends is not None:
