@@ -183,7 +183,8 @@ class World:
         self.reacts = any(case.reacts for case in cases)
         self.timed = not any(case.lively for case in cases)
         self._stack = np.zeros((DEEPEST, 3))  # working space of `wake_rows`
-        self.waits = bool(self.players.acts["steps"].any())
+        acts = self.players.acts
+        self.waits = bool(((acts["steps"] > 0) | (acts["kind"] == FOLLOW)).any())
         for bodies in (self.egos, self.others):
             for name in ("x", "y", "heading", "speed"):
                 bodies["before"][name] = bodies[name]

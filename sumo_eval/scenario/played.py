@@ -632,15 +632,18 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
 
 
 @kernel
-def begin_due(play: Any, acts: Any, pieces: Any, table: Any, time: float) -> bool:
-    """Begin all moves of a vehicle that are due by a time, in order; whether any began."""
+def begin_due(play: Any, acts: Any, pieces: Any, table: Any, time: float, step_ends: bool) -> bool:
+    """Begin all moves of a vehicle that are due by a time, in order; whether any began.
+
+    step_ends: whether SUMO has moved the vehicle up to this time. Before, it takes over none.
+    """
     begun = False
     while True:
         chosen = -1
         for q in range(play.acts):
-            if acts[q].state == KNOWN and acts[q].begin <= time and (
-                chosen < 0 or acts[q].begin < acts[chosen].begin
-            ):  # fmt: skip
+            due = acts[q].state == KNOWN and acts[q].begin <= time
+            due = due and (step_ends or acts[q].kind != FOLLOW)
+            if due and (chosen < 0 or acts[q].begin < acts[chosen].begin):
                 chosen = q
         if chosen < 0:
             return begun
@@ -751,7 +754,7 @@ def wake(cast: Any, now: float, before: float, stack: Any, line: Any) -> None:
         play = plays[j]
         if play.model:
             continue
-        begun = begin_due(play, acts[j], pieces[j], table[j], now)
+        begun = begin_due(play, acts[j], pieces[j], table[j], now, True)
         _end_path(play, acts[j], pieces[j], table[j], before, now)
         if play.match:
             _match(cast, j, now, line)
@@ -762,7 +765,7 @@ def wake(cast: Any, now: float, before: float, stack: Any, line: Any) -> None:
 @kernel
 def move(other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float, line: Any) -> None:
     """Begin the due moves of a played vehicle, and put it where it is at a time."""
-    begin_due(play, acts, pieces, table, time)
+    begin_due(play, acts, pieces, table, time, False)
     place(other, play, acts, pieces, table, time, line)
 
 

@@ -237,3 +237,22 @@ vehicle = [
                 simulate_many(cases, who),
             )
         )
+
+
+@pytest.mark.parametrize("begin", [0.2, 0.27])
+def test_law_sumo_takes_a_vehicle_over_where_it_is(begin):
+    """At 20 m/s one more step would be 1 m; it drives as before until `begin`."""
+    content = {
+        **SPACE,
+        **tomllib.loads(f"""
+end = {{ x = 400.0, time = 2.0 }}
+vehicle = [{{ name = "lead", gap = 90.0, speed = "v", manoeuvre = [
+    {{ do = "follow", when = "speed(ego) > 1", begin = {begin}, model = "IDM", speed = 30.0 }}] }}]
+"""),
+    }
+    settings = SimulationSettings(record_interval=0.05)
+    concrete = scenario_from(content, "t", Path()).concrete(v=20.0)
+    lead = simulate(concrete, "no_reaction", settings).actors["lead"]
+    driven = 0.5 * (lead.speed[1:] + lead.speed[:-1]) * np.diff(lead.time)
+    np.testing.assert_allclose(np.diff(lead.x), driven, rtol=0, atol=1e-9)
+    assert (lead.speed > 20.0).tolist() == (lead.time > begin + 0.04).tolist()
