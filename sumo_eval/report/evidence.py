@@ -153,7 +153,8 @@ def _collisions(
         else "equal weights of its points"
     )
     evaluated = cases[cases.evaluated]
-    hit, risk = evaluated[evaluated.collided], risk_of(evaluation, score)
+    hit = evaluated[evaluated.collided]
+    risk = risk_of(evaluated, score, evaluation.settings.seed)
     if risk is None:
         return _claim(
             score, "collisions", claim=f"The collision share of {about} is known.", verdict="open",

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.errors import must_be
 from sumo_eval.method.score_terms import mean_shares, worth
 from sumo_eval.method.zone_partition import ZonePartition
@@ -91,13 +92,12 @@ def _points(evaluation: Evaluation, zones: ZonePartition) -> FloatArray:
 
 
 def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition) -> Assessment:
-    settings = evaluation.settings
-    risk = risk_of(evaluation, score)
+    settings, cases = evaluation.settings, evaluation.cases_behind(score)
+    evaluated = cases[cases.evaluated]
+    risk = risk_of(evaluated, score, settings.seed)
     if risk is None:
         reason = "fewer than two evaluated cases with exposure"
         return Assessment(score.ads, score.scenario, {}, {}, None, None, reason)
-    cases = evaluation.cases_behind(score)
-    evaluated = cases[cases.evaluated]
     moved = influence(case_terms(evaluated, settings.method), settings.method)
     points = evaluated.parameters(zones.logical.names)
     return Assessment(
@@ -138,14 +138,14 @@ def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
     return moved
 
 
-def risk_of(evaluation: Evaluation, score: ScenarioResult) -> Risk | None:
-    """Risk of an ADS in a scenario; None with fewer than two evaluated cases with exposure."""
-    cases = evaluation.cases_behind(score)
-    evaluated = cases[cases.evaluated]
+def risk_of(evaluated: CaseTable, score: ScenarioResult, seed: int) -> Risk | None:
+    """Risk of an ADS in a scenario, from its evaluated cases; None with fewer than two of them, or
+    without exposure.
+    """
     if len(evaluated) < 2 or not evaluated.exposure.sum() > 0.0:
         return None
     loss = np.nan_to_num(evaluated.loss)
-    return risk(evaluated.exposure, loss, evaluation.settings.seed, (score.scenario, score.ads))
+    return risk(evaluated.exposure, loss, seed, (score.scenario, score.ads))
 
 
 def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] = ()) -> Risk:
