@@ -81,8 +81,7 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
         slower = actor.start.speed * math.cos(actor.heading) < ego.speed
         # whether it starts with its body in a path that the ego drives
         lanes = [ego.y] if ego.way is None else [ego.y, ego.y + ego.way.offset]
-        widths = actor.width + vehicle.width
-        on_the_way = min(abs(actor.start.y - y) for y in lanes) < 0.5 * widths
+        on_the_way = 2.0 * min(abs(actor.start.y - y) for y in lanes) < actor.width + vehicle.width
         caught_up = ahead and slower and on_the_way
         # a slower one ahead is a hazard from the start, and so is one whose motion never changes
         changes = 0.0 if caught_up or math.isinf(first_move) else first_move
@@ -283,7 +282,7 @@ def _hides(
     (`perception.is_in_sight`). One that reaches the farther one's rear no longer hides it, so that
     a collision of both is seen, also where a script drives one through the other.
     """
-    eye = ego.x + ego.speed * time
+    eye = float(ego.x_after(ego.speed * time))
     if not eye < nearer.x < farther.x - nearer.half_length - farther.half_length:
         return False
     eye_y = float(ego.y_at(eye))

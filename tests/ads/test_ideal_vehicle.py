@@ -17,7 +17,7 @@ from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.method.collision_avoidance import impact_severity
 from sumo_eval.method.criticality import ideal_impact_speed
 from sumo_eval.scenario import Actor, Start, catalogue
-from sumo_eval.scenario.concrete import brake_to_stop, constant_lateral
+from sumo_eval.scenario.concrete import Way, brake_to_stop, constant_lateral
 from sumo_eval.settings import SimulationSettings
 
 SETTINGS = SimulationSettings(end_when_decided=True)
@@ -308,3 +308,13 @@ def test_what_is_never_seen_is_never_noticed():
     lead, hidden = actor("lead", 20.0, 20.0), actor("obstacle", 40.0, 20.0)
     known = foresee(case(lead, hidden), SimulationSettings())
     assert [one.noticed for one in known] == [0.0, math.inf]
+
+
+def test_sight_begins_where_an_ego_that_changes_lane_is():
+    # the lead stands at x = 150 m in the lane entered and hides the obstacle until the ego is there
+    lead = actor("lead", 95.5, 0.0, 3.5)
+    obstacle = actor("obstacle", 345.5, 1.0, 5.35, brake_to_stop(4.0, 1.0))
+    there = case(lead, obstacle)
+    ego = replace(there.ego, way=Way(3.5, 55.0, 95.0, ends=False))
+    known = foresee(replace(there, ego=ego), SimulationSettings())
+    assert ego.x_after(20.0 * known[1].noticed) == pytest.approx(150.0, abs=1e-6)
