@@ -1,5 +1,5 @@
-"""Records, and these as plain values, as JSON too, and back to the last bit: nothing that is read
-can execute anything.
+"""Records as plain values, as JSON too, and back to the last bit: nothing that is read can execute
+anything.
 """
 
 from __future__ import annotations
@@ -7,8 +7,8 @@ from __future__ import annotations
 import json
 from base64 import b64decode, b64encode
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, TypeVar, dataclass_transform
+from dataclasses import fields, is_dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,15 +16,6 @@ Classes = Mapping[str, type]
 # Keys in JSON. A record: {"is": its class, "of": values of its fields}.
 _CLASS, _VALUES = "is", "of"
 _MAP, _ARRAY = "map", "array"  # {"map": pairs of key and value}, {"array": dtype, shape, bytes}
-
-
-_Record = TypeVar("_Record")
-
-
-@dataclass_transform(frozen_default=True, field_specifiers=(field,))
-def frozen(cls: type[_Record]) -> type[_Record]:
-    """Make a class a record: a dataclass whose values never change, without further attributes."""
-    return dataclass(frozen=True, slots=True)(cls)
 
 
 def encoded(value: object) -> bytes:

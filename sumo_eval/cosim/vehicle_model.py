@@ -14,7 +14,6 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from sumo_eval.coded import frozen
 from sumo_eval.kernels import kernel
 
 GRAVITY = 9.81  # m/s2
@@ -64,7 +63,7 @@ _SET_STEERING = vars(Command)["steering"].__set__
 _SET_SPEED = vars(Command)["speed"].__set__
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Pedals:
     """Positions of the pedals, 0..1, and of the steering wheel, -1..1 of its end stops, positive to
     the left.

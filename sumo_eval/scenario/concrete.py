@@ -12,12 +12,11 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import check_known, must_be
 from sumo_eval.scenario import motion, played
 from sumo_eval.scenario.bodies import CAR
@@ -29,7 +28,7 @@ from sumo_eval.text import point_words
 from sumo_eval.trajectory import FloatArray
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class NetworkFile:
     """A user's SUMO network.
 
@@ -47,7 +46,7 @@ class NetworkFile:
     sections: tuple[tuple[float, float, int], ...] = ()
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Road:
     """A road of parallel lanes.
 
@@ -133,7 +132,7 @@ RECORDED_EVERY = 0.1  # s between two positions of a recorded ego
 _PIECES = 64  # straight pieces by which the length of a lane change is computed
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Way:
     """The lane change that the ego has to make.
 
@@ -154,7 +153,7 @@ class Way:
         return min(max(CHANGE_TIME * speed, LEAST_CHANGE), self.by - self.begin)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Start:
     """Start of a vehicle.
 
@@ -312,7 +311,7 @@ def braked_distance(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) 
     return np.asarray(v0 * t - a * (np.square(np.maximum(t, 0.0)) / 2.0))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Model:
     """A car-following model of SUMO that drives a vehicle: it reacts to the ego and to all other
     vehicles.
@@ -327,7 +326,7 @@ class Model:
     numbers: tuple[tuple[str, float], ...] = ()
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Actor:
     """An actor: keeps its speed along the road until one of its acts begins.
 
@@ -438,7 +437,7 @@ CHANGES = (
 """Settings of the simulation that can differ between the cases of a scenario."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class EgoBody:
     """The ego's body where a scenario prescribes it, m."""
 
@@ -446,7 +445,7 @@ class EgoBody:
     width: float
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ConcreteScenario:
     """One point of a logical scenario.
 

@@ -16,13 +16,13 @@ import math
 import operator
 import unicodedata
 from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass
 from functools import lru_cache, reduce
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError, check_known, must_be, unknown
 from sumo_eval.text import clean, shown
 
@@ -52,7 +52,7 @@ ARITHMETIC = [name[:-2] for name in _OPERATIONS if name.endswith("()")]
 """Names of the functions, without brackets."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Expression:
     """A checked expression: only its text, so that it can be compared and sent to a worker."""
 
@@ -99,7 +99,7 @@ class Expression:
         return self.value(values).item()
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Definitions:
     """Named expressions, each of which may use those before it.
 

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from annotated_types import MinLen
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.input_file import sha256
 from sumo_eval.scenario.concrete import CHANGES, Road
@@ -64,7 +63,7 @@ from sumo_eval.settings.checked import (
 from sumo_eval.text import capitalised
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ParameterTable(Checked):
     """One axis of the space."""
 
@@ -133,7 +132,7 @@ class ParameterTable(Checked):
         return Distribution.of(name, arguments, owner)  # type: ignore[arg-type]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ConstraintTable(Checked):
     """Constraint on the points of the box."""
 
@@ -148,7 +147,7 @@ class ConstraintTable(Checked):
         return Constraint(self.about or f"one where {self.require}", holds, holds.room)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class RoadTable(Checked):
     """A road, written for the scenario, or found in a network of the user's."""
 
@@ -240,7 +239,7 @@ class RoadTable(Checked):
                     spans=shape.spans, crossings=crossings)  # fmt: skip
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class EndTable(Checked):
     """Further ends of a case, after contact, standstill and leaving the road."""
 
@@ -258,7 +257,7 @@ class EndTable(Checked):
     ] = None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class SampleTable(Checked):
     """Prescribed points: its rows, each repeated at the values in `each`, the rest computed by
     `set`.
@@ -324,7 +323,7 @@ class SampleTable(Checked):
         return NamedSample(self.name, self.about or self.name, tuple(points))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class GivenTable(Checked):
     """Changes to the scenario where an option is given."""
 
@@ -345,7 +344,7 @@ class GivenTable(Checked):
     ] = ()
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class OptionTable(Option):
     """A number that `use` may set: `use = "cut_in?lateral_acceleration=1.5"`."""
 
@@ -358,7 +357,7 @@ class OptionTable(Option):
     )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class JointTable(Checked):
     """Exposure of points from recorded events, with the dependence between parameters."""
 
@@ -400,7 +399,7 @@ class JointTable(Checked):
         )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class RecordedTable(Checked):
     """The events of recordings that are this scenario."""
 
@@ -445,7 +444,7 @@ class RecordedTable(Checked):
         )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class RequireTable(Checked):
     """A condition on every drive; cases that miss it are counted next to the scores."""
 
@@ -462,7 +461,7 @@ class RequireTable(Checked):
     about: Annotated[str, About("the same in words")] = ""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ScenarioFile(Checked):
     """A logical scenario file."""
 

@@ -9,12 +9,11 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, get_args
 
 import numpy as np
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario.expression import Definitions, Expression, checked_names, number
 from sumo_eval.scenario.joint import Joint, of_values
@@ -28,7 +27,7 @@ Formula = str | float
 """In a file: a number, or an expression of the parameters and definitions."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Limits:
     """Limits of a formula's values. A table annotates the formula's key with them.
 
@@ -43,7 +42,7 @@ class Limits:
 ANY, NOT_BELOW_0, ABOVE_0 = Limits(), Limits(at_least=0.0), Limits(above=0.0)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Formulas:
     """Expressions with the definitions that they need."""
 
@@ -64,7 +63,7 @@ class Formulas:
         )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Value:
     """One number at every point, or whether a condition holds there."""
 
@@ -80,7 +79,7 @@ class Value:
         return np.asarray(self.formulas.expressions[0].room(extended), float)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ExposureDensity:
     """Density: the product of the parameters' distributions in their ranges, or a joint one (then
     no parameter has one of its own), times an expression.
@@ -119,7 +118,7 @@ class ExposureDensity:
         return density
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class LimitedFormula:
     """A number of a concrete scenario.
 
@@ -147,7 +146,7 @@ class LimitedFormula:
         raise must_be(what, self.owner, wanted, got)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class LimitedFormulas:
     """Numbers of a table by key."""
 
@@ -161,7 +160,7 @@ class LimitedFormulas:
         return dict(self.by_key)[key].expression
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Names:
     """The names that formulas and conditions of a file may use.
 

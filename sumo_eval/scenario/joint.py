@@ -19,13 +19,13 @@ scipy is imported only once a density is asked for.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -37,7 +37,7 @@ LEAST_EIGENVALUE = 1e-9  # of a copula's correlation
 LEAST_SHARE = 1e-9  # of probability: normal scores lie within +-6
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Joint:
     """A density over parameters, from events.
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from html import escape
 from numbers import Real
 from typing import Annotated
@@ -15,7 +15,6 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError, check_known, check_name, must_be
 from sumo_eval.scenario.concrete import CHANGES, Actor, ConcreteScenario, EgoBody, Road, Start
 from sumo_eval.scenario.distribution import Distribution
@@ -33,7 +32,7 @@ ONLY = "only"
 """Name of the only parameter of a scenario that has none of its own; it changes nothing."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Parameter:
     """One axis of a space: low..high in `unit`, sampled every `step` by default.
 
@@ -99,7 +98,7 @@ class Parameter:
         return self.name if self.unit == "1" else f"{self.name} ({self.unit})"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Constraint:
     """A condition on the points of the box: those that violate it do not exist.
 
@@ -114,7 +113,7 @@ class Constraint:
     room: Callable[[Values], FloatArray] | None = field(default=None, compare=False)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Approach:
     """The quantities that decide a point's criticality: arrays that broadcast (Eqs. 1-6).
 
@@ -150,7 +149,7 @@ def at_once(values: Values) -> FloatArray:
     return np.zeros(())
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Search:
     """A zone rule by search: simulates one actor's motion while the ego brakes ideally.
 
@@ -165,7 +164,7 @@ class Search:
     conflict: bool = False
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ZoneCoordinates:
     """Coordinates for the zones' Gaussian process, often fewer than the parameters, over which
     criticality is smooth.
@@ -181,7 +180,7 @@ class ZoneCoordinates:
     of: Callable[[Values], tuple[FloatArray, ...]]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Option(Checked):
     """A number that `use` may set: `cut_in?lateral_acceleration=1.5`."""
 
@@ -190,7 +189,7 @@ class Option(Checked):
     about: Annotated[str, About("what it is")] = ""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class NamedSample:
     """A list of prescribed points, rows in the order of `LogicalScenario.parameters`."""
 
@@ -199,7 +198,7 @@ class NamedSample:
     points: tuple[tuple[float, ...], ...]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Counterpart:
     """The events in recordings that correspond to this scenario.
 
@@ -217,7 +216,7 @@ class Counterpart:
     only: tuple[tuple[str, str], ...] = ()
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Occurrence(Checked):
     """Frequency with which the scenario occurred on the road, over all values of its parameters."""
 
@@ -233,7 +232,7 @@ def uniform_exposure(values: Values) -> FloatArray:
     return np.ones(np.broadcast_shapes(*map(np.shape, values.values())))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class LogicalScenario:
     """A scenario type over a parameter space.
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import EgoBody
@@ -18,7 +17,7 @@ from sumo_eval.settings import EvaluationSettings, ScenarioSettings, VehicleSett
 WHOLE = (1, 1)  # the only one of one shard: all points
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Resolved:
     """An evaluation whose scenarios have been looked up.
 

@@ -19,14 +19,13 @@ import math
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from lxml import etree
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.input_file import LARGEST, hash_of
 from sumo_eval.scenario.concrete import NetworkFile, Road
@@ -68,7 +67,7 @@ along: begin and end of the first edge along the line, m, begin and end of the n
 """
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _Lane:
     """A lane of an edge.
 

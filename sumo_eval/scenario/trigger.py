@@ -10,8 +10,8 @@ time; and the functions below.
 from __future__ import annotations
 
 import ast
+from dataclasses import dataclass
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario import played
 from sumo_eval.scenario.expression import (
@@ -70,7 +70,7 @@ def trigger(text: str, owner: str, names: Names, *, departs: bool) -> list[Step]
     return steps
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _Writer:
     """Writes the steps of one condition; arguments as in `trigger`."""
 

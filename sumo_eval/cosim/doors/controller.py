@@ -20,7 +20,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol, cast
 
-from sumo_eval.coded import frozen
 from sumo_eval.cosim.doors.entry import PLAIN, Entry, check_options, made, read_query, split_entry
 from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.doors.traci_module import TRACI, seen_as_traci
@@ -42,7 +41,7 @@ from sumo_eval.settings.locators import load_object
 from sumo_eval.text import number_in
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Briefing:
     """Facts that a controller receives before a case.
 
@@ -220,7 +219,7 @@ PARAMETER = "carFollowModel."
 `carFollowModel.ccac=1`."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class NativeModel(Adapter):
     """The ego driven by one of SUMO's own car-following models: `sumo:MODEL?tau=1.2&minGap=2`.
 

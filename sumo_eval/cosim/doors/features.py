@@ -32,7 +32,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.coded import frozen
 from sumo_eval.cosim.doors.observation import Observations, SeenEgo
 from sumo_eval.errors import InputError, check_known, must_be, unknown
 from sumo_eval.settings.checked import Checked, PositiveOrNone
@@ -58,7 +57,7 @@ NAMES = (
 _WHERE_ABSENT = {"gap": 1000.0, "x": 1000.0, "kind": -1.0}
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Feature(Checked):
     """One input of a policy, and how it is scaled.
 
@@ -90,7 +89,7 @@ class Feature(Checked):
         _reader(self.name)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Action(Checked):
     """One output of a policy.
 
@@ -218,7 +217,7 @@ class Interface(Checked):
         )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _File(Checked):
     """The table as a file has it."""
 

@@ -7,17 +7,16 @@ the command `sumo-eval import` lists their files.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.extras.openscenario.logical import Read, read_file
 from sumo_eval.scenario.catalogue import options_of
 from sumo_eval.settings import ScenarioSettings
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Collection:
     """A public catalogue.
 

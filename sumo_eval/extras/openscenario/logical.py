@@ -12,14 +12,13 @@ import os.path
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.openscenario.frame import Frame
 from sumo_eval.extras.openscenario.moves import changes_nothing
@@ -67,7 +66,7 @@ _OPTIONS = (
 Scenes = Sequence[tuple[dict[str, float], FileCase]]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class PlacedByFile:
     """Function of a point: the ego's start and the actors, as the file has them there."""
 
@@ -87,7 +86,7 @@ class PlacedByFile:
         return case.ego, case.actors
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Holds:
     """Function of points: whether the file's constraints hold and the scene there is supported.
 
@@ -121,7 +120,7 @@ class Holds:
         return holds
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Weighted:
     """Density of points: a density of continuous parameters, times the weights of listed values."""
 

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from sumo_eval.coded import frozen
 from sumo_eval.extras.openscenario.frame import Frame
 from sumo_eval.extras.openscenario.network import in_frame
 from sumo_eval.extras.openscenario.places import Entity, Places
@@ -68,7 +67,7 @@ def implied(program: Program) -> set[Fact]:
     return stack[-1]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class DriveNumber:
     """A number that changes during the drive.
 
@@ -119,7 +118,7 @@ class Truth(NamedTuple):
     start: bool
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Moment:
     """A time, or a condition on the drive.
 

@@ -16,7 +16,6 @@ from itertools import accumulate, pairwise
 
 import numpy as np
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.catalogs import Catalogs
 from sumo_eval.extras.openscenario.earth import on_map
@@ -35,7 +34,7 @@ _STRAIGHT = 0.05  # m that a straight route or trajectory may be off the line th
 NOWHERE = Pose(math.nan, math.nan, math.nan)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Spot:
     """A place: its pose on the map, and its road, lane, s and t where it lies on a road.
 
@@ -166,7 +165,7 @@ def _towards(begin: tuple[float, float], end: tuple[float, float]) -> Pose:
     return Pose(*begin, math.atan2(end[1] - begin[1], end[0] - begin[0]))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class MapPath:
     """A trajectory on the map.
 

@@ -20,13 +20,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.openscenario.reading import Node, read_openscenario
 from sumo_eval.extras.openscenario.space import axes_of, range_of
@@ -41,7 +40,7 @@ from sumo_eval.settings.random_streams import random_stream
 Combination = dict[str, Value]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class MappingTable(Checked):
     """A mapping file as it is written."""
 

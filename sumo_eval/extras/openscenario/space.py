@@ -11,14 +11,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import did_you_mean
 from sumo_eval.extras.openscenario.catalogs import named_file
 from sumo_eval.extras.openscenario.reading import Node, read_openscenario
@@ -30,7 +29,7 @@ from sumo_eval.scenario.sampling.grid import decimal
 Assignments = tuple[tuple[str, Value], ...]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Axis:
     """An axis of the space.
 
@@ -81,7 +80,7 @@ class Axis:
         return np.asarray(apart.argmin(axis=-1))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class FileSpace:
     """The space of a file.
 

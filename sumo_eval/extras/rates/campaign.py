@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -24,7 +24,6 @@ from annotated_types import Ge, Le
 from scipy.special import stdtrit
 
 from sumo_eval.cases import EVALUATED
-from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError
 from sumo_eval.extras.rates.importance import (
     CollisionEstimate,
@@ -60,7 +59,7 @@ RESAMPLED = 60  # resamples of a scenario's events
 DRAWS = 4000  # of each rate: intervals of sums come from summed draws
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class CampaignScenario(Checked):
     """A scenario of the campaign."""
 
@@ -70,7 +69,7 @@ class CampaignScenario(Checked):
     ] = None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class CampaignSettings(Checked):
     """A campaign file."""
 

@@ -4,13 +4,12 @@ it out, `outcome` writes its results.
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
 from annotated_types import Le
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.wheel.quality import QualitySettings
 from sumo_eval.record.run_folder import FACTS, resolved_run
@@ -30,7 +29,7 @@ from sumo_eval.settings.random_streams import random_stream
 LOW, HIGH = 1, 10  # ends of a scale
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class PracticeSettings(Checked):
     """Practice: a road without traffic, until the criterion is fulfilled."""
 
@@ -47,7 +46,7 @@ class PracticeSettings(Checked):
     most: Annotated[PositiveInt, About("most trials; who has not passed by then goes home")] = 6
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class QuestionSettings(Checked):
     """A question on a scale of 1 to 10."""
 
@@ -60,7 +59,7 @@ class QuestionSettings(Checked):
     most: Annotated[str, About("what 10 means")] = ""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class StudySettings(Checked):
     """A study: participants drive concrete scenarios of a run and rate how its ADSs drive there."""
 

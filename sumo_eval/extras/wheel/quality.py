@@ -13,7 +13,6 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from sumo_eval.coded import frozen
 from sumo_eval.extras.wheel.tape import ROW, Tape
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings, VehicleSettings
@@ -26,7 +25,7 @@ STEERS = 0.35  # m/s2 across the road
 SEEN, LATE = ROW.index("seen"), ROW.index("late")
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class QualitySettings(Checked):
     """Bounds of quality within which a drive counts."""
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.coded import frozen
 from sumo_eval.errors import must_be
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import SamplingSettings
@@ -23,7 +22,7 @@ Levels = int | dict[str, int] | None
 Steps = dict[str, float] | None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Request(SamplingSettings):
     """Request for points: the settings, of which each method takes some keys (`METHODS` of
     `sumo_eval.scenario.sampling.samples`), and three values that methods need with them.
