@@ -329,7 +329,8 @@ def _act(concrete: ConcreteScenario, settings: SimulationSettings, recorded: Tra
             times = VERTEX_INTERVAL * np.arange(len(places))
             # number of samples until it leaves the road
             on_road = np.append(places[:, 0] <= road.end, False).argmin()
-            vertices[actor.name] = np.column_stack([times, places])[:on_road]
+            if on_road > 1:  # else it leaves the road at once, at its first speed
+                vertices[actor.name] = np.column_stack([times, places])[:on_road]
     for name in (EGO, *(actor.name for actor in actors if actor.lively)):
         if path := recorded.get(name):
             vertices[name] = np.column_stack([path.time, path.x, path.y, path.heading])

@@ -31,7 +31,12 @@ COLOURS: Final = (
 )
 """Colours of ADSs, in order: Okabe and Ito (2008), distinct for every colour vision."""
 
-_ON_PAGES: Final = {"": None, "o": "circle", "X": "x", "-": "solid"}
+LOOKS: Final = [(colour, line) for line in ("-", "--", "-.", ":") for colour in COLOURS]
+"""Colours and lines of ADSs on pages, in order: a ninth ADS has the first colour and dashes."""
+
+_ON_PAGES: Final = {
+    "": None, "o": "circle", "X": "x", "-": "solid", "--": "dash", "-.": "dashdot", ":": "dot",
+}  # fmt: skip
 """matplotlib's style of a line or marker -> plotly's name; None: plotly's default, not drawn."""
 
 

@@ -52,6 +52,15 @@ def test_a_written_braking_keeps_its_jerk(tmp_path):
     assert scenario_content(read, {})["vehicle"][0]["manoeuvre"][0]["jerk"] == 10.0
 
 
+def test_an_actor_at_the_roads_end_has_no_trajectory():
+    case = middle("front_vehicle_braking")
+    for beyond in (-1.0, 1.0):  # m; one place on the road, and none
+        start = replace(case.actors[0].start, x=case.road.end + beyond)
+        lead = replace(case.actors[0], start=start)
+        text = openscenario_xml(replace(case, actors=(lead,)), SimulationSettings(), "", "")
+        assert "<Polyline" not in text
+
+
 def test_a_written_curve_has_its_name_once(tmp_path):
     read = read_file(exported(tmp_path, middle("curve_braking")))
     assert scenario_content(read, {})["road"]["name"] == "two_lanes_1400m"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.errors import InputError
-from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
+from sumo_eval.extras.panels import LOOKS, Marks, Panel, on_page
 from sumo_eval.record.run_folder import FACTS, resolved_run
 from sumo_eval.record.store import EGO, open_store
 from sumo_eval.report.study_page import write_study
@@ -98,8 +98,8 @@ def write_departures(run: Path, path: Path) -> list[SceneDrive]:
     """Write the page of a run folder to a path, and return its drives."""
     drives = departures_in(run)
     marks = [
-        Marks(f"{it.ads}, {it.scenario}, {it.point}", it.time, it.apart, colour, "-")
-        for it, colour in zip(drives, cycle(COLOURS))
+        Marks(f"{it.ads}, {it.scenario}, {it.point}", it.time, it.apart, *look)
+        for it, look in zip(drives, cycle(LOOKS))
     ]
     panel = Panel(
         marks,

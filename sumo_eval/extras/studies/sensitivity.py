@@ -17,7 +17,7 @@ from scipy import stats
 
 from sumo_eval.errors import check_known
 from sumo_eval.evaluation import score
-from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
+from sumo_eval.extras.panels import LOOKS, Marks, Panel, on_page
 from sumo_eval.extras.studies.tables import aligned
 from sumo_eval.method.score_terms import ordering_score, paper_score
 from sumo_eval.report.study_page import write_study
@@ -222,8 +222,8 @@ def _chart(chart: Mapping[str, Sequence[SensitivityRow]]) -> Any:
         # for each ADS its scores at these values
         lines = zip(*(row.scores for row in part), strict=True)
         marks = [
-            Marks(ads, values, scores, colour, "-")
-            for ads, scores, colour in zip(part[0].ads, lines, itertools.cycle(COLOURS))
+            Marks(ads, values, scores, *look)
+            for ads, scores, look in zip(part[0].ads, lines, itertools.cycle(LOOKS))
         ]
         panels.append(Panel(marks, title=title))
     return on_page(
