@@ -244,12 +244,12 @@ def test_the_own_table_comes_back_as_it_was_written(tmp_path):
 
 def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
     table = pd.read_csv(_plain(tmp_path / "plain.csv"))
-    table[(table["vehicle"] == "b") | (table["t"] < 1.0) | (table["t"] > 1.95)].to_csv(
-        tmp_path / "hole.csv", index=False
-    )
+    hole = (table["vehicle"] == "b") | (table["t"] < 1.0) | (table["t"] > 1.95)
+    table[hole].assign(drivers="x").to_csv(tmp_path / "hole.csv", index=False)
     found = import_recordings("csv", [tmp_path / "hole.csv"])
     assert sorted(found.table["vehicle"].unique()) == ["a", "a#2", "b"]
     assert any("1 holes" in note for note in found.notes)
+    assert found.notes[0].endswith("Did you mean `driver`?")
     slow = table[table["vehicle"] == "a"].assign(t=lambda rows: np.round(5.0 * rows["t"] + 0.1, 3))
     slow.to_csv(tmp_path / "slow.csv", index=False)
     assert import_recordings("csv", [tmp_path / "slow.csv"]).vehicles == 1, "2 Hz have no holes"
@@ -267,6 +267,10 @@ csv | x.csv | OWNr,a,0,1,2,4,2\n\n \nr,a,0.1,oops,2,4,2\n | `x` in row 5 of
 csv | x.csv | OWNr,a,0,1,2,0,2\nr,a,0.1,2,2,0,2\n | must be above 0 m, got '0 and
 csv | x.csv | OWNr,a,0,1e300,2,4,2\nr,a,0.1,2,2,4,2\n
 | must be at most 9.0072e+15 in size, got 1e+300
+csv | x.csv | recording,vehicle,t,x,y,length,width,speed\nr,a,0,1,2,4,2,36\nr,a,1,11,2,4,2,36\n
+| `speed` of recording `r` must be in m/s, as x, y and t have it, got 3.6 times that
+csv | x.csv | recording,vehicle,t,x,y,length,width,lane\nr,a,0,1,2,4,2,1.5\n
+| `lane` in row 2 of
 csv | x.csv | recording,vehicle,time,x,y,length,width\nr,a,0,1,2,4,2\n | must have a column `t`
 csv | x.csv | vehicel,time\na,0\n
 | must have the columns `recording`, `vehicle`, `t`, `x`, `y`, `length`, `width`. Known: vehicel, time

@@ -30,8 +30,10 @@ from sumo_eval.drivers.recorded.importers.tables import (
     DOUBLE,
     IDENTIFIERS,
     add_motion,
+    check_speeds,
     checked_numbers,
     read_table,
+    unread_columns,
 )
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.input_file import writing
@@ -78,8 +80,8 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
     defaults: dict[str, Any] = {"driver": "", "steering": np.nan, "acceleration": np.nan}
     rows = table.assign(**{name: defaults[name] for name in defaults if name not in table})
     keys = ["recording", "vehicle", "t"]
-    rows = _with_bodies(rows.astype(dict.fromkeys(keys[:2], str)))
-    rows = rows.sort_values(keys, kind="stable", ignore_index=True)
+    rows = rows.astype(dict.fromkeys(keys[:2], str))
+    rows = _checked(rows.sort_values(keys, kind="stable", ignore_index=True))
     double = rows.duplicated(keys)
     parts, holes, too_short = _even_tracks(rows[~double])
     # numbers by the words that follow them in a note
@@ -168,6 +170,7 @@ def read_csv(path: Path) -> Recordings:
         path, ("recording", "vehicle", "t", "x", "y", "length", "width"), dtype=IDENTIFIERS
     )
     checked_numbers(table, [*table.filter([*NUMBERS, "steering"])], path, gaps=["steering"])
+    notes = unread_columns(table, COLUMNS, path)
     table = table.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
     for name, value in (("class", "car"), ("driver", ""), ("steering", np.nan)):
         if name not in table:
@@ -178,15 +181,17 @@ def read_csv(path: Path) -> Recordings:
         table["lane"] = np.round(table["y"] / STANDARD_LANE).astype(np.int64)
     for name in ("recording", "vehicle", "driver", "class"):
         table[name] = table[name].astype(str).map(from_cell)
-    table["lane"] = table["lane"].round().astype(np.int64)
+    table["lane"] = table["lane"].astype(np.int64)
     if _is_canonical(table):
-        return Recordings(_with_bodies(table)[list(COLUMNS)])
-    return canonical(table)
+        return Recordings(_checked(table)[list(COLUMNS)], tuple(notes))
+    return canonical(table, notes)
 
 
-def _with_bodies(table: pd.DataFrame) -> pd.DataFrame:
-    """Refuse a vehicle without length and width, as gaps are from bumper to bumper; else the table
-    as it is.
+def _checked(table: pd.DataFrame) -> pd.DataFrame:
+    """Refuse a vehicle without length and width, as gaps are from bumper to bumper, and speeds in
+    another unit than m/s; else the table as it is.
+
+    table: sorted.
     """
     flat = ~(table[["length", "width"]] > 0.0).all(axis=1)
     if flat.any():
@@ -194,6 +199,7 @@ def _with_bodies(table: pd.DataFrame) -> pd.DataFrame:
         got = f"{row['length']:g} and {row['width']:g} m"
         what = f"Length and width of vehicle `{row['vehicle']}`"
         raise must_be(what, f"recording `{row['recording']}`", "above 0 m", got)
+    check_speeds(table)
     return table
 
 

@@ -14,7 +14,11 @@ import numpy as np
 import pandas as pd
 
 from sumo_eval.drivers.recorded.events import Events, extract_events, lane_centres
-from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
+from sumo_eval.drivers.recorded.importers.tables import (
+    check_speeds,
+    checked_numbers,
+    read_table,
+)
 from sumo_eval.drivers.recorded.importing import OWN, import_recordings
 from sumo_eval.drivers.recorded.matching import matching_events
 from sumo_eval.drivers.recorded.recordings import Recordings
@@ -73,11 +77,11 @@ def open_people(settings: DriverSettings, source: Path) -> People:
         raise InputError(
             "`drivers.recordings` or `drivers.cases` must name what was recorded, got neither."
         )
-    paths = tuple((source / name).resolve() for name in settings.recordings)
+    paths = tuple((source / name).absolute() for name in settings.recordings)
     people = _recorded(paths, tuple(map(changed_at, paths))) if paths else People()
     if not settings.cases:
         return people
-    folder = (source / settings.cases).resolve()
+    folder = source / settings.cases
     named = read_table(folder / NAMED_CASES, ("scenario", "file"))
     return people._replace(named=named, folder=folder)
 
@@ -219,7 +223,9 @@ def _drives_in(path: Path, line: Line) -> Sequence[tuple[str, Trajectory]]:
     for name, rows in table.groupby("driver", sort=False, dropna=False):
         driver = path.stem if pd.isna(name) else str(name)
         try:
-            if line and "speed" not in rows:
+            if "speed" in rows:
+                check_speeds(rows.assign(recording=path.name, vehicle=driver))
+            elif line:
                 on_map = Trajectory(rows["t"], *map_places(line, rows["x"], rows["y"])[:2])
                 rows = rows.assign(speed=on_map.speed)
             drives.append((driver, _trajectory(rows)))

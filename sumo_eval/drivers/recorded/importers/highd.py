@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.levelx import read_tables
-from sumo_eval.drivers.recorded.importers.tables import Samples, checked_numbers, require
+from sumo_eval.drivers.recorded.importers.tables import Samples, require
 
 _TRACKS = (
     "frame", "id", "x", "y", "width", "height", "xVelocity", "yVelocity", "xAcceleration",
@@ -33,7 +33,6 @@ def read(path: Path) -> Samples:
     stem = path.name.removesuffix("_tracks.csv")
     names = "tracksMeta", "recordingMeta"
     meta_path, about_path = (path.with_name(f"{stem}_{name}.csv") for name in names)
-    checked_numbers(meta, ("drivingDirection",), meta_path)
     known = meta["drivingDirection"].isin((_UPPER, 2)).all()
     require(bool(known), meta_path, "must have a `drivingDirection` of 1 or 2 in each row")
     kinds = meta.set_index("id")

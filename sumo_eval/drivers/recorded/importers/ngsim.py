@@ -68,6 +68,8 @@ def read(path: Path) -> Samples:
         f"{path.name} has no headings: 0 is assumed. Its lane {MAIN_LANES} is the right lane "
         "(lane 0); lanes beyond it are auxiliary lanes and ramps."
     ]
+    if not rows["v_Class"].isin(_CLASSES).all():
+        notes.append(f"{path.name} has classes beyond 1 to 3: those are assumed to be cars.")
     if again.any():
         notes.append(
             f"{again.sum()} times {path.name} uses a vehicle id again; each use is a vehicle of "

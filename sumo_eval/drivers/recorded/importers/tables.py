@@ -26,6 +26,10 @@ LARGEST = 2.0**53
 # columns that are text even where all are digits: 007 is not 7
 IDENTIFIERS = {"recording": str, "vehicle": str}
 
+MOVES = 3.0, 100.0  # m/s; speeds by positions that show the unit of `speed`
+SPEEDS_AGREE = 0.67, 1.5  # median of `speed` over those; km/h are 3.6, miles/h 2.24
+WHOLE = {"lane", "Lane_ID", "Vehicle_ID", "id", "trackId"}  # columns of whole numbers
+
 DOUBLE = "samples with a time that their vehicle already had were left out."  # of a note
 
 Samples = tuple[pd.DataFrame, list[str]]
@@ -110,18 +114,45 @@ def checked_numbers(
         cells = table[name].astype(str) if table[name].dtype == bool else table[name]
         numbers = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64)
         # not `>`: nan is bad, too
-        bad = np.flatnonzero(~(np.abs(numbers) <= LARGEST) & ~(cells.isna() & (name in gaps)))
+        fits = (np.abs(numbers) <= LARGEST) & ((numbers == np.round(numbers)) | (name not in WHOLE))
+        bad = np.flatnonzero(~fits & ~(cells.isna() & (name in gaps)))
         if bad.size:
             place = int(bad[0])
             number, got = numbers[place], table[name].iloc[place]
             demand = "a number, got " + ("nothing" if pd.isna(got) else repr(str(got)))
             if np.isfinite(number):
-                demand = f"at most {LARGEST:g} in size, got {number:g}"
+                large = abs(number) > LARGEST
+                demand = f"at most {LARGEST:g} in size" if large else "a whole number"
+                demand += f", got {number:g}"
             row = (
                 line_of_row(path, int(table.index[place]), heading) if rows is None else rows[place]
             )
             raise InputError(f"`{name}` in row {row} of {path} must be {demand}.")
         table[name] = numbers
+
+
+def unread_columns(table: pd.DataFrame, known: Sequence[str], path: Path) -> list[str]:
+    """A sentence on each column that is not known: a misspelt one is as good as missing."""
+    return [
+        f"Column `{name}` of {path.name} is not known and is not read.{did_you_mean(name, known)}"
+        for name in map(str, table)
+        if name not in known
+    ]
+
+
+def check_speeds(table: pd.DataFrame) -> None:
+    """Refuse speeds in another unit than m/s.
+
+    table: recording, vehicle, t, x, y and speed, by vehicle and time.
+    """
+    steps = table.groupby(["recording", "vehicle"], sort=False)[["t", "x", "y"]].diff()
+    moved = np.hypot(steps["x"], steps["y"]) / steps["t"]
+    share = (table["speed"] / moved)[moved.between(*MOVES)].groupby(table["recording"]).median()
+    for recording, factor in share[~share.between(*SPEEDS_AGREE)].items():
+        raise InputError(
+            f"`speed` of recording `{recording}` must be in m/s, as x, y and t have it, got "
+            f"{factor:.3g} times that."
+        )
 
 
 def line_of_row(path: Path, row: int, heading: int = 1) -> int:
