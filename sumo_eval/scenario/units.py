@@ -56,6 +56,12 @@ def factor_to(own: str, unit: str, column: str) -> float:
     return factor
 
 
+def si_factor(unit: str) -> float:
+    """The factor from numbers in a unit to the SI unit; 1 of an unknown unit."""
+    known = {**_CONVERSIONS, "deg": ("rad", math.radians(1.0))}
+    return known.get(spelt(unit).lower(), ("", 1.0))[1]
+
+
 def in_own_unit(value: float, factor: float) -> float:
     """A number in another unit; one of few digits stays one.
 

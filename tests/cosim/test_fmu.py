@@ -36,9 +36,11 @@ def fmus(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("unit", [1.0, 0.8])
-def test_an_fmu_drives_as_the_same_formula_in_python_does(fmus, tmp_path, unit):
-    """unit: of all its variables, in SI units."""
+@pytest.mark.parametrize(("unit", "name"), [(1.0, "one"), (0.8, "one"), (1.0 / 3.6, "km/h")])
+def test_an_fmu_drives_as_the_same_formula_in_python_does(fmus, tmp_path, unit, name):
+    """unit: of all its variables, in SI units; km/h has no BaseUnit."""
+    base = f'<BaseUnit factor="{unit}"/>' if name == "one" else ""
+    definition = f'<UnitDefinitions><Unit name="{name}">{base}</Unit></UnitDefinitions>'
 
     def acc(seen):
         values = (seen.lead.gap, seen.lead.speed) if seen.lead else (1000.0, seen.ego.speed)
@@ -48,14 +50,13 @@ def test_an_fmu_drives_as_the_same_formula_in_python_does(fmus, tmp_path, unit):
         return unit * min(max(acceleration, -6.0), 0.0 if gap > wanted else 2.0)
 
     with ZipFile(fmus / "Acc.fmu") as old, ZipFile(tmp_path / "Acc.fmu", "w") as new:
-        for name in old.namelist():
-            text = old.read(name)
-            if name == "modelDescription.xml":
-                units = f'<UnitDefinitions><Unit name="one"><BaseUnit factor="{unit}"/></Unit>'
-                units += "</UnitDefinitions><LogCategories>"
+        for file in old.namelist():
+            text = old.read(file)
+            if file == "modelDescription.xml":
+                units = f"{definition}<LogCategories>"
                 text = text.replace(b"<LogCategories>", units.encode())
-                text = text.replace(b"<Real", b'<Real unit="one"')
-            new.writestr(name, text)
+                text = text.replace(b"<Real", f'<Real unit="{name}"'.encode())
+            new.writestr(file, text)
     settings = SimulationSettings(time_limit=10.0)
     fmu = simulate(case(lead(40.0, speed=10.0)), MAPPED, settings, folder=tmp_path)
     python = simulate(case(lead(40.0, speed=10.0)), acc, settings)

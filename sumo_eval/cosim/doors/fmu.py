@@ -51,6 +51,7 @@ from sumo_eval.errors import (
     users_code,
 )
 from sumo_eval.input_file import changed_at, input_file
+from sumo_eval.scenario.units import si_factor
 from sumo_eval.settings import FmuSettings
 
 SIGNALS = signal_names()
@@ -353,7 +354,8 @@ class _Fmu:
 
     def _factor(self, variable: Any) -> float:
         """Factor from the unit of a variable, or of its type, to the SI unit."""
-        return self._factors.get(variable.unit or getattr(variable.declaredType, "unit", None), 1.0)
+        unit = variable.unit or getattr(variable.declaredType, "unit", None)
+        return self._factors.get(unit) or si_factor(str(unit))  # no BaseUnit: by its name
 
     def _kind(self, variable: Any) -> str:
         """The type by which the FMU is asked."""
