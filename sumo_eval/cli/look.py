@@ -116,7 +116,7 @@ def replay(
     path = write_replay(run, logical, fact, out, beside=beside)
     tell(f"The replay is {path}")
     if opens:
-        open_in_browser(path.resolve().as_uri())
+        open_in_browser(path.absolute().as_uri())
 
 
 @click.command(epilog="Example: sumo-eval export results/first --format csv --out tables")

@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
 PATH = click.Path(path_type=Path)
+
+
+class Range(click.FloatRange):
+    """A range of numbers."""
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> float:
+        """Refuse nan too, which is below and above nothing."""
+        number: float = super().convert(value, param, ctx)
+        return self.fail("nan is not a number.", param, ctx) if math.isnan(number) else number
+
+
 # s; the most that `RunSettings` take
-POSITIVE = click.FloatRange(min=0, max=1e6, min_open=True)
+POSITIVE = Range(min=0, max=1e6, min_open=True)
 
 path_argument = partial(click.argument, type=PATH)
 path_option = partial(click.option, type=PATH)

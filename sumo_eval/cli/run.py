@@ -19,6 +19,7 @@ from sumo_eval.cli.options import (
     POSITIVE,
     RUN,
     WORKERS,
+    Range,
     count_option,
     flag,
     path_argument,
@@ -192,7 +193,7 @@ def merge(shards: tuple[Path, ...], out: Path, everything: bool) -> None:
 @RUN
 @click.option(
     "--share",
-    type=click.FloatRange(0.0, 1.0, min_open=True),
+    type=Range(0.0, 1.0, min_open=True),
     default=0.1,
     show_default=True,
     help="Share of the drives that is simulated again.",

@@ -305,7 +305,9 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
         version = int(connection.execute("PRAGMA user_version").fetchone()[0])
         if version == 0 and connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
             raise InputError(f"{path} is not a history: it is a database of something else.")
-        # a history without the table of begun nights gets one
+        if version == FORMAT_VERSION:
+            # tables of every such history; one without the table of begun nights gets one
+            connection.execute("SELECT 1 FROM nights, quantities, gates LIMIT 0")
         if version in (0, FORMAT_VERSION) and create:
             connection.executescript(
                 f"BEGIN; {_SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;"

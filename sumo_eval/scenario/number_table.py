@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import csv
-import math
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -90,8 +89,9 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
         values = []
         for name in names:
             value = number_in(row.get(name))
-            if math.isnan(value):
-                raise must_be(f"`{name}` in line {number}", owner, "a number", row.get(name))
+            if not abs(value) < 1e100:  # the squares of larger ones are infinite
+                place = f"`{name}` in line {number}"
+                raise must_be(place, owner, "a number below 1e100 in size", row.get(name))
             values.append(in_own_unit(value, factors[name]))
         table.append(values)
     ignored = [name for name in header if name not in names]

@@ -37,6 +37,9 @@ def folder(tmp_path):
     (tmp_path / "deep.toml").write_text(f"x = {'[' * 5_000}{']' * 5_000}\n{HEAD}")
     (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"\n')
     (tmp_path / "folder.toml").mkdir()
+    (tmp_path / "loop").symlink_to("loop")
+    recorded = 'source = "recorded"\nrecordings = ["loop"]'
+    (tmp_path / "recorded.toml").write_text(HEAD.replace("count = 2", recorded))
     (tmp_path / "long.toml").write_text(
         HEAD.replace('controller = "idm"', f'controller = "{"a" * 5_000}.py:x"')
     )
@@ -55,6 +58,8 @@ def folder(tmp_path):
 run digits.toml --out o | is not valid TOML
 check deep.toml | must not be nested more than 50 deep
 check latin.toml | cannot be read: 'utf-8' codec
+run good.toml --step-timeout nan | nan is not a number
+run recorded.toml --out o | Too many levels of symbolic links
 run good.toml --out good.toml | good.toml
 run good.toml --out good.toml/below | good.toml
 run long.toml --out o | File name too long

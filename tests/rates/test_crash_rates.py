@@ -165,3 +165,4 @@ def test_drives_that_could_not_be_evaluated_are_listed_by_reason():
         "3 drives could not be evaluated (ads_error 1, sim_error 2) and count as without a "
         "collision."
     )
+    assert lost_words({"x": 1}).startswith("1 drive could not be evaluated (x 1) and counts as")

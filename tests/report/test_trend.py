@@ -58,6 +58,9 @@ def test_another_format_and_another_file_are_refused(tmp_path):
     edit(tmp_path / HISTORY, "PRAGMA user_version = 99")
     with refusal("format version 99"), open_history(tmp_path, create=True):
         pass
+    edit(tmp_path / HISTORY, "PRAGMA user_version = 1")
+    with refusal("no such table: nights"), open_history(tmp_path, create=True):
+        pass
     (tmp_path / HISTORY).write_bytes(b"no database at all, only words" * 100)
     with refusal("is not a history"), open_history(tmp_path):
         pass

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
+from os.path import realpath
 from pathlib import Path
 
 from sumo_eval.errors import did_you_mean
@@ -30,7 +31,7 @@ class Catalogs:
             depends_on(at)  # adding a file changes the folder, and then scenes are read again
         # one folder may be named for several kinds of catalogs
         for file in dict.fromkeys(
-            it.resolve() for _, at in self.folders for it in sorted(at.glob("*.xosc"))
+            Path(realpath(it)) for _, at in self.folders for it in sorted(at.glob("*.xosc"))
         ):
             catalog = read_openscenario(file).find("Catalog")
             if catalog is not None:

@@ -17,6 +17,7 @@ from sumo_eval.extras.rates.importance import DEFENSIVE, Limits
 from sumo_eval.extras.rates.page import amount, interval, table
 from sumo_eval.report.page import write_json
 from sumo_eval.report.study_page import Fold, Piece, Table, Text, write_parts
+from sumo_eval.report.words import count
 
 PAGE, PLAIN = "campaign.html", "campaign.json"
 OUTSIDE = (
@@ -124,10 +125,11 @@ def lost_words(lost: Mapping[str, int]) -> str:
 
     lost: status -> number of drives.
     """
-    why = ", ".join(f"{status} {count}" for status, count in sorted(lost.items()))
+    why = ", ".join(f"{status} {number}" for status, number in sorted(lost.items()))
+    drives = sum(lost.values())
     return (
-        f"{sum(lost.values())} drives could not be evaluated ({why}) and count as without a "
-        "collision."
+        f"{count(drives, 'drive')} could not be evaluated ({why}) and count{'s' * (drives == 1)} "
+        "as without a collision."
     )
 
 

@@ -135,13 +135,15 @@ def scene(
     """
     from sumo_eval.drivers.recorded.importing import OWN, import_recordings
     from sumo_eval.extras.rates.recorded_scene import ROAD_AS_WRITTEN, write_scene
+    from sumo_eval.report.words import count
 
     written = write_scene(
         import_recordings(OWN, tables), out, ego, recording, (begin, end), react, beyond
     )
     mean, most = written.error
     tell(
-        f"{written.others} vehicles around {ego} for {written.seconds:z.1f} s; in the file they "
+        f"{count(written.others, 'vehicle')} around {ego} for {written.seconds:z.1f} s; in the "
+        "file they "
         f"are {mean:z.3f} m (root mean square; at most {most:z.2f} m) from where they were "
         "recorded."
     )
@@ -151,7 +153,7 @@ def scene(
             "keep speed and lane."
         )
     for reason, number in written.left_out.items():
-        tell(f"Left out: {number} vehicles, {reason}.")
+        tell(f"Left out: {count(number, 'vehicle')}, {reason}.")
     tell(ROAD_AS_WRITTEN)
     tell(f"Scene: {out}")
 

@@ -76,7 +76,7 @@ def drive(
 
     logical = find(what, Path.cwd())
     concrete, settings = concrete_of(logical, named_values(values, "--set")), settings_at(rate)
-    use = str(file.resolve()) if is_file(what) else what
+    use = str(file.absolute()) if is_file(what) else what
     _open(
         f"Drive {logical.name}",
         port,

@@ -157,7 +157,7 @@ def read_study(path: Path) -> StudyPlan:
     Raises InputError for the first mistake.
     """
     settings = read_checked(path, StudySettings, "study file")
-    run = (path.parent / settings.run).resolve()
+    run = (path.parent / settings.run).absolute()
     resolved = resolved_run(run)
     uses = {logical.name: (entry.use, logical) for entry, logical in resolved.entries}
     with open_store(run / FACTS) as store:
@@ -189,7 +189,7 @@ def read_study(path: Path) -> StudyPlan:
         # a name that is no file is that of a scenario that ships
         locator = str(file) if file.is_file() else use
         cases.append(StudyCase(key, locator, logical.concrete(**fact.values), drives[key]))
-    folder = (path.parent / (settings.out or settings.name.replace(" ", "_"))).resolve()
+    folder = (path.parent / (settings.out or settings.name.replace(" ", "_"))).absolute()
     return StudyPlan(settings, run, folder, tuple(cases), settings.ads or tuple(names))
 
 
