@@ -1,5 +1,6 @@
 """Tables of cases as text."""
 
+from ast import literal_eval
 from itertools import chain, repeat
 
 
@@ -15,3 +16,9 @@ def rows_of(text, *kinds):
         )
         for row in text.strip("\n").replace("\n| ", " | ").splitlines()
     ]
+
+
+def values_of(text):
+    """The rows of a text, one a line, of Python's literals between commas, with its comments."""
+    rows = (row.strip() for row in text.strip().splitlines())
+    return [literal_eval(f"({row}\n,)") for row in rows if row[0] != "#"]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from refusals import refusal
 from road_scenes import BRIEFING, fresh, mover
+from tables import values_of
 
 from sumo_eval.ads.car_following import IdmParameters, enhanced_idm_acceleration
 from sumo_eval.ads.lane_change import path_y, share_of_duration, smooth_step
@@ -122,18 +123,18 @@ def test_when_braking_will_not_do_it_evades_if_that_is_possible(habits):
 
 @pytest.mark.parametrize(
     ("x", "y", "speed", "free"),
-    [
-        (14.5, 3.5, 20.0, False),
-        (18.5, 3.5, 20.0, True),
-        (34.5, 3.5, 15.0, False),
-        (-20.0, 3.5, 20.0, False),
-        (-25.0, 3.5, 20.0, True),
-        (-60.0, 3.5, 35.0, False),
-        (-120.0, 3.5, 35.0, True),
-        (1.0, 3.5, 20.0, False),
-        (-1.0, 3.5, 20.0, False),
-        (1.0, 7.0, 20.0, True),
-    ],
+    values_of("""
+    14.5, 3.5, 20.0, False
+    18.5, 3.5, 20.0, True
+    34.5, 3.5, 15.0, False
+    -20.0, 3.5, 20.0, False
+    -25.0, 3.5, 20.0, True
+    -60.0, 3.5, 35.0, False
+    -120.0, 3.5, 35.0, True
+    1.0, 3.5, 20.0, False
+    -1.0, 3.5, 20.0, False
+    1.0, 7.0, 20.0, True
+    """),
 )
 def test_the_left_lane_must_be_free_ahead_and_behind(x, y, speed, free):
     overtaking, _ = decide(ahead(60.0, 10.0), mover("other", x, y, along=speed))
@@ -166,9 +167,12 @@ def test_oncoming_vehicles_are_neither_overtaken_nor_approached(habits, gap):
 
 
 def test_an_evasion_needs_only_room_not_comfort():
-    for x, speed, evades in (
-        (9.5, 30.0, True), (6.4, 30.0, False), (1.0, 30.0, False), (-15.0, 35.0, False)
-    ):  # fmt: skip
+    for x, speed, evades in values_of("""
+    9.5, 30.0, True
+    6.4, 30.0, False
+    1.0, 30.0, False
+    -15.0, 35.0, False
+    """):  # fmt: skip
         other = mover("left", x, 3.5, along=speed)
         assert decide(ahead(45.0, 0.0), other, speed=30.0)[0].changing is evades
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from road_scenes import fresh, mover
+from tables import values_of
 
 from sumo_eval.ads.perception import (
     bumper_gap,
@@ -89,13 +90,13 @@ def test_vehicles_ahead_come_in_order_the_nearest_first():
 
 @pytest.mark.parametrize(
     ("lead_y", "share", "seen"),
-    [
-        (0.0, 0.0, False),
-        (1.79, 0.0, False),
-        (1.81, 0.0, True),
-        (0.89, 0.5, False),
-        (0.91, 0.5, True),
-    ],
+    values_of("""
+    0.0, 0.0, False
+    1.79, 0.0, False
+    1.81, 0.0, True
+    0.89, 0.5, False
+    0.91, 0.5, True
+    """),
 )
 def test_a_nearer_vehicle_hides_what_it_covers(lead_y, share, seen):
     lead, obstacle = mover("lead", 130.0, lead_y), mover("obstacle", 160.0)
@@ -104,15 +105,15 @@ def test_a_nearer_vehicle_hides_what_it_covers(lead_y, share, seen):
 
 @pytest.mark.parametrize(
     ("eye", "x", "y", "seen"),
-    [
-        # at 156 m the line to the child is at -4.2 m, right of the car's -3.9 to -2.1 m
-        (100.0, 160.0, -4.5, True),
-        (140.0, 160.0, -4.5, False),  # and here at -3.6 m
-        (100.0, 160.0, -3.0, False),
-        (100.0, 160.0, -2.0, True),  # at -1.87 m, left of the car
-        (100.0, 150.0, -3.0, True),  # before the parked car
-        (100.0, 160.0, -0.5, True),  # in the ego's way
-    ],
+    values_of("""
+    # at 156 m the line to the child is at -4.2 m, right of the car's -3.9 to -2.1 m
+    100.0, 160.0, -4.5, True
+    140.0, 160.0, -4.5, False  # and here at -3.6 m
+    100.0, 160.0, -3.0, False
+    100.0, 160.0, -2.0, True  # at -1.87 m, left of the car
+    100.0, 150.0, -3.0, True  # before the parked car
+    100.0, 160.0, -0.5, True  # in the ego's way
+    """),
 )
 def test_a_vehicle_off_the_way_is_seen_along_the_line_to_it(eye, x, y, seen):
     child = mover("child", x, y)._replace(half_width=0.1)

@@ -13,6 +13,7 @@ import libsumo
 import pytest
 from commands import python
 from cosim_cases import HALF_SECOND, ROAD, case, lead
+from tables import values_of
 
 import sumo_eval.cosim.sumo.session as session_module
 from sumo_eval.cosim.simulation import simulate
@@ -43,15 +44,11 @@ def test_trap_1_the_session_starts_it_as_requested():
 
 @pytest.mark.parametrize(
     ("written", "instead", "sentence"),
-    [
-        (' depart="0"', ' depart="3"', "did not insert vehicle `ego`"),
-        (
-            'departPos="52.25"',
-            'departPos="53"',
-            "at (50.750, 0.000) m instead of (50.000, 0.000) m",
-        ),
-        ('departSpeed="20.0"', 'departSpeed="19"', "the speed 19.000 m/s instead of 20.000 m/s"),
-    ],
+    values_of("""
+    ' depart="0"', ' depart="3"', "did not insert vehicle `ego`"
+    'departPos="52.25"', 'departPos="53"', "at (50.750, 0.000) m instead of (50.000, 0.000) m"
+    'departSpeed="20.0"', 'departSpeed="19"', "the speed 19.000 m/s instead of 20.000 m/s"
+    """),
 )
 def test_trap_1_a_start_that_is_not_the_requested_one_is_refused(
     monkeypatch, written, instead, sentence
@@ -130,16 +127,12 @@ def test_trap_5_a_nested_session_is_refused_and_the_outer_lives():
 
 @pytest.mark.parametrize(
     ("writer", "text", "quote"),
-    [
-        ("network_xml", "no network at all", "invalid document structure"),
-        (
-            "routes_xml",
-            '<routes><vehicle id="ego" route="nowhere" depart="0"/></routes>',
-            "nowhere",
-        ),
-        ("routes_xml", "<routes>", "rou.xml"),
-        ("routes_xml", "", "rou.xml"),  # a step of what was loaded would crash, or write a file
-    ],
+    values_of("""
+    "network_xml", "no network at all", "invalid document structure"
+    "routes_xml", '<routes><vehicle id="ego" route="nowhere" depart="0"/></routes>', "nowhere"
+    "routes_xml", "<routes>", "rou.xml"
+    "routes_xml", "", "rou.xml"  # a step of what was loaded would crash, or write a file
+    """),
 )
 def test_trap_5_a_bad_file_quotes_sumos_log_and_keeps_the_console_clean(
     monkeypatch, capfd, tmp_path, writer, text, quote

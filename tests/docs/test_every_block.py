@@ -15,7 +15,7 @@ import yaml
 from commands import sumo_eval
 from doc_blocks import BLOCKS, CODE, PAGES, ROOT, Desk, code_of, mentioned
 from example_files import write_needs
-from tables import rows_of
+from tables import rows_of, values_of
 
 from sumo_eval.cli import commands, main
 from sumo_eval.cosim.doors.features import read_interface
@@ -234,14 +234,14 @@ def test_other_programs_that_blocks_call_are_there():
 def reader_of(content):
     """Which file of the program a block of TOML is, by its keys."""
     keys = set(content)
-    for name, marks in (
-        ("scenario", {"parameter"}),
-        ("gate", {"limit"}),
-        ("study", {"consent"}),
-        ("features", {"feature"}),
-        ("mapping", {"distribution", "parameters"}),
-        ("campaign", {"budget", "ads"}),
-    ):
+    for name, marks in values_of("""
+    "scenario", {"parameter"}
+    "gate", {"limit"}
+    "study", {"consent"}
+    "features", {"feature"}
+    "mapping", {"distribution", "parameters"}
+    "campaign", {"budget", "ads"}
+    """):
         if marks <= keys:
             return name
     (name,) = [name for name, known in READERS.items() if keys <= known]

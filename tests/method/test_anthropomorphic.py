@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refusal
-from tables import rows_of
+from tables import rows_of, values_of
 from twins import anthropomorphic as twin
 
 from sumo_eval.method import anthropomorphic as module
@@ -201,15 +201,15 @@ def test_counting_operations_is_the_plain_state_machine(signal):
 
 @pytest.mark.parametrize(
     ("z", "expected"),
-    [
-        (0.0, 1.0),
-        (1.0, 1.0),
-        (2.0, 1.0),
-        (2.5, 0.32465246735834974),  # exp(2 - 3.125) = exp(-1.125)
-        (3.0, 0.0820849986238988),  # exp(2 - 4.5) = exp(-2.5)
-        (4.0, 0.0024787521766663585),  # exp(2 - 8) = exp(-6)
-        (1e200, 0.0),
-    ],
+    values_of("""
+    0.0, 1.0
+    1.0, 1.0
+    2.0, 1.0
+    2.5, 0.32465246735834974  # exp(2 - 3.125) = exp(-1.125)
+    3.0, 0.0820849986238988  # exp(2 - 4.5) = exp(-2.5)
+    4.0, 0.0024787521766663585  # exp(2 - 8) = exp(-6)
+    1e200, 0.0
+    """),
 )
 def test_a_value_z_deviations_off(z, expected):
     for mean, deviation, sign in ((0.0, 1.0, 1), (3.0, 0.25, -1)):
@@ -327,16 +327,16 @@ def test_slices_every_half_metre(start, length, expected):
 
 @pytest.mark.parametrize(
     ("x", "y", "positions", "expected"),
-    [
-        ([0, 10, 20], [0, 1, 3], [5, 15, 10, 25], [0.5, 2, 1, 3]),  # at last beyond its end
-        ([0, 10, 20], [0.5, 1, 3], [-4], [0.5]),  # before its start
-        # stands: where it first got there, and goes on from where it stood last
-        ([0, 10, 10, 10, 20], [0, 1, 2, 3, 4], [10, 15], [1, 3.5]),
-        # rolls back: first crossing; 9 -> 12 after rolling back
-        ([0, 10, 9, 12], [0, 1, 2, 5], [9.5, 11], [0.95, 4]),
-        ([3], [7], [3, 4], [7, 7]),
-        ([0, 0, 0], [1, 2, 3], [0, 0.5], [1, 3]),  # never moves
-    ],
+    values_of("""
+    [0, 10, 20], [0, 1, 3], [5, 15, 10, 25], [0.5, 2, 1, 3]  # at last beyond its end
+    [0, 10, 20], [0.5, 1, 3], [-4], [0.5]  # before its start
+    # stands: where it first got there, and goes on from where it stood last
+    [0, 10, 10, 10, 20], [0, 1, 2, 3, 4], [10, 15], [1, 3.5]
+    # rolls back: first crossing; 9 -> 12 after rolling back
+    [0, 10, 9, 12], [0, 1, 2, 5], [9.5, 11], [0.95, 4]
+    [3], [7], [3, 4], [7, 7]
+    [0, 0, 0], [1, 2, 3], [0, 0.5], [1, 3]  # never moves
+    """),
 )
 def test_lateral_position_at_the_first_crossing(x, y, positions, expected):
     t = Trajectory(np.arange(len(x)), x, y)
@@ -345,14 +345,14 @@ def test_lateral_position_at_the_first_crossing(x, y, positions, expected):
 
 @pytest.mark.parametrize(
     ("centre", "expected"),
-    [
-        # 1.2 m to the right edge: three parts of 0.4
-        (-0.55, [-1.75, -1.35, -0.95, -0.55, -0.05, 0.45, 0.95]),
-        # 0.6 m to the left edge: three parts of 0.2
-        (4.65, [3.15, 3.65, 4.15, 4.65, 4.85, 5.05, 5.25]),
-        (-2.0, [-2.0, -2.0, -2.0, -2.0, -1.5, -1.0, -0.5]),  # off the road on the right
-        (6.0, [4.5, 5.0, 5.5, 6.0, 6.0, 6.0, 6.0]),  # and on the left
-    ],
+    values_of("""
+    # 1.2 m to the right edge: three parts of 0.4
+    -0.55, [-1.75, -1.35, -0.95, -0.55, -0.05, 0.45, 0.95]
+    # 0.6 m to the left edge: three parts of 0.2
+    4.65, [3.15, 3.65, 4.15, 4.65, 4.85, 5.05, 5.25]
+    -2.0, [-2.0, -2.0, -2.0, -2.0, -1.5, -1.0, -0.5]  # off the road on the right
+    6.0, [4.5, 5.0, 5.5, 6.0, 6.0, 6.0, 6.0]  # and on the left
+    """),
 )
 def test_seven_points_a_slice(centre, expected):
     points = slice_points(np.array([3.0, 4.0]), np.array([1.0, centre]), ROAD)
@@ -438,13 +438,13 @@ def test_steering_and_pedals_add_up_by_their_settings():
         steering_wheel_angle=np.radians(signal(OUT, NONE, OUT)),
         acceleration=signal((1.0, 1.5), (0.0, 1.5)),
     )
-    for changes, expected in (
-        ({}, 3),
-        ({"steering_threshold_deg": 12.5}, 1),
-        ({"acceleration_threshold": 1.5}, 2),
-        ({"neutral_time": 1.1}, 2),
-        ({"neutral_time": 0.0}, 3),
-    ):
+    for changes, expected in values_of("""
+    {}, 3
+    {"steering_threshold_deg": 12.5}, 1
+    {"acceleration_threshold": 1.5}, 2
+    {"neutral_time": 1.1}, 2
+    {"neutral_time": 0.0}, 3
+    """):
         assert count_operations(t, replace(WHEEL, **changes)) == expected
 
 
@@ -452,13 +452,13 @@ def test_the_wheels_threshold_may_be_a_lateral_acceleration():
     # a = v^2 tan(angle / 16) / 2.7 m: at 10 m/s 2 m/s2 needs 16 atan(2.7 * 2 / 100) = 49.5 deg, at
     # 30 m/s 5.5 deg.
     chosen = replace(WHEEL, steering_lateral_acceleration=2.0)
-    for speed, degrees, expected in (
-        (10.0, 49.4, 0),
-        (10.0, 49.6, 1),
-        (30.0, 5.4, 0),
-        (30.0, 5.6, 1),
-        (0.0, 500.0, 0),
-    ):
+    for speed, degrees, expected in values_of("""
+    10.0, 49.4, 0
+    10.0, 49.6, 1
+    30.0, 5.4, 0
+    30.0, 5.6, 1
+    0.0, 500.0, 0
+    """):
         turned = recorded(
             steering_wheel_angle=np.radians(signal((degrees, 1.0))), speed=np.full(10, speed)
         )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tables import values_of
 
 from sumo_eval.method.driving_task import (
     asked_way,
@@ -122,18 +123,18 @@ def test_who_stands_behind_a_standing_car_is_excused():
         y, heading, v = np.multiply.outer([y, 0.0, speed], np.ones(n))
         return {"car": Trajectory(time, x + speed * time, y, heading, v)}
 
-    for x, y, v, excused in (
-        (64.0, 0.0, 0.0, True),  # fronts and rears at 50 + 2.25 and x - 2.25: 10 m at x = 64.5
-        (65.0, 0.0, 0.0, False),
-        (40.0, 0.0, 0.0, False),  # behind
-        (60.0, 5.2, 0.0, True),
-        (60.0, 5.4, 0.0, False),  # 3.6 m beside
-        (60.0, -5.2, 0.0, True),
-        (60.0, -5.4, 0.0, False),
-        (45.0, 0.0, 0.9, True),  # at 10 s, when the ego stands, both are at x = 54
-        (43.0, 0.0, 1.1, False),
-        (40.0, 0.0, 1.5, False),  # it drives on
-    ):
+    for x, y, v, excused in values_of("""
+    64.0, 0.0, 0.0, True  # fronts and rears at 50 + 2.25 and x - 2.25: 10 m at x = 64.5
+    65.0, 0.0, 0.0, False
+    40.0, 0.0, 0.0, False  # behind
+    60.0, 5.2, 0.0, True
+    60.0, 5.4, 0.0, False  # 3.6 m beside
+    60.0, -5.2, 0.0, True
+    60.0, -5.4, 0.0, False
+    45.0, 0.0, 0.9, True  # at 10 s, when the ego stands, both are at x = 54
+    43.0, 0.0, 1.1, False
+    40.0, 0.0, 1.5, False  # it drives on
+    """):
         assert is_excused(stopped, car(x, y, v)) is excused, (x, y, v)
     assert not is_excused(drive(10.0, 20.0), car(64.0, 0.0)), "an ego that drives needs no excuse"
     assert is_excused(drive(0.0, 20.0), car(10.0, 0.0)), "it has stood from the start"

@@ -4,22 +4,22 @@ import json
 
 import pytest
 from refusals import refusal
-from tables import rows_of
+from tables import rows_of, values_of
 
 from sumo_eval.method.score import combined_score, population_scale
 
 
 @pytest.mark.parametrize(
     ("c", "d", "scales", "expected"),
-    [
-        # 60 * 1.25 * 0.4 + 40 * 0.5 * 0.8
-        (0.4, 0.8, {"a": 60, "b": 40, "k5": 1.25, "k6": 0.5}, (46.0, 30.0, 16.0)),
-        (0.5, 1.0, {}, (75.0, 25.0, 50.0)),
-        (None, 0.5, {}, (25.0, 0.0, 25.0)),
-        (0.9, None, {}, (45.0, 45.0, 0.0)),
-        (0.0, None, {}, (0.0, 0.0, 0.0)),
-        (None, None, {}, (None, 0.0, 0.0)),
-    ],
+    values_of("""
+    # 60 * 1.25 * 0.4 + 40 * 0.5 * 0.8
+    0.4, 0.8, {"a": 60, "b": 40, "k5": 1.25, "k6": 0.5}, (46.0, 30.0, 16.0)
+    0.5, 1.0, {}, (75.0, 25.0, 50.0)
+    None, 0.5, {}, (25.0, 0.0, 25.0)
+    0.9, None, {}, (45.0, 45.0, 0.0)
+    0.0, None, {}, (0.0, 0.0, 0.0)
+    None, None, {}, (None, 0.0, 0.0)
+    """),
 )
 def test_the_score_by_hand(c, d, scales, expected):
     score = combined_score(c, d, **scales)

@@ -9,7 +9,7 @@ from commands import python
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refusal
-from tables import rows_of
+from tables import rows_of, values_of
 from twins import trajectory_field as twin
 
 from sumo_eval.method import trajectory_field as module
@@ -52,23 +52,23 @@ def around(trajectory, n, seed=7):
 
 @pytest.mark.parametrize(
     ("point", "k1", "k2", "expected"),
-    [
-        # v = 20 m/s, k2 v = 0.1; 4 m away, 4^0.5 = 2.
-        ((4.0, 0.0), 0.5, 0.005, 0.5525854590378238),  # ahead: exp(0.1) / 2
-        ((-4.0, 0.0), 0.5, 0.005, 0.4524187090179798),  # behind: exp(-0.1) / 2
-        ((0.0, 4.0), 0.5, 0.005, 0.5),  # beside: exp(0) / 2
-        ((3.0, 4.0), 0.5, 0.005, 0.4748677398138),  # 5 m, cos theta = 0.6: exp(0.06) / sqrt(5)
-        # k2 v = 1; 10 m away.
-        ((10.0, 0.0), 1.0, 0.05, 0.2718281828459045),  # e / 10
-        ((-10.0, 0.0), 2.0, 0.05, 0.0036787944117144),  # exp(-1) / 100
-        # Nearer than 1 m the distance counts as 1 m, the angle as it is.
-        ((0.25, 0.0), 0.5, 0.005, 1.1051709180756477),  # exp(0.1)
-        ((-0.25, 0.0), 0.5, 0.005, 0.9048374180359595),  # exp(-0.1)
-        ((-1e-6, 0.0), 0.5, 0.005, 0.9048374180359595),
-        ((0.0, 0.0), 0.5, 0.005, 1.1051709180756477),  # on the vehicle: dead ahead of it
-        # on it but for the rounding of coordinates
-        ((-1e-10, 0.0), 0.5, 0.005, 1.1051709180756477),
-    ],
+    values_of("""
+    # v = 20 m/s, k2 v = 0.1; 4 m away, 4^0.5 = 2.
+    (4.0, 0.0), 0.5, 0.005, 0.5525854590378238  # ahead: exp(0.1) / 2
+    (-4.0, 0.0), 0.5, 0.005, 0.4524187090179798  # behind: exp(-0.1) / 2
+    (0.0, 4.0), 0.5, 0.005, 0.5  # beside: exp(0) / 2
+    (3.0, 4.0), 0.5, 0.005, 0.4748677398138  # 5 m, cos theta = 0.6: exp(0.06) / sqrt(5)
+    # k2 v = 1; 10 m away.
+    (10.0, 0.0), 1.0, 0.05, 0.2718281828459045  # e / 10
+    (-10.0, 0.0), 2.0, 0.05, 0.0036787944117144  # exp(-1) / 100
+    # Nearer than 1 m the distance counts as 1 m, the angle as it is.
+    (0.25, 0.0), 0.5, 0.005, 1.1051709180756477  # exp(0.1)
+    (-0.25, 0.0), 0.5, 0.005, 0.9048374180359595  # exp(-0.1)
+    (-1e-6, 0.0), 0.5, 0.005, 0.9048374180359595
+    (0.0, 0.0), 0.5, 0.005, 1.1051709180756477  # on the vehicle: dead ahead of it
+    # on it but for the rounding of coordinates
+    (-1e-10, 0.0), 0.5, 0.005, 1.1051709180756477
+    """),
 )
 def test_one_vehicle_at_the_origin_at_20_metres_per_second(point, k1, k2, expected):
     assert trajectory_field([point], one_sample(20.0), k1=k1, k2=k2) == pytest.approx(
@@ -166,16 +166,16 @@ def test_another_sample_interval_sums_other_samples():
 
 @pytest.mark.parametrize(
     ("k1", "k2"),
-    [
-        (0.5, 0.005),
-        (0.0, 0.005),
-        (1.0, 0.05),
-        (2.0, 0.05),
-        (0.7, 0.005),
-        (0.5, 0.0),
-        (3.0, 1.0),
-        (0.5, 1.0),
-    ],
+    values_of("""
+    0.5, 0.005
+    0.0, 0.005
+    1.0, 0.05
+    2.0, 0.05
+    0.7, 0.005
+    0.5, 0.0
+    3.0, 1.0
+    0.5, 1.0
+    """),
 )
 @pytest.mark.parametrize("step", [STEP, 0.04, 0.23])
 def test_the_kernels_are_the_plain_loops(k1, k2, step):

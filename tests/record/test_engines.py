@@ -13,7 +13,7 @@ import pytest
 from commands import python
 from record.runs import CONCRETE, cases_of, each_once, limited
 from refusals import refusal
-from tables import rows_of
+from tables import rows_of, values_of
 
 from sumo_eval.cli.stopping import heard
 from sumo_eval.cosim.simulation import simulate
@@ -129,14 +129,14 @@ def test_late_case_is_driven_once_more_alone(tmp_path, name, status, drives):
 
 @pytest.mark.parametrize(
     ("status", "simulated", "idle", "again"),
-    [
-        ("ads_timeout", 0.0, 0.0, True),
-        ("ads_timeout", 2.0, 0.1, False),
-        ("ads_timeout", 2.0, 0.5, True),
-        ("timeout", None, 0.1, False),
-        ("timeout", None, 0.5, True),
-        ("ads_error", 0.0, 0.9, False),
-    ],
+    values_of("""
+    "ads_timeout", 0.0, 0.0, True
+    "ads_timeout", 2.0, 0.1, False
+    "ads_timeout", 2.0, 0.5, True
+    "timeout", None, 0.1, False
+    "timeout", None, 0.5, True
+    "ads_error", 0.0, 0.9, False
+    """),
 )
 def test_only_lateness_without_a_processor_is_chance(outcomes, status, simulated, idle, again):
     kept = outcomes["raises"].recording
@@ -149,13 +149,13 @@ def test_only_lateness_without_a_processor_is_chance(outcomes, status, simulated
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [
-        ("raises", 'faulty_ads.py", line'),
-        ("hangs", "in hangs"),
-        ("segfaults", "Fatal Python error: Segmentation fault"),
-        ("hangs_in_c", "in hangs_in_c"),
-        ("vanishes", "last words before vanishing"),
-    ],
+    values_of("""
+    "raises", 'faulty_ads.py", line'
+    "hangs", "in hangs"
+    "segfaults", "Fatal Python error: Segmentation fault"
+    "hangs_in_c", "in hangs_in_c"
+    "vanishes", "last words before vanishing"
+    """),
 )
 def test_the_log_shows_where_it_happened(outcomes, name, words):
     assert words in outcomes[name].log

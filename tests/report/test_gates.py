@@ -10,7 +10,7 @@ import builders
 import pytest
 from refusals import refusal
 from report_cases import HIT, every, pick, with_case
-from tables import rows_of
+from tables import rows_of, values_of
 
 from sumo_eval.nightly import gates
 from sumo_eval.nightly.gates import judge
@@ -331,14 +331,16 @@ def test_a_column_is_evaluated_case_by_case(evaluation):
     new = with_case(base, case, min_gap=3.0)
     other = next(one for one in new.cases if one.case != case.case and one.ads == case.ads)
     new = with_case(new, other, min_gap=None)
-    for bound, fails in (
-        # 0.22 of the bound, not of the base's 5 m
-        ({"at_least": 4.0, "tolerance": 0.22}, True),
-        ({"at_least": 3.0}, False), ({"at_most": 5.0}, False),
-        ({"worse_by": 1.9}, True),
-        ({"worse_by": 2.0}, False), ({"worse_by_percent": 39.0}, True),
-        ({"worse_by_percent": 40.0}, False),
-    ):  # fmt: skip
+    for bound, fails in values_of("""
+    # 0.22 of the bound, not of the base's 5 m
+    {"at_least": 4.0, "tolerance": 0.22}, True
+    {"at_least": 3.0}, False
+    {"at_most": 5.0}, False
+    {"worse_by": 1.9}, True
+    {"worse_by": 2.0}, False
+    {"worse_by_percent": 39.0}, True
+    {"worse_by_percent": 40.0}, False
+    """):  # fmt: skip
         results = judged(
             base, new, LimitSettings("min_gap", ads=case.ads, scenario=case.scenario, **bound)
         )

@@ -9,6 +9,7 @@ import builders
 import numpy as np
 import pytest
 from report_cases import HIT, calm, every, pick, with_case
+from tables import values_of
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.nightly import rule_limits
@@ -122,21 +123,21 @@ def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail():
 
 @pytest.mark.parametrize(
     ("near", "worse", "better", "cases", "kept", "fails"),
-    [
-        (True, 1, 0, 9, 1.0, True),  # none better
-        (True, 1, 1, 9, 0.1, False),  # no more worse than better
-        (True, 5, 1, 9, 1.0, False),  # P = (6 + 1) / 64 = 0.109
-        (True, 6, 1, 9, 1.0, True),  # P = (7 + 1) / 128 = 0.0625
-        (True, 2, 1, 9, 0.61, False),
-        (True, 2, 1, 9, 0.6, True),
-        (False, 2, 0, 3, 1.0, False),  # fewer than 3
-        (False, 3, 0, 20, 1.0, True),  # 15 % of 20, none better
-        (False, 3, 0, 21, 1.0, False),  # less, and P = 1 / 8
-        (False, 6, 0, 100, 1.0, True),  # 5 % and more, P = 1 / 64
-        (False, 12, 3, 240, 1.0, True),  # 5 % of 240, P = (455 + 105 + 15 + 1) / 2^15 = 0.018
-        (False, 12, 3, 241, 1.0, False),
-        (False, 11, 3, 100, 1.0, False),  # P = (364 + 91 + 14 + 1) / 2^14 = 0.029
-    ],
+    values_of("""
+    True, 1, 0, 9, 1.0, True  # none better
+    True, 1, 1, 9, 0.1, False  # no more worse than better
+    True, 5, 1, 9, 1.0, False  # P = (6 + 1) / 64 = 0.109
+    True, 6, 1, 9, 1.0, True  # P = (7 + 1) / 128 = 0.0625
+    True, 2, 1, 9, 0.61, False
+    True, 2, 1, 9, 0.6, True
+    False, 2, 0, 3, 1.0, False  # fewer than 3
+    False, 3, 0, 20, 1.0, True  # 15 % of 20, none better
+    False, 3, 0, 21, 1.0, False  # less, and P = 1 / 8
+    False, 6, 0, 100, 1.0, True  # 5 % and more, P = 1 / 64
+    False, 12, 3, 240, 1.0, True  # 5 % of 240, P = (455 + 105 + 15 + 1) / 2^15 = 0.018
+    False, 12, 3, 241, 1.0, False
+    False, 11, 3, 100, 1.0, False  # P = (364 + 91 + 14 + 1) / 2^14 = 0.029
+    """),
 )
 def test_got_worse_by_counts(near, worse, better, cases, kept, fails):
     part: Any = SimpleNamespace(which=range(worse))
@@ -307,12 +308,12 @@ def test_the_verdict_names_the_run_that_a_limit_failed_beside(evaluation):
 
 @pytest.mark.parametrize(
     ("quantity", "before", "allowed", "worse"),
-    [
-        ("latency_relative", 20.0, 30.0, 31.0),
-        ("latency_relative", 3.0, 5.0, 5.1),
-        ("overshoot", 0.05, 0.15, 0.16),
-        ("max_lateral_jerk", 3.0, 8.0, 8.1),
-    ],
+    values_of("""
+    "latency_relative", 20.0, 30.0, 31.0
+    "latency_relative", 3.0, 5.0, 5.1
+    "overshoot", 0.05, 0.15, 0.16
+    "max_lateral_jerk", 3.0, 8.0, 8.1
+    """),
 )
 def test_slower_or_swaying_ads_fails_and_a_loaded_machine_does_not(
     evaluation, quantity, before, allowed, worse

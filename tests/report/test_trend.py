@@ -11,6 +11,7 @@ from browser import Page, needs_chromium
 from page_checks import holds_what_every_page_holds, saved_table
 from record.edited_store import edit
 from refusals import refusal
+from tables import values_of
 
 from sumo_eval.nightly.history import HISTORY, REGRET_OF_LOSSES, open_history
 from sumo_eval.nightly.trend import HEIGHT, TOP, _ticks, charts, failed_nights, write_trend
@@ -68,14 +69,14 @@ def test_another_format_and_another_file_are_refused(tmp_path):
 
 @pytest.mark.parametrize(
     ("low", "high", "least", "expected"),
-    [
-        (0.0, 1.0, 0.0, [0.0, 0.25, 0.5, 0.75, 1.0]),
-        (50.0, 50.0, 0.0, [20.0, 40.0, 60.0, 80.0]),
-        (0.0, 0.0, 0.0, [0.0, 0.2, 0.4, 0.6]),
-        (7e-19, 7e-19, 0.0, [0.0, 0.2, 0.4, 0.6]),
-        (0.0, 1.0, 1.0, [0.0, 1.0]),
-        (-3.0, 7.0, 0.0, [-5.0, -2.5, 0.0, 2.5, 5.0, 7.5]),
-    ],
+    values_of("""
+    0.0, 1.0, 0.0, [0.0, 0.25, 0.5, 0.75, 1.0]
+    50.0, 50.0, 0.0, [20.0, 40.0, 60.0, 80.0]
+    0.0, 0.0, 0.0, [0.0, 0.2, 0.4, 0.6]
+    7e-19, 7e-19, 0.0, [0.0, 0.2, 0.4, 0.6]
+    0.0, 1.0, 1.0, [0.0, 1.0]
+    -3.0, 7.0, 0.0, [-5.0, -2.5, 0.0, 2.5, 5.0, 7.5]
+    """),
 )
 def test_ticks_are_round_and_hold_the_range(low, high, least, expected):
     ticks = _ticks(low, high, least)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import refusal
+from tables import values_of
 
 from sumo_eval.cosim.openscenario import opendrive_xml
 from sumo_eval.extras.openscenario.network import read_network
@@ -366,12 +367,12 @@ def test_the_roads_of_a_turn_are_driven_in_order(tmp_path):
 
 @pytest.mark.parametrize(
     ("names", "a", "sentence"),
-    [
-        (["in", "out"], 3.5, "must meet, each at the end of the one before"),
-        (["in", "turn", "out"], 3.0, "must meet"),
-        (["in", "trun"], 3.5, "Did you mean `turn`?"),
-        ([], 3.5, "must be 1 to 8"),
-    ],
+    values_of("""
+    ["in", "out"], 3.5, "must meet, each at the end of the one before"
+    ["in", "turn", "out"], 3.0, "must meet"
+    ["in", "trun"], 3.5, "Did you mean `turn`?"
+    [], 3.5, "must be 1 to 8"
+    """),
 )
 def test_roads_that_do_not_follow_each_other_are_refused(tmp_path, names, a, sentence):
     with refusal(re.escape(sentence)):

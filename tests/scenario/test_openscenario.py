@@ -13,7 +13,7 @@ from commands import sumo_eval
 from lxml import etree
 from refusals import refusal
 from scipy.integrate import cumulative_trapezoid
-from tables import rows_of
+from tables import rows_of, values_of
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
@@ -236,9 +236,15 @@ def test_a_variation_is_the_space_and_constraints_leave_points_out(tmp_path):
 
 @pytest.mark.parametrize(
     ("distance", "time", "speed", "final", "steady"),
-    [(5.0, 6.0, 0.0, 1.39, 3.0), (80.0, 8.0, 0.0, 16.7, 30.0), (100.0, 8.0, 10.0, 20.0, 20.0),
-     (90.0, 8.0, 20.0, 5.0, 5.0), (60.0, 10.0, 10.0, 10.0, 0.0), (20.0, 12.0, 6.0, 5.0, 2.0),
-     (100.0, 10.0, 10.0, 10.0, 0.0)],
+    values_of("""
+    5.0, 6.0, 0.0, 1.39, 3.0
+    80.0, 8.0, 0.0, 16.7, 30.0
+    100.0, 8.0, 10.0, 20.0, 20.0
+    90.0, 8.0, 20.0, 5.0, 5.0
+    60.0, 10.0, 10.0, 10.0, 0.0
+    20.0, 12.0, 6.0, 5.0, 2.0
+    100.0, 10.0, 10.0, 10.0, 0.0
+    """),
 )  # fmt: skip
 def test_who_is_synchronized_is_there_on_time_with_the_final_speed(
     distance, time, speed, final, steady

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from commands import sumo_eval
 from refusals import refusal
-from tables import rows_of
+from tables import rows_of, values_of
 
 from sumo_eval.extras.openscenario.collections import entries_of
 from sumo_eval.scenario.catalogue import find
@@ -38,12 +38,12 @@ def said(path):
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
-    [
-        ("osc_alks --out a.toml", "`--out` is for one file"),
-        ("osc_alks?speed=1", "Options `?` are for one file"),
-        ("a.xosc --set speed=1", "got no `--out`"),
-        ("a.xosc --folder .", "`--folder` is for a catalogue"),
-    ],
+    values_of("""
+    "osc_alks --out a.toml", "`--out` is for one file"
+    "osc_alks?speed=1", "Options `?` are for one file"
+    "a.xosc --set speed=1", "got no `--out`"
+    "a.xosc --folder .", "`--folder` is for a catalogue"
+    """),
 )
 def test_options_that_import_would_ignore_are_refused(words, sentence):
     assert sentence in " ".join(sumo_eval("import", *words.split(), status=2).stderr.split())
@@ -301,12 +301,12 @@ def test_an_event_is_found_by_the_path_to_it(tmp_path):
 
 @pytest.mark.parametrize(
     ("rule", "edge"),
-    [
-        ("equalTo", "none"),
-        ("lessThan", "risingOrFalling"),
-        ("lessThan", "falling"),
-        ("notEqualTo", "rising"),
-    ],
+    values_of("""
+    "equalTo", "none"
+    "lessThan", "risingOrFalling"
+    "lessThan", "falling"
+    "notEqualTo", "rising"
+    """),
 )
 def test_a_time_begins_when_its_rule_changes(tmp_path, rule, edge):
     when = '<SimulationTimeCondition value="4" rule="$light"/>'

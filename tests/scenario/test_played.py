@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import refusal
-from tables import rows_of
+from tables import rows_of, values_of
 
 from sumo_eval.method.point_criticality import criticality
 from sumo_eval.method.zone_partition import partition
@@ -292,17 +292,17 @@ def test_where_no_zone_can_be_defined_everything_is_safe():
 
 @pytest.mark.parametrize(
     ("when", "held"),
-    [
-        ("time > 21", False),  # the case lasts 20 s
-        ("x(ego) > 700", False),  # the ego's road ends at 600 m
-        ("y(ego) > 6 or time * 2 - 30 > 5", True),  # from 17.5 s on
-        ("distance(ego, lead) + 1 < 1", False),
-        ("min(ttc(ego, lead), 3) < 0 and time > 1", False),
-        ("ended(lead, keep)", False),  # which lasts for ever
-        ("speed(lead) > 50", False),  # it keeps its speed, and then brakes
-        ("speed(lead) > 5", True),
-        ("gap(ego, lead) < -1000", True),  # nobody knows
-    ],
+    values_of("""
+    "time > 21", False  # the case lasts 20 s
+    "x(ego) > 700", False  # the ego's road ends at 600 m
+    "y(ego) > 6 or time * 2 - 30 > 5", True  # from 17.5 s on
+    "distance(ego, lead) + 1 < 1", False
+    "min(ttc(ego, lead), 3) < 0 and time > 1", False
+    "ended(lead, keep)", False  # which lasts for ever
+    "speed(lead) > 50", False  # it keeps its speed, and then brakes
+    "speed(lead) > 5", True
+    "gap(ego, lead) < -1000", True  # nobody knows
+    """),
 )
 def test_a_condition_that_never_holds_is_refused_before_a_drive(when, held):
     logical = scene(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from lxml import etree
 from refusals import refusal
-from tables import rows_of
+from tables import rows_of, values_of
 
 from sumo_eval.cosim.sumo.sumo_files import network_xml, road_edges, routes_xml, vehicle_edges
 from sumo_eval.method.anthropomorphic import slice_points
@@ -146,11 +146,11 @@ crossings = [[500.0, 7.0, 100.0]]
 
 @pytest.mark.parametrize(
     ("ego", "begin", "by", "ends"),
-    [
-        ({"goal_lane": 1, "change_from": 150.0}, 150.0, 300.0, True),
-        ({"goal_lane": 1, "change_from": 150.0, "change_by": 250.0}, 150.0, 250.0, True),
-        ({"y": 3.5, "goal_lane": 2, "change_from": 150.0, "change_by": 250.0}, 150.0, 250.0, False),
-    ],
+    values_of("""
+    {"goal_lane": 1, "change_from": 150.0}, 150.0, 300.0, True
+    {"goal_lane": 1, "change_from": 150.0, "change_by": 250.0}, 150.0, 250.0, True
+    {"y": 3.5, "goal_lane": 2, "change_from": 150.0, "change_by": 250.0}, 150.0, 250.0, False
+    """),
 )
 def test_a_goal_lane_is_a_way_that_ends_where_the_first_lane_does(ego, begin, by, ends):
     way = read(ego={"speed": "v", **ego}).concrete(v=20.0).ego.way
