@@ -13,6 +13,8 @@ from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
+CURVE = catalogue.load("curve_following").concrete(ego_speed=26.0, lead_speed=20.0)
+
 
 def driven(cases, ads, model):
     return list(simulate_many(cases, ads, SimulationSettings(vehicle=VehicleSettings(model=model))))
@@ -55,8 +57,7 @@ def test_a_lane_change_that_everybody_has_to_make_is_the_same_by_both_vehicle_mo
 )
 def test_on_a_curve_at_0_28_g_the_models_differ_by_the_slip(ads, along, across):
     # R = 250 m, 26 m/s: the rear axle slips 0.275 g / (20.9 * 0.92 / rad) = 0.0143 rad
-    concrete = catalogue.load("curve_following").concrete(ego_speed=26.0, lead_speed=20.0)
-    one, other = (driven([concrete], ads, model)[0] for model in ("kinematic", "dynamic"))
+    one, other = (driven([CURVE], ads, model)[0] for model in ("kinematic", "dynamic"))
     assert one.end_reason == other.end_reason
     found = apart(one.ego, other.ego)
     assert found[0] < along
@@ -83,19 +84,17 @@ def test_above_four_tenths_of_g_across_the_kinematic_model_says_in_its_case_that
 @pytest.mark.parametrize("begin", [0.0, 2.0])
 def test_held_wheel_keeps_an_ego_on_its_curve(begin, model):
     # `begin`: until then SUMO moves it
-    concrete = catalogue.load("curve_following").concrete(ego_speed=26.0, lead_speed=20.0)
     wheel = 16.0 * math.atan(2.7 / 250.0)
     hook = lambda traci, ego, time: None if time < begin else Command(0.0, wheel)  # noqa: E731
-    (recording,) = driven([concrete], hook, model)
+    (recording,) = driven([CURVE], hook, model)
     assert recording.ego.time[-1] > 5.0
     assert np.ptp(recording.ego.y) < 0.02
 
 
 def test_plan_of_a_hook_begins_in_a_curve_as_a_policys():
-    concrete = catalogue.load("curve_following").concrete(ego_speed=26.0, lead_speed=20.0)
-    plan = Plan([0.0, 4.0], [concrete.ego.x, concrete.ego.x + 104.0], [0.0, 0.0])
+    plan = Plan([0.0, 4.0], [CURVE.ego.x, CURVE.ego.x + 104.0], [0.0, 0.0])
     policy, hook = (
-        driven([concrete], ads, "kinematic")[0].ego
+        driven([CURVE], ads, "kinematic")[0].ego
         for ads in (lambda seen: plan, lambda traci, ego, time: plan)
     )
     assert hook.y == pytest.approx(policy.y, abs=1e-9)

@@ -111,12 +111,16 @@ def drive(path, speed, duration, *, y=0.0, acceleration=0.0):
     return np.array(rows).T
 
 
+def off_path(path, x, y):
+    return np.abs(y - [path_y(path, each) for each in x.tolist()]).max()
+
+
 @pytest.mark.parametrize("duration", [3.2, 5.0, 8.0])
 @pytest.mark.parametrize("speed", [10.0, 15.0, 20.0, 25.0, 30.0, 35.0])
 def test_a_lane_change_is_tracked_to_5_cm_without_overshoot(speed, duration):
     path = Path(start=0.0, offset=3.5, begin=speed, length=duration * speed)
     x, y, _ = drive(path, speed, duration + 4.0)
-    assert np.abs(y - [path_y(path, each) for each in x.tolist()]).max() < 0.05
+    assert off_path(path, x, y) < 0.05
     assert y.max() < 3.5 + 0.01
     assert y.min() > -0.01
     assert abs(y[-1] - 3.5) < 0.005
@@ -126,13 +130,13 @@ def test_a_lane_change_is_tracked_to_5_cm_without_overshoot(speed, duration):
 def test_an_evasion_is_tracked_to_10_cm(speed):
     path = Path(start=0.0, offset=3.5, begin=speed, length=shortest_duration(3.5, 4.0) * speed)
     x, y, _ = drive(path, speed, 6.0)
-    assert np.abs(y - [path_y(path, each) for each in x.tolist()]).max() < 0.10
+    assert off_path(path, x, y) < 0.10
 
 
 def test_braking_in_a_lane_change_does_not_leave_the_path():
     path = Path(start=0.0, offset=3.5, begin=10.0, length=100.0)
     x, y, _ = drive(path, 25.0, 6.0, acceleration=-4.0)
-    assert np.abs(y - [path_y(path, each) for each in x.tolist()]).max() < 0.05
+    assert off_path(path, x, y) < 0.05
 
 
 @pytest.mark.parametrize("speed", [2.0, 10.0, 35.0])

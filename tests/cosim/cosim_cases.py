@@ -26,3 +26,8 @@ def points(name, every):
 def once(action):
     """An ADS that does something at 0.3 s, and otherwise nothing."""
     return lambda traci, ego, time: action(traci) if abs(time - 0.3) < 1e-9 else None
+
+
+def assert_whole(found):
+    """It was driven until the time was up, without an error."""
+    assert (found.end_reason, found.error) == ("time_limit", None)

@@ -11,7 +11,7 @@ import libsumo
 import numpy as np
 import pytest
 from commands import python
-from cosim_cases import HALF_SECOND, ROAD, case, lead
+from cosim_cases import HALF_SECOND, ROAD, assert_whole, case, lead
 from refusals import refusal
 from road_scenes import every_point
 from tables import rows_of
@@ -486,7 +486,7 @@ def test_an_ads_with_its_own_vehicle_dynamics_may_use_move_to_xy_with_a_set_spee
         traci.vehicle.moveToXY(ego, "", -1, x, 0.2 * now, 90.0 - math.degrees(0.2 / v), 2)
 
     found = simulate(case(), own, HALF_SECOND)
-    assert (found.end_reason, found.error) == ("time_limit", None)
+    assert_whole(found)
     assert found.ego.speed[-1] == pytest.approx(18.5)
     assert found.ego.y[-1] == pytest.approx(0.1 - 2.25 * 0.2 / 18.5, abs=1e-3)
 
@@ -560,7 +560,7 @@ def test_commands_and_traci_may_take_turns():
         return Command(1.0)
 
     found = simulate(case(), ads, SimulationSettings(time_limit=3.0))
-    assert (found.end_reason, found.error) == ("time_limit", None)
+    assert_whole(found)
     assert found.clips[0].what == "acceleration_rate"
     # 20 - 2*1 + 2*2/(2*60) = 18.0333: kept by SUMO, then +1 m/s2 for 1 s less a rise of 0.1 s at 10
     # m/s3: 0.95 m/s

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tables import values_of
 
 from sumo_eval.method.conflict import (
     conflict_at,
@@ -42,12 +43,12 @@ def critical(concrete, delay=0.0):
 
 @pytest.mark.parametrize(
     ("speed", "lead", "gap", "delay"),
-    [
-        (20.0, 0.0, 60.0, 0.0),
-        (20.0, 10.0, 20.0, 0.0),
-        (20.0, 10.0, 30.0, 1.0),
-        (15.0, 5.0, 40.0, 1.0),
-    ],
+    values_of("""
+    20.0, 0.0, 60.0, 0.0
+    20.0, 10.0, 20.0, 0.0
+    20.0, 10.0, 30.0, 1.0
+    15.0, 5.0, 40.0, 1.0
+    """),
 )
 def test_law_behind_a_vehicle_in_the_lane_it_is_the_closed_form(speed, lead, gap, delay):
     concrete = scene(speed, {"speed": lead, "gap": gap})
@@ -95,11 +96,11 @@ def test_law_a_crossing_vehicle_counts_as_long_as_the_ego_would_find_it_in_its_w
 
 @pytest.mark.parametrize(
     ("name", "point", "hits"),
-    [
-        ("crossing_path", [21.3, 12.1, -0.2], True),  # corners meet for less than 0.1 s
-        ("turn_across_path", [6.9, 3.0, -0.2], False),  # only rectangles around the bodies meet
-        ("ramp_merge", [26.9, 33.4, -32.7, 1.4], True),  # the ego's corner, turned to its new lane
-    ],
+    values_of("""
+    "crossing_path", [21.3, 12.1, -0.2], True  # corners meet for less than 0.1 s
+    "turn_across_path", [6.9, 3.0, -0.2], False  # only rectangles around the bodies meet
+    "ramp_merge", [26.9, 33.4, -32.7, 1.4], True  # the ego's corner, turned to its new lane
+    """),
 )
 def test_law_bodies_touch_as_they_lie_also_between_two_looks(name, point, hits):
     found = criticality(catalogue.load(name), np.array([point]), ZONES)
@@ -128,27 +129,22 @@ def test_law_a_merge_behind_a_slower_vehicle_is_the_approach_to_it():
 def test_the_area_the_time_to_it_and_the_pet_of_a_crossing_by_hand():
     # The other's side is at x = 99.1..100.9 m. In the ego's strip from y = -3.15 to 3.15 m: 2.1 m/s
     # from y = -10 m on.
-    concrete = scene(10.0, {"speed": 2.1, "heading": 90.0, "x": 100.0, "y": -10.0})
-    found = crossing_conflict(concrete, 0, SIZE)
+    crossing = {"speed": 2.1, "heading": 90.0, "x": 100.0, "y": -10.0}
+    found = crossing_conflict(scene(10.0, crossing), 0, SIZE)
     assert (found.begin, found.end) == pytest.approx((99.1, 100.9))
     assert (found.enters, found.leaves) == pytest.approx((6.85 / 2.1, 13.15 / 2.1))
     assert found.time_to == pytest.approx((99.1 - 52.25) / 10.0)
     # both at once: from 4.685 s on, while it is there from 3.262 s to 6.262 s
     assert found.pet == 0.0
-    sooner = crossing_conflict(
-        scene(30.0, {"speed": 2.1, "heading": 90.0, "x": 100.0, "y": -10.0}), 0, SIZE
-    )
+    sooner = crossing_conflict(scene(30.0, crossing), 0, SIZE)
     # the ego's rear leaves at (100.9 + 2.25 - 50) / 30 = 1.772 s
     assert sooner.pet == pytest.approx(6.85 / 2.1 - 53.15 / 30.0)
-    later = crossing_conflict(
-        scene(5.0, {"speed": 2.1, "heading": 90.0, "x": 100.0, "y": -10.0}), 0, SIZE
-    )
+    later = crossing_conflict(scene(5.0, crossing), 0, SIZE)
     assert later.pet == pytest.approx(46.85 / 5.0 - 13.15 / 2.1)
     away = crossing_conflict(scene(5.0, {"speed": 2.1, "x": 100.0, "y": 3.5}), 0, SIZE)
     assert np.isnan(away.pet)
     # the ego stands in the area
-    other = {"speed": "v", "heading": 90.0, "x": 50.0, "y": -10.0}
-    stands = scene(2.1, other, ego={"speed": 0.0})
+    stands = scene(2.1, crossing | {"speed": "v", "x": 50.0}, ego={"speed": 0.0})
     assert crossing_conflict(stands, 0, SIZE).pet == 0.0
 
 
@@ -175,12 +171,12 @@ def test_the_pet_of_ways_that_join_is_that_at_the_place_where_they_do():
 
 
 def test_whose_way_conflicts_is_the_obstacle_of_a_conflict_or_who_crosses():
-    for name, expected in (
-        ("crossing_path", 0),
-        ("pedestrian_crossing", 0),
-        ("swerving_lead", None),
-        ("cut_in", None),
-    ):
+    for name, expected in values_of("""
+    "crossing_path", 0
+    "pedestrian_crossing", 0
+    "swerving_lead", None
+    "cut_in", None
+    """):
         logical = catalogue.load(name)
         point = dict(zip(logical.names, [one.low for one in logical.parameters], strict=True))
         assert conflicting(logical, logical.placed(point)) == expected, name
