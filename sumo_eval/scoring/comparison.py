@@ -26,6 +26,7 @@ from sumo_eval.record.store import open_store
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.scoring.comparability import Difference, differences, refuse_unless_comparable
+from sumo_eval.scoring.confidence.intervals import percentiles
 from sumo_eval.scoring.confidence.paired_differences import COMPARED, Run, paired_differences
 from sumo_eval.scoring.gate_settings import (
     HARSHER_BY,
@@ -521,14 +522,13 @@ def _quantity_changes(
     """
     old, now = (point_values(*run) for run in runs)
     resampled = paired_differences(runs[0], runs[1], settings.resamples, settings.seed)
-    tail = (1.0 - settings.confidence) / 2.0
+    freedom = len(runs[0][0].collided) - 1 or 1
     changes = {}
     for name, score in COMPARED.items():
         before, after = old[score], now[score]
-        same_unit = one_unit or name != "regret"
         changes[name] = QuantityChange(before, after, None)
-        if same_unit and before is not None and after is not None:
-            drawn = resampled.get(name, np.empty(0))
-            ends = np.quantile(drawn, (tail, 1.0 - tail)).tolist() if drawn.size else ()
+        if (one_unit or name != "regret") and before is not None and after is not None:
+            drawn = resampled[name]
+            ends = percentiles(drawn, drawn, freedom, settings.confidence) or ()
             changes[name] = QuantityChange(before, after, after - before, *ends)
     return changes

@@ -6,12 +6,15 @@ from dataclasses import replace
 import builders
 import numpy as np
 import pytest
+from scipy.stats import norm, t
 
 from sumo_eval.method.anthropomorphic import exposure_weighted_index
 from sumo_eval.method.collision_avoidance import collision_avoidance_index
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms
+from sumo_eval.scoring.comparison import _quantity_changes
 from sumo_eval.scoring.confidence.paired_differences import paired_differences
 from sumo_eval.scoring.confidence.resamples import one_list, resamples
+from sumo_eval.scoring.gate_settings import GateSettings
 from sumo_eval.settings import MethodSettings
 
 METHOD = MethodSettings()
@@ -109,3 +112,14 @@ def test_blocks_drawn_in_place_of_single_scenarios_have_the_variance_of_a_mean()
     drawn = differences(terms, worse, 400, 1)["A"]
     assert drawn.mean() == pytest.approx(-lost.mean(), abs=1e-3)
     assert drawn.std() == pytest.approx(lost.std() / np.sqrt(n), rel=0.1)
+
+
+def test_ends_of_differences_are_those_of_students_t(evaluation):
+    cases = case_terms(cut_out(evaluation)[:9], METHOD)
+    other = replace(cases, index=np.linspace(0.0, 1.0, 9) ** 2)
+    settings = GateSettings(confidence=0.9)
+    runs = [(cases, METHOD), (other, METHOD)]
+    change = _quantity_changes(runs, settings, one_unit=True)["D"]
+    drawn = paired_differences(*runs, settings.resamples, settings.seed)["D"]
+    tails = norm.cdf(t.ppf([0.05, 0.95], len(cases.collided) - 1))
+    np.testing.assert_allclose((change.low, change.high), np.quantile(drawn, tails))

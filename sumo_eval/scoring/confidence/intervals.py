@@ -413,16 +413,18 @@ def _freedom(ads: Judged, groups: Strata) -> dict[str, int]:
     }
 
 
-def percentiles(low: FloatArray, high: FloatArray, freedom: float) -> Bounds | None:
+def percentiles(
+    low: FloatArray, high: FloatArray, freedom: float, level: float = LEVEL
+) -> Bounds | None:
     """Low end of an interval from `low` and high end from `high`, (m,) each; None where one of them
     has no number.
 
     The percentiles are those of Student's t with this freedom in place of the normal distribution.
     """
     low, high = low[np.isfinite(low)], high[np.isfinite(high)]
-    if not (len(low) and len(high)):
+    if not low.size * high.size:
         return None
-    tail = float(ndtr(stdtrit(freedom, (1.0 - LEVEL) / 2.0)))
+    tail = float(ndtr(stdtrit(freedom, (1.0 - level) / 2.0)))
     return float(np.quantile(low, tail)), float(np.quantile(high, 1.0 - tail))
 
 
