@@ -521,8 +521,8 @@ class _Hook:
         SUMO stretches each lane evenly, so equal positions on two lanes are not side by side.
         """
         at, (old, new) = self._calls.getLanePosition(self.ego), self._lanes
-        on_map = self._traci.simulation.convert2D
-        apart = math.dist(*(on_map(self.names["road"], at, lane) for lane in (old, new)))
+        on_map, edge = self._traci.simulation.convert2D, self._traci.vehicle.getRoadID(self.ego)
+        apart = math.dist(*(on_map(edge, at, lane) for lane in (old, new)))
         return math.sqrt(max(apart**2 - (self.road.lane_width * (new - old)) ** 2, 0.0))
 
     def _check_course(self, pose: Sequence[float], now: float) -> None:

@@ -11,6 +11,7 @@ from sumo_eval import Command
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import Actor, Start, constant_lateral, lane_change
 from sumo_eval.scenario.concrete import brake_to_stop
+from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.reference_line import Piece, arc, map_places
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import CHANNELS
@@ -108,7 +109,8 @@ def test_a_lane_changer_arrives_in_the_left_lane_of_a_curve():
     assert found.ego.y[-1] == pytest.approx(3.5, abs=0.05)
 
 
-def test_law_sumo_may_shift_an_ego_only_where_it_changes_lane():
+@pytest.mark.parametrize("spans", [(), (LaneSpan(2, end=1400.0),)])
+def test_law_sumo_may_shift_an_ego_only_where_it_changes_lane(spans):
     """Each lane is stretched evenly, so at s m the left one is shown s 3.5 / R (1 - L / 1500) m
     further back, with L = 1000 m of 1500 m curved."""
 
@@ -117,7 +119,8 @@ def test_law_sumo_may_shift_an_ego_only_where_it_changes_lane():
             traci.vehicle.changeLane(ego, 1, 2.0)
         traci.vehicle.setSpeed(ego, max(traci.vehicle.getSpeed(ego) - 0.05, 0.2))
 
-    found = simulate(on(bend(250.0), case(speed=4.0)), changes, SHORT)
+    road = replace(bend(250.0), lanes=3, spans=spans)
+    found = simulate(on(road, case(speed=4.0)), changes, SHORT)
     assert (found.error, [clip.what for clip in found.clips]) == (None, ["jump"])
     assert found.ego.y[-1] > 1.75
 
