@@ -147,7 +147,9 @@ def check_speeds(table: pd.DataFrame) -> None:
     """
     steps = table.groupby(["recording", "vehicle"], sort=False)[["t", "x", "y"]].diff()
     moved = np.hypot(steps["x"], steps["y"]) / steps["t"]
-    share = (table["speed"] / moved)[moved.between(*MOVES)].groupby(table["recording"]).median()
+    share = (
+        (table["speed"].abs() / moved)[moved.between(*MOVES)].groupby(table["recording"]).median()
+    )
     for recording, factor in share[~share.between(*SPEEDS_AGREE)].items():
         raise InputError(
             f"`speed` of recording `{recording}` must be in m/s, as x, y and t have it, got "
