@@ -26,7 +26,6 @@ from sumo_eval.record.store import open_store
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.scoring.comparability import Difference, differences, refuse_unless_comparable
-from sumo_eval.scoring.confidence.intervals import percentiles
 from sumo_eval.scoring.confidence.paired_differences import COMPARED, Run, paired_differences
 from sumo_eval.scoring.gate_settings import (
     HARSHER_BY,
@@ -520,6 +519,9 @@ def _quantity_changes(
     runs: the base and the new run: terms of the paired cases, and settings of the scores.
     one_unit: whether the regret has the same unit in both.
     """
+    # scipy and libsumo: a look at kept results needs neither
+    from sumo_eval.scoring.confidence.intervals import percentiles
+
     old, now = (point_values(*run) for run in runs)
     resampled = paired_differences(runs[0], runs[1], settings.resamples, settings.seed)
     freedom = len(runs[0][0].collided) - 1 or 1
