@@ -198,8 +198,8 @@ def said(error: BaseException) -> str:
 
 @contextmanager
 def users_code(what: str) -> Iterator[None]:
-    """A block that runs code of a user or of another package, which may raise anything: an
-    InputError takes its place, except of Ctrl-C.
+    """A block that runs code of a user or of another package. Whatever it raises becomes an
+    InputError; Ctrl-C stays.
 
     what: begins the sentence, ``Sampler `my.py:points` failed`` for example.
     """

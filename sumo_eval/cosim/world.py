@@ -179,7 +179,7 @@ class World:
         self._commands = np.zeros((n, self._room, 2 if models else 6))
         self._codes: dict[Any, Any] = {}  # the rules of a step as machine code for these arrays
         # whether SUMO's models drive actors; whether the actors' motion depends on time alone;
-        # whether moves wait for conditions
+        # whether moves wait for conditions or the end of a step
         self.reacts = any(case.reacts for case in cases)
         self.timed = not any(case.lively for case in cases)
         self._stack = np.zeros((DEEPEST, 3))  # working space of `wake_rows`

@@ -117,7 +117,7 @@ def _resampled(trajectory: Trajectory, interval: float) -> FloatArray:
     times = trajectory.time[0] + interval * np.arange(count)
     if count == len(trajectory) and np.all(np.abs(times - trajectory.time) <= SAME_TIME):
         return motion
-    # between headings of -pi and pi it must not pass 0
+    # else a heading between those of -pi and pi would be near 0
     motion[:, 2] = np.unwrap(motion[:, 2])
     return np.column_stack([np.interp(times, trajectory.time, channel) for channel in motion.T])
 

@@ -4,6 +4,7 @@ conversions of others into them.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import re
@@ -56,6 +57,7 @@ def factor_to(own: str, unit: str, column: str) -> float:
     return factor
 
 
+@functools.cache
 def si_factor(unit: str) -> float:
     """The factor from numbers in a unit to the SI unit; 1 of an unknown unit."""
     known = {**_CONVERSIONS, "deg": ("rad", math.radians(1.0))}

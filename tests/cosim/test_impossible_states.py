@@ -164,7 +164,7 @@ def lose(name):
     libsumo.vehicle.moveToXY(name, "road", 0, x, y - 40.0, 90.0, 2)
 
 
-@pytest.mark.parametrize("call", ["changeLane", "moveToXY", "setLateralLanePosition"])
+@pytest.mark.parametrize("call", ["changeLane", "moveToXY", "setLateralLanePosition", "add"])
 def test_law_sumo_alone_may_put_an_ego_on_a_lanes_centre(call):
     """A lane change that began 0.4 m beside the centre ends with a shift by 0.4 m."""
 
@@ -178,6 +178,10 @@ def test_law_sumo_alone_may_put_an_ego_on_a_lanes_centre(call):
             v.moveToXY(ego, "", -1, x + 0.05 * speed, 0.0, 90.0, 2)
         if call == "setLateralLanePosition" and time == 1.0:
             v.setLateralLanePosition(ego, 0.0)
+        if call == "add" and time == 1.0:
+            route, kind = v.getRouteID(ego), v.getTypeID(ego)
+            v.remove(ego)
+            v.add(ego, route, typeID=kind, departPos=f"{x + 2.0}", departSpeed="20")
 
     found = alone(controller=shifts, settings=SimulationSettings(time_limit=8.0), y=-0.4)
     innocent = call == "changeLane"

@@ -268,7 +268,7 @@ csv | x.csv | OWNr,a,0,1,2,0,2\nr,a,0.1,2,2,0,2\n | must be above 0 m, got '0 an
 csv | x.csv | OWNr,a,0,1e300,2,4,2\nr,a,0.1,2,2,4,2\n
 | must be at most 9.0072e+15 in size, got 1e+300
 csv | x.csv | recording,vehicle,t,x,y,length,width,speed\nr,a,0,1,2,4,2,36\nr,a,1,11,2,4,2,36\n
-| `speed` of recording `r` must be in m/s, as x, y and t have it, got 3.6 times that
+| `speed` of recording `r` must be in m/s, got 3.6 times the speed that x, y and t show
 csv | x.csv | recording,vehicle,t,x,y,length,width,lane\nr,a,0,1,2,4,2,1.5\n
 | `lane` in row 2 of
 csv | x.csv | recording,vehicle,time,x,y,length,width\nr,a,0,1,2,4,2\n | must have a column `t`

@@ -178,7 +178,7 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
         if over.any():
             info = {"end_reason": reasons, "_end_reason": over.copy()}
         # After the step, which does not move an episode that is over: so a new one begins with its
-        # first observation. None has to where the mode is SAME_STEP (`_over` stays empty).
+        # first observation. With SAME_STEP `_over` stays False, and none begins here.
         self.episodes.begin(np.flatnonzero(restarts), self._generators, {})
         seen = self.episodes.show()
         if self._mode is AutoresetMode.SAME_STEP and over.any():

@@ -3,9 +3,9 @@ places.
 
 The place of an entity is that of its reference point, which for a vehicle is the middle of its rear
 axle. `BoundingBox/Center` says where the body's centre lies from there. Without an <Orientation> an
-entity points to growing s, even in a left lane, where traffic goes the other way (the UN R157 file
-with its ego in lane 4 is written so). On a route to falling s, number and offset of a lane keep the
-signs that they have on the road, and t changes its sign.
+entity points towards growing s, even in a left lane, where traffic goes the other way (the UN R157
+file with its ego in lane 4 is written so). On a route towards falling s, number and offset of a
+lane keep the signs that they have on the road, and t changes its sign.
 """
 
 from __future__ import annotations

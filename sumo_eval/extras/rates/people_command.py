@@ -143,9 +143,8 @@ def scene(
     mean, most = written.error
     tell(
         f"{count(written.others, 'vehicle')} around {ego} for {written.seconds:z.1f} s; in the "
-        "file they "
-        f"are {mean:z.3f} m (root mean square; at most {most:z.2f} m) from where they were "
-        "recorded."
+        f"file they are {mean:z.3f} m (root mean square; at most {most:z.2f} m) from where they "
+        "were recorded."
     )
     if written.continued:
         tell(

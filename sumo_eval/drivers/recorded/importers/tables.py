@@ -152,8 +152,8 @@ def check_speeds(table: pd.DataFrame) -> None:
     )
     for recording, factor in share[~share.between(*SPEEDS_AGREE)].items():
         raise InputError(
-            f"`speed` of recording `{recording}` must be in m/s, as x, y and t have it, got "
-            f"{factor:.3g} times that."
+            f"`speed` of recording `{recording}` must be in m/s, got {factor:.3g} times the "
+            "speed that x, y and t show."
         )
 
 
