@@ -54,7 +54,7 @@ from sumo_eval.cosim.records import (
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, LEFT_BATCH, Stage
 from sumo_eval.cosim.step_rules import goes_straight
 from sumo_eval.cosim.sumo.shared_files import suffix
-from sumo_eval.cosim.sumo.sumo_files import EGO
+from sumo_eval.cosim.sumo.sumo_files import EGO, sections, vehicle_edges
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import World, corner
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
@@ -66,6 +66,7 @@ _SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
 _SHARPEST = 25.0  # m/s2 across; no vehicle that is faster sideways turns more sharply
 _ALONG = 0.5  # rad off the road's direction: up to it SUMO finds the lane on which a vehicle is
 _PLACE_TOLERANCE = 1e-3  # m
+_AT_END = 0.1  # m before the end of a lane, where SUMO stops a vehicle
 # share of a step's motion in a curve by which SUMO's may differ: its lanes are polylines, stretched
 _CHORD_SHARE = 0.03
 
@@ -140,6 +141,8 @@ class OnTraci(EgoControl):
         self._each(world, _Hook.step, time)
         if not self._alone:
             self._check_clock(world, time)
+        elif world.cases[0].road.spans:
+            self._rows[0].lead_along_lane()
 
     def after(self, world: World, now: float) -> None:
         """Read the egos that SUMO moved."""
@@ -255,6 +258,28 @@ class _Hook:
             ) from error
         if self._settled is not None:
             self._settles[0] = bool(self._settled())
+
+    def lead_along_lane(self) -> None:
+        """Lead an ego along its lane where its route leaves it: SUMO would stop it at once there.
+
+        An ego that brakes for that place, as SUMO's own model does, keeps its route.
+        """
+        vehicle, edges = self._traci.vehicle, vehicle_edges(self.road, self._state[1])
+        for number in self._sections_left():
+            brakes = vehicle.getSpeed(self.ego) <= vehicle.getSpeedWithoutTraCI(self.ego)
+            route, following = vehicle.getRoute(self.ego), slice(number + 1, number + 2)
+            if not brakes and edges[following] != route[following]:
+                vehicle.setRoute(self.ego, edges[number:])
+
+    def _sections_left(self) -> list[int]:
+        """Numbers of the road's sections whose end SUMO may move the ego over in this step."""
+        if self._placed[0] != SUMO:
+            return []
+        fastest = self._state[_LANE_SPEED] + self._limits.max_acceleration * self._step
+        front_x, reach = self._state[0] + self._half, fastest * self._step
+        return [
+            k for k, part in enumerate(sections(self.road)) if 0.0 <= part.end - front_x <= reach
+        ]
 
     def _held(self, time: float) -> tuple[Command | None, None]:
         """The command between two calls, without a wall time; None: SUMO moves the ego."""
@@ -487,12 +512,12 @@ class _Hook:
         lane_speed = self._state[_LANE_SPEED]  # a step ago
         gained = (speed - lane_speed) / step
         if not lowest - LIMIT_TOLERANCE <= gained <= highest + LIMIT_TOLERANCE:
-            ends = self.road.shaped and speed == 0.0
-            why = ": SUMO stops a vehicle at once where its lane ends" if ends else ""
+            if speed == 0.0 and not (GUARD.placed or self._native) and self._at_lane_end():
+                raise LeftTheRoadError
             self._unphysical(
                 "unphysical_acceleration", gained, min(max(gained, lowest), highest),
                 f"The ADS must drive its vehicle within {lowest:g}..{highest:g} m/s2, "
-                f"got {gained:.1f} m/s2 at {now:.2f} s{why}.",
+                f"got {gained:.1f} m/s2 at {now:.2f} s.",
             )  # fmt: skip
         # at a limit: SUMO may have held the vehicle back
         elif not lowest + LIMIT_TOLERANCE <= gained <= highest - LIMIT_TOLERANCE:
@@ -517,6 +542,12 @@ class _Hook:
                 f"{max(least, 0.0):.2f}..{most:.2f} m long, at {now:.2f} s (moveToXY needs a "
                 "setSpeed to go with it).",
             )  # fmt: skip
+
+    def _at_lane_end(self) -> bool:
+        """Whether the ego is at the end of its lane, where SUMO stops a vehicle at once."""
+        vehicle, lane = self._traci.vehicle, self._traci.lane
+        length = lane.getLength(vehicle.getLaneID(self.ego))
+        return bool(length - vehicle.getLanePosition(self.ego) < _AT_END)
 
     def _put_on_centre(self) -> bool:
         """Whether SUMO has put the ego on its lane's centre at once, as at the end of a lane change

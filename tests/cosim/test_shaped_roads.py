@@ -55,6 +55,19 @@ def test_an_ego_that_stays_in_a_lane_that_ends_leaves_the_road_where_its_centre_
     assert (ads.edges[0], min(ads.edges) < 0.0 < ads.edges[-1] + 0.2) == (-1.75, True)
 
 
+def hold(traci, ego, time):
+    """Keep its lane and its speed by TraCI; SUMO's route leads to the goal."""
+    traci.vehicle.setSpeed(ego, 24.0)
+
+
+@pytest.mark.parametrize("name", ["ramp_merge", "lane_drop"])
+def test_a_hook_that_stays_in_a_lane_that_ends_leaves_the_road(name):
+    found = simulate(case(name), hold)
+    # SUMO has no taper: the front bumper gets to x = 660 m within the next step of 1.2 m
+    assert found.end_reason == "off_road"
+    assert 658.8 < found.ego.x[-1] + 2.25 <= 660.0
+
+
 def test_law_arrays_of_policies_have_the_edges_of_others():
     wanted = Interface((Feature("left_edge"), Feature("right_edge")), (Action("acceleration"),))
     shown = [[], []]
@@ -76,8 +89,9 @@ def test_law_arrays_of_policies_have_the_edges_of_others():
     assert len(set(shown[1])) > 2
 
 
-def test_missing_an_exit_is_reported_by_the_case():
-    found = simulate(case("exit"), Straight())
+@pytest.mark.parametrize("ads", [Straight(), hold])
+def test_missing_an_exit_is_reported_by_the_case(ads):
+    found = simulate(case("exit"), ads)
     assert (found.end_reason, clips(found) & {"goal_missed"}) == ("road_end", {"goal_missed"})
 
 

@@ -31,7 +31,6 @@ from sumo_eval.scenario import (
     lane_change,
     motion,
 )
-from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scenario.touch import Body, widest_gap
 from sumo_eval.settings import SimulationSettings
 
@@ -435,13 +434,6 @@ def test_set_speed_is_kept_to_the_vehicles_limits(speed_at, acceleration, clips)
     assert found.ego.speed[-1] == pytest.approx(20.0 + 0.5 * acceleration)
     assert found.ego.acceleration == pytest.approx([0.0, *[acceleration] * 5])
     assert {clip.what: clip.count for clip in found.clips} == clips
-
-
-def test_an_ego_that_its_lanes_end_stops_is_told_why():
-    logical = catalogue.load("lane_drop")
-    drop, *_ = logical.concretes(sample(logical).points)
-    found = simulate(drop, lambda traci, ego, time: traci.vehicle.setSpeed(ego, 25.0))
-    assert found.error.endswith("s: SUMO stops a vehicle at once where its lane ends.")
 
 
 def put(x, y):
