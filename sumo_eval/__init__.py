@@ -25,7 +25,7 @@ _HOMES = {
     "open_run": "sumo_eval.record.exchange",
     "score": "sumo_eval.evaluation",
 }
-_imported = first_use("sumo_eval", _HOMES)
+_import_name = first_use("sumo_eval", _HOMES)
 
 
 def __getattr__(name: str) -> Any:
@@ -34,4 +34,4 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("sumo_eval")
-    return _imported(name)
+    return _import_name(name)

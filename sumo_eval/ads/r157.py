@@ -16,33 +16,33 @@ from sumo_eval.cosim.records import MOVER, fields, flags
 from sumo_eval.kernels import kernel
 
 GRAVITY = 9.81  # m/s2
-HUMAN_JERK = 12.65  # m/s3, rate at which the regulation's human brakes (0.774 g in 0.6 s)
+HUMAN_JERK = 12.65  # m/s3, with which the regulation's human builds up its braking, in 0.6 s
 HUMAN_BRAKING = 0.774 * GRAVITY  # m/s2, the strongest of the regulation's human
 # s, headway up to which the regulation's human reacts to what the lead does
 FOLLOWING_HEADWAY = 2.0
 HEADWAY_ROUNDING = 0.01  # s, see `within_headway`
-# a vehicle is hidden if a nearer one covers a larger share of its width: 0.375 m of 1.9 m must show
+# share of a vehicle's width; if a nearer one covers more, it is hidden: of 1.9 m 0.38 m must show
 MOST_COVERED = 0.8
 
 
 @kernel
-def brake_ramp(since: float, level: float, build_up: float) -> float:
-    """Braking `since` s after it began, m/s2: from 0 to `level`, linear over `build_up` s, then
+def brake_ramp(elapsed: float, level: float, build_up: float) -> float:
+    """Braking `elapsed` s after it began, m/s2: from 0 to `level`, linear over `build_up` s, then
     held; 0 before.
     """
-    if since <= 0.0:
+    if elapsed <= 0.0:
         return 0.0
-    return level * min(since / build_up, 1.0) if build_up > 0.0 else level
+    return level * min(elapsed / build_up, 1.0) if build_up > 0.0 else level
 
 
 @kernel
-def brake_ramp_lost(since: float, level: float, build_up: float) -> float:
-    """Speed that a `brake_ramp` has taken off `since` s after it began, m/s; 0 before."""
-    if since <= 0.0:
+def brake_ramp_lost(elapsed: float, level: float, build_up: float) -> float:
+    """Speed lost by a `brake_ramp`, `elapsed` s after it began, m/s; 0 before."""
+    if elapsed <= 0.0:
         return 0.0
-    if since < build_up:
-        return 0.5 * level * since * since / build_up
-    return level * (since - 0.5 * build_up)
+    if elapsed < build_up:
+        return 0.5 * level * elapsed * elapsed / build_up
+    return level * (elapsed - 0.5 * build_up)
 
 
 @kernel
@@ -131,7 +131,7 @@ def sight(sighting: Any, other: Any, step: float) -> None:
     last_speed = other.along if math.isnan(sighting.last_speed) else sighting.last_speed
     last_y = sighting.last_y
     before = 0.0 if math.isnan(sighting.across) else sighting.across
-    # an oncoming vehicle that speeds up does not brake
+    # `along` of an oncoming vehicle is below 0 and falls as it speeds up, which is no braking
     mover.braking = max((last_speed - other.along) / step, 0.0) if last_speed > 0.0 else 0.0
     sighting.last_speed = other.along
     sighting.last_y = other.y
@@ -152,8 +152,8 @@ def foresee(then: Any, sighting: Any, time: float, step: float) -> None:
     take(then, sighting.mover)
     carry_on(then, time)
     if sighting.gain != 0.0 and not math.isnan(sighting.gain):
-        # the speed across is that of the middle of the last step: held after it, before it less by
-        # `gain` a second
+        # `across` is the speed in the middle of the last step: later it stays, earlier it changed
+        # by `gain` a second
         middle = -0.5 * step
         then.across += sighting.gain * (min(time, middle) - middle)
 
@@ -172,11 +172,11 @@ def foresee_all(own: Any, watched: Any, others_then: Any, time: float, step: flo
 def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable[..., None]:
     """Loop of a rule that commands the braking that an actor ahead demands, and keeps the lane.
 
-    braking_for: called with the ego, an actor in sight ahead of it, the rule's parameters (with
-        `BRAKES`) and the cycle's `SCENARIO`; the deceleration that this actor demands, m/s2, 0:
-        none.
-    clocks: number of `SCENARIO` records that it takes. 1: it decides at every step. 2: once a
-        cycle, which is the `step` of the second record.
+    braking_for: gives the deceleration that an actor demands, m/s2, 0: none. It is called with the
+        ego, the actor, which is in sight ahead, the rule's parameters (with `BRAKES`) and the
+        cycle's `SCENARIO`.
+    clocks: 1: the rule decides at every step; 2: once a cycle, which is as long as the `step` of
+        the second record of its argument `scenario`.
     """
 
     @kernel
@@ -199,7 +199,7 @@ def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable
         if decides(own, scenario[:clocks]):
             cycle = scenario[clocks - 1]
             take(own.me, ego.seen)
-            own.me.braking = own.braking.path.level
+            own.me.braking = own.braking.path.level  # what the ego's brakes do now
             for j in range(len(others)):
                 sight(watched[j].sighting, others[j], cycle.step)
             scene = (own, watched, others_then, cycle)

@@ -1,8 +1,8 @@
 """Frames: the form in which a process that runs users' code sends a result to the pool.
 
 A frame is a header and plain values as `marshal` writes them; nothing in it executes. The header
-has the item's number, so that another item's result is not mistaken for it, and a checksum, so that
-only a whole frame is read. `FrameReader` takes the bytes in pieces, as they arrive.
+has the number of the item (of `record.pool`) that it answers, so that no other item takes it, and a
+checksum, so that only a whole frame is read. `FrameReader` takes the bytes as they arrive.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def frame(values: Any, number: int) -> bytes:
 
 
 class FrameReader:
-    """Puts the one frame that answers an item together from the bytes that arrive.
+    """Joins the bytes that arrive to the one frame that answers an item.
 
     received: bytes of the frame that are here.
     """
@@ -44,7 +44,7 @@ class FrameReader:
         self.received = bytearray()
 
     def feed(self, data: bytes) -> Any:
-        """The values when the frame is complete, else None.
+        """The values, never None, once the frame is complete; before, None.
 
         Raises FrameError as soon as it cannot become one.
         """

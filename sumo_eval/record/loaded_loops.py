@@ -14,16 +14,16 @@ from types import TracebackType
 def _report_others(
     kind: type[BaseException], error: BaseException, trace: TracebackType | None
 ) -> None:
-    """Print the traceback of an error, unless the system refused a process: the owner reports
-    that, or has ended.
+    """Print the traceback of an error of any other kind than two: OSError, where the system refused
+    a process, which the owner reports, and EOFError, where the owner has ended.
     """
     if not issubclass(kind, OSError | EOFError):
         sys.__excepthook__(kind, error, trace)
 
 
 def _load() -> None:
-    """Load all of it. Garbage collection is off meanwhile, because all of it stays; the collections
-    of children leave it out (`gc.freeze`).
+    """Load what children run. Nothing of it is ever freed, so garbage collection is off meanwhile,
+    and later collections in the children leave it out (`gc.freeze`).
     """
     gc.disable()
     import sumo_eval.record.worker  # noqa: F401
@@ -35,7 +35,8 @@ def _load() -> None:
     gc.enable()
 
 
-if os.environ.get("PYTHONSAFEPATH") == "sumo_eval":  # for the start of this process alone
+# `record.children` sets it to this for the start of this process; any other value is the user's
+if os.environ.get("PYTHONSAFEPATH") == "sumo_eval":
     del os.environ["PYTHONSAFEPATH"]
 _load()
 sys.excepthook = _report_others

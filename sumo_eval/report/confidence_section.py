@@ -56,8 +56,10 @@ def _further(item: Assessment, confidence: Confidence) -> dict[str, Any]:
     further = item.further
     if further is None or "s" not in item.sources or not len(further.points):
         return plain | {"points": []}
-    names = list(confidence.coverage[item.scenario].empty_centre)  # of the parameters
-    half_width = item.sources["s"]["cases"]  # points of S, of its interval by the choice of cases
+    # the parameters, in the order of the columns of `further.points`
+    names = list(confidence.coverage[item.scenario].empty_centre)
+    # of the interval of S that the choice of cases alone causes, points
+    half_width = item.sources["s"]["cases"]
     return plain | {
         "count": len(further.points),
         "before": f"{half_width:z.1f}",
@@ -74,8 +76,8 @@ def _space(name: str, item: SpaceCoverage) -> dict[str, Any]:
     return {
         "name": name,
         "buckets": [f"{parameter}: {got} of {of}" for parameter, (got, of) in item.buckets.items()],
-        "pairs": f"{hit} of {possible}" if possible else "–",
-        "radius": f"{item.empty_radius:z.3f}",
+        "pairs": f"{hit} of {possible}" if possible else "–",  # of buckets
+        "radius": f"{item.empty_radius:z.3f}",  # in the unit box
         "centre": ", ".join(
             f"{parameter} = {value:z.4g}" for parameter, value in item.empty_centre.items()
         ),
@@ -91,33 +93,36 @@ def _picture(pair: PairCoverage) -> dict[str, Any]:
     """Cells of one pair's heat map, y upwards: darker is more cases, white none, hatched
     impossible.
 
-    The `row` of a cell, for the saved table: numbers of both buckets from 1, points in them.
+    `row` of a cell: its line in the saved table: number of x's bucket and of y's, from 1, points.
     """
-    rows, columns = pair.counts.shape
+    height, width = pair.counts.shape
     most = max(float(pair.counts.max()), 1.0)
     cells = []
-    for (row, column), number in np.ndenumerate(pair.counts):
+    for (y, x), number in np.ndenumerate(pair.counts):
         points = int(number)  # below 0: no point is possible
         shade = 0.0 if points <= 0 else 0.25 + 0.75 * points / most
         cells.append({
-            "x": CELL * column,
-            "y": CELL * (rows - 1 - row),
+            "x": CELL * x,
+            "y": CELL * (height - 1 - y),
             "opacity": f"{shade:z.2f}",
             "kind": "impossible" if points < 0 else "empty" if points == 0 else "hit",
             "words": "no possible point" if points < 0 else count(points, "point"),
-            "row": (column + 1, row + 1, None if points < 0 else points),
+            "row": (x + 1, y + 1, None if points < 0 else points),
         })  # fmt: skip
     return {
         "x": pair.x,
         "y": pair.y,
         "cells": cells,
-        "width": CELL * columns,
-        "height": CELL * rows,
+        "width": CELL * width,
+        "height": CELL * height,
         "cell": CELL,
     }
 
 
 def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> dict[str, Any]:
+    """One ADS in one scenario: its intervals by score, `SCORE_half_width_by_source`, the fields of
+    `CollisionRisk`, `further_cases`.
+    """
     plain: dict[str, Any] = {"ads": item.ads, "scenario": item.scenario, "reason": item.reason}
     plain |= {name: asdict(interval) for name, interval in item.intervals.items()}
     plain |= {f"{name}_half_width_by_source": dict(parts) for name, parts in item.sources.items()}

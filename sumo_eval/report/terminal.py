@@ -1,4 +1,4 @@
-"""Lines at the end of a run on a terminal or in a log."""
+"""Lines on a terminal or in a log: at the end of a run, of two runs, of the ledger."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ MOST_LISTED = 5  # kinds of cases that could not be evaluated; the report lists 
 
 
 def closing_lines(evaluation: Evaluation) -> list[str]:
-    """Information that the table does not hold, one sentence a line."""
+    """Facts beside the table of scores, one sentence a line."""
     lines = [
         *ranking_lines(evaluation.ranking),
         *_not_computed_lines(evaluation.scores),
@@ -74,7 +74,7 @@ def _not_computed_lines(scores: Sequence[ScenarioResult]) -> Iterator[str]:
             if getattr(score, field) is not None or has_line_below or not reason:
                 continue
             line = missing_term(f"{name} of {score.ads} in {score.scenario}", reason)
-            # H counts in S+ alone: `Its term counts 0 points of S+.`
+            # the line ends with `Its term counts 0 points.`; H counts in S+ alone
             yield f"{line[:-1]} of S+." if name == "H" else line
     if without_drivers:
         reason = reason_without("H", without_drivers[0])
@@ -95,9 +95,9 @@ def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
     """Cases that could not be evaluated: the first of each of `MOST_LISTED` kinds, and how many
     more there are.
 
-    Cases are of one kind if ADS, status and place in the ADS's code are equal, or without a place
-    the reason. Numbers in the reason of a case that was driven to its end do not count. Only the
-    first case of a kind is kept in memory: a million may be missing.
+    Cases of one kind have the same ADS, status and place in the ADS's code, or without a place
+    the same reason. Of cases that were driven to their end, numbers in the reason may differ. Only
+    the first case of a kind is kept in memory: a million may be missing.
     """
     first: dict[tuple[str, str, str], tuple[str, str]] = {}
     # number of further cases of each kind that is listed; None: of all that are not
@@ -116,7 +116,8 @@ def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
         cases = count(len(first) + more.total(), "case")
         yield f"{cases} could not be evaluated and left the means{GIVEN_UP}:"
     for key, (name, words) in first.items():
-        yield f"  {name}{f' and {more[key]} more' if more[key] else ''}: {words}"
+        others = f" and {more[key]} more" if more[key] else ""
+        yield f"  {name}{others}: {words}"
     if more[None]:
         yield f"  and {more[None]} more, all in the report."
 
@@ -172,12 +173,11 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
         interval = f" ({interval_words(ads.interval, 1)})" if ads.interval else ""
         words = f"  {ads.place}. {one_line(ads.ads)}  {number(ads.s_plus, 1)}{interval}"
         if above:
-            # the pair is the ADS above less this one; shown is this one less the one above
-            pair = ranking.pair(above, ads.ads)
+            pair = ranking.pair(above, ads.ads)  # the ADS above less this one: shown turned round
             low, high = pair.interval or (0.0, 0.0)
             ends = f" ({interval_words((-high, -low), 1)})" if pair.interval else ""
             words += f"  {number(-pair.difference, 1)}{ends} to {one_line(above)}"
-            # if both have S+ = 0, it is 0 in every resample, however the cases differ
+            # two ADSs with S+ = 0 have it in every resample, however their cases differ
             alike = pair.scored_alike and ads.s_plus != 0.0
             why = "scored alike in every case" if alike else "not told apart"
             words += "" if pair.told_apart else f": {why}, the place is shared"
@@ -249,11 +249,11 @@ def comparison_notes(comparison: Comparison) -> Iterator[str]:
 
 
 _SEEN = 5e-4
-"""Smallest change of what moves a score that is listed."""
+"""Smaller changes of the quantities that move a score are not listed."""
 
 
 def moved_words(item: ChangedCase, unit: str) -> list[str]:
-    """Differences of a changed case: of U, if its change is about U, and of all that moves a score.
+    """Differences of a changed case: of U, if it is harsher or softer, and of what moves a score.
 
     unit: of U.
     """
@@ -305,7 +305,7 @@ def ways_to(run: Path, case: str) -> dict[str, str]:
 
 def _unjudged_lines(gates: Sequence[GateResult]) -> Iterator[str]:
     """Limits that could not be evaluated, those with one reason on one line."""
-    # (ADS, "" unless its cases cannot show a change; reason) -> limits
+    # by the ADS, if its cases cannot show a change (else ""), and by the reason
     unjudged: defaultdict[tuple[str, str], list[GateResult]] = defaultdict(list)
     for gate in gates:
         if gate.passed is None:
@@ -323,7 +323,8 @@ def _unjudged_lines(gates: Sequence[GateResult]) -> Iterator[str]:
 
 
 def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
-    """`71.20 -> 70.10, -1.10 (95 %: -2.00 to -0.40)`."""
+    """`71.20 -> 70.10, -1.10 (95% interval of the difference: -2.00 to -0.40)`."""
+    # one digit more than the table has
     digits = 1 + (SCORES[name][1] if name in SCORES else 3)
     old, new = (
         "not computed" if value is None else number(value, digits)
@@ -362,16 +363,19 @@ def cause_of(line: LedgerLine, score: ScenarioResult) -> str:
     """Reason why a line of the ledger gained or lost its points."""
     if line.cause != NOT_COMPUTED:
         return line.cause
-    reasons = {"T": REASON_WITHOUT_T, **{name: reason_without(name, score) for name in "HD"}}
-    return ": ".join(filter(None, (f"{line.term} {line.cause}", reasons.get(line.term))))
+    cause = f"{line.term} {line.cause}"
+    if line.term == "T":
+        return f"{cause}: {REASON_WITHOUT_T}"
+    reason = reason_without(line.term, score) if line.term in ("H", "D") else ""
+    return f"{cause}: {reason}" if reason else cause
 
 
 def ledger_sentences(account: Ledger) -> list[str]:
     """The lines that cost points, the costliest first: `H lost 6.1 of 100 points: plausibility in
     14 cases.`
     """
-    # points that a term of S can give: its line without cases in the ledger gains them. T, A and H
-    # have no such line: each can lose all 100 points of S+.
+    # In the ledger of S each term has a line without cases: all the points that the term can give.
+    # That of S+ has none: there each term can lose all 100.
     whole = {
         line.term: line.points for line in account.lines if line.index > 0.0 and not line.entries
     }

@@ -36,6 +36,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Never:
+    """Name what replaced a removed class. Python would hide this message of an AttributeError."""
     if name in ACTS_BY_REMOVED_NAME:
         raise ImportError(
             f"`{name}` was removed: `Actor(acts=({ACTS_BY_REMOVED_NAME[name]}(...), ...))` says "

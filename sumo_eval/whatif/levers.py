@@ -1,4 +1,4 @@
-"""Levers of a case: settings and parameters that `whatif/search.py` moves alone, with ranges."""
+"""Levers of a case: settings and parameters, of which `whatif/search.py` moves one at a time."""
 
 from __future__ import annotations
 
@@ -34,13 +34,14 @@ _FASTEST, _FARTHEST = 40.0, 100.0  # highest values of these levers, m/s and m
 
 @dataclass(frozen=True, slots=True)
 class Lever:
-    """A quantity that is moved alone.
+    """A quantity that is moved while all others stay as recorded.
 
     low, high: its range.
     step: distance between neighbouring values: a change of outcome is located to a step.
-    recorded: value in the recorded case; `high` if that has no such limit, e.g. of the sensor.
+    recorded: its value in the recorded case; `high` if it is a limit (as the sensor's range) that
+        this case does not have.
     listed: the only values that it can have; empty: every step of the range.
-    unlimited: whether the recorded case has no such limit.
+    unlimited: whether it is a limit that the recorded case does not have.
     """
 
     name: str
@@ -53,7 +54,7 @@ class Lever:
     unlimited: bool = False
 
     def steps(self) -> list[float]:
-        """All values that it can have, rounded to 9 digits."""
+        """Its values: `low` and every step from there, rounded to 9 digits."""
         return list(self.listed) or [
             round(min(self.low + number * self.step, self.high), 9)
             for number in range(1 + round((self.high - self.low) / self.step))
@@ -84,19 +85,19 @@ def levers_of(
         step = step or settings.step
         levers.append(Lever(name, unit, low, high, step, recorded, unlimited=value is None))
 
-    concrete = logical.placed(values)
+    concrete = logical.placed(values)  # the recorded point fulfils the constraints
     ego, ahead = concrete.ego, _ahead(concrete)
-    # an ego that starts at rest or moves sideways keeps its speed
+    # no such lever for an ego that starts at rest or moves sideways
     if ego.speed > 0.0 and not ego.lateral_speed:
         levers.append(Lever(_SPEED, "m/s", 0.0, max(_FASTEST, ego.speed), 0.05, ego.speed))
     if ahead is not None:
-        # from the ego's front to the actor's rear; places are of the centres
+        # from the ego's front to the actor's rear; `x` is that of a centre
         bodies = ahead.length + concrete.simulation(settings).vehicle.length
         gap = ahead.start.x - ego.x - bodies / 2.0
         levers.append(Lever(_GAP, "m", min(0.0, gap), max(_FARTHEST, gap), 0.1, gap))
 
     for item in logical.parameters:
-        if item.name != ONLY:
+        if item.name != ONLY:  # the parameter of a scenario without any
             step, value = (item.high - item.low) / _FINE, values[item.name]
             levers.append(
                 Lever(item.name, item.unit, item.low, item.high, step, value, item.values)
@@ -108,7 +109,7 @@ def levers_of(
 def first_values(
     logical: LogicalScenario, values: Mapping[str, float], lever: Lever
 ) -> list[float]:
-    """Values of the first round, evenly spread over those that the scenario has points at."""
+    """Values of the first round, evenly spread over those at which the scenario has a point."""
     steps = lever.steps()
     chosen = _evenly(steps)
     # all steps are tried only if need be: making a thousand concrete scenarios takes time
@@ -145,7 +146,7 @@ def moved(
             return None
         return point if revealed else replace(point, values=values)
     recorded = logical.placed(values)
-    if value == lever.recorded:
+    if value == lever.recorded:  # of an unlimited lever: without the limit
         return recorded
     if lever.name == _SPEED:
         return replace(recorded, ego=replace(recorded.ego, speed=value))
@@ -159,7 +160,7 @@ def moved(
 
 
 def _ahead(concrete: ConcreteScenario) -> Actor | None:
-    """The nearest actor ahead in the ego's lane at the start; one that crosses is not in a lane."""
+    """The nearest actor ahead in the ego's lane at the start; who crosses (`on_map`) is in none."""
     ego, half = concrete.ego, concrete.road.lane_width / 2.0
     return min(
         (

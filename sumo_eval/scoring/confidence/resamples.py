@@ -23,14 +23,14 @@ from sumo_eval.cases import IntArray
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
-# Most numbers in a table of points and replicates, 16 MB; with 2,000 replicates all of 1,000
-# points. If there are more points, each table has an eighth of this.
+# Most numbers in a table of points and replicates, 16 MB: 1,000 points by 2,000 replicates. Of more
+# points a table of whole lists has at most an eighth of this, one of a divided list all of it.
 AT_ONCE = 2_000_000
 SPLIT = 8
 # methods of sampling that leave no part of the space out
 EVEN = frozenset({"grid", "sobol", "halton"})
 SMALLEST = 4  # fewest points of a list that is halved
-_FLAT = 1e-9  # unit-box lengths; points that differ by less along a direction have no trend there
+_FLAT = 1e-9  # a singular value, unit-box lengths; a direction with less has no trend
 
 
 class Strata(NamedTuple):
@@ -75,7 +75,7 @@ def strata(unit: FloatArray, method: str) -> Strata:
     order, sizes = np.arange(len(unit)), np.array([len(unit)])
     while method in EVEN and (sizes >= SMALLEST).any():
         _sort_along_widest(order, sizes, unit)
-        # both halves of each list that is split, the second of any other list is empty
+        # a list that is not split has an empty second half
         half = np.where(sizes >= SMALLEST, sizes // 2, sizes)
         halves = np.column_stack([half, sizes - half])
         sizes = halves[halves > 0]
@@ -83,7 +83,7 @@ def strata(unit: FloatArray, method: str) -> Strata:
 
 
 def of_one_number(stratum: IntArray) -> Strata:
-    """The points of each stratum as a list.
+    """Lists of the points with the same number.
 
     stratum: of each point the number of its stratum, (n,).
     """
@@ -108,7 +108,7 @@ def _sort_along_widest(order: IntArray, sizes: IntArray, unit: FloatArray) -> No
     for size in np.unique(sizes[sizes >= SMALLEST]).tolist():
         places = firsts[sizes == size][:, None] + np.arange(size)
         rows = order[places]
-        points = unit[rows]
+        points = unit[rows]  # (g, size, k)
         axis = np.argmax(np.ptp(points, axis=1), axis=1)
         along = np.take_along_axis(points, axis[:, None, None], axis=2)[:, :, 0]
         order[places] = np.take_along_axis(rows, np.argsort(along, axis=1, kind="stable"), axis=1)
@@ -164,9 +164,8 @@ class Balance(NamedTuple):
 
     Drawn counts are c = 1 + e. G is the covariance of e. R is the projection onto what is
     orthogonal to 1 and to the k coordinates of the points. Balanced counts are c' = 1 + scale R e,
-    and at least 0. So a mean has the variance of the residuals of its terms from their linear
-    trend, scaled so that terms without a trend keep their variance (balanced sampling: Deville and
-    Tille 2005).
+    and at least 0. A linear trend of the terms then adds nothing to the variance of their mean, and
+    terms without a trend keep theirs (balanced sampling: Deville and Tille 2005).
     """
 
     trend: FloatArray
@@ -185,14 +184,14 @@ class Balance(NamedTuple):
             return None
         # e is orthogonal to 1 already, because each list keeps its number of points
         about = unit - unit.mean(axis=0)
-        # singular values and directions; of `about` itself they would need three times the memory
+        # R of QR has the singular values and directions of `about`, in a third of the memory
         _, extent, directions = np.linalg.svd(np.linalg.qr(about, mode="r"))
         wide = extent > _FLAT
         trend = about @ (directions[wide].T / extent[wide])
         del about
         # tr G: the variance of each point in a list of s is s/(s - 1) (1 - 1/s) = 1
         spread = float(sizes[sizes > 1].sum())
-        # tr G - tr(R G), list by list
+        # tr G - tr(R G), list by list, where G is s/(s - 1) (identity - 1/s)
         by_group = np.zeros(len(sizes))
         for size, same in same_sizes(groups):
             part = trend[same]
@@ -227,7 +226,7 @@ class Resampled(NamedTuple):
 
     places: indices of the points, (k,).
     counts: (m, k), balanced if the sample is.
-    drawn: the same as drawn, (m, k).
+    drawn: before balancing, (m, k).
     """
 
     places: IntArray

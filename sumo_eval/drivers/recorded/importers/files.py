@@ -12,7 +12,7 @@ from sumo_eval.errors import InputError
 
 
 def files_in(path: Path, *patterns: str) -> list[Path]:
-    """The file itself, or the files of a folder that match, by name; there must be one."""
+    """The file itself, or all files of a folder that match a pattern, sorted: at least one."""
     if not path.exists():
         raise InputError(f"There is no file or folder {path}.")
     if not path.is_dir():
@@ -25,7 +25,7 @@ def files_in(path: Path, *patterns: str) -> list[Path]:
 
 @contextmanager
 def reading_xml(path: Path) -> Iterator[None]:
-    """Report a file that cannot be read, or is damaged, with its line."""
+    """Raise InputError for a file that cannot be read, or for the line where it is damaged."""
     try:
         yield
     except OSError as error:
