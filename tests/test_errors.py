@@ -46,7 +46,7 @@ def test_a_text_is_quoted_so_that_it_is_not_read_as_a_number():
 
 
 @pytest.mark.parametrize(
-    ("kind", "sentence"),
+    "kind, sentence",
     [
         (
             "parameter of scenario `cut_in`",
@@ -63,7 +63,7 @@ def test_of_what_a_name_is_unknown_stands_behind_the_name(kind, sentence):
 
 
 @pytest.mark.parametrize(
-    ("name", "known", "sentence"),
+    "name, known, sentence",
     [
         ("idn", ["idm", "lane_changer"], "Unknown ADS `idn`. Did you mean `idm`?"),
         ("zzz", ["idm", "lane_changer"], "Unknown ADS `zzz`. Known: idm, lane_changer."),
@@ -107,7 +107,7 @@ def test_did_you_mean_offers_one_name_only():
 
 
 @pytest.mark.parametrize(
-    ("error", "words"),
+    "error, words",
     [
         (ValueError("no such lane"), "ValueError: no such lane"),
         # the sentence around it sets the full stop

@@ -8,7 +8,7 @@ from sumo_eval.gone import refuse_command
 
 
 @pytest.mark.parametrize(
-    ("arguments", "replacement"),
+    "arguments, replacement",
     rows_of("""
 check UC-1.feature.md | `[[require]]` of a scenario file
 partition UC-1.feature | `[[require]]` of a scenario file

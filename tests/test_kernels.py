@@ -133,7 +133,7 @@ def test_a_case_alone_has_the_bits_that_it_has_beside_others(ads):
 
 @pytest.mark.skipif(kernels.INTERPRETED, reason="this is the interpreted run")
 @pytest.mark.parametrize(
-    ("sparse", "drivers"),
+    "sparse, drivers",
     [(8192, ("lane_changer", "people")), pytest.param(4, ADS, marks=pytest.mark.campaign)],
 )
 def test_interpreted_and_compiled_rules_drive_alike_to_the_bit(sparse, drivers):

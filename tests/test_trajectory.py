@@ -93,7 +93,7 @@ def test_length_duration_and_body():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    "arguments, sentence",
     rows_of(
         """
 [[], [], []] | `time` of a Trajectory must be a non-empty (n,) array, got shape (0,)
@@ -175,7 +175,7 @@ def test_a_trajectory_of_one_block_is_the_one_of_its_channels():
         made.x[0] = 1.0
 
 
-@pytest.mark.parametrize(("channel", "value"), [(0, 7.0), (0, np.nan), (1, np.inf), (5, np.nan)])
+@pytest.mark.parametrize("channel, value", [(0, 7.0), (0, np.nan), (1, np.inf), (5, np.nan)])
 def test_a_block_is_refused_as_its_channels_are(channel, value):
     spoiled = block(5)
     spoiled[channel, 2] = value

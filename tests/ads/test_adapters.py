@@ -62,7 +62,7 @@ def test_carlas_steer_is_to_the_right():
 
 
 @pytest.mark.parametrize(
-    ("agent", "action", "until", "quantity", "last"),
+    "agent, action, until, quantity, last",
     [
         ("LaneChanger", "LaneWithContinuousSpeed", 6.0, "y", 3.5),
         ("Tracker", "Trajectory", 4.0, "speed", 12.0),
@@ -85,7 +85,7 @@ _IDM = (
 
 @pytest.mark.filterwarnings("default")  # of the packages' own
 @pytest.mark.parametrize(
-    ("package", "locator", "speed"),
+    "package, locator, speed",
     [
         ("nuplan", f"nuplan_planner.py:NuPlanPlanner?period=0.1&options.agent={_IDM}", 10.0),
         (
@@ -110,7 +110,7 @@ def test_a_planner_drives_as_its_own_package_has_it(package, locator, speed):
 
 
 @pytest.mark.parametrize(
-    ("name", "method", "adapter", "page"),
+    "name, method, adapter, page",
     rows_of("""
 BasicAgent | run_step | carla_agent.py:CarlaAgent | CARLA
 LeaderboardAgent | run_step | carla_agent.py:CarlaAgent | CARLA
@@ -145,7 +145,7 @@ def test_ads_with_a_property_named_as_another_tools_method_loads():
 
 
 @pytest.mark.parametrize(
-    ("locator", "sentence"),
+    "locator, sentence",
     [
         (
             "carla_agent.py:CarlaAgent?options.agent=foreign_agents:LanePlanner",
@@ -179,7 +179,7 @@ def test_what_an_adapter_cannot_drive_is_refused(locator, sentence):
 
 
 @pytest.mark.parametrize(
-    ("locator", "sentence"),
+    "locator, sentence",
     rows_of("""
 carla:my.py:Agent
 | `carla_agent.py:CarlaAgent?options.agent=my.py:Agent` with the files of docs/examples/adapters drives it

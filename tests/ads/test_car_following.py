@@ -91,7 +91,7 @@ def test_the_heuristic_is_the_braking_that_just_avoids_contact():
     assert constant_speed_heuristic(10.0, 40.0, 10.0) == 0.0
 
 
-@pytest.mark.parametrize(("speed", "gap", "lead"), STATES)
+@pytest.mark.parametrize("speed, gap, lead", STATES)
 def test_the_enhanced_idm_brakes_at_least_as_needed_and_at_most_b_more(speed, gap, lead):
     needed = constant_speed_heuristic(speed, gap, lead)
     plain = improved_idm_acceleration(speed, 30.0, gap, lead, IDM)
@@ -187,7 +187,7 @@ def test_a_lead_that_hardly_brakes_is_almost_one_that_keeps_its_speed():
 
 
 @pytest.mark.parametrize(
-    ("ads", "options", "wrong"),
+    "ads, options, wrong",
     [
         (Idm, {"parameters": {"headway": 1.0}}, {"parameters": {"headwy": 1.0}}),
         (LaneChanger, {"parameters": {"headway": 1.0}}, {"habits": 3}),

@@ -52,7 +52,7 @@ def test_a_lane_change_that_everybody_has_to_make_is_the_same_by_both_vehicle_mo
 
 
 @pytest.mark.parametrize(
-    ("ads", "along", "across"),
+    "ads, along, across",
     [("idm", 0.5, 0.5), ("fsm", 0.2, 0.8), ("no_reaction", 1.2, 0.8), ("lane_changer", 1.7, 0.9)],
 )
 def test_on_a_curve_at_0_28_g_the_models_differ_by_the_slip(ads, along, across):

@@ -27,7 +27,7 @@ def cut_in(closing, ttc):
     )
 
 
-@pytest.mark.parametrize(("granted", "ttc", "kph"), TABLE)
+@pytest.mark.parametrize("granted, ttc, kph", TABLE)
 def test_a_cut_in_above_the_value_of_the_table_is_avoided_by_the_margin_that_physics_gives(
     granted, ttc, kph
 ):

@@ -245,7 +245,7 @@ def test_braking_that_begins_within_a_step_hits_as_fast_as_in_closed_form(step):
     assert recording.collision.relative_speed == pytest.approx(expected, abs=0.01)
 
 
-@pytest.mark.parametrize(("gap", "meets"), [(100.3, True), (100.6, False)])
+@pytest.mark.parametrize("gap, meets", [(100.3, True), (100.6, False)])
 def test_the_step_in_which_the_case_ends_is_foreseen_to_its_end(gap, meets):
     # 10 m/s faster: contact after 10.03 or 10.06 s, where the road ends at 10.02 s, in the step to
     # 10.05 s
@@ -280,7 +280,7 @@ def test_the_safe_gap_by_hand():
     assert safe_gap(20.0, -10.0, 9.0, 0.15) == pytest.approx(3.0 + 500.0 / 18.0 + 2.0)
 
 
-@pytest.mark.parametrize(("gap", "keeps"), [(6.4, False), (6.6, True)])
+@pytest.mark.parametrize("gap, keeps", [(6.4, False), (6.6, True)])
 def test_it_brakes_at_once_where_it_is_too_close_to_what_hides(gap, keeps):
     # fronts at 50 + 2.25 m and the lead's rear `gap` further on; the obstacle shows after 0.2 s at
     # the earliest

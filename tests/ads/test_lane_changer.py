@@ -54,7 +54,7 @@ def test_it_never_collides_in_the_safe_zone_of_the_cut_out(concrete):
     assert recording.end_reason in ("road_end", "standstill")
 
 
-@pytest.mark.parametrize(("exit_from", "changes"), [(200.0, False), (400.0, True)])
+@pytest.mark.parametrize("exit_from, changes", [(200.0, False), (400.0, True)])
 def test_it_does_not_cross_the_line_of_an_exit(exit_from, changes):
     road = replace(ROAD, spans=(LaneSpan(0, parted_from=exit_from),))
     concrete = replace(case(actor("lead", 60.0, 10.0), speed=25.0), road=road)

@@ -67,7 +67,7 @@ def ahead(gap, speed, y=0.0, name="lead"):
 
 
 @pytest.mark.parametrize(
-    ("gap", "speed", "begins"),
+    "gap, speed, begins",
     [(99.0, 10.0, True), (101.0, 10.0, False), (49.9, 17.0, True), (50.1, 17.0, False)],
     ids=["TTC below 10 s", "TTC above 10 s", "headway below 2.5 s", "headway above 2.5 s"],
 )
@@ -122,7 +122,7 @@ def test_when_braking_will_not_do_it_evades_if_that_is_possible(habits):
 
 
 @pytest.mark.parametrize(
-    ("x", "y", "speed", "free"),
+    "x, y, speed, free",
     values_of("""
     14.5, 3.5, 20.0, False
     18.5, 3.5, 20.0, True

@@ -54,7 +54,7 @@ def test_gaps_run_from_bumper_to_bumper():
 
 
 @pytest.mark.parametrize(
-    ("y", "overlap"), [(0.0, 1.8), (1.0, 0.8), (-1.0, 0.8), (1.8, 0.0), (3.5, -1.7)]
+    "y, overlap", [(0.0, 1.8), (1.0, 0.8), (-1.0, 0.8), (1.8, 0.0), (3.5, -1.7)]
 )
 def test_lateral_overlap_is_the_shared_strip(y, overlap):
     assert lateral_overlap(mover("a", 0.0), mover("b", 10.0, y)) == pytest.approx(overlap)
@@ -89,7 +89,7 @@ def test_vehicles_ahead_come_in_order_the_nearest_first():
 
 
 @pytest.mark.parametrize(
-    ("lead_y", "share", "seen"),
+    "lead_y, share, seen",
     values_of("""
     0.0, 0.0, False
     1.79, 0.0, False
@@ -104,7 +104,7 @@ def test_a_nearer_vehicle_hides_what_it_covers(lead_y, share, seen):
 
 
 @pytest.mark.parametrize(
-    ("eye", "x", "y", "seen"),
+    "eye, x, y, seen",
     values_of("""
     # at 156 m the line to the child is at -4.2 m, right of the car's -3.9 to -2.1 m
     100.0, 160.0, -4.5, True

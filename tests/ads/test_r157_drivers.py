@@ -90,7 +90,7 @@ def test_pfs_by_hand():
 
 
 @pytest.mark.parametrize(
-    ("speed", "acceleration", "unsafe", "safe"),
+    "speed, acceleration, unsafe, safe",
     [(20.0, 0.0, 15.8333333, 20.0), (20.0, -6.0, 10.4583333, 12.5), (12.0, -4.0, 0.5, 0.5)],
 )
 def test_cfs_by_hand(speed, acceleration, unsafe, safe):
@@ -218,7 +218,7 @@ def test_the_reaction_is_waited_for_once():
 
 
 @pytest.mark.parametrize(
-    ("rule", "times"),
+    "rule, times",
     [
         (SEATED, (0.48, 0.71, 0.94, 1.18, 1.41, 1.64)),
         (STANDING, (0.74, 1.32, 1.90, 2.47, 3.05, 3.63)),

@@ -127,7 +127,7 @@ NEAR = [
 ]
 
 
-@pytest.mark.parametrize(("ads", "name", "point"), NEAR)
+@pytest.mark.parametrize("ads, name, point", NEAR)
 def test_the_least_gap_hardly_moves_with_the_step(ads, name, point):
     found = [least_gap(driven(at_point(name, *point), ads, step)) for step in (0.05, 0.01)]
     assert 0.0 < found[1] < 0.5
@@ -176,7 +176,7 @@ HUNG_ON_MILLIMETRES = [
 ]
 
 
-@pytest.mark.parametrize(("name", "point"), HUNG_ON_MILLIMETRES)
+@pytest.mark.parametrize("name, point", HUNG_ON_MILLIMETRES)
 def test_lane_changer_on_a_curve_ends_the_same_at_every_step(name, point):
     coarse, fine = (driven(at_point(name, *point), "lane_changer", step) for step in (0.05, 0.01))
     assert coarse.end_reason == fine.end_reason

@@ -27,7 +27,7 @@ def test_recorded_people_have_the_d_of_a_driver_left_out(table):
 
 
 @pytest.mark.parametrize(
-    ("who", "least"),
+    "who, least",
     rows_of(
         """
 brakes hard | 0.9

@@ -51,7 +51,7 @@ def folder(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    "arguments, words",
     [
         *rows_of(
             r"""

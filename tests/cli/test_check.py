@@ -139,7 +139,7 @@ GOOD = (
 
 
 @pytest.mark.parametrize(
-    ("controller", "status", "words"),
+    "controller, status, words",
     [("idm", 0, "ok    ADS a: idm"), ("idn", 2, "Did you mean `idm`?")],
 )
 def test_an_evaluation_file(tmp_path, controller, status, words):
@@ -150,7 +150,7 @@ def test_an_evaluation_file(tmp_path, controller, status, words):
 
 
 @pytest.mark.parametrize(
-    ("body", "words"),
+    "body, words",
     [
         ("    os._exit(7)", "The process that drove it died with exit code 7."),
         ("    os.closerange(3, 100)", "The process that drove it"),

@@ -113,7 +113,7 @@ def test_partition_says_where_the_danger_is_greatest():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    "arguments, sentence",
     rows_of(
         """
 runn | Did you mean `run`?
@@ -158,7 +158,7 @@ def test_a_replay_lies_in_its_run_whatever_the_ads_is_called(tmp_path, monkeypat
 
 
 @pytest.mark.parametrize(
-    ("amid", "arguments"),
+    "amid, arguments",
     [("record.estimate", "run --out r"), ("nightly.night", "nightly none.toml --history h")],
 )
 def test_a_signal_amid_imports_that_a_callback_drops_is_heard(amid, arguments, tmp_path):

@@ -170,7 +170,7 @@ def test_run_only_names_what_it_does_not_know(builds, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("limit", "sentence"),
+    "limit, sentence",
     [
         ('quantity = "max_deceleration"\nat_most = 5.9', "max_deceleration is above 5.9 m/s² in "),
         ('quantity = "severity"\nat_most = 29', "severity is above 29 m/s in 1 of 1 case"),

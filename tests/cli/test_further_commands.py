@@ -45,7 +45,7 @@ def test_an_installed_package_brings_a_command_of_its_own(site):
 
 
 @pytest.mark.parametrize(
-    ("entry", "sentence"),
+    "entry, sentence",
     [
         (
             "weather = weather_tool:rain",

@@ -30,7 +30,7 @@ def all_commands():
 
 
 @pytest.mark.parametrize(
-    ("name", "command"), all_commands(), ids=lambda value: value if isinstance(value, str) else ""
+    "name, command", all_commands(), ids=lambda value: value if isinstance(value, str) else ""
 )
 def test_every_command_has_an_example_that_its_own_parser_takes(name, command):
     shown = CliRunner().invoke(main, [*name.split(), "--help"])
@@ -54,7 +54,7 @@ def test_the_help_names_every_command_under_its_task_and_cuts_no_line():
 
 
 @pytest.mark.parametrize(
-    ("typed", "meant"),
+    "typed, meant",
     rows_of("""
 evaluate | run
 simulate | run

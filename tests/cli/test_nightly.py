@@ -378,7 +378,7 @@ def a_folder(path):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "words"),
+    "spoil, words",
     [
         (nothing, "is missing or empty"),
         (empty, "is missing or empty"),
@@ -504,7 +504,7 @@ def test_a_link_in_place_of_a_stopped_night_is_not_followed(tmp_path):
     assert notes == ["Night a was stopped before its end; its folder could not be removed."]
 
 
-@pytest.mark.parametrize(("pack", "differ"), [(1, 2), (32, 3)])
+@pytest.mark.parametrize("pack, differ", [(1, 2), (32, 3)])
 def test_night_finds_what_an_ads_carries_from_case_to_case(tmp_path, pack, differ):
     file, module = evaluation(tmp_path, "2", engine="processes"), tmp_path / "my_ads.py"
     file.write_text(file.read_text().replace("pack = 32", f"pack = {pack}"))

@@ -133,7 +133,7 @@ def test_impossible_placement_is_refused_before_compiling(tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    "options, words",
     [
         ((), "needs the address of a scheduler"),
         (("--scheduler", "tcp://127.0.0.1:1"), "needs the extra `cluster`"),

@@ -53,7 +53,7 @@ def test_the_same_seed_samples_the_same_points_and_another_seed_others(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    "arguments, sentence",
     [
         (["cut_inn"], "Did you mean `cut_in`?"),
         (["cut_in", "--method", "sobl", "--count", "8"], "sobol"),
@@ -65,7 +65,7 @@ def test_sample_refuses(tmp_path, arguments, sentence):
     assert sentence in done.stderr
 
 
-@pytest.mark.parametrize(("what", "key"), [("scenario", "parameter"), ("evaluation", "ads")])
+@pytest.mark.parametrize("what, key", [("scenario", "parameter"), ("evaluation", "ads")])
 def test_schema_prints_a_json_schema(what, key):
     assert key in json.loads(sumo_eval("schema", what).said)["properties"]
 

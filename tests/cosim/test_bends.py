@@ -195,7 +195,7 @@ def test_a_model_of_sumos_follows_a_curve(ads):
     assert found.collision is None
 
 
-@pytest.mark.parametrize(("road", "apart"), [(ROAD, 1e-6), (bend(250.0), 0.03)])
+@pytest.mark.parametrize("road, apart", [(ROAD, 1e-6), (bend(250.0), 0.03)])
 def test_a_shipped_rule_asked_through_traci_drives_the_same(road, apart):
     from sumo_eval.ads.car_following import Idm
 

@@ -62,7 +62,7 @@ def test_square_on_to_the_rear():
 
 
 @pytest.mark.parametrize(
-    ("offset", "overlap"), [(0.0, 1.0), (0.9, 0.5), (-0.9, 0.5), (1.35, 0.25), (-1.71, 0.05)]
+    "offset, overlap", [(0.0, 1.0), (0.9, 0.5), (-0.9, 0.5), (1.35, 0.25), (-1.71, 0.05)]
 )
 def test_an_offset_of_half_the_width_is_half_the_overlap(offset, overlap):
     # 1.8 m wide each: (1.8 - |offset|) / 1.8
@@ -81,7 +81,7 @@ def test_being_hit_from_the_rear():
     assert bumper_overlap(EGO, car(-4.5, 0.0)) == 1.0
 
 
-@pytest.mark.parametrize(("y", "side"), [(1.8, "left"), (-1.8, "right")])
+@pytest.mark.parametrize("y, side", [(1.8, "left"), (-1.8, "right")])
 def test_a_side_swipe_names_the_side_and_has_no_bumper_overlap(y, side):
     other = car(1.0, y, heading=math.copysign(0.01, -y), speed=20.0)
     assert struck_side(EGO, other) == side
@@ -106,7 +106,7 @@ def test_a_rotated_corner_touching_the_left_side():
 
 
 @pytest.mark.parametrize(
-    ("velocity_heading", "speed", "side"),
+    "velocity_heading, speed, side",
     # slower car ahead; one that drops in from the left
     [(0.0, 5.0, "front"), (-math.pi / 2, 30.0, "left")],
 )
@@ -121,7 +121,7 @@ def test_corner_to_corner_the_faster_closing_names_the_side(velocity_heading, sp
 
 
 @pytest.mark.parametrize(
-    ("gap", "closing"),
+    "gap, closing",
     # The last jumps over a car in one step: apart before, apart after, and through it in between.
     [(0.3, 1.0), (0.999, 1.0), (0.05, 1.5), (0.0005, 0.5), (5.5, 30.0)],
 )

@@ -174,7 +174,7 @@ def test_a_late_answer_is_late_once_and_not_at_every_step_that_it_holds():
 
 
 @pytest.mark.parametrize(
-    ("locator", "sentence"),
+    "locator, sentence",
     [
         *rows_of("""
 mine.py:Counting?period=0.07

@@ -36,7 +36,7 @@ def fmus(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize(("unit", "name"), [(1.0, "one"), (0.8, "one"), (1.0 / 3.6, "km/h")])
+@pytest.mark.parametrize("unit, name", [(1.0, "one"), (0.8, "one"), (1.0 / 3.6, "km/h")])
 def test_an_fmu_drives_as_the_same_formula_in_python_does(fmus, tmp_path, unit, name):
     """unit: of all its variables, in SI units; km/h has no BaseUnit."""
     base = f'<BaseUnit factor="{unit}"/>' if name == "one" else ""
@@ -94,7 +94,7 @@ def test_an_fmi_3_car_is_the_egos_vehicle_model(fmus):
 
 
 @pytest.mark.parametrize(
-    ("heading", "speed", "words"),
+    "heading, speed, words",
     [
         (0.0, 0.0, "must start at 20 m/s, got 0; map a parameter of it to `speed`"),
         (math.inf, 20.0, "FMU `Car.fmu` must give finite numbers, got {'x': 0.0, 'y': 0.0, 'h"),
@@ -157,7 +157,7 @@ def test_that_sumo_moves_an_ego_that_has_a_vehicle_model_of_its_own_is_on_record
 
 
 @pytest.mark.parametrize(
-    ("locator", "sentence"),
+    "locator, sentence",
     [
         ("fmu:nowhere.fmu", "There is no FMU"),
         ("fmu:acc_fmu.py", "cannot be read"),

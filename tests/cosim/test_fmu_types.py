@@ -143,7 +143,7 @@ def deceleration(locator, folder, *others):
 
 
 @pytest.mark.parametrize(
-    ("mapping", "expected"),
+    "mapping, expected",
     [
         ("inputs.*=start", -0.7),
         ("inputs.whole_in=12&inputs.*=start", -1.2),
@@ -211,7 +211,7 @@ def test_a_plan_has_at_most_the_places_of_its_outputs(fmus):
 
 
 @pytest.mark.parametrize(
-    ("locator", "sentence"),
+    "locator, sentence",
     [
         (TWO, "its start value (`inputs.*=start`: of all that are left)"),
         (f"{TWO}&inputs.*=1", "`inputs.*` of FMU `Feedthrough2.fmu` must be `start`"),
@@ -260,7 +260,7 @@ EMPTY = FMI_3.format('<CoSimulation modelIdentifier="m"/>')
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    "text, sentence",
     [
         (FMI_1, r"The FMI version of FMU `m\.fmu` must be 2\.0 or 3\.0, got"),
         (FMI_3.format(""), "must be one for co-simulation, got one for nothing"),

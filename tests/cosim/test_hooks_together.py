@@ -329,7 +329,7 @@ def test_every_way_to_keep_state_is_seen_and_nan_is_none():
 
 
 @pytest.mark.parametrize(
-    ("hook", "name"),
+    "hook, name",
     [
         (caches, "CACHE"), (remembers, "remembers"), (draws, "GENERATOR"), (Counts, "Counts"),
         (sets_variables, "os.environ"), (rebinds, "CALLS"), (enclosing, "encloses"),
@@ -440,7 +440,7 @@ class AsksAll:
 
 
 @pytest.mark.parametrize(
-    ("counts", "least"),
+    "counts, least",
     [((3, 2, 2), 5_000), pytest.param((256, 64, 64), 400_000, marks=pytest.mark.campaign)],
 )
 def test_every_getter_answers_a_row_as_it_does_alone(counts, least, tmp_path, monkeypatch):

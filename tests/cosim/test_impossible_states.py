@@ -280,7 +280,7 @@ def test_a_speed_no_vehicle_can_have_ends_the_case_although_its_place_is_possibl
 
 
 @pytest.mark.parametrize(
-    ("name", "controller"), [("lead", follow), ("lead", "sumo:IDM"), ("ego", "sumo:IDM")]
+    "name, controller", [("lead", follow), ("lead", "sumo:IDM"), ("ego", "sumo:IDM")]
 )
 def test_an_angle_that_is_not_a_number_ends_the_case(name, controller):
     found = after_a_listener(lambda: turned_to_nan(name), controller)

@@ -165,7 +165,7 @@ def test_a_program_that_works_on_after_its_case_is_killed_too(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    "text, sentence",
     [
         *rows_of(r"""
 exit 3 | The ADS's program ended before its case did, with status 3 in reset.
@@ -213,7 +213,7 @@ def test_every_case_has_a_program_of_its_own():
 
 
 @pytest.mark.parametrize(
-    ("locator", "sentence"),
+    "locator, sentence",
     [
         ("exec:", "must be a program and its arguments"),
         ("exec:no_such_program_here --fast", "there is no program `no_such_program_here`"),

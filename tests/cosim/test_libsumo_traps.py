@@ -43,7 +43,7 @@ def test_trap_1_the_session_starts_it_as_requested():
 
 
 @pytest.mark.parametrize(
-    ("written", "instead", "sentence"),
+    "written, instead, sentence",
     values_of("""
     ' depart="0"', ' depart="3"', "did not insert vehicle `ego`"
     'departPos="52.25"', 'departPos="53"', "at (50.750, 0.000) m instead of (50.000, 0.000) m"
@@ -126,7 +126,7 @@ def test_trap_5_a_nested_session_is_refused_and_the_outer_lives():
 
 
 @pytest.mark.parametrize(
-    ("writer", "text", "quote"),
+    "writer, text, quote",
     values_of("""
     "network_xml", "no network at all", "invalid document structure"
     "routes_xml", '<routes><vehicle id="ego" route="nowhere" depart="0"/></routes>', "nowhere"
@@ -291,7 +291,7 @@ class MovesInItsLastStep:
         self.vehicle.moveToXY("ego", "", -1, x + 1.0, y, 90.0, 2)
 
 
-@pytest.mark.parametrize(("fails", "ends"), [(True, "ads_error"), (False, "time_limit")])
+@pytest.mark.parametrize("fails, ends", [(True, "ads_error"), (False, "time_limit")])
 def test_a_move_that_no_step_carries_out_does_not_reach_the_next_case(fails, ends):
     alone = simulate(case(lead(gap=50.0)), "no_reaction", HALF_SECOND)
     assert simulate(case(lead(gap=50.0)), MovesInItsLastStep(fails), HALF_SECOND).end_reason == ends

@@ -453,7 +453,7 @@ def test_lead_over_arrays_is_neutral_where_there_is_no_vehicle():
 
 
 @pytest.mark.parametrize(
-    ("call", "arguments"),
+    "call, arguments",
     {
         "close": (), "simulationStep": (), "vehicle.setSpeed": ("lead", 1.0),
         "vehicle.remove": ("ego",), "vehicle.moveToXY": ("ego", "", 0, 300.0, 0.0, 90.0, 2),

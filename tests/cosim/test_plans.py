@@ -135,7 +135,7 @@ def test_alone_and_beside_others_a_plan_is_driven_to_the_same_bits():
 
 
 @pytest.mark.parametrize(
-    ("plan", "sentence"),
+    "plan, sentence",
     [
         (
             Plan([0.0, 1.0], [0.0, math.nan], [0.0, 0.0]),
@@ -213,7 +213,7 @@ def test_a_command_takes_an_acceleration_or_a_speed():
 
 
 @pytest.mark.parametrize(
-    ("answer", "python"),
+    "answer, python",
     [
         ({"speed": 15.0}, lambda seen: Command(speed=15.0)),
         ({"throttle": 0.1, "steer": 0.01}, lambda seen: Command.pedals(0.1, 0.0, 0.01)),

@@ -30,7 +30,7 @@ TYPES = {
 
 
 @pytest.mark.parametrize(
-    ("file", "kind"), [(file, kind) for file, kinds in TYPES.items() for kind in kinds]
+    "file, kind", [(file, kind) for file, kinds in TYPES.items() for kind in kinds]
 )
 def test_feedthrough_gives_back_what_it_is_given_in_every_type(file, kind):
     """-2 in, -2 m/s2 out; all its other inputs keep their start values."""
@@ -50,7 +50,7 @@ def test_feedthrough_takes_texts_truth_and_enumerations_beside():
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize(
-    ("name", "output"),
+    "name, output",
     [
         ("BouncingBall", "v"),
         ("Dahlquist", "x"),

@@ -75,7 +75,7 @@ def test_it_ends_at_a_standstill_of_two_seconds():
 
 
 @pytest.mark.parametrize(
-    ("concrete", "limit", "reason", "time"),
+    "concrete, limit, reason, time",
     [
         (case(x=590.0), 150.0, "road_end", 0.5),
         (case(), 1.23, "time_limit", 1.25),
@@ -99,7 +99,7 @@ def test_nothing_touches_the_ego_after_the_end_of_the_road_within_a_step_either(
     assert (found.collision is None) == (beyond > 0.0)
 
 
-@pytest.mark.parametrize(("steering", "edge"), [(0.5, 5.25), (-0.5, -1.75)])
+@pytest.mark.parametrize("steering, edge", [(0.5, 5.25), (-0.5, -1.75)])
 def test_it_ends_off_the_road_when_the_centre_leaves_it(steering, edge):
     found = simulate(case(), lambda *_: Command(0.0, steering))
     assert found.end_reason == "off_road"
@@ -135,7 +135,7 @@ def test_it_ends_in_a_sim_error_when_sumo_refuses_the_start():
     assert found.ego.speed[0] == 70.0  # what was asked for is kept
 
 
-@pytest.mark.parametrize(("dx", "dy"), [(0.1, 0.0), (0.0, 0.1)])
+@pytest.mark.parametrize("dx, dy", [(0.1, 0.0), (0.0, 0.1)])
 def test_it_ends_in_a_sim_error_when_sumo_shows_the_ego_elsewhere(monkeypatch, dx, dy):
     calls = session_module.vehicles(libsumo)
     place = calls.moveToXY
@@ -215,7 +215,7 @@ def test_a_file_and_name_relative_to_a_folder_with_its_neighbours(tmp_path, monk
 
 
 @pytest.mark.parametrize(
-    ("locator", "sentence"),
+    "locator, sentence",
     [
         *rows_of("""
 ideal_brakin | Did you mean `ideal_braking`?
@@ -271,7 +271,7 @@ def test_the_same_file_has_the_same_module_name_in_every_process(tmp_path, monke
 
 
 @pytest.mark.parametrize(
-    ("answer", "sentence"),
+    "answer, sentence",
     [
         (-3.0, "must return a Command, Pedals, a Plan or None, got float"),
         ((-3.0, 0.0), "must return a Command, Pedals, a Plan or None, got tuple"),
@@ -355,7 +355,7 @@ def at(moment, action):
 
 
 @pytest.mark.parametrize(
-    ("action", "sentence"),
+    "action, sentence",
     [
         (lambda traci, ego: traci.close(), "The ADS closed the simulation at 0.30 s"),
         (
@@ -390,7 +390,7 @@ def test_an_ads_that_takes_over_the_simulation_is_stopped_and_the_next_case_work
 
 
 @pytest.mark.parametrize(
-    ("call", "sentence"),
+    "call, sentence",
     [
         (
             "simulationStep",
@@ -420,7 +420,7 @@ def test_taking_over_in_reset_is_named_before_a_step(call, sentence):
 
 
 @pytest.mark.parametrize(
-    ("speed_at", "acceleration", "clips"),
+    "speed_at, acceleration, clips",
     [
         (lambda time: 0.0, -9.0, {"vtype_limit": 10}),
         (lambda time: 100.0, 4.0, {"vtype_limit": 10}),
@@ -441,7 +441,7 @@ def put(x, y):
 
 
 @pytest.mark.parametrize(
-    ("trick", "sentence"),
+    "trick, sentence",
     [
         (
             lambda v, ego: (
@@ -499,7 +499,7 @@ def test_change_lane_takes_the_lane_change_duration():
 
 
 @pytest.mark.parametrize(
-    ("speed", "y", "lane"),
+    "speed, y, lane",
     [(0.5, 0.0, 1), (2.0, 0.0, 1), (8.0, 0.0, 1), (30.0, 0.0, 1), (30.0, 3.5, 0)],
 )
 def test_a_lane_change_by_sumo_is_driving_at_any_speed(speed, y, lane):
@@ -599,9 +599,7 @@ def test_samples_come_ten_times_a_second_from_the_requested_start_to_the_end():
     assert (ego.length, ego.width) == (4.5, 1.8)
 
 
-@pytest.mark.parametrize(
-    ("step", "interval"), [(0.05, 0.05), (0.02, 0.1), (0.1, 0.1), (0.025, 0.1)]
-)
+@pytest.mark.parametrize("step, interval", [(0.05, 0.05), (0.02, 0.1), (0.1, 0.1), (0.025, 0.1)])
 def test_samples_come_at_the_recording_interval(step, interval):
     settings = SimulationSettings(step=step, record_interval=interval, time_limit=1.0)
     found = simulate(case(), nothing, settings)
@@ -643,7 +641,7 @@ def test_law_a_scripted_actor_is_where_its_closed_form_says_at_every_sample(jerk
 
 
 @pytest.mark.parametrize(
-    ("settings", "sentence"),
+    "settings, sentence",
     rows_of(
         """
 {"step": 0.0125}

@@ -53,7 +53,7 @@ def test_traci_code_names_its_vehicles_type():
 
 
 @pytest.mark.parametrize(
-    ("given", "sentence"),
+    "given, sentence",
     rows_of(
         """
 {"carFollowModel": "CCC"} | Unknown SUMO car-following model `CCC`

@@ -74,7 +74,7 @@ def changed(cases, rng):
 
 
 @pytest.mark.parametrize(
-    ("share", "scenarios"),
+    "share, scenarios",
     [
         pytest.param(1, ["cut_in", "r157_cut_out", "front_vehicle_braking", "curve_cut_in",
             "stop_and_go_stream"], id="whole", marks=pytest.mark.campaign),
@@ -419,7 +419,7 @@ SWAYS = [
 
 
 @pytest.mark.parametrize(
-    ("scenario", "every"),
+    "scenario, every",
     [
         ("front_vehicle_cut_out", 31),
         *(

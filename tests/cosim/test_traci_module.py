@@ -143,7 +143,7 @@ TOUCHES = [
 ]
 
 
-@pytest.mark.parametrize(("action", "sentence"), TOUCHES, ids=[words for _, words in TOUCHES])
+@pytest.mark.parametrize("action, sentence", TOUCHES, ids=[words for _, words in TOUCHES])
 def test_who_touches_what_is_not_the_egos_is_refused_or_put_on_record(action, sentence):
     found = simulate(case(lead(50.0)), once(action), HALF_SECOND)
     assert found.end_reason == "ads_error"
@@ -305,7 +305,7 @@ def test_every_call_that_sumo_ignores_is_tried_here():
 
 
 @pytest.mark.parametrize(
-    ("speed", "name"), [*product([21.0], ALWAYS | BESIDE_A_SPEED), *product([-1.0], ALWAYS)]
+    "speed, name", [*product([21.0], ALWAYS | BESIDE_A_SPEED), *product([-1.0], ALWAYS)]
 )
 def test_a_call_that_sumo_ignores_does_nothing_and_is_recorded(speed, name):
     found = driven(name, speed, arguments=(ALWAYS | BESIDE_A_SPEED)[name])

@@ -72,9 +72,7 @@ def test_the_table_has_every_call_of_libsumo_that_writes_and_its_arguments_in_th
         assert names == told, call
 
 
-@pytest.mark.parametrize(
-    ("domain", "call"), CALLS, ids=[f"{domain}.{call}" for domain, call in CALLS]
-)
+@pytest.mark.parametrize("domain, call", CALLS, ids=[f"{domain}.{call}" for domain, call in CALLS])
 def test_numbers_of_the_ordinary_course_are_none_of_the_rules_business(domain, call):
     with session(case(lead(50.0)), HALF_SECOND):
         assert breach(domain, call, "ego", harmless(domain, call), {}) is None
@@ -87,7 +85,7 @@ def running():
 
 
 @pytest.mark.parametrize(
-    ("domain", "call", "place"),
+    "domain, call, place",
     ARGUMENTS_OF_NUMBERS,
     ids=["-".join(map(str, one)) for one in ARGUMENTS_OF_NUMBERS],
 )
@@ -138,7 +136,7 @@ setParameter | ["laneChangeModel.lcStrategic", "inf"] | `value` = 'inf' | a fini
 
 
 @pytest.mark.parametrize(
-    ("call", "args", "argument", "rule"), SILENT, ids=[f"{it[0]}-{it[2]}" for it in SILENT]
+    "call, args, argument, rule", SILENT, ids=[f"{it[0]}-{it[2]}" for it in SILENT]
 )
 @pytest.mark.parametrize("settings", [HALF_SECOND, RECORD], ids=["refuse", "record"])
 def test_what_sumo_takes_in_silence_ends_the_case_with_call_and_argument(
@@ -318,7 +316,7 @@ def test_commands_as_large_as_floats_get_are_clipped_and_on_record():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    "arguments, sentence",
     [((20.0, 3.0), "vehicle.setSpeed() takes 2 positional arguments"), ((None,), "argument 2")],
 )
 def test_wrong_arguments_get_the_message_of_traci(arguments, sentence):

@@ -68,7 +68,7 @@ CLOSED = "traci.start([])\ntraci.simulationStep()\ntraci.close()\nprint('left')\
 
 
 @pytest.mark.parametrize(
-    ("text", "how", "said"),
+    "text, how, said",
     [
         ("print('on stdout')\nsys.exit('no map')\n", "with status 1", "on stdout\nno map"),
         (TWICE, "with status 1", "a case takes one connection, got a second one"),

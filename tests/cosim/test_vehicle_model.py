@@ -199,7 +199,7 @@ def test_the_grip_angle_beside_braking_needs_only_what_braking_leaves():
 
 @pytest.mark.parametrize("step", STEPS)
 @pytest.mark.parametrize(
-    ("start", "command"),
+    "start, command",
     [
         (driving(30.0, -9.0), Command(-9.0, 3.0)),  # steering while braking hard
         (driving(30.0), Command(-9.0, 3.0)),  # both at once

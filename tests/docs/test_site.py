@@ -165,7 +165,7 @@ def test_the_leaderboard_has_every_ads_that_ships_in_every_suite_with_what_the_f
         )
 
 
-@pytest.mark.parametrize(("key", "value"), [("seed", 1), ("drivers", {"count": 7}), ("zones", [])])
+@pytest.mark.parametrize("key, value", [("seed", 1), ("drivers", {"count": 7}), ("zones", [])])
 def test_scores_of_another_suite_are_refused(tmp_path, key, value):
     module = hooks()
     board = tmp_path / "leaderboard" / "2026.1"

@@ -112,7 +112,7 @@ def test_a_cut_in_counts_only_near_and_a_violent_one_is_a_ghost():
     assert wild.ghosts["cut_in"] == 1
 
 
-@pytest.mark.parametrize(("kind", "y0", "to"), [("cut_in", 7.0, 3.5), ("cut_out", 3.5, 7.0)])
+@pytest.mark.parametrize("kind, y0, to", [("cut_in", 7.0, 3.5), ("cut_out", 3.5, 7.0)])
 @pytest.mark.parametrize("late", [True, False])
 def test_no_scenario_begins_before_the_ego_is_in_its_lane(kind, y0, to, late):
     other = track("other", 40.0, 24.0, y0=y0, move=(5.0, 5.0, to - y0))

@@ -260,7 +260,7 @@ NGSIM = ",".join((*ngsim._ORIGINAL, "Location")) + "\n"
 
 
 @pytest.mark.parametrize(
-    ("form", "name", "text", "words"),
+    "form, name, text, words",
     [
         *rows_of(r"""
 csv | x.csv | OWNr,a,0,1,2,4,2\n\n \nr,a,0.1,oops,2,4,2\n | `x` in row 5 of
@@ -376,7 +376,7 @@ SETS = (
 
 
 @pytest.mark.parametrize(
-    ("name", "inside", "sentence"),
+    "name, inside, sentence",
     [
         ("a.xml", "<occupancySet><occupancy/></occupancySet>", r"got a set-based prediction "
                                                                r"\(`occupancySet`\)"),

@@ -133,7 +133,7 @@ def test_an_mcap_file_is_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "words"),
+    "name, content, words",
     [
         ("a.osi", b"\x05\x00\x00\x00abc", "it ends within one"),
         ("a.osi", trace([b"\xff\xff\xff"]), "Message 0 of .* is not a GroundTruth of OSI 3"),

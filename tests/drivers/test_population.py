@@ -43,7 +43,7 @@ def values_of(drivers, name):
     )
 
 
-@pytest.mark.parametrize(("name", "fit"), (IDM_FIT | OWN).items())
+@pytest.mark.parametrize("name, fit", (IDM_FIT | OWN).items())
 def test_log_normal_parameters_have_the_fitted_median_and_spread(drivers, name, fit):
     values = values_of(drivers, name)
     assert fit.low <= values.min() < values.max() <= fit.high

@@ -16,7 +16,7 @@ from sumo_eval.settings import PopulationSettings
 
 
 @pytest.mark.parametrize(
-    ("changes", "field", "factor"),
+    "changes, field, factor",
     [
         ({"reaction_scale": 2.0}, "reaction_time", 2.0),
         ({"lane_change_scale": 0.5}, "lane_change_10_90", 0.5),
@@ -63,7 +63,7 @@ def test_the_limits_of_the_onset_keep_everybodys_rank_and_everything_else():
         }
 
 
-@pytest.mark.parametrize(("share", "expected"), [(0.0, 0), (0.3, 3), (0.5, 5), (1.0, 10)])
+@pytest.mark.parametrize("share, expected", [(0.0, 0), (0.3, 3), (0.5, 5), (1.0, 10)])
 def test_the_share_who_overtake_is_the_one_asked_for(share, expected):
     people = draw_population(10, 7, PopulationSettings(overtake_share=share))
     assert abs(sum(driver.overtakes for driver in people) - expected) <= (

@@ -62,7 +62,7 @@ def test_a_column_is_88_mm_and_a_page_180_mm():
 
 
 @pytest.mark.parametrize(
-    ("ending", "begin"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")]
+    "ending, begin", [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")]
 )
 def test_the_ending_says_the_format(done, tmp_path, ending, begin):
     file = save(
@@ -115,7 +115,7 @@ def test_axes_hold_what_is_drawn_and_no_more(done):
     assert mesh.get_clim()[0] > 0.0
 
 
-@pytest.mark.parametrize(("speed", "line"), [(0.0, ()), (20.0, (arc(600.0, 100.0),))])
+@pytest.mark.parametrize("speed, line", [(0.0, ()), (20.0, (arc(600.0, 100.0),))])
 def test_fields_of_egos_that_stand_or_turn_are_drawn(done, monkeypatch, speed, line):
     from sumo_eval.extras.figures import of_runs
 
@@ -171,7 +171,7 @@ def test_a_history_of_nights_is_drawn(done, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("figure", "more", "words"),
+    "figure, more, words",
     rows_of(
         """
 zonemap | {} | Unknown figure `zonemap`.*Did you mean `zone_map`

@@ -74,7 +74,7 @@ def test_gymnasium_accepts_the_environment_of_every_scenario(scenario):
 
 
 @pytest.mark.parametrize(
-    ("scenario", "values"),
+    "scenario, values",
     [
         ("front_vehicle_cut_out", POINT),
         ("front_vehicle_cut_out", {**POINT, "gap": 30.0}),

@@ -151,7 +151,7 @@ def test_what_lies_past_the_roads_end_changes_nothing():
 
 
 @pytest.mark.parametrize(
-    ("ads", "chosen"),
+    "ads, chosen",
     [
         (drive(16.0, 0.2, lane_change=(1.0, 2.0, 3.0)), AnthropomorphicSettings()),
         (
@@ -200,7 +200,7 @@ def test_counting_operations_is_the_plain_state_machine(signal):
 
 
 @pytest.mark.parametrize(
-    ("z", "expected"),
+    "z, expected",
     values_of("""
     0.0, 1.0
     1.0, 1.0
@@ -230,7 +230,7 @@ def test_centre_three_floors_off():
 
 
 @pytest.mark.parametrize(
-    ("own", "others", "expected"),
+    "own, others, expected",
     [
         (1.03, [1.0, 1.0, 1.0], math.exp(-2.5)),  # deviation 0, floor 1 % of 1: z = 3
         (103.0, [100.0, 100.0, 100.0], math.exp(-2.5)),
@@ -254,7 +254,7 @@ def test_field_with_known_values(own, others, expected, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("trajectory", "expected"),
+    "trajectory, expected",
     [
         (drive(), 60.0),
         (drive(until=61.0), 60.0),  # past the end: the road's end counts
@@ -310,7 +310,7 @@ def test_drivers_that_ended_earlier_hold_their_last_position():
 
 
 @pytest.mark.parametrize(
-    ("start", "length", "expected"),
+    "start, length, expected",
     [
         (0.0, 1.5, [0.0, 0.5, 1.0, 1.5]),
         (2.0, 1.2, [2.0, 2.5, 3.0, 3.2]),  # the last interval is shorter: the end itself
@@ -326,7 +326,7 @@ def test_slices_every_half_metre(start, length, expected):
 
 
 @pytest.mark.parametrize(
-    ("x", "y", "positions", "expected"),
+    "x, y, positions, expected",
     values_of("""
     [0, 10, 20], [0, 1, 3], [5, 15, 10, 25], [0.5, 2, 1, 3]  # at last beyond its end
     [0, 10, 20], [0.5, 1, 3], [-4], [0.5]  # before its start
@@ -344,7 +344,7 @@ def test_lateral_position_at_the_first_crossing(x, y, positions, expected):
 
 
 @pytest.mark.parametrize(
-    ("centre", "expected"),
+    "centre, expected",
     values_of("""
     # 1.2 m to the right edge: three parts of 0.4
     -0.55, [-1.75, -1.35, -0.95, -0.55, -0.05, 0.45, 0.95]
@@ -381,7 +381,7 @@ OUT, BACK, NONE = (12.0, 1.0), (-12.0, 1.0), (0.0, 1.0)
 WHEEL = AnthropomorphicSettings(steering_rule="wheel")
 
 
-@pytest.mark.parametrize(("pause", "moves"), [(0.5, 1), (1.0, 2)])
+@pytest.mark.parametrize("pause, moves", [(0.5, 1), (1.0, 2)])
 def test_moves_aside_are_two_with_a_rest_between(pause, moves):
     """Twice 1.2 m at 0.3 m/s. Its mean over 1 s stays above 0.12 m/s in a pause of 0.5 s; in one of
     1 s it is not, for 0.8 s."""
@@ -392,7 +392,7 @@ def test_moves_aside_are_two_with_a_rest_between(pause, moves):
 
 
 @pytest.mark.parametrize(
-    ("degrees", "expected"),
+    "degrees, expected",
     [
         (signal((10.0, 3.0)), 0),  # at the threshold: neutral
         (signal((10.01, 3.0)), 1),  # still running at the end
@@ -410,7 +410,7 @@ def test_steering_operations(degrees, expected):
 
 
 @pytest.mark.parametrize(
-    ("acceleration", "expected"),
+    "acceleration, expected",
     [
         (signal((0.5, 2.0)), 0),
         (signal((2.0, 1.0), (0.6, 0.5), (2.0, 1.0)), 2),  # Eq. 12: one
@@ -521,7 +521,7 @@ def lateral(*moves):
 
 @pytest.mark.parametrize("seed", [None, 4])
 @pytest.mark.parametrize(
-    ("y", "expected"),
+    "y, expected",
     [
         (lateral(), 0),
         (lateral((5.0, 8.5, 3.5)), 1),  # a motorway lane change
@@ -602,7 +602,7 @@ def test_an_ordinary_case_has_no_notes():
 
 
 @pytest.mark.parametrize(
-    ("ads", "drivers", "note"),
+    "ads, drivers, note",
     [
         (drive(), [drive(y=y) for y in (0.0, 0.1, 3.4, 3.5)], IndexNote("two_groups", 121, 121)),
         (drive(), [drive()] * 2, IndexNote("field_floor", 847, 847)),
@@ -642,7 +642,7 @@ def test_the_index_over_the_safe_zone():
 
 
 @pytest.mark.parametrize(
-    ("values", "exposure", "words"),
+    "values, exposure, words",
     rows_of(
         """
 [0.5, 1.0] | [1.0] | equally long

@@ -179,7 +179,7 @@ def test_the_first_exit_counts_where_a_ray_enters_the_zone_again(ring):
 
 
 @pytest.mark.parametrize(
-    ("point", "sentence"),
+    "point, sentence",
     rows_of(
         """
 {"ego_speed": 30.0, "gap": 50.0}
@@ -231,7 +231,7 @@ def test_hitting_no_harder_than_the_ideal_vehicle_counts_1():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    "arguments, sentence",
     rows_of(
         """
 [[1, 2], [1], [1, 1]] | `u`, `u_ideal` and `weights` of the collisions must be of one length
@@ -251,7 +251,7 @@ def test_impossible_collisions_are_refused(arguments, sentence):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    "arguments, sentence",
     rows_of(
         """
 [[20, 0], [5, 0], 1.01] | `overlap` of a collision must be within 0..1, got 1.01

@@ -42,7 +42,7 @@ def critical(concrete, delay=0.0):
 
 
 @pytest.mark.parametrize(
-    ("speed", "lead", "gap", "delay"),
+    "speed, lead, gap, delay",
     values_of("""
     20.0, 0.0, 60.0, 0.0
     20.0, 10.0, 20.0, 0.0
@@ -95,7 +95,7 @@ def test_law_a_crossing_vehicle_counts_as_long_as_the_ego_would_find_it_in_its_w
 
 
 @pytest.mark.parametrize(
-    ("name", "point", "hits"),
+    "name, point, hits",
     values_of("""
     "crossing_path", [21.3, 12.1, -0.2], True  # corners meet for less than 0.1 s
     "turn_across_path", [6.9, 3.0, -0.2], False  # only rectangles around the bodies meet

@@ -90,7 +90,7 @@ def test_max_inverse_ttc_by_hand():
 
 
 @pytest.mark.parametrize(
-    ("ego", "lead", "gap", "expected"),
+    "ego, lead, gap, expected",
     [
         (10, 10, 5, 0.0),  # as fast as the lead
         (5, 10, 5, 0.0),  # slower
@@ -245,7 +245,7 @@ def test_arrays_broadcast_and_scalars_stay_scalars():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "sentence"),
+    "wrong, sentence",
     rows_of(
         """
 {"ego_speed": NaN} | `ego_speed` of an approach must be finite, got nan

@@ -67,7 +67,7 @@ def test_a_turned_body_departs_with_its_corner(heading):
 
 
 @pytest.mark.parametrize(
-    ("x", "y", "off"),
+    "x, y, off",
     [(45.5, -10, False), (45.3, -10, True), (54.5, -10, False), (54.7, -10, True),
      (50.0, -18.2, False), (50.0, -18.3, True), (50.0, 18.2, False), (50.0, 18.3, True)],
 )  # fmt: skip

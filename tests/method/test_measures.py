@@ -178,7 +178,7 @@ def test_a_contact_from_behind_has_no_gap_ahead():
     assert found.delta_v == 3.0
 
 
-@pytest.mark.parametrize(("last", "settling"), [(0.05, 5.0), (0.2, np.inf)])
+@pytest.mark.parametrize("last, settling", [(0.05, 5.0), (0.2, np.inf)])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_lane_keeping_by_hand(last, settling, side):
     # 0.2 m to one side, 1.0 and 0.9 m to the other, 1.8 m wide in 3.5 m: over the line from 2 to 5 s

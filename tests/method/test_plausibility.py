@@ -136,7 +136,7 @@ def test_more_extreme_is_never_more_plausible(name, value, more):
 
 
 @pytest.mark.parametrize(
-    ("frequency", "least"),
+    "frequency, least",
     [(0.1, 0.6), (0.5, 0.01), (1.0, 0.01), (1.5, 0.03), (2.0, 1.0), (3.0, 0.2)],
 )
 def test_an_oscillation_is_never_more_plausible_when_it_grows(frequency, least):

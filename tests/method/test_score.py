@@ -10,7 +10,7 @@ from sumo_eval.method.score import combined_score, population_scale
 
 
 @pytest.mark.parametrize(
-    ("c", "d", "scales", "expected"),
+    "c, d, scales, expected",
     values_of("""
     # 60 * 1.25 * 0.4 + 40 * 0.5 * 0.8
     0.4, 0.8, {"a": 60, "b": 40, "k5": 1.25, "k6": 0.5}, (46.0, 30.0, 16.0)
@@ -36,7 +36,7 @@ def test_the_population_scale_gives_the_middle_ads_half_of_the_points():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "keywords", "sentence"),
+    "arguments, keywords, sentence",
     rows_of(
         """
 [1.1, 0.5] | {} | `c` of the score must be within 0..1, got 1.1
@@ -58,7 +58,7 @@ def test_what_makes_no_score_is_refused(arguments, keywords, sentence):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "keywords", "sentence"),
+    "arguments, keywords, sentence",
     rows_of(
         """
 [[]] | {} | `values` of `population_scale` must be at least one index

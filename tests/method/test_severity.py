@@ -81,7 +81,7 @@ def test_eq14_and_the_loss_class_are_two_names_of_one_choice():
 
 
 @pytest.mark.parametrize(
-    ("who", "speed"), [("pedestrian", 29.0), ("cyclist", 44.0), ("car_driver", 112.0)]
+    "who, speed", [("pedestrian", 29.0), ("cyclist", 44.0), ("car_driver", 112.0)]
 )
 def test_the_published_ten_percent_lies_within_the_rounding_of_the_coefficients(who, speed):
     """The coefficients have three digits after the point and the speed none: b0, b1 v and b2 age
@@ -181,7 +181,7 @@ def test_an_own_function_replaces_u(folder):
 
 
 @pytest.mark.parametrize(
-    ("name", "sentence"),
+    "name, sentence",
     [
         *rows_of("""
 mine.py:too_large | must return a finite number within 0..1, got 1.5 for an example

@@ -51,7 +51,7 @@ def around(trajectory, n, seed=7):
 
 
 @pytest.mark.parametrize(
-    ("point", "k1", "k2", "expected"),
+    "point, k1, k2, expected",
     values_of("""
     # v = 20 m/s, k2 v = 0.1; 4 m away, 4^0.5 = 2.
     (4.0, 0.0), 0.5, 0.005, 0.5525854590378238  # ahead: exp(0.1) / 2
@@ -135,7 +135,7 @@ def test_a_trajectory_on_the_grid_is_used_as_it_is_to_the_last_bit():
 
 
 @pytest.mark.parametrize(
-    ("times", "grid"),
+    "times, grid",
     [([0.0, 0.15, 0.2], [0.0, 0.1, 0.2]), ([0.0, 0.1, 0.15], [0.0, 0.1])],
     ids=["uneven, though their number fits", "a remainder shorter than the interval"],
 )
@@ -165,7 +165,7 @@ def test_another_sample_interval_sums_other_samples():
 
 
 @pytest.mark.parametrize(
-    ("k1", "k2"),
+    "k1, k2",
     values_of("""
     0.5, 0.005
     0.0, 0.005
@@ -224,7 +224,7 @@ def test_the_inlined_exponential_is_exact_to_1e_13():
 # --- vectors --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("k1", "k2"), [(0.5, 0.005), (1.0, 0.05)])
+@pytest.mark.parametrize("k1, k2", [(0.5, 0.005), (1.0, 0.05)])
 def test_the_sum_of_vectors_is_the_plain_loops(k1, k2):
     drive = winding(11, n=25)
     points = around(drive, 30)
@@ -256,7 +256,7 @@ def test_numba_is_imported_late():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    "change, words",
     [
         *rows_of(
             r"""

@@ -427,7 +427,7 @@ def test_steps_are_exact_decimals_and_the_last_point_is_high():
 
 
 @pytest.mark.parametrize(
-    ("points", "sentence"),
+    "points, sentence",
     [
         (
             [[30.0, 0.0, 150.0]],
@@ -452,7 +452,7 @@ def test_points_outside_the_space_are_refused(cut_out, points, sentence):
 
 
 @pytest.mark.parametrize(
-    ("points", "sentence"),
+    "points, sentence",
     [
         (
             [[30.0, 0.0, 150.0]],

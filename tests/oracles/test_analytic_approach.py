@@ -84,7 +84,7 @@ def test_the_approach_is_right_in_every_row(target_speed):
 
 
 @pytest.mark.parametrize(
-    ("speed_kmh", "gap"), [(30.0, 16.54), (40.0, 24.13), (50.0, 32.73), (60.0, 42.34)]
+    "speed_kmh, gap", [(30.0, 16.54), (40.0, 24.13), (50.0, 32.73), (60.0, 42.34)]
 )
 @pytest.mark.parametrize("target_speed", [0.0, 5.0])
 def test_the_gap_that_the_careful_driver_needs(speed_kmh, gap, target_speed):

@@ -15,7 +15,7 @@ def disagreements(kind, rows):
     }
 
 
-@pytest.mark.parametrize(("kind", "count"), [("cut_in", 60), ("cut_out", 40), ("decel", 40)])
+@pytest.mark.parametrize("kind, count", [("cut_in", 60), ("cut_out", 40), ("decel", 40)])
 def test_the_careful_driver_agrees_on_a_sample(kind, count):
     rows = random.Random(157).sample(table(f"consensus_cc_{kind}.csv"), count)
     assert not disagreements(kind, rows)

@@ -327,7 +327,7 @@ def test_what_is_kept_of_a_recording_is_a_small_part_of_it():
     assert (kept[7] - kept[2]) / 5 < 0.1 * size
 
 
-@pytest.mark.parametrize(("across", "left_out"), [(0.0, {}), (1.0, {LEAD_MOVES: 1})])
+@pytest.mark.parametrize("across, left_out", [(0.0, {}), (1.0, {LEAD_MOVES: 1})])
 def test_a_lead_that_changes_lane_while_it_brakes_counts(across, left_out):
     found = find_encounters([braking_leader(across)]).classes["braking"]
     assert found.events == 1

@@ -191,7 +191,7 @@ def test_a_path_that_comes_back_to_where_it_began_keeps_its_furthest_point():
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    "given, words",
     [
         *rows_of(
             """

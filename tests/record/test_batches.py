@@ -56,7 +56,7 @@ def facts(outcomes):
 
 
 @pytest.mark.parametrize(
-    ("fault", "status", "breaks"),
+    "fault, status, breaks",
     [
         ("Exits", "crashed", True),
         ("Hangs", "ads_timeout", False),
@@ -186,7 +186,7 @@ def idle_at_the_end(sizes, lengths, workers):
 
 
 @pytest.mark.parametrize(
-    ("count", "workers"), [(2125, 2), (1500, 2), (300, 2), (10_000, 8), (40, 2), (1, 2)]
+    "count, workers", [(2125, 2), (1500, 2), (300, 2), (10_000, 8), (40, 2), (1, 2)]
 )
 def test_batches_are_few_and_leave_all_workers_work_to_the_end(count, workers):
     sizes = taken(Batches(alike(count), workers, 256))
@@ -243,7 +243,7 @@ def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_eac
 
 
 @pytest.mark.parametrize(
-    ("too_slow", "expected"), [(False, [16, 32, 64, 64]), (True, [16, 16, 16, 16])]
+    "too_slow, expected", [(False, [16, 32, 64, 64]), (True, [16, 16, 16, 16])]
 )
 def test_batches_shrink_when_lost_and_grow_again(too_slow, expected):
     batches = Batches(alike(4000), 1, 64)

@@ -112,7 +112,7 @@ def waits(traci, ego, now):
 
 
 @pytest.mark.parametrize(
-    ("name", "status", "drives"), [("loads_late", "collision", ""), ("waits", "ads_timeout", "xx")]
+    "name, status, drives", [("loads_late", "collision", ""), ("waits", "ads_timeout", "xx")]
 )
 def test_late_case_is_driven_once_more_alone(tmp_path, name, status, drives):
     (tmp_path / "late.py").write_text(LATE_ADS)
@@ -128,7 +128,7 @@ def test_late_case_is_driven_once_more_alone(tmp_path, name, status, drives):
 
 
 @pytest.mark.parametrize(
-    ("status", "simulated", "idle", "again"),
+    "status, simulated, idle, again",
     values_of("""
     "ads_timeout", 0.0, 0.0, True
     "ads_timeout", 2.0, 0.1, False
@@ -148,7 +148,7 @@ def test_only_lateness_without_a_processor_is_chance(outcomes, status, simulated
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    "name, words",
     values_of("""
     "raises", 'faulty_ads.py", line'
     "hangs", "in hangs"
@@ -207,7 +207,7 @@ def test_the_least_memory_that_is_accepted_is_enough():
 
 
 @pytest.mark.parametrize(
-    ("ads", "share", "cases"), [("PrintsPid", 2, [2, 2, 1]), ("PrintsPidBesideAThread", 5, [1] * 5)]
+    "ads, share, cases", [("PrintsPid", 2, [2, 2, 1]), ("PrintsPidBesideAThread", 5, [1] * 5)]
 )
 def test_a_child_is_replaced_after_its_share_or_a_thread(ads, share, cases):
     setup = limited(workers=1, cases_per_child=share)

@@ -33,7 +33,7 @@ def test_an_estimate_looks_at_some_points_and_counts_all(monkeypatch):
     assert some.hazardous.mean() == pytest.approx(whole.hazardous.mean(), abs=0.1)
 
 
-@pytest.mark.parametrize(("count", "scenarios"), [(300, (HALTON,)), (12, (HALTON, FEW))])
+@pytest.mark.parametrize("count, scenarios", [(300, (HALTON,)), (12, (HALTON, FEW))])
 def test_an_estimate_of_many_ads_times_a_few_of_them(count, scenarios, monkeypatch):
     timed = []
 

@@ -212,7 +212,7 @@ def test_a_frame_is_read_byte_by_byte_as_it_was_written():
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    "change, says",
     [
         (lambda data: b"x" + data, "not a result"),
         (lambda data: data + b"x", "more than one"),

@@ -293,7 +293,7 @@ def test_a_file_that_was_cut_off_is_refused(path, share):
 
 
 @pytest.mark.parametrize(
-    ("version", "more"),
+    "version, more",
     [(99, ""), (2, "carry no hash.*run its evaluation again into a new folder")],
 )
 def test_a_file_of_another_format_is_refused_with_what_to_do(path, version, more):

@@ -172,7 +172,7 @@ def test_an_ads_without_a_partner_is_said_and_a_pair_can_be_named(evaluation):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    "change, words",
     [
         (lambda e: replace(e, settings=replace(e.settings, seed=2)), "seed: 1 in the base, 2 in "
                                                                      "the new run"),

@@ -110,7 +110,7 @@ def test_a_missed_lane_change_is_said(case):
     assert said == [("Missed the lane change that was due after 100 m.", pytest.approx(5.0))]
 
 
-@pytest.mark.parametrize(("offset", "speed", "expected"), [
+@pytest.mark.parametrize("offset, speed, expected", [
     (1.5, 20.0, "1.5 m further left than 3 drivers in the mean"),
     (0.0, 10.0, "it drove 36 km/h where 3 drivers drove 68 to 76 km/h"),
 ])  # fmt: skip

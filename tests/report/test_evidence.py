@@ -186,7 +186,7 @@ def test_a_continued_run_needs_no_qualification(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("passed", "versions", "sentence"),
+    "passed, versions, sentence",
     [
         (
             (True, False),
@@ -210,7 +210,7 @@ def test_a_qualification_that_does_not_hold_is_said_to(tmp_path, passed, version
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    "text, sentence",
     [
         (None, "There is no qualification"), ("[]", "is not what `sumo-eval qualify` writes"),
         ("{", "is not what `sumo-eval qualify` "
@@ -231,7 +231,7 @@ def test_a_wrong_qualification_is_refused_before_any_drive(tmp_path, text, sente
 
 
 @pytest.mark.parametrize(
-    ("end", "below", "at_least"),
+    "end, below, at_least",
     rows_of("""
 0.49977 | 0.5 | 0.499
 0.5 | 0.5 | 0.5

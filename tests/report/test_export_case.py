@@ -117,9 +117,7 @@ def drive(run, case):
     )
 
 
-@pytest.mark.parametrize(
-    ("scenario", "ads"), [("cut_in", "draws"), ("slow_truck", "beside it/--x")]
-)
+@pytest.mark.parametrize("scenario, ads", [("cut_in", "draws"), ("slow_truck", "beside it/--x")])
 def test_an_exported_case_drives_again_digit_for_digit(run, tmp_path, scenario, ads):
     rerun_equals_recording(run, scenario, ads, tmp_path)
 
@@ -441,7 +439,7 @@ def test_paths_of_people_and_exposure_stay_what_they_were(run, tmp_path, monkeyp
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    "arguments, sentence",
     [
         (["cut_in-0001-drawz"], "Did you mean `cut_in-0001-draws`?"),
         (["cut_in-0001-draws", "--format", "csv"], "`--format` is for the tables of a whole run"),

@@ -116,7 +116,7 @@ CERTAIN = "counts only where the interval leaves out 0"
 
 
 @pytest.mark.parametrize(
-    ("quantity", "by", "words"),
+    "quantity, by, words",
     [
         *rows_of("""
 D | {"worse_by": 0.01} | it may fall by at most 0.01
@@ -137,7 +137,7 @@ def test_a_limit_on_a_change_says_what_may_change(evaluation, quantity, by, word
     )
 
 
-@pytest.mark.parametrize(("column", "worse"), [("min_ttc", -1.0), ("max_jerk", 1.0)])
+@pytest.mark.parametrize("column, worse", [("min_ttc", -1.0), ("max_jerk", 1.0)])
 def test_a_column_gets_worse_in_its_own_direction(evaluation, column, worse):
     base, *moved = (every(evaluation, **{column: 5.0 + by}) for by in (0.0, worse, -worse))
     limit = LimitSettings(column, worse_by=0.5)
@@ -168,7 +168,7 @@ def test_an_index_that_is_not_computed_any_more_fails(evaluation):
 
 
 @pytest.mark.parametrize(
-    ("quantity", "lost", "why"),
+    "quantity, lost, why",
     [
         ("T", {"task_share": None}, f"not computed: {REASON_WITHOUT_T}"),
         ("S+", {"task_share": None}, f"not computed: {REASON_WITHOUT_T}"),
@@ -184,7 +184,7 @@ def test_why_a_score_is_not_computed_any_more(evaluation, quantity, lost, why):
     assert result.sentence.endswith(f" and is not computed any more: {why}")
 
 
-@pytest.mark.parametrize(("most", "end"), [(5, ")"), (3, " and 2 others")])
+@pytest.mark.parametrize("most, end", [(5, ")"), (3, " and 2 others")])
 def test_a_limit_names_some_of_its_cases_and_counts_others(evaluation, most, end, monkeypatch):
     monkeypatch.setattr(gates, "MOST_NAMED", most)
     cases = evaluation.cases_of(builders.CALM, builders.SCENARIOS[0])
@@ -248,7 +248,7 @@ def test_a_gate_file_is_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "sentence"),
+    "before, after, sentence",
     [
         *rows_of(r"""
 quantity = "S" | quantity = "Q" | Unknown quantity `Q` of `limit` 1 in
@@ -274,7 +274,7 @@ def test_a_mistake_in_a_gate_file_gets_a_sentence(before, after, sentence, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("quantity", "field"),
+    "quantity, field",
     rows_of("""
 A | avoided_share
 H | human_likeness
@@ -308,7 +308,7 @@ def test_the_scores_that_order_can_be_limited_by_value(evaluation, quantity, fie
 
 
 @pytest.mark.parametrize(
-    ("by", "tolerance", "passes"), [(1e-12, 1e-9, True), (1e-6, 1e-9, False), (1e-6, 1e-5, True)]
+    "by, tolerance, passes", [(1e-12, 1e-9, True), (1e-6, 1e-9, False), (1e-6, 1e-5, True)]
 )
 def test_worse_by_has_a_tolerance_of_its_own(evaluation, by, tolerance, passes):
     """A regret of 0 that rises by the last digit of 1 fails no limit, though any share of 0 is

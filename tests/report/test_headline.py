@@ -130,7 +130,7 @@ def test_safety_in_a_test_engineers_words(evaluation):
     assert safety(none) == "no avoidable collision in 4 cases"
 
 
-@pytest.mark.parametrize(("hits", "words"), [(5, "Not told apart"), (6, "Told apart")])
+@pytest.mark.parametrize("hits, words", [(5, "Not told apart"), (6, "Told apart")])
 def test_sign_test_tells_the_safest_apart(evaluation, hits, words):
     """2 x 0.5^5 = 0.063 is chance, 2 x 0.5^6 = 0.031 is not."""
     calm, hostile = (clean(evaluation, ads, 8) for ads in (builders.CALM, builders.HOSTILE))
@@ -164,7 +164,7 @@ def test_the_best_is_distinguished_or_not(evaluation):
 
 
 @pytest.mark.parametrize(
-    ("field", "place", "none", "one"),
+    "field, place, none, one",
     [
         ("avoidance_grade", 0, "not known: no case could be evaluated.", r"calm with [^.]*\."),
         ("human_likeness", 1, "not known: no safe case could be compared with drivers.",

@@ -6,7 +6,7 @@ from sumo_eval.extras.panels import INK, Marks, Panel, on_page
 
 
 @pytest.mark.parametrize(
-    ("line", "marker", "mode"),
+    "line, marker, mode",
     [("-", "", "lines"), ("", "o", "markers"), ("-", "o", "lines+markers")],
 )
 def test_law_a_page_shows_the_line_and_the_marker(line, marker, mode):

@@ -281,7 +281,7 @@ def test_bodies_are_drawn_in_their_size_as_what_their_scenario_says():
 
 
 @needs_node
-@pytest.mark.parametrize(("length", "kind"), [(4.5, "car"), (12.0, "truck")])
+@pytest.mark.parametrize("length, kind", [(4.5, "car"), (12.0, "truck")])
 def test_the_ego_is_drawn_as_what_its_size_looks_like(length, kind):
     ego = plain(builders.drive(0.0, 0.0, 10.0, 1.0)) | {"length": length, "width": 2.5}
     given = json.dumps(ego | {"acceleration": [0.0] * 99})

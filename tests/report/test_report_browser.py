@@ -70,7 +70,7 @@ def coarse():
     "make", [turning, standing, coarse, lambda: builders.drive(50.0, 0.0, 30.0, 6.0, offset=3.5)]
 )
 @pytest.mark.parametrize(
-    ("k1", "k2"),
+    "k1, k2",
     [
         (0.73, 0.01),
         *(

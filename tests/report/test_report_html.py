@@ -335,9 +335,7 @@ def points(evaluation, rows):
     return CaseTable.of(records)
 
 
-@pytest.mark.parametrize(
-    ("k", "x", "y", "panel"), [(1, 0, None, None), (2, 0, 1, None), (3, 1, 2, 0)]
-)
+@pytest.mark.parametrize("k, x, y, panel", [(1, 0, None, None), (2, 0, 1, None), (3, 1, 2, 0)])
 def test_up_to_three_parameters_are_all_shown(evaluation, k, x, y, panel):
     cases = points(evaluation, [[0.0] * k, [5.0] * k])
     view = choose_view(space(k), cases)

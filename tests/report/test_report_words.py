@@ -167,7 +167,7 @@ def test_every_kind_of_note_has_a_sentence_with_its_numbers(kind):
 
 
 @pytest.mark.parametrize(
-    ("share", "text"),
+    "share, text",
     [
         (0.0, "0 %"),
         (0.0365, "3.65 %"),

@@ -122,7 +122,7 @@ def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail():
 
 
 @pytest.mark.parametrize(
-    ("near", "worse", "better", "cases", "kept", "fails"),
+    "near, worse, better, cases, kept, fails",
     values_of("""
     True, 1, 0, 9, 1.0, True  # none better
     True, 1, 1, 9, 0.1, False  # no more worse than better
@@ -307,7 +307,7 @@ def test_the_verdict_names_the_run_that_a_limit_failed_beside(evaluation):
 
 
 @pytest.mark.parametrize(
-    ("quantity", "before", "allowed", "worse"),
+    "quantity, before, allowed, worse",
     values_of("""
     "latency_relative", 20.0, 30.0, 31.0
     "latency_relative", 3.0, 5.0, 5.1

@@ -139,7 +139,7 @@ def test_a_case_is_found_by_some_of_its_parameters(evaluation):
 
 
 @pytest.mark.parametrize(
-    ("values", "ads", "words"),
+    "values, ads, words",
     [
         ({"gapp": 1.0}, None, "gapp"),
         ({"ego_speed": 1.0}, "nobody", "Unknown ADS"),

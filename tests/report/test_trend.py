@@ -68,7 +68,7 @@ def test_another_format_and_another_file_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "least", "expected"),
+    "low, high, least, expected",
     values_of("""
     0.0, 1.0, 0.0, [0.0, 0.25, 0.5, 0.75, 1.0]
     50.0, 50.0, 0.0, [20.0, 40.0, 60.0, 80.0]

@@ -125,7 +125,7 @@ def test_a_cell_that_shows_no_difference_by_chance_is_not_given_up():
 
 
 @pytest.mark.parametrize(
-    ("request_", "words"),
+    "request_, words",
     [
         (Request(count=7), "`count` .* must be at least 8 points, got 7"),
         (

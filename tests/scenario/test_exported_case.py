@@ -66,7 +66,7 @@ def test_a_written_curve_has_its_name_once(tmp_path):
     assert scenario_content(read, {})["road"]["name"] == "two_lanes_1400m"
 
 
-@pytest.mark.parametrize(("changes", "what"), [
+@pytest.mark.parametrize("changes, what", [
     ({"changes": (("conditions.perception_delay", 0.2),)}, "the conditions"),
     ({"ego": Start(50.0, 0.0, 10.0, 0.1)}, "the start of the ego"),
     ({"actors": (Actor("a", Start(90.0, 0.0, 9.0), model=Model("IDM", 9.0)),)}, "actors that SUMO"),
@@ -79,7 +79,7 @@ def test_no_scenario_file_leaves_out_what_an_exported_case_has(tmp_path, changes
 
 
 @pytest.mark.parametrize(
-    ("old", "new"), [('trackWidth="', 'trackWidth="1'), (f'"{CASE}" value="', f'"{CASE}" other="')]
+    "old, new", [('trackWidth="', 'trackWidth="1'), (f'"{CASE}" value="', f'"{CASE}" other="')]
 )
 def test_changed_exported_file_is_refused_until_its_case_is_gone(tmp_path, old, new):
     path = exported(tmp_path, middle("front_vehicle_braking"))

@@ -52,7 +52,7 @@ BORDER = '<width sOffset="0" a="2" b="0" c="0" d="0"/>'
 
 
 @pytest.mark.parametrize(
-    ("old", "new"),
+    "old, new",
     [
         ("<line/>", "<!-- straight --><line/>"),
         ("<OpenDRIVE>", '<OpenDRIVE xmlns="http://www.opendrive.org">'),
@@ -74,7 +74,7 @@ def test_law_content_without_shape_changes_no_road(tmp_path, old, new):
 
 @needs_catalogues
 @pytest.mark.parametrize(
-    ("name", "radius"),
+    "name, radius",
     [("left_radius_250m", 250.0), ("right_radius_250m", -250.0), ("left_radius_1000m", 1000.0),
      ("right_radius_1000m", -1000.0)],
 )  # fmt: skip
@@ -218,7 +218,7 @@ def test_law_a_cubic_is_near_its_pieces_between_their_ends_too():
 
 
 @pytest.mark.parametrize(
-    ("changes", "kind", "sentence"),
+    "changes, kind, sentence",
     [
         ({"length": 90.0}, "", "The length of a <paramPoly3> .* must be its curve's"),
         ({"aU": 0.5}, 'pRange="arcLength"', "begins at its <geometry>, within 0.01 m and rad"),
@@ -259,7 +259,7 @@ road = { opendrive = "road.xodr" }
 
 
 @pytest.mark.parametrize(
-    ("parts", "sentence"),
+    "parts, sentence",
     [
         ({"more": NEXT.format(x="14.07", shape="poly3")}, "a line, an arc"),
         ({"more": NEXT.format(x="20", shape="line")}, "within 0.01 m and rad"),
@@ -366,7 +366,7 @@ def test_the_roads_of_a_turn_are_driven_in_order(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("names", "a", "sentence"),
+    "names, a, sentence",
     values_of("""
     ["in", "out"], 3.5, "must meet, each at the end of the one before"
     ["in", "turn", "out"], 3.0, "must meet"

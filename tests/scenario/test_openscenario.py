@@ -235,7 +235,7 @@ def test_a_variation_is_the_space_and_constraints_leave_points_out(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("distance", "time", "speed", "final", "steady"),
+    "distance, time, speed, final, steady",
     values_of("""
     5.0, 6.0, 0.0, 1.39, 3.0
     80.0, 8.0, 0.0, 16.7, 30.0
@@ -262,7 +262,7 @@ def test_who_is_synchronized_is_there_on_time_with_the_final_speed(
     assert speeds.min() >= 0.0
 
 
-@pytest.mark.parametrize(("distance", "time"), [(50.0, 0.0), (0.0, 2.0)])
+@pytest.mark.parametrize("distance, time", [(50.0, 0.0), (0.0, 2.0)])
 def test_no_room_to_be_there_on_time_is_refused(distance, time):
     with pytest.raises(InputError, match="leave no room"):
         synchronized(distance, time, 10.0, 10.0, 0.0)
@@ -302,7 +302,7 @@ def test_what_cannot_be_played_is_refused(tmp_path, sentence):
 
 
 @pytest.mark.parametrize(
-    ("where", "must"),
+    "where, must",
     [
         ('dLane="0" ds="2"', "clear of `ego` at the start"),
         ('dLane="1" ds="-19"', r"on the road, its centre at x = 3 to [\d.]+ m \(the ego's .+\)"),
@@ -578,7 +578,7 @@ SLOPE = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevati
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "kind"),
+    "old, new, kind",
     [
         ("</planView>", "</planView>" + SLOPE, "elevation"),
         ('<road id="0"', '<road rule="LHT" id="0"', "left-hand traffic"),
@@ -753,7 +753,7 @@ def test_a_move_is_played_although_an_earlier_one_may_lead_there(tmp_path):
         find(str(changed(tmp_path, events=never + events[len(never) :].replace(*wrong))))
 
 
-@pytest.mark.parametrize(("kind", "name"), [("event", "e"), ("maneuver", "m"), ("act", "a")])
+@pytest.mark.parametrize("kind, name", [("event", "e"), ("maneuver", "m"), ("act", "a")])
 def test_what_holds_two_moves_is_complete_after_both(tmp_path, kind, name):
     """A condition begins a long brake and a swift move across, in this order, or a move of no
     change, whose begin is remembered around it."""
@@ -816,7 +816,7 @@ def test_a_distance_of_a_lateral_move_counts_until_it_ends(tmp_path):
     assert [act.begin for act in acts] == [1.0, 10.0, 12.0]
 
 
-@pytest.mark.parametrize(("reads", "value", "moves", "refused"), [
+@pytest.mark.parametrize("reads, value, moves, refused", [
     (5, 1, timed(BRAKE, 2, n=2), True),
     (5, 1, CUT_IN.replace(ACROSS, BRAKE).replace("lessThan", "greaterThan"), True),
     (0, 1, CUT_IN.replace(ACROSS, BRAKE), False),
@@ -861,7 +861,7 @@ def test_an_oncoming_actor_on_a_curve_moves_as_the_road_says(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kind", "name"), [("action", "act1"), ("event", "e1"), ("maneuver", "m"), ("act", "a")]
+    "kind, name", [("action", "act1"), ("event", "e1"), ("maneuver", "m"), ("act", "a")]
 )
 def test_an_event_without_effect_waits_for_its_trigger(tmp_path, kind, name):
     lights = '<VisibilityAction graphics="true" sensors="true" traffic="true"/>'
@@ -873,7 +873,7 @@ def test_an_event_without_effect_waits_for_its_trigger(tmp_path, kind, name):
     assert [act.begin for act in acts_of(tmp_path, events=events)] == [5.0]
 
 
-@pytest.mark.parametrize(("until", "begins"), [(3, []), (5, [4.0])])
+@pytest.mark.parametrize("until, begins", [(3, []), (5, [4.0])])
 def test_no_event_begins_after_the_time_until_which_it_may(tmp_path, until, begins):
     """The act begins at 4 s, the event only before `until`."""
     when = f'<SimulationTimeCondition value="{until}" rule="lessThan"/>'
@@ -920,7 +920,7 @@ def test_a_map_of_a_simulator_is_named_by_the_user(tmp_path, name):
     assert find(f"{path}?map=road.xodr").concrete(only=0.0).actors
 
 
-@pytest.mark.parametrize(("action", "far"), [
+@pytest.mark.parametrize("action, far", [
     ('<SpeedAction><SpeedActionDynamics dynamicsShape="step" dynamicsDimension="time" value="0"/>'
      '<SpeedActionTarget><RelativeTargetSpeed entityRef="Ego" value="2" '
      'speedTargetValueType="delta" continuous="true"/></SpeedActionTarget></SpeedAction>', 64.0),
@@ -1237,7 +1237,7 @@ def test_what_cannot_be_written_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("written", "value"), [("$kph", None), ("$Ego_Kmh", None), ("${$kph / 3.6}", 20.0), ("$v", 5.0)]
+    "written, value", [("$kph", None), ("$Ego_Kmh", None), ("${$kph / 3.6}", 20.0), ("$v", 5.0)]
 )
 def test_a_parameter_in_km_h_is_never_taken_as_m_s(written, value):
     element = etree.fromstring(f'<AbsoluteTargetSpeed value="{written}"/>')

@@ -37,7 +37,7 @@ def said(path):
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    "words, sentence",
     values_of("""
     "osc_alks --out a.toml", "`--out` is for one file"
     "osc_alks?speed=1", "Options `?` are for one file"
@@ -300,7 +300,7 @@ def test_an_event_is_found_by_the_path_to_it(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("rule", "edge"),
+    "rule, edge",
     values_of("""
     "equalTo", "none"
     "lessThan", "risingOrFalling"

@@ -246,7 +246,7 @@ def test_stochastic_distributions_have_their_moments_and_their_limits(files):
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new", "sentence"),
+    "name, old, new, sentence",
     [
         *rows_of("""
 mapping.toml | gap = | gpa = | Did you mean `gap`?
@@ -278,7 +278,7 @@ def test_what_cannot_be_used_is_refused(files, name, old, new, sentence):
 
 
 @pytest.mark.parametrize(
-    ("tag", "numbers"),
+    "tag, numbers",
     [
         ("LogNormalDistribution", 'expectedValue="0" variance="1"'),
         ("PoissonDistribution", 'expectedValue="-1"'),

@@ -116,7 +116,7 @@ def compared(file, read):
 
 
 @pytest.mark.parametrize(
-    ("repository", "folders", "compares"),
+    "repository, folders, compares",
     [
         (ASAM, ("exampleFilesVersion1_2",), 6),
         *(

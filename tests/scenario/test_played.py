@@ -133,7 +133,7 @@ def test_law_a_condition_on_the_time_begins_at_that_time_whatever_the_step(step)
 
 
 @pytest.mark.parametrize(
-    ("when", "step", "until", "begins"),
+    "when, step, until, begins",
     [
         # the ego closes at 10 m/s on a gap of 100 - 4.5 m: 40 m are left after 5.55 s
         *[("gap(ego, lead) < 40", step, 8.0, 5.55) for step in (0.1, 0.05, 0.02)],
@@ -149,7 +149,7 @@ def test_law_the_instant_of_a_linear_condition_is_exact(when, step, until, begin
 
 
 @pytest.mark.parametrize(
-    ("when", "begins"),
+    "when, begins",
     [
         ("time > 1 and gap(ego, lead) < 40", 5.55),
         ("time > 7 or gap(ego, lead) < 40", 5.55),
@@ -189,7 +189,7 @@ def test_a_move_begins_when_another_has_ended_and_a_delay_is_over():
 
 
 @pytest.mark.parametrize(
-    ("change", "sentence"),
+    "change, sentence",
     [
         *rows_of("""
 {"when": "gap(ego, leed) < 3"} | Did you mean `lead`?
@@ -291,7 +291,7 @@ def test_where_no_zone_can_be_defined_everything_is_safe():
 
 
 @pytest.mark.parametrize(
-    ("when", "held"),
+    "when, held",
     values_of("""
     "time > 21", False  # the case lasts 20 s
     "x(ego) > 700", False  # the ego's road ends at 600 m

@@ -182,7 +182,7 @@ def test_a_line_without_curves_is_a_straight_road():
 
 
 @pytest.mark.parametrize(
-    ("line", "sentence"),
+    "line, sentence",
     rows_of(
         r"""
 [{"length": 100.0, "radius": "radios"}] | `radios`.*Did you mean `radius`\?

@@ -145,7 +145,7 @@ crossings = [[500.0, 7.0, 100.0]]
 
 
 @pytest.mark.parametrize(
-    ("ego", "begin", "by", "ends"),
+    "ego, begin, by, ends",
     values_of("""
     {"goal_lane": 1, "change_from": 150.0}, 150.0, 300.0, True
     {"goal_lane": 1, "change_from": 150.0, "change_by": 250.0}, 150.0, 250.0, True
@@ -178,7 +178,7 @@ CHANGED = {
 
 
 @pytest.mark.parametrize(
-    ("part", "changes", "sentence"),
+    "part, changes, sentence",
     [
         *rows_of("""
 ramp | {"lane": 1} | must be 0 or 2, of a road of at least 2 lanes

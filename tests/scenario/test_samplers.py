@@ -264,7 +264,7 @@ def test_law_a_number_of_few_digits_in_another_unit_stays_one():
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    "text, sentence",
     [
         (
             "gap,ego_sped,obstacle_speed\n1,2,3\n",
@@ -319,7 +319,7 @@ def test_a_sampler_of_the_users_is_a_function_of_space_number_and_stream(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("method", "keys", "sentence"),
+    "method, keys, sentence",
     rows_of(
         """
 sobol | {}
@@ -367,7 +367,7 @@ def test_constraints_that_exclude_every_point_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    "text, words",
     [
         ("ego_speed,lead_speed\n20,10,5\n", "Line 2 of the points .* must have 2 values, got more"),
         (

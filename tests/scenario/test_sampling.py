@@ -108,7 +108,7 @@ def test_points_keep_the_grids_order():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    "arguments, sentence",
     [
         *rows_of(
             """

@@ -83,7 +83,7 @@ obstacle = "lead"
 
 
 @pytest.mark.parametrize(
-    ("speed", "words"), [("4.0", "after 57.5 s"), ("0.0", ""), ('"v"', "after 16.5 s at v=14")]
+    "speed, words", [("4.0", "after 57.5 s"), ("0.0", ""), ('"v"', "after 16.5 s at v=14")]
 )
 def test_check_says_when_a_script_leads_beyond_the_road(tmp_path, speed, words):
     """(286.4 - 10 - 2.25 - 40 - 4.5) / 4 = 57.4 s, looked at every 0.25 s; an ego that follows is
@@ -159,7 +159,7 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "sentence"),
+    "old, new, sentence",
     [
         *rows_of(r"""
 truck_speed < ego_speed | truck_sped < ego_speed | Did you mean `truck_speed`?
@@ -371,7 +371,7 @@ def test_a_speed_in_other_units_is_never_driven_as_m_s(tmp_path, unit):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    "old, new, words",
     rows_of("""
 speed = "v" | speed = "30 km/h" | without a unit, got 30 km/h: as m/s write 8.33333
 gap = 40.0 | gap = "12 ft" | without a unit, got 12 ft: as m write 3.6576
@@ -390,7 +390,7 @@ def test_what_is_often_written_gets_the_sentence_that_helps(tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("header", "low"),
+    "header, low",
     [("v (km/h)", 10.0), ("v [kph]", 10.0), ("v (m/s)", 36.0), ("v", 36.0), ("v (s)", None)],
 )
 def test_points_of_a_table_come_in_the_unit_of_its_head(tmp_path, header, low):

@@ -81,7 +81,7 @@ def test_a_scenario_may_be_a_module_or_a_file_of_the_users(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "point", "placed"),
+    "name, point, placed",
     [
         # 3.5 * 20 = 70 m from bumper to bumper: centres 70 + 4.5 m apart
         ("front_vehicle_low_speed", (20.0, 5.0), [(74.5, 5.0)]),
@@ -222,7 +222,7 @@ GOOD = {"ego_speed": 20.0, "obstacle_speed": 10.0, "gap": 70.0}
 
 
 @pytest.mark.parametrize(
-    ("change", "sentence"),
+    "change, sentence",
     [
         *rows_of(
             """
@@ -271,7 +271,7 @@ def test_points_of_another_space_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "step"),
+    "low, high, step",
     [(3.0, 3.0, 1.0), (4.0, 3.0, 1.0), (0.0, math.inf, 1.0), (0.0, 1.0, 0.0), (0.0, 1.0, math.nan)],
 )
 def test_a_parameter_without_a_range_or_a_step_is_refused(low, high, step):
@@ -425,7 +425,7 @@ def test_law_braking_never_reverses_and_the_distance_is_the_integral_of_the_spee
 
 
 @pytest.mark.parametrize(
-    ("make", "sentence"),
+    "make, sentence",
     [
         (
             lambda: brake_to_stop(0.0, 0.0),

@@ -274,7 +274,7 @@ def test_the_check_of_a_shipped_file_counts_its_points(name):
 
 
 @pytest.mark.parametrize(
-    ("use", "sentence"),
+    "use, sentence",
     rows_of("""
 cut_in?lateral_acceleraton=1.5
 | Unknown option `lateral_acceleraton` of scenario `cut_in`. Did you mean

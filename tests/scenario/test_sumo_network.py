@@ -121,7 +121,7 @@ def test_a_scenario_file_names_a_network_of_its_folder(tmp_path, network):
 
 
 @pytest.mark.parametrize(
-    ("edges", "end", "sentence"),
+    "edges, end, sentence",
     rows_of(
         """
 [] | 600.0 | must name the `edges`
@@ -486,7 +486,7 @@ def test_the_outermost_lanes_of_a_network_begin_and_end_where_its_edges_meet(tmp
 
 
 @pytest.mark.parametrize(
-    ("ahead", "lane"),
+    "ahead, lane",
     [(0.0, "road0_0"), (430.0, "road1_1"), (560.0, "road2_1"), (700.0, "road3_0")],
 )
 def test_a_vehicle_starts_in_the_lane_of_its_edge_where_the_right_hand_one_is_not_yet(

@@ -20,7 +20,7 @@ def test_ranges_without_a_standard_are_labelled_as_research_ranges(name):
 
 
 @pytest.mark.parametrize(
-    ("ego", "faster"), [(100 / 3.6, 30 / 3.6), (80 / 3.6, 50 / 3.6), (80 / 3.6, 20 / 3.6)]
+    "ego, faster", [(100 / 3.6, 30 / 3.6), (80 / 3.6, 50 / 3.6), (80 / 3.6, 20 / 3.6)]
 )
 def test_oracle_braking_as_un_r79_ends_1_s_behind(ego, faster):
     # S = dv 0.4 s + dv^2 / (2 3 m/s2) + v 1 s: 130 behind 100 km/h 42.7 m, 130 behind 80 59.9, 100
@@ -115,7 +115,7 @@ AHEAD = {"name": "a", "gap": 40.0, "speed": 18.0}
 
 
 @pytest.mark.parametrize(
-    ("road", "y", "vehicle"),
+    "road, y, vehicle",
     [
         (CURVE, 3.5, {**AHEAD, "manoeuvre": [SLOWER]}),
         (CURVE, 3.5, {**AHEAD, "body": "truck", "y": 7.0,

@@ -56,7 +56,7 @@ SETTINGS = {"name": "both", "scenario": [USE], "drivers": {"count": 2}}
 
 
 @pytest.mark.parametrize(
-    ("ads", "use", "words"),
+    "ads, use, words",
     [
         (PushesTheLead, USE, "In 3 cases the ADS moved an actor"),
         (ParksAtParkedCars, CHILD, "In 2 of 2 safe cases the ego stands where the references"),

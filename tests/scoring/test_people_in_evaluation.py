@@ -326,7 +326,7 @@ NARROW = {"ego_speed": DeclaredDistribution("normal", 28.0, 1.0)}
 
 
 @pytest.mark.parametrize(
-    ("sampling", "exposure"),
+    "sampling, exposure",
     [
         (DRAWN, ExposureSettings("declared", declared=NARROW)),
         (DRAWN, ExposureSettings("recorded", recordings=("people.csv",))),

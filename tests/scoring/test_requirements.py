@@ -51,7 +51,7 @@ def ahead():
 
 
 @pytest.mark.parametrize(
-    ("text", "holds"),
+    "text, holds",
     rows_of("""
 min(gap) >= 5 - 1e-9 | true
 min(gap) > 5.01 | false
@@ -90,7 +90,7 @@ def test_without_a_lead_the_gap_is_infinite():
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    "text, sentence",
     rows_of(r"""
 min(gab) > 2 | Did you mean `gap`
 gap > 2 | `gap` of requirement .* must be within min\(\), max\(\)

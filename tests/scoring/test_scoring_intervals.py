@@ -88,7 +88,7 @@ NO_IDEAL = replace(KNOWN, case="no ideal", ideal_severity=None)
 
 
 @pytest.mark.parametrize(
-    ("severity", "lowest", "highest"),
+    "severity, lowest, highest",
     [(9.0, 1 - (5 + 9) / (10 + 10), 1 - 5 / (10 + 1)), (0.0, 0.5, 1 - 5 / (10 + 10))],
     ids=[
         "it hit: the ideal vehicle avoids, or hits as hard",
@@ -207,7 +207,7 @@ def test_the_note_says_how_many_are_missing_and_where_and_the_table_shows_the_in
     assert "0.400 (0.067..0.900)" in "\n".join(table)
 
 
-@pytest.mark.parametrize(("setting", "status"), [("shown", 3), ("gate", 1)])
+@pytest.mark.parametrize("setting, status", [("shown", 3), ("gate", 1)])
 def test_a_setting_decides_whether_an_incomplete_score_fails_the_gate(setting, status, tmp_path):
     ads = "def MyAds(traci, ego, time):\n    raise ValueError(traci.vehicle.getSpeed(ego))\n"
     path = write_evaluation(tmp_path, ads, levels=2)

@@ -75,7 +75,7 @@ def test_every_mistake_in_a_file_is_named_at_once(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "sentence"),
+    "before, after, sentence",
     [
         *rows_of(r"""
 workers = 2 | workers = 0 | `run.workers`
@@ -121,7 +121,7 @@ def test_a_change_reaches_the_setting_it_names_and_no_other():
 
 
 @pytest.mark.parametrize(
-    ("change", "sentence"),
+    "change, sentence",
     [
         ("method.scor.a=60", "Did you mean `score`?"),
         ("method.score.aa=60", "Unknown key `method.score.aa`"),

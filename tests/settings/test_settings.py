@@ -65,7 +65,7 @@ def test_about_knows_unit_symbol_and_equation():
 
 
 @pytest.mark.parametrize(
-    ("cls", "values", "sentence"),
+    "cls, values, sentence",
     rows_of("""
 SimulationSettings | {"step": 0.0} | `step` of `SimulationSettings` must be greater than 0, got 0.0
 SimulationSettings | {"step": 0.2} | `step` of `SimulationSettings` must be at most 0.1, got 0.2
@@ -108,7 +108,7 @@ def test_a_value_outside_its_bounds_is_refused(cls, values, sentence):
 
 
 @pytest.mark.parametrize(
-    ("key", "cls", "values", "place", "demand"),
+    "key, cls, values, place, demand",
     [
         ("sampling", SamplingSettings, {"levels": -3}, "levels", "at least 2 or a table, got -3"),
         ("sampling", SamplingSettings, {"levels": {"v": 1.5}}, "levels.v", "a whole number"),

@@ -37,7 +37,7 @@ def test_a_suite_says_everything_of_its_drivers_so_that_no_default_moves_its_sco
 
 
 @pytest.mark.parametrize(
-    ("more", "sentence"),
+    "more, sentence",
     rows_of(
         """
 {"seed": 2} | `seed` in here is fixed by the suite

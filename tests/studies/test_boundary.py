@@ -92,7 +92,7 @@ def broken():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    "arguments, sentence",
     rows_of(
         """
 ["cut_in", "careful_drivr", "--fix", "ego_speed=30"] | Did you mean `careful_driver`?

@@ -151,7 +151,7 @@ def test_words_within_their_limits_are_clean_and_listed(worded):
 
 
 @pytest.mark.parametrize(
-    ("file", "text", "finding"),
+    "file, text, finding",
     [
         ("docs/page.md", "word " * 11, "words: docs/page.md must have at most 10, has 11"),
         ("docs/other.md", "A page.\n", "menu: docs/other.md is not in mkdocs.yml"),
@@ -193,7 +193,7 @@ def test_words_beyond_a_limit_are_found(worded, file, text, finding):
 
 
 @pytest.mark.parametrize(
-    ("day", "length", "found"),
+    "day, length, found",
     [("2025-12-31", 61, 0), ("2026-01-02", 60, 0), ("2026-01-02", 61, 1)],
 )
 def test_long_subject_of_a_later_commit_is_found(worded, day, length, found):

@@ -119,7 +119,7 @@ GOLDEN = {"tests/golden/golden.py": "print('scores: idm: s was 1, is 2.')\nraise
 
 
 @pytest.mark.parametrize(
-    ("files", "words"),
+    "files, words",
     [
         (
             {"pyproject.toml": PYPROJECT.replace("0.2.0", "0.0.7")},

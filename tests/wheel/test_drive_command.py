@@ -8,7 +8,7 @@ from tables import rows_of
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    "arguments, words",
     rows_of(
         """
 nowhere_at_all | nowhere_at_all

@@ -37,7 +37,7 @@ def drive(*, brakes=np.inf, steers=np.inf, bend=0.0):
 
 
 @pytest.mark.parametrize(
-    ("recording", "after"),
+    "recording, after",
     [
         (drive(brakes=2.3), 1.3),
         (drive(steers=1.8), 0.8),  # 400 tan(0.04 / 16) / 2.7 = 0.37 m/s2 across, beyond 0.35

@@ -335,7 +335,7 @@ async def test_who_sends_too_much_is_shut_out():
 
 
 @pytest.mark.parametrize(
-    ("text", "code", "words"),
+    "text, code, words",
     [
         ("x" * 9000, 1009, "A message of the window is larger than 8192 bytes."),
         (json.dumps({"ä" * 400: 1}, ensure_ascii=False), WRONG, "A message must be one of"),

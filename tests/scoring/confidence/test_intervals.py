@@ -315,7 +315,7 @@ def test_the_drivers_errors_of_a_mean_are_those_of_a_stratified_sample():
 
 
 @pytest.mark.parametrize(
-    ("seed", "share"), [(0, 0.64), (1, 0.64), (2, 0.64), (0, 0.5), (3, 0.05), (4, 0.96)]
+    "seed, share", [(0, 0.64), (1, 0.64), (2, 0.64), (0, 0.5), (3, 0.05), (4, 0.96)]
 )
 def test_a_case_rounded_up_leaves_once_and_another_counts_twice(seed, share):
     settings = DriverSettings(count=10, population=PopulationSettings(overtake_share=share))
