@@ -18,6 +18,7 @@ LOWEST_SPEED = -1.0  # m/s; SUMO's speeds are 0 or above, a lost vehicle's is fa
 LOST = 1e9  # m and m/s; a vehicle that is on no lane has the position and the speed -1073741824
 LIMIT_TOLERANCE = 1e-6  # m/s2, rounding of a change of speed at a limit of acceleration
 JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
+FARTHEST = 100.0  # m; no step takes a front bumper further, whether a vehicle drives or turns back
 LOSS_MARGIN = 0.05  # m; a vehicle counts as off the road this much before SUMO would lose it
 
 
@@ -57,20 +58,17 @@ def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
     return False
 
 
-def impossible(
-    calls: Any, name: str, last: tuple[float, float], now: float, step: float
-) -> SimulationError:
+def impossible(calls: Any, name: str, last: tuple[float, float], now: float) -> SimulationError:
     """An error that names the impossible quantity which SUMO shows of a vehicle.
 
     calls: SUMO's vehicles, as `traci.vehicle`.
     last: centre of its front bumper a step before, x and y, m.
     now: s.
-    step: s.
     """
     x, y = calls.getPosition(name)
     angle, speed = calls.getAngle(name), calls.getSpeed(name)
-    far = FASTEST * step  # m; the limit of `Stage._read_actor`, not `farthest_in`
-    if not (abs(x - last[0]) < far and abs(y - last[1]) < far):  # `not <`: true of nan as well
+    # the limit of `Stage._read_actor`; `not <`: true of nan as well
+    if not (abs(x - last[0]) < FARTHEST and abs(y - last[1]) < FARTHEST):
         what = f"the place ({x:g}, {y:g}) m, a step after ({last[0]:.2f}, {last[1]:.2f}) m,"
     elif not LOWEST_SPEED < speed < FASTEST:
         what = f"the speed {speed:g} m/s"

@@ -430,7 +430,7 @@ class _Hook:
             ):
                 raise LeftTheRoadError
             before = front(Body(last_x, last_y, last_heading, last_speed, *sizes))
-            fault = impossible(calls, self.ego, before, now, self._step)
+            fault = impossible(calls, self.ego, before, now)
             raise ControllerError(f"The ADS is responsible: {fault}") if GUARD.moved else fault
         heading = math.remainder(math.radians(STRAIGHT - angle), math.tau)
         x, y = front_x - self._half * math.cos(heading), front_y - self._half * math.sin(heading)

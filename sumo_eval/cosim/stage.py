@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.cosim.doors.traci_module import GUARD
-from sumo_eval.cosim.impossible import FASTEST, LOSS_MARGIN, LOWEST_SPEED, impossible
+from sumo_eval.cosim.impossible import FARTHEST, FASTEST, LOSS_MARGIN, LOWEST_SPEED, impossible
 from sumo_eval.cosim.records import STRAIGHT, SUMO
 from sumo_eval.cosim.sumo.insides import simulation_step, vehicles
 from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
@@ -297,17 +297,16 @@ class Stage:
         Raises TraCIException if it has left SUMO, SimulationError if no vehicle can be like that.
         """
         calls, name = self.calls, self._actor(row, j)
-        far = FASTEST * self._step  # m, further than any vehicle drives in a step
         x, y = front = calls.getPosition(name)
         angle, speed = calls.getAngle(name), calls.getSpeed(name)
         last_x, last_y = self.fronts[name]
-        near = -far < x - last_x < far and -far < y - last_y < far
+        near = abs(x - last_x) < FARTHEST and abs(y - last_y) < FARTHEST
         if near and 0.0 <= angle <= 360.0 and LOWEST_SPEED < speed < FASTEST:
             self.fronts[name], self.speeds[name] = front, speed
             return x, y, angle, speed
         if self._may_leave(world, row, j):  # SUMO shows such values of a vehicle on no lane
             raise self.traci.TraCIException(name)
-        raise impossible(calls, name, (last_x, last_y), world.time + self._step, self._step)
+        raise impossible(calls, name, (last_x, last_y), world.time + self._step)
 
     def _note_leaving(self, world: World, row: int, other: int) -> None:
         """Record an actor that left the network; raise ControllerError if the ADS removed it."""

@@ -13,6 +13,7 @@ import math
 from typing import Any
 
 from sumo_eval.cosim.impossible import (
+    FARTHEST,
     FASTEST,
     JUMP_TOLERANCE,
     LIMIT_TOLERANCE,
@@ -325,13 +326,12 @@ def _read_ego(ego: Any, shown: FloatArray, scenario: Any) -> bool:
 
 
 @kernel
-def _read_actor(last: FloatArray, shown: FloatArray, far: float) -> bool:
+def _read_actor(last: FloatArray, shown: FloatArray) -> bool:
     """Take in an actor from SUMO, unless its motion is impossible; return whether it was possible.
 
     last, shown: x and y of its front bumper, angle and speed, a step ago and now.
-    far: m, further than any vehicle drives in a step.
     """
-    near = abs(shown[0] - last[0]) < far and abs(shown[1] - last[1]) < far
+    near = abs(shown[0] - last[0]) < FARTHEST and abs(shown[1] - last[1]) < FARTHEST
     if not (near and 0.0 <= shown[2] <= 360.0 and LOWEST_SPEED < shown[3] < FASTEST):
         return False
     for k in range(4):
@@ -351,11 +351,10 @@ def read_rows(scenes: Scenes, scenario: Records, numbers: Any, read: FloatArray,
     """
     left = 0
     width = 1 + scenes.shown.shape[1]
-    far = FASTEST * scenario[0].step
     for k, number in enumerate(numbers):
         row, j = number // width, number % width
         if j > 0:
-            fine = _read_actor(scenes.shown[row, j - 1], read[k], far)
+            fine = _read_actor(scenes.shown[row, j - 1], read[k])
         else:
             fine = _read_ego(scenes.egos[row], read[k], scenario[first_of(scenario, row)])
         if not fine:

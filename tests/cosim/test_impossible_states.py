@@ -13,7 +13,7 @@ from cosim_cases import HALF_SECOND, ROAD, assert_whole, case, lead, once
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.scenario import Actor, Start, brake_to_stop, constant_lateral, lane_change
-from sumo_eval.scenario.played import CONSTANT
+from sumo_eval.scenario.played import CONSTANT, PATH, Act
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 
 FOUR_SECONDS = SimulationSettings(time_limit=4.0)
@@ -62,6 +62,11 @@ def test_a_vehicle_that_its_script_takes_off_the_lanes_stays_on_its_script(kind,
     np.testing.assert_allclose(track.x, [actor.x(time) for time in track.time], rtol=0, atol=0.02)
     np.testing.assert_allclose(track.y, [actor.y(time) for time in track.time], rtol=0, atol=0.02)
     assert "actor_off_its_script" not in {clip.what for clip in found.clips}
+
+
+def test_a_long_vehicle_turns_back_in_a_short_step():
+    turns = leaver((Act(PATH, 0.2, table=((100.0, 0.0),)),), length=12.0)
+    assert_whole(alone(turns, settings=replace(HALF_SECOND, step=0.01)))
 
 
 def test_a_vehicle_that_brakes_to_a_stand_off_the_lanes_stays_there():
