@@ -11,17 +11,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.ads.lane_change import lane_of, shortest_duration, smooth_step
+from sumo_eval.ads.lane_change import lane_of, shortest_duration
 from sumo_eval.ads.overtaking import CLEARANCE, EMERGENCY_GAP, EMERGENCY_LATERAL
 from sumo_eval.ads.perception import covers, safe_gap
 from sumo_eval.cosim.impossible import farthest_in
 from sumo_eval.method.criticality import ideal_impact_speed
 from sumo_eval.scenario.bodies import half_sizes
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Start
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Start, Way
 from sumo_eval.scenario.road.reference_line import Line, map_places
 from sumo_eval.scenario.touch import Body, share_at_touch
 from sumo_eval.scenario.undisturbed import tracks
@@ -144,10 +145,11 @@ def evasion(
     duration = shortest_duration(road.lane_width, EMERGENCY_LATERAL)
     until = _end_at_its_speed(concrete, settings)
 
-    def clear(actor: Actor, time: float) -> bool:
-        """Whether an ego that changes lane is far enough from an actor at a time."""
-        x = ego.x + ego.speed * time
-        y = ego.y + road.lane_width * smooth_step((time - begin) / duration)
+    length = duration * ego.speed
+    steered = replace(ego, way=Way(road.lane_width, begin_x, begin_x + length, ends=False))
+
+    def clear(actor: Actor, time: float, x: float, y: float) -> bool:
+        """Whether an ego that changes lane, at x, y, is far enough from an actor at a time."""
         along = abs(actor.x(time) - x) - 0.5 * (vehicle.length + actor.length)
         across = abs(actor.y(time) - y) - 0.5 * (vehicle.width + actor.width)
         goes_round, is_ahead = actor in suddenly_seen, actor.x(time) > x
@@ -158,10 +160,12 @@ def evasion(
         least = FOLLOWING_GAP * ego.speed if is_ahead else EMERGENCY_GAP
         return across >= CLEARANCE or along >= (0.0 if goes_round else least)
 
-    times = np.arange(0.0, until, _LOOK).tolist()
-    if not all(clear(actor, time) for time in times for actor in concrete.actors):
+    times = np.arange(0.0, until, _LOOK)
+    places = steered.x_after(ego.speed * times)
+    way = list(zip(times.tolist(), places.tolist(), steered.y_at(places).tolist(), strict=True))
+    if not all(clear(actor, *at) for at in way for actor in concrete.actors):
         return straight
-    return straight[0], road.lane_width, begin_x, duration * ego.speed
+    return straight[0], road.lane_width, begin_x, length
 
 
 def _end_at_its_speed(concrete: ConcreteScenario, settings: SimulationSettings) -> float:

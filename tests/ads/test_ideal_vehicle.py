@@ -151,7 +151,8 @@ def test_it_only_brakes_where_braking_will_do_or_the_lane_is_not_free():
     assert path_of(slower)[1] == 0.0
     # 5.7 m behind, and no faster
     assert path_of(replace(FAST, actors=(*FAST.actors, beside)))[1] > 0.0
-    touching = replace(beside, start=Start(FAST.ego.x - 6.0, 3.5, 37.0))
+    # 2 m behind when it is in the lane: its path is 0.1 m longer
+    touching = replace(beside, start=Start(FAST.ego.x - 6.4, 3.5, 37.0))
     assert path_of(replace(FAST, actors=(*FAST.actors, touching)))[1] == 0.0
     assert path_of(FAST, replace(SETTINGS, ideal_steers=False))[1] == 0.0
 
