@@ -210,7 +210,10 @@ class ShiftSettings(Checked):
     share: Annotated[Share, About("least share of worse cases")] = 0.05
     share_alone: Annotated[Share, About("share that fails if no case is better")] = 0.15
     lost: Annotated[
-        Share, About("loss of task or likeness in a case from which `cases` fail if none is better")
+        Share,
+        About(
+            "loss of task in a case, or of likeness in one of `cases`, that fails if none is better"
+        ),
     ] = 0.3
     measure: Annotated[tuple[MeasureSettings, ...], About("what is watched")] = (
         MeasureSettings("task_share", 0.01),

@@ -328,7 +328,7 @@ def got_worse(total: Tally, settings: GateSettings) -> bool:
 
     Part two: W > B, and one of: P < 0.1; B = 0; a worse case kept at most 60 % of its margin.
     Part three: W >= max(3, 5 % of all cases) and P < 0.02; or W >= max(3, 15 % of all cases) and
-    B = 0; or W >= 3, B = 0, and a case lost 0.3 of its task or likeness.
+    B = 0; or B = 0 and a case lost 0.3 of its task, or one of W >= 3 that of its likeness.
     """
     if total.near:
         rule = settings.near_miss
@@ -336,9 +336,17 @@ def got_worse(total: Tally, settings: GateSettings) -> bool:
         return total.number > total.better and (certain or total.least_kept <= rule.kept_margin)
     shift = settings.shift
     lost = most_lost(total) >= shift.lost * (1.0 - LAST_DIGIT)  # 0.7 - 0.4 is below 0.3 by rounding
-    if not total.better and many(total, settings, 0.0 if lost else shift.share_alone):
+    least = _fewest(total, settings)
+    enough = total.number >= least if lost else many(total, settings, shift.share_alone)
+    if enough and not total.better:
         return True
     return many(total, settings, shift.share) and total.chance < shift.chance
+
+
+def _fewest(total: Tally, settings: GateSettings) -> int:
+    """Least number of worse cases that can fail: one that no longer drives needs no others."""
+    alone = total.near or total.measure.quantity == "task_share"
+    return 1 if alone else settings.shift.cases
 
 
 def most_lost(total: Tally) -> float:
@@ -361,8 +369,8 @@ def can_fail(total: Tally, settings: GateSettings, *, noisy: bool) -> bool:
 
     noisy: the ADS does not repeat itself, so that P must be small.
     """
-    least = 1 if total.near else settings.shift.cases
-    return total.cases >= least and (not noisy or 0.5**total.cases <= settings.noise.chance)
+    enough = total.cases >= _fewest(total, settings)
+    return enough and (not noisy or 0.5**total.cases <= settings.noise.chance)
 
 
 def tallies(comparison: Comparison, settings: GateSettings, noise: Noise) -> list[Tally]:

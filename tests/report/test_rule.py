@@ -145,13 +145,18 @@ def test_got_worse_by_counts(near, worse, better, cases, kept, fails):
     assert got_worse(found, SETTINGS) is fails
 
 
-def test_three_cases_are_a_shift_if_one_lost_its_likeness():
+def test_a_case_that_lost_its_task_or_one_of_three_its_likeness_shifts():
     """0.7 - 0.4 = 0.3; 3 of 99 are too few otherwise."""
-    likeness = MeasureSettings("human_likeness", absolute=0.01)
-    for worse, after, fails in ((3, 0.4, True), (2, 0.4, False), (3, 0.41, False)):
-        part: Any = SimpleNamespace(which=range(worse), before=[0.7], after=[after])
-        found = Tally("ads", likeness, False, (part,), 0, 99, 1.0)
-        assert got_worse(found, SETTINGS) is fails
+    for quantity, least in (("human_likeness", 3), ("task_share", 1)):
+        measure = MeasureSettings(quantity, absolute=0.01)
+        for worse, after, better, fails in (
+            (least, 0.4, 0, True), (least - 1, 0.4, 0, False),
+            (least, 0.41, 0, False), (least, 0.4, 1, False),
+        ):  # fmt: skip
+            which = range(worse)
+            part: Any = SimpleNamespace(which=which, before=[0.7], after=[after])
+            found = Tally("ads", measure, False, (part,), better, 99, 1.0)
+            assert got_worse(found, SETTINGS) is fails
 
 
 def test_can_fail_by_counts():
