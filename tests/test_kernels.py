@@ -245,8 +245,7 @@ def test_records_are_written_back_when_a_loop_is_interpreted():
             rows[i].before.x += times[i]
             rows[i].told = i
 
-    world = World(points("cut_in", 997), SETTINGS)
-    rows = world.others[:, 0].copy()
+    rows = World(points("cut_in", 997), SETTINGS).others[:, 0].copy()
     expected = rows["before"]["x"] + 1.0
     kernels._interpreted(loop)(rows, np.ones(len(rows)))
     assert rows["before"]["x"].tolist() == expected.tolist()

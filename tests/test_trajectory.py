@@ -55,8 +55,7 @@ def test_acceleration_is_derived_from_the_given_speed():
 
 def test_a_standing_vehicle_keeps_the_heading_it_stopped_with():
     # north for 1 s, then it stands
-    y = np.minimum(TIME, 1.0)
-    track = Trajectory(TIME, 0 * TIME, y)
+    track = Trajectory(TIME, 0 * TIME, np.minimum(TIME, 1.0))
     assert track.heading == pytest.approx(math.pi / 2)
     assert track.speed[-1] == 0.0
 

@@ -198,8 +198,7 @@ def test_a_lead_that_hardly_brakes_is_almost_one_that_keeps_its_speed():
 )
 def test_options_may_be_tables_and_wrong_ones_are_refused(ads, options, wrong):
     ((name, value),) = options.items()
-    driver = made(ads, options, "a")
-    own = getattr(driver, {"parameters": "idm"}.get(name, name))
+    own = getattr(made(ads, options, "a"), {"parameters": "idm"}.get(name, name))
     expected = value if isinstance(value, dict) else {}
     assert {key: getattr(own, key) for key in expected} == expected
     with pytest.raises(InputError):

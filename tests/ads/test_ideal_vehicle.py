@@ -314,8 +314,7 @@ def test_what_is_never_seen_is_never_noticed():
 def test_sight_begins_where_an_ego_that_changes_lane_is():
     # the lead stands at x = 150 m in the lane entered and hides the obstacle until the ego is there
     lead = actor("lead", 95.5, 0.0, 3.5)
-    obstacle = actor("obstacle", 345.5, 1.0, 5.35, brake_to_stop(4.0, 1.0))
-    there = case(lead, obstacle)
+    there = case(lead, actor("obstacle", 345.5, 1.0, 5.35, brake_to_stop(4.0, 1.0)))
     ego = replace(there.ego, way=Way(3.5, 55.0, 95.0, ends=False))
     known = foresee(replace(there, ego=ego), SimulationSettings())
     assert ego.x_after(20.0 * known[1].noticed) == pytest.approx(150.0, abs=1e-6)

@@ -20,8 +20,7 @@ def builds(tmp_path_factory):
     them."""
     folder = tmp_path_factory.mktemp("builds")
     for name, fault in (("base", ""), ("repeat", ""), ("new", f"{FAULT}:sleeps")):
-        file = evaluation(folder, LEVELS, fault)
-        sumo_eval("run", file, "--out", folder / name)
+        sumo_eval("run", evaluation(folder, LEVELS, fault), "--out", folder / name)
     return folder
 
 
@@ -77,8 +76,7 @@ def test_a_gate_file_decides_what_is_let_through(builds, tmp_path):
 
 
 def test_other_settings_are_refused_and_with_consent_shown(builds, tmp_path):
-    file = evaluation(tmp_path, "2")
-    sumo_eval("run", file, "--out", tmp_path / "other")
+    sumo_eval("run", evaluation(tmp_path, "2"), "--out", tmp_path / "other")
     done = sumo_eval("compare", builds / "base", tmp_path / "other", status=2)
     assert "scenario.front_vehicle_low_speed.sampling.levels" in done.stderr
     done = sumo_eval("compare", builds / "base", tmp_path / "other", "--accept-differences")
@@ -120,8 +118,7 @@ def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds):
     # here at 30 m/s
     with (builds / "new" / "cases.csv").open(newline="") as file:
         hits = [row for row in csv.DictReader(file) if float(row["no_reaction_severity"])]
-    closing = sum(float(row["ego_speed"]) - float(row["lead_speed"]) for row in hits)
-    share = 30.0 / closing
+    share = 30.0 / sum(float(row["ego_speed"]) - float(row["lead_speed"]) for row in hits)
     for words in (
         "A: U = 30.000 m/s, ideal vehicle Ug = 0.000 m/s, doing nothing U0 = 30.000 m/s: the "
         "collision is avoidable",

@@ -90,8 +90,7 @@ def test_a_night_leaves_what_people_and_machines_read(week):
     last = folder / "history" / nights(folder / "history")[-1].folder
     for name in ("report.html", "junit.xml", "scores.json", "cases.csv", "facts.sqlite"):
         assert (last / name).is_file()
-    xml = junitparser.JUnitXml.fromfile(str(last / "junit.xml"))
-    assert xml.errors >= 1
+    assert junitparser.JUnitXml.fromfile(str(last / "junit.xml")).errors >= 1
     assert "no plan here" in (last / "junit.xml").read_text()
     page = (last / "report.html").read_text()
     top = page[: page.index('id="change"')]
@@ -318,15 +317,13 @@ def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):
 def test_a_mistake_in_the_file_is_said_before_anything_is_touched(tmp_path):
     file = evaluation(tmp_path)
     file.write_text(file.read_text().replace("levels", "level"))
-    done = nightly(file, tmp_path / "history", status=2)
-    assert "Did you mean `levels`?" in done.stderr
+    assert "Did you mean `levels`?" in nightly(file, tmp_path / "history", status=2).stderr
     assert not (tmp_path / "history").exists()
 
 
 def test_older_runs_are_imported_as_nights_without_a_verdict(week, tmp_path):
     folder, _ = week
-    kept = nights(folder / "history")[1]
-    run = folder / "history" / kept.folder
+    run = folder / "history" / nights(folder / "history")[1].folder
     sumo_eval("trend", tmp_path / "history", "--import", run)
     (imported,) = nights(tmp_path / "history")
     assert imported.imported

@@ -73,8 +73,7 @@ def test_schema_prints_a_json_schema(what, key):
 def test_check_says_what_is_in_a_scenario_file_and_what_is_wrong(truck):
     assert "12 possible points; constraints refuse 3 more." in sumo_eval("check", truck).said
     truck.write_text(EXAMPLE.replace('"truck_speed < ego_speed"', '"truck_sped < ego_speed"'))
-    wrong = sumo_eval("check", truck, status=2)
-    assert "Did you mean `truck_speed`?" in wrong.stderr
+    assert "Did you mean `truck_speed`?" in sumo_eval("check", truck, status=2).stderr
 
 
 def test_boundary_finds_an_edge_and_writes_it(tmp_path):

@@ -91,8 +91,7 @@ def test_a_side_swipe_names_the_side_and_has_no_bumper_overlap(y, side):
 def test_a_crossing_car_is_hit_with_the_front():
     # it stands across the road, its side 2.25 + 0.9 = 3.15 m ahead of the ego's centre, longer than
     # the ego is wide
-    other = car(3.15, 0.5, heading=math.pi / 2, speed=5.0)
-    found = describe(0.0, "crossing", EGO, other)
+    found = describe(0.0, "crossing", EGO, car(3.15, 0.5, heading=math.pi / 2, speed=5.0))
     assert (found.side, found.overlap) == ("front", 1.0)
     assert found.relative_speed == pytest.approx(math.hypot(20.0, 5.0))
 
@@ -199,8 +198,7 @@ def test_law_what_the_brute_force_sees_is_never_missed_and_never_later():
         dense = twin.first_overlap(*pair)
         if dense is not None:
             seen += 1
-            share = first_touch(*pair)
-            assert share <= dense + 1e-9
+            assert first_touch(*pair) <= dense + 1e-9
     assert seen > 100
 
 

@@ -101,8 +101,7 @@ def test_batches_hold_vehicles_off_the_lanes_to_the_last_bit():
 def test_a_vehicle_7_cm_before_the_end_of_the_lanes_has_left():
     """SUMO removes it within 0.1 m of the end: no ADS has."""
     actor = Actor("early", Start(ROAD.end - 2.25 - 0.07 - 5.5, 0.0, 5.5))
-    found = alone(actor, controller=lambda traci, ego, time: None)
-    assert_whole(found)
+    assert_whole(alone(actor, controller=lambda traci, ego, time: None))
 
 
 def test_a_braking_vehicle_that_passes_the_end_of_the_lanes_has_left_the_network():

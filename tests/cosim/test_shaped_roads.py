@@ -98,8 +98,7 @@ def test_missing_an_exit_is_reported_by_the_case(ads):
 def test_law_whose_rule_is_for_the_pedals_changes_lanes_on_the_fixed_way():
     concrete = case("ramp_merge", offset=60.0, other_speed=28.0, other_acceleration=2.0)
     found = simulate(concrete, "no_reaction")
-    wanted = concrete.ego.y_at(found.ego.x)
-    assert np.abs(found.ego.y - wanted).max() < 0.03
+    assert np.abs(found.ego.y - concrete.ego.y_at(found.ego.x)).max() < 0.03
     assert found.ego.y[-1] == pytest.approx(3.5, abs=1e-3)
     assert np.all(found.ego.speed == 24.0)
     assert found.end_reason == "road_end"
@@ -133,8 +132,7 @@ def test_law_a_case_on_such_a_road_has_the_bits_alone_that_it_has_in_company():
     cases = [case("ramp_merge", offset=offset) for offset in (-30.0, 15.0, 60.0)]
     together = list(simulate_many(cases, "idm"))
     for concrete, packed in zip(cases, together, strict=True):
-        alone = simulate(concrete, "idm")
-        assert packed.same_drive(alone)
+        assert packed.same_drive(simulate(concrete, "idm"))
 
 
 def test_a_model_of_sumos_takes_the_exit_that_its_route_leads_to():

@@ -488,8 +488,7 @@ def test_change_lane_takes_the_lane_change_duration():
     found = simulate(case(), ads, SimulationSettings(time_limit=9.0, lane_change_duration=4.0))
     # 3.5 m at 0.875 m/s for 4 s: the front bumper crosses half way at 0.5 + 2 s; the angle lags a
     # little
-    crossed = np.interp(1.75, found.ego.y, found.ego.time)
-    assert crossed == pytest.approx(2.5, abs=0.15)
+    assert np.interp(1.75, found.ego.y, found.ego.time) == pytest.approx(2.5, abs=0.15)
     assert found.ego.y[-1] == pytest.approx(3.5, abs=1e-3)
     # never faster than a tenth of a second's share
     assert np.abs(np.diff(found.ego.y)).max() < 0.0875 * 1.3
@@ -586,8 +585,7 @@ def test_clips_keep_count_first_time_and_worst_request():
 
 
 def test_samples_come_ten_times_a_second_from_the_requested_start_to_the_end():
-    beside = Actor("beside", Start(50.0, 3.5, 20.0))
-    found = simulate(case(lead(gap=31.4), beside), nothing)
+    found = simulate(case(lead(gap=31.4), Actor("beside", Start(50.0, 3.5, 20.0))), nothing)
     # 0.0 .. 1.5, and the contact at 1.57 s
     assert found.ego.time == pytest.approx([*np.arange(16) / 10, 1.57])
     assert np.array_equal(found.actors["beside"].time, found.ego.time)
@@ -701,8 +699,7 @@ def test_a_scenarios_ego_body_is_the_one_that_drives_touches_and_is_recorded():
 
 def body(actor, time):
     """The actor's body as its script says."""
-    across = actor.lateral_speed(time)
-    heading = math.atan2(across, actor.start.speed)
+    heading = math.atan2(actor.lateral_speed(time), actor.start.speed)
     return Body(
         actor.start.x + actor.start.speed * time,
         actor.y(time),

@@ -89,8 +89,7 @@ def test_a_route_file_says_which_point_it_is_and_what_it_cannot_express():
         "mover", Start(80.0, 0.0, 20.0), (lane_change(0.5, 3.0, 3.5), lane_change(5.0, 2.0, -3.5))
     )
     concrete = replace(case(mover), scenario="cut---out", values={"gap": 30.0, "ego_speed": 20.0})
-    text = routes_xml(concrete, CAR, origin="From a test.")
-    comment = parse(text).getprevious()
+    comment = parse(routes_xml(concrete, CAR, origin="From a test.")).getprevious()
     assert "cut- - -out: gap=30, ego_speed=20." in comment.text  # two hyphens would end the comment
     assert "From a test." in comment.text
     assert "`mover` moves 3.5 m to the left from 0.5 s to 3.5 s" in comment.text

@@ -222,8 +222,7 @@ def test_what_can_be_meant_goes_through(call):
     if "ego" not in (*args, *named.values()):
         args, name = ["ego", *args], f"vehicle.{name}"
     write = once(lambda traci: attrgetter(name)(traci)(*args, **named))
-    found = simulate(case(lead(200.0)), write, replace(HALF_SECOND, time_limit=0.4))
-    assert_whole(found)
+    assert_whole(simulate(case(lead(200.0)), write, replace(HALF_SECOND, time_limit=0.4)))
 
 
 class Sly(Command):

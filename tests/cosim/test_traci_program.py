@@ -176,8 +176,7 @@ def test_a_clients_own_subscriptions_are_its_own_to_make_and_to_end(tmp_path):
         "    if traci.simulation.getTime() > 0.2:\n"
         "        traci.vehicle.unsubscribe(ego)\n"
     )
-    found = run(tmp_path, CLIENT)
-    assert_whole(found)
+    assert_whole(run(tmp_path, CLIENT))
 
 
 OPENINGS = (

@@ -189,8 +189,7 @@ vehicle = [
     found = simulate(scenario_from(content, "t", Path()).concrete(v=20.0), "no_reaction")
     ahead, behind = found.actors["lead"], found.actors["next"]
     assert ahead.x[-1] == pytest.approx(200.0 + 20.0 + 40.0)
-    gap = ahead.x - behind.x - 4.5
-    assert (gap > 1.0).all()
+    assert (ahead.x - behind.x - 4.5 > 1.0).all()
     assert behind.speed[-1] < 0.5
 
 
@@ -207,8 +206,7 @@ vehicle = [
 """),
     }
     found = simulate(scenario_from(content, "t", Path()).concrete(v=20.0), "no_reaction")
-    clips = {clip.what: clip.count for clip in found.clips}
-    assert clips["trigger_never_fired"] == 1
+    assert {clip.what: clip.count for clip in found.clips}["trigger_never_fired"] == 1
     assert np.ptp(found.actors["child"].y) == 0.0
 
 

@@ -330,8 +330,7 @@ def drive_dynamic(speed, wheel, duration, step=0.05, wanted=0.0):
 def test_a_gentle_curve_has_the_yaw_rate_of_the_linear_model():
     # yaw rate = v delta / (L + K v^2), K = m (l_r / (C F_zr share ...)): equal stiffness over load:
     # K = 0, neutral
-    wheel = 16.0 * math.radians(0.3)
-    (*_, yaw_rate), clips = drive_dynamic(20.0, wheel, 6.0)
+    (*_, yaw_rate), clips = drive_dynamic(20.0, 16.0 * math.radians(0.3), 6.0)
     assert yaw_rate == pytest.approx(20.0 * math.radians(0.3) / 2.7, rel=0.01)
     assert not clips
 

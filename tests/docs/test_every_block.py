@@ -111,8 +111,7 @@ BASE_EVALUATION = {
 @pytest.fixture(scope="module")
 def small_run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("desk")
-    desk = Desk(folder, folder)
-    desk.lay_out()
+    Desk(folder, folder).lay_out()
     sumo_eval("run", "evaluation.toml", "--out", "run", cwd=folder)
     return folder / "run"
 

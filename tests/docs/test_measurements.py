@@ -14,8 +14,7 @@ FILES = sorted((DOCS / "measurements").glob("*.json"))
 
 def tables(name):
     """Tables of a data file."""
-    content = json.loads((DOCS / "measurements" / f"{name}.json").read_text())
-    return content["tables"]
+    return json.loads((DOCS / "measurements" / f"{name}.json").read_text())["tables"]
 
 
 def table(name, title):

@@ -26,8 +26,7 @@ def equations(text):
 
 
 def test_every_equation_of_the_paper_has_a_row():
-    covered = set().union(*(equations(row[0]) for row in equation_rows()))
-    assert covered == set(range(1, 19))
+    assert set().union(*(equations(row[0]) for row in equation_rows())) == set(range(1, 19))
 
 
 @pytest.mark.parametrize("row", equation_rows(), ids=lambda row: row[0])

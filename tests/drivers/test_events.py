@@ -97,8 +97,7 @@ def test_a_cut_out_begins_where_the_lead_begins_to_move():
 
 def test_a_cut_in_counts_only_near_and_a_violent_one_is_a_ghost():
     ego = track("ego", 0.0, 25.0)
-    other = track("other", 40.0, 24.0, y0=3.5, move=(5.0, 5.0, -3.5))
-    near = events_of(ego, other)
+    near = events_of(ego, track("other", 40.0, 24.0, y0=3.5, move=(5.0, 5.0, -3.5)))
     (event,) = near.tables["cut_in"].itertuples()
     assert (event.ego, event.cut_in, event.to_left) == ("ego", "other", False)
     # a scenario's t = 0: closing at 1 m/s for 5 s, and what it takes to move at 0.12 m/s
@@ -202,8 +201,7 @@ def test_real_approaches_have_the_parameters_and_outcomes_of_their_table():
     changed = both[both["outcome_table"] == "lane_change"]
     assert (changed["outcome"] == "lane_change").mean() > 0.95
     assert (changed["t_outcome"] - changed["t_outcome_s_table"]).abs().quantile(0.9) < 0.3
-    followed = both[both["outcome_table"] == "follow"]
-    assert (followed["outcome"] == "follow").mean() > 0.9
+    assert (both[both["outcome_table"] == "follow"]["outcome"] == "follow").mean() > 0.9
 
 
 @pytest.mark.campaign

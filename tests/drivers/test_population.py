@@ -80,8 +80,7 @@ def test_a_driver_is_inclined_to_overtake_with_the_recorded_share_whatever_the_s
 
 def test_any_ten_drivers_hold_two_or_three_followers():
     inclined = np.array([driver.overtakes for driver in draw_population(200, seed=7)])
-    followers = {int(10 - inclined[first : first + 10].sum()) for first in range(190)}
-    assert followers == {2, 3}
+    assert {int(10 - inclined[first : first + 10].sum()) for first in range(190)} == {2, 3}
 
 
 def test_lane_changes_last_as_long_and_are_as_quick_as_recorded(drivers):

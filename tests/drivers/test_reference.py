@@ -62,8 +62,7 @@ def found_in(settings, folder):
 def test_drives_begin_at_the_egos_start_and_lateral_moves_are_stretched_to_the_scenarios_lane(
     tmp_path,
 ):
-    path = write_people(tmp_path / "people.csv", [25.0])
-    found = found_in(settings_for(path), tmp_path)
+    found = found_in(settings_for(write_people(tmp_path / "people.csv", [25.0])), tmp_path)
     (drive,) = found.drives
     assert (drive.time[0], drive.x[0], drive.y[0]) == (
         0.0,

@@ -231,8 +231,7 @@ def test_a_driver_alone_wanders_about_its_own_line():
         lines.append(ego.y[settled].mean() - driver.lane_offset)
         operations.append(count_operations(ego))
     # the mean of 20 s still holds some of the wander
-    within = np.sqrt(np.mean(wander) + np.var(lines))
-    assert within == pytest.approx(0.25, rel=0.15)
+    assert np.sqrt(np.mean(wander) + np.var(lines)) == pytest.approx(0.25, rel=0.15)
     assert np.mean(operations) < 2.0
 
 

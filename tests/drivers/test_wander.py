@@ -17,8 +17,7 @@ def test_a_stream_is_the_same_everywhere_and_for_ever():
 
 def test_streams_of_different_seeds_or_names_differ():
     names = [(0, "a"), (1, "a"), (1, "b"), (1, "a", 0), (1, "a", "0"), (1, "a", 1), (1, "a0")]
-    firsts = {random_stream(*name).integers(0, 2**63) for name in names}
-    assert len(firsts) == len(names)
+    assert len({random_stream(*name).integers(0, 2**63) for name in names}) == len(names)
 
 
 @pytest.mark.parametrize("seed", [-1, 1.0, "1", None, True])

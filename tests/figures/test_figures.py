@@ -40,8 +40,7 @@ def done(tmp_path_factory):
 @pytest.mark.parametrize("width", WIDTHS)
 def test_every_figure_of_a_run_fits_its_width_and_holds_its_words(done, tmp_path, name, width):
     file = save(draw(done, name, width=width), tmp_path / f"{name}.svg")
-    root = ElementTree.parse(file).getroot()
-    found = re.fullmatch(r"([\d.]+)pt", root.attrib["width"])
+    found = re.fullmatch(r"([\d.]+)pt", ElementTree.parse(file).getroot().attrib["width"])
     assert float(found[1]) == pytest.approx(WIDTHS[width] * 72.0, abs=0.5)
     assert "<path" in file.read_text(), "letters travel as outlines: no font is missing anywhere"
     if width == "column":  # drawn again: the same bytes
@@ -140,8 +139,7 @@ def test_a_map_of_four_parameters_is_the_slice_with_most_collisions(tmp_path):
     what can be.
     """
     evaluation = small({"none": "no_reaction"}, ("cut_in",), 2, levels=2)
-    run = sumo_eval.evaluate(evaluation, tmp_path / "run")
-    figure = draw(run, "zone_map")
+    figure = draw(sumo_eval.evaluate(evaluation, tmp_path / "run"), "zone_map")
     assert "with most collisions" in figure.get_suptitle()
     words = str(figure.get_suptitle())
     assert re.search(r"[1-9]\d* of \d+ cases", words), words

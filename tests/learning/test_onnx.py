@@ -150,8 +150,7 @@ def test_a_model_chooses_from_a_discrete_set(tmp_path, index):
         del model.graph.output[:]
         model.graph.output.append(helper.make_tensor_value_info("i", TensorProto.INT64, ["rows"]))
         onnx.save(model, path)
-    settings = SimulationSettings(time_limit=1.0)
-    recording = driven(path, settings)
+    recording = driven(path, SimulationSettings(time_limit=1.0))
     assert recording.error is None
     assert recording.ego.speed[-1] == pytest.approx(POINT["ego_speed"] - 2.0, abs=0.2)
 
@@ -161,8 +160,7 @@ def test_a_period_holds_each_answer(tmp_path):
     0.2, 0.4 ..."""
     interface = Interface((Feature("time"),), (Action("acceleration"),), period=0.2)
     path = write_model(tmp_path, [(np.array([[0.1]]), np.array([0.0]))], interface)
-    settings = SimulationSettings(time_limit=1.0, record_interval=0.05)
-    recording = driven(path, settings)
+    recording = driven(path, SimulationSettings(time_limit=1.0, record_interval=0.05))
     asked = np.tanh(0.1 * 0.2 * (np.arange(20) // 4)).astype(np.float32)
     assert recording.ego.acceleration[1:] == pytest.approx(asked, abs=2e-3)
 

@@ -138,8 +138,7 @@ def test_names_a_row_and_rows_give_the_same_weight(cut_out):
 
 
 def test_without_a_hazardous_zone_every_collision_weighs_1():
-    logical = load("front_vehicle_low_speed")
-    zones = partition(logical)
+    zones = partition(load("front_vehicle_low_speed"))
     assert collision_weight({"ego_speed": 20.0, "lead_speed": 0.0}, zones) == 1.0
     assert collision_weight([[20.0, 0.0], [30.0, 5.0]], zones).tolist() == [1.0, 1.0]
 

@@ -71,8 +71,7 @@ def test_law_between_two_looks_the_ego_brakes_as_it_does_at_them(apart):
     # the side of a vehicle whose front then comes into the strip: -13.65 + 10 * 1.05 + 2.25 = -0.9.
     crossing = {"speed": 10.0, "heading": 90.0, "x": 65.99375 - 0.9 - apart, "y": -13.65}
     vehicles = [{"name": "other", "speed": 0.0, "gap": 60.0}, {"name": "second", **crossing}]
-    inverse = critical(scene(20.0, {}, vehicle=vehicles))[0]
-    assert np.isinf(inverse) == (apart < 0.0)
+    assert np.isinf(critical(scene(20.0, {}, vehicle=vehicles))[0]) == (apart < 0.0)
 
 
 @pytest.mark.parametrize("leaves", [2.3, 2.6, 4.0])

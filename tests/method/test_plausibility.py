@@ -88,8 +88,7 @@ def test_noise_of_a_tracker_does_not_make_a_calm_drive_extreme():
 
 
 def test_stopping_is_not_a_jerk_a_short_drive_has_no_derivatives():
-    time = np.arange(0.0, 12.0, 0.1)
-    stops = drive(np.maximum(10.0 - 1.5 * time, 0.0))
+    stops = drive(np.maximum(10.0 - 1.5 * np.arange(0.0, 12.0, 0.1), 0.0))
     assert extremes_of(stops, {})["max_jerk"] < 0.5
     assert extremes_of(stops, {})["max_deceleration"] == pytest.approx(1.5)
     short = extremes_of(drive(np.full(5, 10.0)), {})
@@ -104,8 +103,7 @@ def test_plausibility_is_the_least_share_over_five_percent():
     assert of_people(braking) == pytest.approx(0.4)
     assert least_plausible(braking, MOTORWAY_PEOPLE) == ("max_deceleration", pytest.approx(0.02))
     # Halfway between 1 % (0.304 s) and 2 % (0.331 s): 1.5 %.
-    tailgating = braking | {"min_thw": 0.3175}
-    assert of_people(tailgating) == pytest.approx(0.3)
+    assert of_people(braking | {"min_thw": 0.3175}) == pytest.approx(0.3)
     # The most extreme jerk is 2.819 m/s3, of 0.156 % of the people; 1 % reach 1.593, so 0 % is at
     # 2.819 + 1.226.
     assert of_people(CALM | {"max_jerk": 2.819 + 0.613}) == pytest.approx(0.00078 / 0.05)

@@ -24,8 +24,7 @@ Y = np.broadcast_to(np.linspace(-1.75, 5.25, 8), (551, 8))
 
 def plain(x, y, drives, constants):
     points = np.column_stack((np.repeat(x, y.shape[1]), y.ravel()))
-    found = trajectory_fields(points, drives, constants)
-    return found.reshape(len(drives), *y.shape)
+    return trajectory_fields(points, drives, constants).reshape(len(drives), *y.shape)
 
 
 def standing(x, y, heading=0.0, speed=0.0):
@@ -103,8 +102,7 @@ def driven():
 def test_real_drives_are_within_a_tenth_of_the_bound(driven, k1):
     drives, x, y = driven
     assert by_boxes(x, y)
-    constants = FieldSettings(k1=k1)
-    assert_plain(x, y, drives, constants, ERROR / 10)
+    assert_plain(x, y, drives, FieldSettings(k1=k1), ERROR / 10)
 
 
 def test_samples_and_points_on_a_line_are_within_the_bound():

@@ -183,8 +183,7 @@ def test_the_default_training_points_are_the_own_steps_of_the_space(cut_out):
 
 
 def test_the_surface_is_a_textbook_gaussian_process():
-    points = grid(CUT_OUT, 3)
-    zones = partition(CUT_OUT, QUICK, points=points)
+    zones = partition(CUT_OUT, QUICK, points=grid(CUT_OUT, 3))
     target = exact_target(CUT_OUT, zones.training_points, QUICK)
     variances = (TARGET_TOLERANCE * target) ** 2 + zones.surface.noise_deviation**2
     assert zones.surface.length_scales == pytest.approx(

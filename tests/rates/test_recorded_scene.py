@@ -67,8 +67,7 @@ def test_the_file_and_the_terminal_say_what_of_the_road_is_not_written(scene, tm
 
 def test_names_that_differ_in_punctuation_stay_apart(tmp_path):
     table = recorded().table.replace({"vehicle": {"side": "a-1", "left": "a_1"}})
-    people = Recordings(table)
-    write_scene(people, tmp_path / "scene.toml", "ego")
+    write_scene(Recordings(table), tmp_path / "scene.toml", "ego")
     actors = read_scenario(tmp_path / "scene.toml").concrete(react_beyond=NEVER).actors
     assert {it.name for it in actors} == {"vrear", "va_1", "va_1_"}
 

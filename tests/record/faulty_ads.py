@@ -116,8 +116,7 @@ def random_driver(traci, ego, now):
     import numpy
 
     # a set of texts: its order hangs on PYTHONHASHSEED
-    names = {"left", "right", "straight", "back"}
-    shift = list(names).index("left")
+    shift = list({"left", "right", "straight", "back"}).index("left")
     return Command(random.uniform(-0.5, 0.5) + numpy.random.uniform(-0.5, 0.5) + 0.01 * shift)  # noqa: NPY002
 
 

@@ -112,8 +112,7 @@ def test_rounds_that_look_for_the_boundary_of_collisions_go_where_some_collide_a
     cells = rounds.shape[1]
     collided = np.array([case.collided for case in done.cases], dtype=np.float64)
     cell = points.stratum % cells
-    number = np.bincount(cell, minlength=cells)
-    share = np.bincount(cell, collided, cells) / number
+    share = np.bincount(cell, collided, cells) / np.bincount(cell, minlength=cells)
     both = (share > 0.0) & (share < 1.0)
     assert both.any()
     assert not both.all()

@@ -325,7 +325,6 @@ def test_state_found_on_one_worker_of_a_cluster_counts_on_all():
     assert list(_counted(together[:4], plan)) == together[:4]
     alone = replace(together[4], batched="", alone=state)
     assert list(_counted([alone, together[5]], plan)) == [alone]
-    again = [plan.take() for _ in range(5)]
-    assert again == [(case,) for case in (*batch[:4], batch[5])]
+    assert [plan.take() for _ in range(5)] == [(case,) for case in (*batch[:4], batch[5])]
     (rerun,) = _counted([replace(together[0], batched="")], plan)
     assert rerun.alone == state

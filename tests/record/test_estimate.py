@@ -42,8 +42,7 @@ def test_an_estimate_of_many_ads_times_a_few_of_them(count, scenarios, monkeypat
         return {"ads": 2.0, "references": 0.0, "humans": 0.0}, 1, False
 
     monkeypatch.setattr(costs, "_seconds_a_drive", seconds_a_drive)
-    ads = {f"a{number}": "idm" for number in range(count)}
-    found = estimated(ads, scenarios=scenarios)
+    found = estimated({f"a{number}": "idm" for number in range(count)}, scenarios=scenarios)
     points = found.drives["references"] // 3
     assert found.drives["ads"] == count * points
     assert found.seconds == pytest.approx(2.0 * found.drives["ads"] / found.workers)

@@ -35,8 +35,7 @@ HANGS = "def MyAds(traci, ego, time):\n    sum(range(10**18))\n"
 def whole(tmp_path_factory):
     """An uninterrupted run: 6 points, 2 ADSs, 2 drivers, with one worker."""
     folder = tmp_path_factory.mktemp("whole")
-    path = write_evaluation(folder)
-    sumo_eval.evaluate(path, folder / "run", workers=1)
+    sumo_eval.evaluate(write_evaluation(folder), folder / "run", workers=1)
     return folder / "run"
 
 
@@ -422,8 +421,7 @@ class LostElsewhere:
 
 
 def test_what_fails_beside_the_driving_ends_it_with_its_own_sentence(whole, tmp_path):
-    path = write_evaluation(tmp_path, SLOW_ADS)
-    run = Resolved.of(read_evaluation(path), tmp_path)
+    run = Resolved.of(read_evaluation(write_evaluation(tmp_path, SLOW_ADS)), tmp_path)
     with refusal("zones of `mine`"):
         record_facts(run, tmp_path / "run", meanwhile=refuse)
     assert rows(tmp_path / "run") < rows(whole), "not after an hour of driving"

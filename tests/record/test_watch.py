@@ -54,8 +54,7 @@ def test_an_alarm_that_an_ads_leaves_behind_does_not_ring_in_the_harness():
         def ring(self, number, frame):
             raise ValueError("too late")
 
-    controller = watched(load_controller(Ringing), RunSettings())
-    controller.step(None, "ego", 0.0)
+    watched(load_controller(Ringing), RunSettings()).step(None, "ego", 0.0)
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 

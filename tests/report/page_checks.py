@@ -121,5 +121,4 @@ def saved_table(page, chart):
         "button')[2].click()"
     )
     page.wait("window.savedText")
-    text = page.run("window.savedText")
-    return text.splitlines()
+    return page.run("window.savedText").splitlines()

@@ -156,8 +156,7 @@ def test_points_alike_in_six_digits_are_two_rows_of_checks(run):
                         ((-1.0, -2.0), ["gap0=-1", "gap0=-2"])):  # fmt: skip
         gap = dict(zip((20.0, 60.0), near, strict=True))
         cases = [replace(it, values={"gap0": gap[it.values["gap0"]]}) for it in whole.cases]
-        content = checks_content(replace(whole, cases=tuple(cases)), Additions())
-        (table,) = content["tables"]
+        (table,) = checks_content(replace(whole, cases=tuple(cases)), Additions())["tables"]
         assert (table["of"], [point for point, _ in table["rows"]]) == (2, words)
 
 
@@ -169,8 +168,7 @@ def test_the_report_carries_the_qualification_that_the_run_names(run):
         "the versions and on "
         "the machine of this run."
     )
-    content = qualification_content(evaluation, Additions())
-    assert content["holds"]
+    assert qualification_content(evaluation, Additions())["holds"]
 
 
 def test_a_continued_run_needs_no_qualification(run, tmp_path):

@@ -401,8 +401,7 @@ restarts = 0
 refinements = 0
 grid_points = 1000
 """)
-    done = sumo_eval.evaluate(tmp_path / "evaluation.toml", tmp_path / "run")
-    case = done.cases[-1].case
+    case = sumo_eval.evaluate(tmp_path / "evaluation.toml", tmp_path / "run").cases[-1].case
     exported = export_case(tmp_path / "run", case, tmp_path / "out")
     path = next(path for path in exported.paths if path.suffix == ".toml")
     repeated = sumo_eval.evaluate(path, tmp_path / "out" / "again")

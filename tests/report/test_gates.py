@@ -98,8 +98,7 @@ def test_limits_are_absolute_relative_or_of_the_value_itself(evaluation):
     for case in evaluation.cases:
         if case.index is not None:
             lower = with_case(lower, case, index=case.index - 0.05)
-    base = evaluation.score(builders.CALM, builders.SCENARIOS[0]).d
-    share = 100.0 * 0.05 / base
+    share = 100.0 * 0.05 / evaluation.score(builders.CALM, builders.SCENARIOS[0]).d
     for limit, passes in (
         (LimitSettings("D", worse_by=0.0501), True),
         (LimitSettings("D", worse_by=0.0499), False),

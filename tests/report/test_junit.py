@@ -166,6 +166,5 @@ def test_a_comparison_has_a_suite_of_gates_and_one_test_a_case(evaluation, tmp_p
 @pytest.mark.parametrize("text", ["\x00\x1b[31m", "]]><x>&", "\ud800", "line\nline"])
 def test_whatever_a_controller_says_the_file_stays_xml(evaluation, text, tmp_path):
     broken = next(case for case in evaluation.cases if case.status == "crashed")
-    other = with_case(evaluation, broken, error=text)
-    found = read(suites_of(other, tmp_path))
+    found = read(suites_of(with_case(evaluation, broken, error=text), tmp_path))
     assert found[f"{broken.ads} in {broken.scenario}"][point_words(broken.values)] == "error"

@@ -36,8 +36,7 @@ def test_the_lines_add_up_to_the_printed_scores(evaluation):
 
 
 def test_a_ledger_of_no_score_says_that_there_is_none(evaluation):
-    score = replace(evaluation.scores[0], s_plus=None, s=0.0)
-    found = Findings.of(evaluation, score)
+    found = Findings.of(evaluation, replace(evaluation.scores[0], s_plus=None, s=0.0))
     assert ledger_words(ledger_plus(found), 1) == "S+ is not computed"
     assert ledger_words(ledger(found), 1).startswith("S = ")
 

@@ -96,8 +96,7 @@ def replay_of_collision(evaluation, folder, beside=None):
 def test_a_replay_is_small_and_asks_for_nothing(evaluation, tmp_path):
     """The player is about 60 kB; one case of the hand-made evaluation adds less than the 14 kB a
     case may take."""
-    path = replay_of_collision(evaluation, tmp_path)
-    page = path.read_text()
+    page = replay_of_collision(evaluation, tmp_path).read_text()
     (data,) = page.split('id="replay-data">')[1].split("</script>")[:1]
     assert len(data) < 14_000
     # a name, no address

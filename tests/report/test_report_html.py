@@ -362,8 +362,7 @@ def test_the_report_names_the_slice_of_four_parameters(evaluation):
 
 def test_when_hardly_a_case_is_on_the_slice_all_are_projected(evaluation):
     rows = [[float(index % 11), float(index), 0.1 * index, 0.2 * index] for index in range(11)]
-    view = choose_view(space(4), points(evaluation, rows))
-    assert view.projected
+    assert choose_view(space(4), points(evaluation, rows)).projected
 
 
 def test_a_large_evaluation_reports_that_it_embeds_some_points(

@@ -21,8 +21,7 @@ def test_control_characters_of_an_ads_do_not_reach_the_terminal(evaluation):
 
 
 def test_closing_lines_say_what_the_table_cannot(evaluation):
-    lines = closing_lines(evaluation)
-    text = "\n".join(lines)
+    text = "\n".join(closing_lines(evaluation))
     without = [score for score in evaluation.scores if score.d is None]
     assert without
     for score in without:

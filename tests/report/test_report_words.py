@@ -67,8 +67,7 @@ def test_without_any_weight_every_collision_counts_the_same(evaluation):
 
 def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(evaluation):
     score = evaluation.score(builders.CALM, CUT_OUT)
-    rows = Findings.of(evaluation, score).cases
-    first = next(row for row in rows if row.collided)
+    first = next(row for row in Findings.of(evaluation, score).cases if row.collided)
     odd = replace(
         evaluation,
         cases=tuple(
@@ -107,8 +106,7 @@ def test_no_collision_is_said_as_such(evaluation):
 
 def test_d_names_the_factor_that_limits_it(evaluation):
     score = evaluation.score(builders.CALM, CUT_OUT)
-    means = Findings.of(evaluation, score).factor_means
-    assert means["operations"] == pytest.approx(0.5)
+    assert Findings.of(evaluation, score).factor_means["operations"] == pytest.approx(0.5)
     text = explain_d(Findings.of(evaluation, score))
     assert "limited most by the operations factor (mean 0.50; length 1.00" in text
     assert f"mean over {score.safe_cases} safe cases" in text

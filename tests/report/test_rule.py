@@ -215,8 +215,7 @@ def test_a_noisy_ads_is_evaluated_by_chance_alone(evaluation):
     noise = Noise({builders.CALM: NOISY})
     assert not judged(base, one, noise)
     assert [gate.quantity for gate in judged(base, every, noise)] == ["min_gap"]
-    floor = Noise({builders.CALM: Repeats(30, 0, {"min_gap": 0.7})})
-    assert not judged(base, every, floor)
+    assert not judged(base, every, Noise({builders.CALM: Repeats(30, 0, {"min_gap": 0.7})}))
 
 
 def test_too_few_cases_are_not_good_news(evaluation):
@@ -236,8 +235,7 @@ def test_parts_are_settings(evaluation):
 
 def test_only_improved_forgives_no_last_millimetre(evaluation):
     base = calm(evaluation, min_gap=0.9, min_ttc=9.0)
-    better = some(base, 1, min_gap=1.5)
-    assert only_improved(compare(base, better, SETTINGS), SETTINGS)
+    assert only_improved(compare(base, some(base, 1, min_gap=1.5), SETTINGS), SETTINGS)
     assert not only_improved(compare(base, base, SETTINGS), SETTINGS)
     mixed = some(some(base, 2, min_gap=0.899), 1, min_gap=1.5)
     assert not only_improved(compare(base, mixed, SETTINGS), SETTINGS)

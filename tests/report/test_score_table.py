@@ -63,8 +63,7 @@ def test_a_hundred_characters_hold_the_whole_first_table(evaluation):
 
 
 def test_all_prints_every_number_at_every_width(evaluation):
-    score = with_ads(evaluation, 1).scores[0]
-    cells = cells_of(score)
+    cells = cells_of(with_ads(evaluation, 1).scores[0])
     for width in (60, 100):
         text = click.unstyle(
             "\n".join(score_lines(with_ads(evaluation, 1), width, everything=True))

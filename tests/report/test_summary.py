@@ -22,8 +22,7 @@ def test_worst_case_of_the_best_ads_comes_first(evaluation):
         assert worst.ads == ads
         assert (worst.incident_severity or 0.0) > (worst.ideal_severity or 0.0)
     calm = [case for case in evaluation.cases if case.ads == builders.CALM and not case.incident]
-    safe = replace(evaluation, cases=tuple(calm))
-    least = worst_case(safe, [builders.CALM])
+    least = worst_case(replace(evaluation, cases=tuple(calm)), [builders.CALM])
     assert least.human_likeness == min(
         case.human_likeness for case in calm if case.human_likeness is not None
     )

@@ -93,5 +93,4 @@ grid_points = 1000
     done = sumo_eval.evaluate(tmp_path / "night.toml", tmp_path / "run")
     assert not done.cases_of("keeps", "cut_in_perceived").missing.any()
     points = np.array([[delay, 120.0, 30.0, 15.0, 40.0, 0.9] for delay in (0.0, 1.0)])
-    approach = logical.approach(logical.columns(points))
-    assert np.ptp(approach.gap) == 0.0
+    assert np.ptp(logical.approach(logical.columns(points)).gap) == 0.0

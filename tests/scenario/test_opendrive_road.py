@@ -128,8 +128,7 @@ def test_law_a_road_that_is_written_is_read_again(tmp_path):
     path.write_text(opendrive_xml(Road("bend", 500.0, 2, 3.5, 100.0, line=LINE)))
     read = read_opendrive(path)
     assert (read.lanes, read.lane_width) == (2, 3.5)
-    s = np.linspace(0.0, read.length, 500)
-    x, y, heading = map_places(read.line, s, 0.0)
+    x, y, heading = map_places(read.line, np.linspace(0.0, read.length, 500), 0.0)
     _, across, turned = frame_places(LINE, x, y, heading)
     assert np.abs(across).max() < 1e-5
     assert np.abs(turned).max() < 2e-5

@@ -257,8 +257,7 @@ def test_who_is_synchronized_is_there_on_time_with_the_final_speed(
     times = np.union1d(np.linspace(0.0, time, 20001), at[at <= time])
     speeds = np.interp(times, at, of)
     assert np.trapezoid(speeds, times) == pytest.approx(distance, abs=1e-3)
-    last = times >= time - steady / final + 1e-6
-    assert speeds[last] == pytest.approx(final)
+    assert speeds[times >= time - steady / final + 1e-6] == pytest.approx(final)
     assert speeds.min() >= 0.0
 
 
@@ -466,8 +465,7 @@ def test_drivers_that_know_only_leads_are_not_used_for_crossings(tmp_path):
     assert read_file(written(along, events=CUT_IN)).logical.has_drivers
     read = read_file(turning(across))
     assert not read.logical.has_drivers
-    content = scenario_content(read, {})
-    assert content["people"] == "none"
+    assert scenario_content(read, {})["people"] == "none"
 
 
 def test_an_ego_that_turns_behind_the_crossing_vehicle_passes(tmp_path):
@@ -496,8 +494,7 @@ def test_an_ego_that_turns_behind_the_crossing_vehicle_passes(tmp_path):
 def test_times_without_a_reference_do_not_count(tmp_path):
     """Version 1.0 asks every vertex for a time."""
     line = _line(_at(1, 70.0), _at(1, 90.0)).replace("<Vertex>", '<Vertex time="0">')
-    event = timed(_following(line), 0)
-    acts = acts_of(tmp_path, (' offset="0.25"', ""), events=event)
+    acts = acts_of(tmp_path, (' offset="0.25"', ""), events=timed(_following(line), 0))
     assert not any(act.table for act in acts)
 
 
@@ -1003,8 +1000,7 @@ def test_all_files_of_un_r157_play():
     files = sorted((ALKS / "concrete_scenarios").glob("alks_*_template.xosc"))
     assert len(files) == 15
     for file in files:
-        read = read_file(file)
-        assert [why for _, why in concrete_points(read)] == [None], file.name
+        assert [why for _, why in concrete_points(read_file(file))] == [None], file.name
 
 
 @needs_catalogues
@@ -1136,8 +1132,7 @@ def test_the_scenario_file_that_was_understood_says_the_same(tmp_path, events):
     """Everybody starts at the same place and does the same, by the scenario file as by the imported
     one."""
     read = read_file(written(tmp_path, events=events))
-    content = scenario_content(read, {})
-    write_scenario(content, tmp_path / "again.toml")
+    write_scenario(scenario_content(read, {}), tmp_path / "again.toml")
     theirs, again = read.logical.concrete(only=0.0), find("again.toml", tmp_path).concrete(only=0.0)
     assert (again.ego, again.ego_body, again.road, again.time_limit) == (
         theirs.ego, theirs.ego_body, theirs.road, theirs.time_limit

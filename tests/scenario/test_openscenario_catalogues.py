@@ -60,8 +60,7 @@ def test_a_catalogue_is_a_scenario_for_each_file_and_says_what_does_not_play(tmp
 @needs_catalogues
 def test_a_file_with_five_roads_is_five_scenarios():
     file = ALKS / "logical_scenarios" / "alks_scenario_4_1_2_swerving_lead_vehicle_variation.xosc"
-    entries = expanded((ScenarioSettings(str(file)),), Path())
-    spaces = [find(entry.use) for entry in entries]
+    spaces = [find(entry.use) for entry in expanded((ScenarioSettings(str(file)),), Path())]
     assert len({space.name for space in spaces}) == 5
     assert [space.road.bent for space in spaces] == [False, True, True, True, True]
     assert all(space.names == ("Ego_InitSpeed_Ve0_kph", "LeadVehicle_Model") for space in spaces)

@@ -146,8 +146,7 @@ EVENTS = {
 
 @pytest.mark.parametrize("sentence", EVENTS)
 def test_events_that_would_be_played_wrongly_are_refused(tmp_path, sentence):
-    path = written(tmp_path, events=EVENTS[sentence])
-    found = said(path)
+    found = said(written(tmp_path, events=EVENTS[sentence]))
     assert "scenario.xosc, line " in found
     assert re.search(sentence, found), found
 
@@ -277,8 +276,7 @@ def test_each_road_of_a_file_is_an_entry_in_any_folder(tmp_path):
     (folder / "road.xodr").write_text(f"<OpenDRIVE>{road}{long}</OpenDRIVE>")
     part = """<DeterministicSingleParameterDistribution parameterName="light"><DistributionSet>
     <Element value="0"/><Element value="1"/></DistributionSet></DeterministicSingleParameterDistribution>"""
-    text = VARIATION.format(file=path.name, parts=part)
-    (folder / "varied.xosc").write_text(text)
+    (folder / "varied.xosc").write_text(VARIATION.format(file=path.name, parts=part))
     use = "road=1/varied.xosc"
     entries = entries_of(ScenarioSettings(use=use), tmp_path)
     assert [entry.use for entry in entries] == [f"{use}?road=1", f"{use}?road=2"]
@@ -309,8 +307,7 @@ def test_an_event_is_found_by_the_path_to_it(tmp_path):
     """),
 )
 def test_a_time_begins_when_its_rule_changes(tmp_path, rule, edge):
-    when = '<SimulationTimeCondition value="4" rule="$light"/>'
-    events = timed(BRAKE, when)
+    events = timed(BRAKE, '<SimulationTimeCondition value="4" rule="$light"/>')
     path = written(tmp_path, events=events.replace('Edge="none"', f'Edge="{edge}"'))
     (other,) = only_case(change(path, '"day"', f'"{rule}"')).actors
     assert other.braking.begin == 4.0

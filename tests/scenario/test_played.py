@@ -35,8 +35,7 @@ def scene(*moves, zone="none", **vehicle):
 
 def way(logical, step=0.05, until=10.0, v=20.0):
     """Times and the lead's x, y, heading and speed, while the ego keeps its speed."""
-    found = tracks([logical.concrete(v=v)], [(4.5, 1.8)], step, until)
-    rows = found.others[0, 0]
+    rows = tracks([logical.concrete(v=v)], [(4.5, 1.8)], step, until).others[0, 0]
     return np.arange(len(rows)) * step, rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3]
 
 

@@ -65,8 +65,7 @@ def test_the_edge_moves_in_a_straight_line_over_the_taper():
 
 
 def test_the_seven_points_of_d_stay_on_the_road_where_a_lane_has_ended():
-    road = read().road
-    points = slice_points(np.array([200.0, 400.0]), np.array([3.5, 2.0]), road)
+    points = slice_points(np.array([200.0, 400.0]), np.array([3.5, 2.0]), read().road)
     assert points[0, :, 1].tolist() == [2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0]
     # behind the lane's end the road begins at y = 1.75: the three points to the right share 0.25 m
     assert points[1, :4, 1] == pytest.approx([1.75, 1.75 + 0.25 / 3, 1.75 + 0.5 / 3, 2.0])

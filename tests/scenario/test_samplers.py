@@ -134,8 +134,7 @@ def test_strength_3_of_five_factors_of_five_holds_all_1250_triples_and_pairwise_
 
 
 def test_the_fast_count_of_tuples_is_the_plain_one():
-    levels = np.array([[0, 1, 2], [1, 1, 0], [0, 1, 0]])
-    codes = tuples_of(levels, [2, 2, 3], 2)
+    codes = tuples_of(np.array([[0, 1, 2], [1, 1, 0], [0, 1, 0]]), [2, 2, 3], 2)
     # axes 0, 1: (0,1) (1,1) (0,1); axes 0, 2: (0,2) (1,0) (0,0); axes 1, 2: (1,2) (1,0) (1,0)
     assert [len(set(code.tolist())) for code in codes] == [2, 3, 2]
 

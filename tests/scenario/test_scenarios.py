@@ -165,8 +165,7 @@ def test_a_prescribed_ego_body_and_time_limit_take_the_settings_place():
     assert inside.time_limit == 35.0
     assert concrete.simulation(SimulationSettings(time_limit=5.0)).time_limit == 5.0
     assert concrete.simulation(inside) == inside
-    plain = CUT_OUT.concrete(**GOOD)
-    assert plain.simulation(given) == given
+    assert CUT_OUT.concrete(**GOOD).simulation(given) == given
 
 
 MATRIX = Path(__file__).parents[3] / "shared" / "data" / "r157" / "ncap_c2c_matrix.csv"
@@ -420,8 +419,7 @@ def test_law_braking_never_reverses_and_the_distance_is_the_integral_of_the_spee
     x, v = np.array([motion.braked(brake, speed, time)[:2] for time in times.tolist()]).T
     assert np.all(v >= 0.0)
     assert np.all(np.diff(v) <= 1e-12)
-    integral = cumulative_trapezoid(v, times, initial=0.0)
-    assert np.abs(x - integral).max() <= 1e-3
+    assert np.abs(x - cumulative_trapezoid(v, times, initial=0.0)).max() <= 1e-3
 
 
 @pytest.mark.parametrize(

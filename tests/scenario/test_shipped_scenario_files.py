@@ -240,8 +240,7 @@ def test_the_zones_of_a_cut_in_see_closing_speed_and_the_gap_left():
         ("ego_speed", "cut_in_speed", "gap", "lateral_speed"), (30.0, 10.0, 60.0, 0.8),
         strict=True)}  # fmt: skip
     for use in ("cut_in", "cut_in?lateral_acceleration=1.5"):
-        coordinates = catalogue.load(use).zone_coordinates
-        closing, left = coordinates.of(point)
+        closing, left = catalogue.load(use).zone_coordinates.of(point)
         assert closing.tolist() == [20.0]
         assert left == pytest.approx(np.tanh(20.0 / 100.0), rel=1e-14)
 

@@ -23,8 +23,7 @@ def games():
 def test_law_no_game_scores_as_much_as_an_ads_that_ships(games, tmp_path):
     """At some Sobol points of one scenario. Giving up is below the car that it drives like."""
     few = games.evaluation({"front_vehicle_cut_out": 3}, games.entries(), drivers=2, workers=1)
-    done = sumo_eval.evaluate(few, tmp_path / "run")
-    table = games.table(done).set_index("ADS")
+    table = games.table(sumo_eval.evaluate(few, tmp_path / "run")).set_index("ADS")
     plus, names = table["S+"], {game.__name__ for game in games.GAMES}
     worst = plus[[name for name in SHIPPED if name not in NO_ORDER]].min()
     assert plus[sorted(names - GIVING_UP)].max() < worst

@@ -152,8 +152,7 @@ def test_facts_that_changed_without_a_trace_are_found_on_reading(done, copy):
 
 
 def test_a_report_that_is_there_is_not_made_again_and_an_edited_one_is(copy):
-    done = sumo_eval.score(copy)
-    path = write_assessed_report(done)
+    path = write_assessed_report(sumo_eval.score(copy))
     first = path.stat().st_mtime_ns, path.read_text()
     write_assessed_report(sumo_eval.score(copy))
     assert path.stat().st_mtime_ns == first[0]

@@ -103,8 +103,7 @@ def test_h_and_s_plus_are_those_of_the_case_table(both, ads):
     terms."""
     score = both.score(ads, CUT_OUT)
     safe = [case for case in rows(both, ads) if case.zone == "safe"]
-    struck = [case for case in safe if case.collided]
-    assert bool(struck) == (ads == "no_reaction")
+    assert bool([case for case in safe if case.collided]) == (ads == "no_reaction")
     likeness = []
     for case in safe:
         if case.collided:

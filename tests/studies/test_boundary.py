@@ -32,8 +32,7 @@ def test_a_slice_is_the_scenario_with_parameters_held():
     )
     assert (held.ego, held.actors, held.road) == (free.ego, free.actors, free.road)
     points = sample(at_25, levels=5).points
-    full = np.column_stack([np.full(len(points), 25.0), points])
-    assert CUT_OUT.feasible(full).all()
+    assert CUT_OUT.feasible(np.column_stack([np.full(len(points), 25.0), points])).all()
     assert slice_of(CUT_OUT, {}) is CUT_OUT
     for fixed, sentence in (
         ({"ego_sped": 25.0}, "Did you mean `ego_speed`?"),

@@ -33,7 +33,6 @@ def two_hills():
 
     def gap(values):
         first = np.hypot(values["x"] - 30, values["y"] - 40) - 25
-        second = np.hypot(values["x"] - 80, values["y"] - 70) - 10
-        return 45.102 + np.minimum(first, second)
+        return 45.102 + np.minimum(first, np.hypot(values["x"] - 80, values["y"] - 70) - 10)
 
     return space([("x", 0.0, 100.0, 10.0), ("y", 0.0, 100.0, 10.0)], gap)

@@ -167,8 +167,7 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan, tm
     # the drive, and its question
     assert [it for it in titles if it.startswith("Drive ")].count("Drive 1 of 2") == 2
     take_part(plan, "P02", leaves_at=9)
-    begun = participants(plan)[1]
-    assert not [step for step in begun.done if step.startswith("drive:")]
+    assert not [step for step in participants(plan)[1].done if step.startswith("drive:")]
     assert "Before you begin" not in take_part(plan, "P02")  # what was done is done
     # of the practice; who comes back goes on there
     assert "Thank you" in take_part(plan, "P03", stops_at="Well done")

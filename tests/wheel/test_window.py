@@ -252,8 +252,7 @@ def test_a_drive_through_the_window_is_the_same_driver_at_the_door_to_the_bit(pa
     assert max(recording.ego.y) > 3.0
     assert digest(recording) == digest(door)
     assert again(path).same is True
-    tape = read_tape(path)
-    assert all(row[2] == step for step, row in enumerate(tape.rows))
+    assert all(row[2] == step for step, row in enumerate(read_tape(path).rows))
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines[:30], *lines[31:]]) + "\n")
     assert again(path).same is False
@@ -314,8 +313,7 @@ def test_no_ads_can_end_its_case_by_quitting():
 
 def test_a_tape_that_broke_off_can_be_driven_and_one_that_was_never_a_tape_cannot(path):
     finish(path, 8)
-    lines = path.read_text().splitlines()
-    path.write_text("\n".join(lines[:6]) + "\n[0.1,0.0,5")
+    path.write_text("\n".join(path.read_text().splitlines()[:6]) + "\n[0.1,0.0,5")
     found = again(path)
     assert found.same is None
     assert "(quit) broke off" in found.sentence

@@ -177,8 +177,7 @@ def test_an_interval_of_a_mean_is_students():
 
 
 def test_an_even_sample_of_a_smooth_score_has_a_narrower_interval_than_one_by_chance():
-    unit = np.linspace(0.0, 1.0, 60)[:, None]
-    even = intervals(judged(), strata(unit, "sobol"))
+    even = intervals(judged(), strata(np.linspace(0.0, 1.0, 60)[:, None], "sobol"))
     assert half(even.limits["d"]) < 0.15 * half(intervals(judged()).limits["d"])
 
 
@@ -256,8 +255,7 @@ def test_fewer_points_than_three_prove_nothing():
 def test_unseen_collisions_never_lift_the_lower_end_and_seen_ones_stay_inside(count):
     hit = np.arange(60) % (60 // count) == 0
     low, high = intervals(judged(**hits(hit, 0.0))).limits["avoided_share"]
-    share = 1.0 - hit.sum() / 60.0
-    assert low < share <= high
+    assert low < 1.0 - hit.sum() / 60.0 <= high
     assert low < intervals(judged()).limits["avoided_share"][0]
 
 

@@ -183,8 +183,7 @@ def test_without_people_h_counts_0_and_without_a_task_a_scenario_has_no_part():
     assert ranking.ads[0].s_plus == pytest.approx(ranking.ads[0].a_points + ranking.ads[0].h_points)
     assert ranking.pair("a", "bb").difference == pytest.approx(5.0)
     assert "no task, so no S+, in u; H counts 0, without people, in t" in ranking_lines(ranking)[0]
-    nowhere = rank(three, more, RankingSettings())
-    assert [row.place for row in nowhere.ads] == [None, None]
+    assert [row.place for row in rank(three, more, RankingSettings()).ads] == [None, None]
 
 
 def test_missing_cases_move_both_ends_on_and_keep_two_ads_from_being_told_apart():

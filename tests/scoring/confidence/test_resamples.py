@@ -94,8 +94,7 @@ def balanced(counts, groups, unit):
 def even_sample(n=64):
     unit = np.column_stack([(np.arange(n) + 0.5) / n, np.arange(n) * 0.618034 % 1.0])
     groups = strata(unit, "sobol")
-    counts = draw_counts(groups, 4_000, np.random.default_rng(1))
-    return unit, groups, counts
+    return unit, groups, draw_counts(groups, 4_000, np.random.default_rng(1))
 
 
 def test_replicates_of_an_even_sample_have_the_mean_place_of_its_points():

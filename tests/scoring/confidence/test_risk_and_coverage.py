@@ -91,8 +91,7 @@ def test_a_space_as_narrow_as_its_points_is_covered():
 
 
 def test_pairs_that_no_point_can_have_are_not_missing():
-    zones = partition(LOW_SPEED)
-    covered = space_coverage(zones, sample(LOW_SPEED).points)
+    covered = space_coverage(partition(LOW_SPEED), sample(LOW_SPEED).points)
     # ego_speed 10..14 with lead_speed 16..20 does not exist: the lead is slower
     assert covered.pairs[0].counts[4, 0] == -1.0
     assert covered.boundary_resolved is None
@@ -106,8 +105,7 @@ def test_further_cases_go_where_neighbours_differ():
     assert LOW_SPEED.feasible(found.points).all()
     assert (found.points[:, 0] > 21.0).all()
     assert 0.5 < found.shrink < 1.0
-    more = further_cases(LOW_SPEED, points, influence, 60)
-    assert more.shrink < found.shrink
+    assert further_cases(LOW_SPEED, points, influence, 60).shrink < found.shrink
 
 
 def test_where_all_cases_agree_further_ones_tell_nothing():
