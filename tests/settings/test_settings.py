@@ -2,8 +2,11 @@
 itself."""
 
 import dataclasses
+import hashlib
 import json
 import re
+import tomllib
+from dataclasses import fields
 from functools import partial
 from typing import get_args, get_origin, get_type_hints
 
@@ -19,6 +22,7 @@ from sumo_eval.settings import (
     Checked,
     DriverSettings,
     FieldSettings,
+    PopulationSettings,
     SamplingSettings,
     ScoreSettings,
     SimulationSettings,
@@ -26,7 +30,7 @@ from sumo_eval.settings import (
     ZoneSettings,
     about,
 )
-from sumo_eval.settings.config import settings_from
+from sumo_eval.settings.config import SUITES, settings_from
 
 CLASSES = [
     c
@@ -199,3 +203,57 @@ def test_names_given_in_python_are_cleaned_as_those_of_a_file_are_refused():
     scenario = settings_module.ScenarioSettings("cut_in", settings_module.SamplingSettings(count=1))
     evaluation = settings_module.EvaluationSettings("a\nb\x00", (scenario,), (ads,))
     assert evaluation.name == r"a b\x00"
+
+
+# --- a frozen suite brings its scenarios, seed and drivers ----------------------------------------
+
+
+FROZEN = {"2026.1": "f660e94226140e0c", "2026.2": "f0090414fbbef5c5"}
+
+
+def asked(**more):
+    ads = [{"name": "idm", "controller": "idm"}]
+    return {"name": "mine", "scenario": [{"use": "suite:2026.1"}], "ads": ads, **more}
+
+
+def test_a_suite_brings_its_scenarios_seed_and_drivers():
+    settings = settings_from(asked(), "here")
+    assert [one.use for one in settings.scenario] == [
+        "front_vehicle_low_speed", "front_vehicle_cut_out", "front_vehicle_braking", "cut_in",
+    ]  # fmt: skip
+    assert (settings.seed, settings.drivers.count) == (20261, 6)
+    assert settings_from(asked(scenario=({"use": "suite:2026.1"},)), "here") == settings
+    assert settings.drivers.population == PopulationSettings(0.771, 1.0, 1.0, 1.0, "recorded")
+
+
+def test_a_suite_says_everything_of_its_drivers_so_that_no_default_moves_its_scores():
+    for path in SUITES.glob("*.toml"):
+        said = tomllib.loads(path.read_text())["drivers"]["population"]
+        assert set(said) == {item.name for item in fields(PopulationSettings)}, path.name
+
+
+@pytest.mark.parametrize(
+    "more, sentence",
+    rows_of(
+        """
+{"seed": 2} | `seed` in here is fixed by the suite
+{"drivers": {"count": 3}} | `drivers` in here is fixed
+{"method": {"score": {"a": 60.0}}} | `method` in here is fixed
+{"scenario": [{"use": "suite:2026.1"}, {"use": "cut_in"}]} | stands alone
+{"scenario": [{"use": "suite:2026.1", "sampling": {"levels": 2}}]} | stands alone
+{"scenario": [{"use": "suite:2025.1"}]} | Unknown suite `2025.1`
+""",
+        json.loads,
+    ),
+)
+def test_nothing_about_a_suite_can_be_changed(more, sentence):
+    with refusal(sentence):
+        settings_from(asked(**more), "here")
+
+
+def test_suites_are_frozen():
+    found = {
+        path.stem: hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+        for path in SUITES.glob("*.toml")
+    }
+    assert found == FROZEN
