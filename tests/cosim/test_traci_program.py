@@ -10,6 +10,7 @@ from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.traci_program import sumo_binary
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
+from sumo_eval.scenario.catalogue import load
 from sumo_eval.settings import SimulationSettings
 
 try:
@@ -41,23 +42,33 @@ except traci.FatalTraCIError:
 """
 
 
-def run(folder, text, settings=HALF_SECOND, step_timeout=10.0):
+BEHIND = case(lead(60.0, speed=10.0))
+AT_THE_LANES_END = load("lane_drop").concrete(
+    ego_speed=24.0, other_speed=24.0, offset=-15.0, other_acceleration=0.0
+)
+
+
+def run(folder, text, settings=HALF_SECOND, step_timeout=10.0, concrete=BEHIND):
     (folder / "client.py").write_text(text)
     locator = f"traci:{sys.executable} client.py"
-    return simulate(
-        case(lead(60.0, speed=10.0)), locator, settings, folder=folder, step_timeout=step_timeout
-    )
+    return simulate(concrete, locator, settings, folder=folder, step_timeout=step_timeout)
 
 
-def test_a_client_and_the_same_script_in_process_make_the_same_recording(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "concrete, limit, slowest", [(BEHIND, 9.0, 15.0), (AT_THE_LANES_END, 60.0, 24.1)]
+)
+def test_a_client_and_the_same_script_in_process_make_the_same_recording(
+    tmp_path, monkeypatch, concrete, limit, slowest
+):
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "the_drive.py").write_text(DRIVE)
-    settings = SimulationSettings(time_limit=9.0)
-    there = run(tmp_path, CLIENT, settings)
-    here = simulate(case(lead(60.0, speed=10.0)), "the_drive.py:step", settings, folder=tmp_path)
+    settings = SimulationSettings(time_limit=limit)
+    there = run(tmp_path, CLIENT, settings, concrete=concrete)
+    here = simulate(concrete, "the_drive.py:step", settings, folder=tmp_path)
     assert (there.end_reason, there.error, there.clips) == (here.end_reason, None, here.clips)
-    assert here.ego.speed[-1] < 15.0  # it did brake
-    for one, two in ((there.ego, here.ego), (there.actors["lead"], here.actors["lead"])):
+    assert here.ego.speed[-1] < slowest  # below 15 m/s it did brake
+    (name,) = here.actors
+    for one, two in ((there.ego, here.ego), (there.actors[name], here.actors[name])):
         for channel in ("time", "x", "y", "heading", "speed", "acceleration"):
             assert getattr(one, channel).tolist() == getattr(two, channel).tolist()
     assert there.controller_latency[0] > 0.0

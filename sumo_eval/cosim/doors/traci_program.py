@@ -115,7 +115,8 @@ class ServedSimulation:
     _relay: Relay
 
     def __post_init__(self) -> None:
-        self.vehicle, self.simulation = self._connection.vehicle, self._connection.simulation
+        sumo = self._connection
+        self.vehicle, self.lane, self.simulation = sumo.vehicle, sumo.lane, sumo.simulation
         self.TraCIException, self.FatalTraCIError = TraCIException, FatalTraCIError
 
     def begin(self) -> None:
