@@ -1,5 +1,5 @@
-"""Common parts of the baselines of UN Regulation No. 157: brakes that build up, headways along
-and across.
+"""Common parts of the baselines of UN Regulation No. 157 and of `lane_changer`: brakes that build
+up, headways along and across, sight, foresight.
 """
 
 from __future__ import annotations

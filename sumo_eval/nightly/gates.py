@@ -50,7 +50,8 @@ def judge(
             continue
         beside = compared.get((score.ads, score.scenario))
         if limit.quantity in QUANTITIES:
-            results += _judge(limit, score, beside, settings.confidence)
+            unit = new.settings.method.collision.regret_unit if limit.quantity == "regret" else ""
+            results += _judge(limit, score, beside, settings.confidence, unit)
         else:
             results += _judge_cases(limit, score, new, beside)
     return in_order([*results, *_without_cases(new, settings)], {})
@@ -73,11 +74,16 @@ def _without_cases(new: Evaluation, settings: GateSettings) -> Iterator[GateResu
 
 
 def _judge(
-    limit: LimitSettings, score: ScenarioResult, part: AdsComparison | None, confidence: float
+    limit: LimitSettings,
+    score: ScenarioResult,
+    part: AdsComparison | None,
+    confidence: float,
+    unit: str,
 ) -> Iterator[GateResult]:
     """Every bound of a limit on a number of an ADS in a scenario.
 
     part: comparison of the ADS in the scenario; None without a base.
+    unit: of the number, after a space, or empty.
     """
     quantity = limit.quantity
     why = "there is no base to compare with"
@@ -95,8 +101,8 @@ def _judge(
     for bound, sign, words in ((limit.at_least, 1.0, "least"), (limit.at_most, -1.0, "most")):
         if bound is None:
             continue
-        got = "not computed" if value is None or np.isnan(value) else _number(quantity, value)
-        sentence = f"{quantity} is {got}; it must be at {words} {bound:g}"
+        got = "not computed" if value is None or np.isnan(value) else _number(quantity, value, unit)
+        sentence = f"{quantity} is {got}; it must be at {words} {bound:g}{unit}"
         # beyond the bound by no more than the tolerance, a share of the bound
         ok = value is not None and sign * (value - bound) >= -limit.tolerance * max(1.0, abs(bound))
         keys, worst = ((), ()) if ok or value is None else _worst(quantity, part)
@@ -113,27 +119,27 @@ def _judge(
             worst,
             own=quantity not in OF_THE_COMPARISON,
         )
-    for bound, unit in ((limit.worse_by, ""), (limit.worse_by_percent, " %")):
+    for bound, percent in ((limit.worse_by, ""), (limit.worse_by_percent, " %")):
         if bound is None:
             continue
         if part is None:
             yield without_base(value=value)
         else:
-            yield _judge_change(limit, score, part, (bound, unit), confidence)
+            yield _judge_change(limit, score, part, (bound, percent, unit), confidence)
 
 
 def _judge_change(
     limit: LimitSettings,
     score: ScenarioResult,
     part: AdsComparison,
-    bound: tuple[float, str],
+    bound: tuple[float, str, str],
     confidence: float,
 ) -> GateResult:
     """Compare with the base: a number may become worse only so much.
 
-    bound: how much worse, and its unit: ` %` of the base's value, or empty.
+    bound: how much worse; ` %` of the base's value, or empty; unit of the quantity.
     """
-    quantity, (most, unit) = limit.quantity, bound
+    quantity, (most, percent, unit) = limit.quantity, bound
     result = partial(GateResult, quantity, score.ads, score.scenario)
     if quantity in part.quantities:
         change = part.quantities[quantity]
@@ -144,13 +150,13 @@ def _judge_change(
         never = f"{quantity} was not computed in the base, so it cannot have become worse"
         return result(True, never, change.new)
     if change.new is None:
-        was, why = _number(quantity, change.base), _why_missing(quantity, score)
+        was, why = _number(quantity, change.base, unit), _why_missing(quantity, score)
         return result(False, f"{quantity} was {was} and is not computed any more: {why}")
     if change.difference is None:
         return result(None, f"{quantity} has another unit in the base", change.new)
 
     sign = 1.0 if quantity in HIGHER_IS_BETTER else -1.0
-    allowed = abs(change.base) * most / 100.0 if unit else most
+    allowed = abs(change.base) * most / 100.0 if percent else most
     slack = limit.tolerance * max(1.0, abs(change.base))
     excused = limit.only_if_certain and not change.certain
     ok = excused or sign * (change.base - change.new) <= allowed + slack
@@ -161,12 +167,12 @@ def _judge_change(
 
 
 def _change_words(
-    limit: LimitSettings, change: QuantityChange, bound: tuple[float, str], confidence: float
+    limit: LimitSettings, change: QuantityChange, bound: tuple[float, str, str], confidence: float
 ) -> str:
     """`S went from 60.0 to 55.0; it may fall by at most 2 %`."""
-    quantity, (most, unit) = limit.quantity, bound
-    before = _number(quantity, change.base)
-    moved = f"went from {before} to {_number(quantity, change.new)}"
+    quantity, (most, percent, unit) = limit.quantity, bound
+    before, after = (_number(quantity, value, unit) for value in (change.base, change.new))
+    moved = f"went from {before} to {after}"
     if change.low is not None and change.high is not None:
         moved += (
             f", difference within {change.low:+z.4g} to {change.high:+z.4g} ({confidence:z.0%})"
@@ -175,7 +181,7 @@ def _change_words(
         moved = f"is {before} as in the base"
 
     way = "fall" if quantity in HIGHER_IS_BETTER else "rise"
-    asked = f"it may {way} by at most {most:g}{unit}" if most else f"it must not {way}"
+    asked = f"it may {way} by at most {most:g}{percent or unit}" if most else f"it must not {way}"
     if limit.only_if_certain:
         larger = "a larger" if most else "a"
         asked += f"; {larger} {way} counts only where the interval leaves out 0"
@@ -207,10 +213,9 @@ def _worst(
     )
 
 
-def _number(quantity: str, value: float | None) -> str:
-    if quantity in SCORES:
-        return number(value, 1 + SCORES[quantity][1])
-    return number(value, 6 if quantity == "collision_probability" else 0)
+def _number(quantity: str, value: float | None, unit: str) -> str:
+    digits = 6 * (quantity == "collision_probability")
+    return number(value, 1 + SCORES[quantity][1] if quantity in SCORES else digits) + unit
 
 
 # --- columns of cases.csv -------------------------------------------------------------------------

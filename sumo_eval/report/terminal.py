@@ -323,7 +323,9 @@ def _unjudged_lines(gates: Sequence[GateResult]) -> Iterator[str]:
 
 
 def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
-    """`71.20 -> 70.10, -1.10 (95% interval of the difference: -2.00 to -0.40)`."""
+    """`71.20 -> 70.10, -1.10 (95% interval of the difference: -2.00 to -0.40)`; without an
+    interval `71.20 -> 70.10`; `71.20, unchanged`; `not computed in either run`.
+    """
     # one digit more than the table has
     digits = 1 + (SCORES[name][1] if name in SCORES else 3)
     old, new = (
