@@ -68,11 +68,7 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
 @path_option("--out",
               help="Folder for campaign.html and campaign.json (default: "
                    "results/CAMPAIGN-TIME).")  # fmt: skip
-@click.option(
-    "--budget",
-    type=click.IntRange(40, 1_000_000),
-    help="Drives of an ADS in a scenario, instead of the file's.",
-)
+@count_option("--budget", help="Drives of an ADS in a scenario, instead of the file's.")
 @count_option("--workers", help="Processes that simulate, instead of the file's.")
 def campaign(file: Path, out: Path | None, budget: int | None, workers: int | None) -> None:
     """Estimate collisions per million km of the ADSs of CAMPAIGN.toml, with intervals.
@@ -85,10 +81,11 @@ def campaign(file: Path, out: Path | None, budget: int | None, workers: int | No
     from sumo_eval.extras.rates.campaign_page import lost_words, sentences, write_campaign
 
     settings = read_campaign(file)
-    if budget is not None:
-        settings = replace(settings, budget=budget)
-    if workers is not None:
-        settings = replace(settings, run=replace(settings.run, workers=workers))
+    settings = replace(
+        settings,
+        budget=budget or settings.budget,
+        run=replace(settings.run, workers=workers or settings.run.workers),
+    )
     out = out or out_folder.default(settings.name)
     out_folder.ready(out)
     with Progress() as progress:
