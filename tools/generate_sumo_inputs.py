@@ -14,7 +14,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
+from sumo_eval.cosim.sumo.sumo_files import case_files
 from sumo_eval.scenario.catalogue import SCENARIOS, load
 from sumo_eval.scenario.sampling.samples import central_point
 from sumo_eval.settings import SimulationSettings
@@ -29,17 +29,9 @@ def sumo_inputs() -> dict[str, str]:
     files: dict[str, str] = {}
     for logical in map(load, SCENARIOS):
         concrete = logical.concretes(central_point(logical)[None])[0]
-        network, routes = f"{logical.road.name}.net.xml", f"{logical.name}.rou.xml"
-        view = f"{logical.road.name}.view.xml"
-        configuration = configuration_xml(
-            f"../networks/{network}", routes, settings.step,
-            lane_change_duration=settings.lane_change_duration, view=f"../networks/{view}",
-        )  # fmt: skip
-        files[f"networks/{view}"] = view_xml(logical.road)
-        files[f"networks/{network}"] = network_xml(logical.road)
-        vehicle = concrete.simulation(settings).vehicle
-        files[f"routes/{routes}"] = routes_xml(concrete, vehicle, origin=ORIGIN)
-        files[f"routes/{logical.name}.sumocfg"] = configuration
+        files |= case_files(
+            concrete, settings, f"networks/{logical.road.name}", f"routes/{logical.name}", ORIGIN
+        )
     return files
 
 

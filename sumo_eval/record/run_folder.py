@@ -133,7 +133,7 @@ def _sumo_inputs(
 ) -> dict[str, str]:
     """Text of SUMO's input files of each example, by path in the run folder."""
     # imported here: what only reads a run needs nothing of `cosim`
-    from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
+    from sumo_eval.cosim.sumo.sumo_files import case_files, network_xml
 
     inputs = dict[str, str]()
     for concrete in examples:
@@ -141,20 +141,9 @@ def _sumo_inputs(
         # scenarios share a network, unless another scenario has another road of that name
         if inputs.get(f"networks/{name}.net.xml", road) != road:
             name = f"{name}_of_{concrete.scenario}"
-        network, view = f"{name}.net.xml", f"{name}.view.xml"
-        routes = f"{concrete.scenario}.rou.xml"
-        inputs |= {
-            f"networks/{network}": road,
-            f"networks/{view}": view_xml(concrete.road),
-            f"routes/{routes}": routes_xml(concrete, concrete.simulation(simulation).vehicle),
-            f"routes/{concrete.scenario}.sumocfg": configuration_xml(
-                f"../networks/{network}",
-                routes,
-                simulation.step,
-                lane_change_duration=simulation.lane_change_duration,
-                view=f"../networks/{view}",
-            ),
-        }
+        inputs |= case_files(
+            concrete, simulation, f"networks/{name}", f"routes/{concrete.scenario}"
+        )
     return inputs
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
-from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
+from sumo_eval.cosim.sumo.sumo_files import case_files
 from sumo_eval.record import run_folder
 from sumo_eval.record.store import Fact, open_store
 from sumo_eval.report.explain import known_case
@@ -50,22 +50,13 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
         driven = store.trajectories(case) if started else None
     entry, logical = next(named for named in resolved.entries if named[1].name == fact.scenario)
     concrete = replace(logical.concrete(**fact.values), exposure=fact.exposure)
-    simulation = concrete.simulation(settings.simulation)
     stem = file_stem(case)
-    road, view = f"{concrete.road.name}.net.xml", f"{concrete.road.name}.view.xml"
     alone = _evaluation(settings, fact, entry, source, f"{stem}.csv")
     line = f"{_importing(alone, source)}sumo-eval run {stem}.toml --out again"
-    texts = {
-        road: network_xml(concrete.road),
-        view: view_xml(concrete.road),
-        f"{stem}.rou.xml": routes_xml(
-            concrete, simulation.vehicle, origin=f"{stem}.toml beside this file drives the whole "
-                                                 "case again."
-        ),
-        f"{stem}.sumocfg": configuration_xml(
-            road, f"{stem}.rou.xml", simulation.step,
-            lane_change_duration=simulation.lane_change_duration, view=view,
-        ),
+    texts = case_files(
+        concrete, settings.simulation, concrete.road.name, stem,
+        origin=f"{stem}.toml beside this file drives the whole case again.",
+    ) | {
         f"{stem}.xodr": opendrive_xml(concrete.road),
         f"{stem}.xosc": openscenario_xml(
             concrete, settings.simulation, f"{stem}.xodr", f"Run again: {line}", driven

@@ -90,8 +90,6 @@ def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> dict[str,
     places = {name: len(trajectories) + index for index, name in enumerate(vehicles)}
     trajectories += vehicles.values()
     hit = contact_of(fact, vehicles[EGO])
-    if hit is not None and fact.collision is not None:
-        hit["speed"] = round(fact.collision.relative_speed, 3)
     return {"name": fact.driver, "vehicles": places, "contact": hit}
 
 

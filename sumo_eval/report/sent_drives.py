@@ -188,8 +188,8 @@ def worth_embedding(
 def contact(
     hit: Collision | None, ego: Trajectory | None, last: float | None = None
 ) -> dict[str, Any] | None:
-    """Contact as the replay shows it: name of the other vehicle, touched side, and, in s since the
-    recording began, its time and the last moment.
+    """Contact as the replay shows it: name of the other vehicle, touched side, relative speed, m/s,
+    and, in s since the recording began, its time and the last moment.
 
     last: the last moment at which full braking avoids it, s.
     """
@@ -198,7 +198,10 @@ def contact(
     time, last = (
         None if it is None else round(it - float(ego.time[0]), 4) for it in (hit.time, last)
     )
-    return {"time": time, "last": last, "other": hit.other, "side": hit.side}
+    return {
+        "time": time, "last": last, "other": hit.other, "side": hit.side,
+        "speed": round(hit.relative_speed, 3),
+    }  # fmt: skip
 
 
 def contact_of(fact: Fact, ego: Trajectory) -> dict[str, Any] | None:

@@ -13,6 +13,7 @@ import re
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from posixpath import dirname, relpath
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from sumo_eval.scenario.bodies import BODIES, CAR
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.scenario.road.reference_line import curvatures, drawn_points, map_places, tightest
 from sumo_eval.scenario.sumo_network import laid_along_x
-from sumo_eval.settings import VehicleSettings
+from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray
 
 EGO = "ego"
@@ -528,6 +529,28 @@ def view_xml(road: Road) -> str:
     middle = (road.left_edge + road.right_edge) / 2
     viewport = E.viewport(zoom=f"{zoom:g}", x=f"{VIEW_LENGTH / 2:g}", y=f"{middle:g}")
     return document(E.viewsettings(viewport, E.delay(value="50")))
+
+
+def case_files(
+    concrete: ConcreteScenario, settings: SimulationSettings, network: str, routes: str,
+    origin: str = "",
+) -> dict[str, str]:  # fmt: skip
+    """The files that open a case in sumo-gui, by path: network, view, routes, configuration.
+
+    network, routes: paths of the network and of the routes, without their endings; the view is
+        beside the network, the configuration beside the routes.
+    origin: as of `routes_xml`.
+    """
+    paths = f"{network}.net.xml", f"{routes}.rou.xml", f"{network}.view.xml"
+    net, rou, view = (relpath(path, dirname(routes)) for path in paths)
+    return {
+        paths[0]: network_xml(concrete.road),
+        paths[2]: view_xml(concrete.road),
+        paths[1]: routes_xml(concrete, concrete.simulation(settings).vehicle, origin=origin),
+        f"{routes}.sumocfg": configuration_xml(
+            net, rou, settings.step, lane_change_duration=settings.lane_change_duration, view=view
+        ),
+    }
 
 
 def configuration_xml(

@@ -70,14 +70,11 @@ def replay(
     name: how the player calls the drive.
     vehicles: trajectories by name; that of the ego is `ego`.
     """
-    hit = contact(collision, vehicles[EGO])
-    if hit and collision:
-        hit["speed"] = round(collision.relative_speed, 3)  # m/s, shown at the contact
     return {
         "channels": CHANNEL_STEPS, "road": drawn_road(concrete.road),
         "bodies": drawn_bodies(concrete),
         "views": [{"name": name, "vehicles": {it: k for k, it in enumerate(vehicles)},
-            "contact": hit}],
+            "contact": contact(collision, vehicles[EGO])}],
         "trajectories": encode_trajectories(list(vehicles.values())),
     }  # fmt: skip
 
