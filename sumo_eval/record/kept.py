@@ -8,6 +8,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Mapping
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -54,14 +55,10 @@ class KeptRecording(NamedTuple):
 
 def keep(recording: Recording) -> KeptRecording:
     """The recording as it is stored; its error and its log stand in the outcome."""
+    drives = {EGO: recording.ego, **recording.actors}
     return KeptRecording(
-        {name: packed(drive) for name, drive in {EGO: recording.ego, **recording.actors}.items()},
-        recording.collision,
-        recording.end_reason,
-        recording.clips,
-        recording.controller_latency,
-        recording.wall_time,
-        recording.simulated_time,
+        {name: packed(drive) for name, drive in drives.items()},
+        *attrgetter(*KeptRecording._fields[1:])(recording),
     )
 
 

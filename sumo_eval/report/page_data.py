@@ -263,16 +263,16 @@ def drawn_shape(road: Road) -> dict[str, Any]:
     solid = []
     last = road.length + road.run_out
     for span in road.spans:
-        # x, m, at which the lane begins to widen, is open, begins to narrow and is gone; inf: never
-        (opens, is_open), (closes, is_gone) = span.places[:2], span.places[2:]
+        # x, m, at which the lane begins to widen and is open, begins to narrow and is gone; inf:
+        # never
+        opening, closing = span.places[:2], span.places[2:]
         middle, half = road.lane_centre(span.lane), 0.5 * road.lane_width
         outer, inner = (
             (middle - half, middle + half) if span.lane == 0 else (middle + half, middle - half)
         )
-        if math.isfinite(is_open):
-            gone.append([[0.0, outer], [0.0, inner], [opens, inner], [is_open, outer]])
-        if math.isfinite(closes):
-            gone.append([[last, outer], [last, inner], [is_gone, inner], [closes, outer]])
+        for end, thin, wide in ((0.0, *opening), (last, *closing[::-1])):
+            if math.isfinite(wide):
+                gone.append([[end, outer], [end, inner], [thin, inner], [wide, outer]])
         if math.isfinite(span.parted_until):
             solid.append([0.0, span.parted_until, inner])
         if math.isfinite(span.parted_from):
