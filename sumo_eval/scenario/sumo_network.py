@@ -18,7 +18,7 @@ import itertools
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -50,6 +50,7 @@ SPEED_LIMIT = 60.0
 _INDEX_DIGITS = 3  # of the index of a lane
 _DEFAULT_LANE_WIDTH = 3.2  # m, SUMO's
 _ONE_PLACE = 0.05  # m: of corners nearer to each other one is left, as they come from rounding
+_LEAST_WAY = 0.1  # m; SUMO has no shorter lane through a junction
 PARALLEL = 0.3  # m: largest distance of a lane from its parallel of a curved road's line
 
 # types of junctions for which SUMO needs no <request>
@@ -57,7 +58,6 @@ _WITHOUT_RIGHT_OF_WAY = ("dead_end", "district", "internal", "unregulated")
 _CARS = {"passenger", "all"}  # SUMO's vehicle classes that include the ego's
 
 Point = tuple[float, float]
-RigidMotion = Callable[[Point], Point]
 _Course = tuple[Line, list[set[int]], list[float]]
 """How edges lie on a road: (line, places, along).
 
@@ -110,7 +110,12 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     line, places, along = straight or _along_curves(lanes, links, what, owner)
     spans = _spans(edges, places, along, owner)
     first_lanes = [of_edge[0].index - min(it) for of_edge, it in zip(lanes, places, strict=True)]
-    sections = tuple(zip(along[::2], along[1::2], first_lanes, strict=True))
+    # an edge ends where its lanes through the junction begin, or else where the next edge does
+    ends = [
+        min(end, begin - _LEAST_WAY) if any(link.ways.values()) else begin
+        for end, begin, link in zip(along[1::2], along[2::2], links, strict=False)
+    ]
+    sections = tuple(zip(along[::2], [*ends, along[-1]], first_lanes, strict=True))
     if not 0.0 < end <= along[-1]:
         wanted = f"above 0, within the {along[-1]:.1f} m of its edges"
         raise must_be("`end.x`, the end of a case,", owner, wanted, end)
@@ -191,31 +196,31 @@ def _along_x(lanes: _Lanes) -> _Course | None:
     # a ring, whose chord has no direction
     if math.dist(first.shape[0], first.shape[-1]) < first.width:
         return None
-    to_axis, places = _laid(lanes)
+    begins, places = _laid(lanes)
     for lane in itertools.chain(*lanes):
-        if any(abs(to_axis(it)[1] - places[lane.id] * first.width) > STRAIGHT for it in lane.shape):
+        off = onto_the_line(lane.shape, begins)[:, 1] - places[lane.id] * first.width
+        if np.abs(off).max() > STRAIGHT:
             return None
-    along = [to_axis(of_edge[0].shape[end])[0] for of_edge in lanes for end in (0, -1)]
+    along = np.ravel([onto_the_line(it[0].shape, begins)[[0, -1], 0] for it in lanes]).tolist()
     return (), [{places[lane.id] for lane in of_edge} for of_edge in lanes], along
 
 
-def _laid(lanes: _Lanes) -> tuple[RigidMotion, dict[str, int]]:
-    """The rigid motion that lays driven edges along the x axis, and by its id each lane's place: 0
-    for the road's right-hand lane, which comes to lie on the axis, 1 for the next one to the left.
+def _laid(lanes: _Lanes) -> tuple[Pose, dict[str, int]]:
+    """Where the x axis begins on the map, and by its id each lane's place: 0 for the road's
+    right-hand lane, which lies on the axis, 1 for the next one to the left.
     """
-    # `to_axis` lays the first edge's right-hand lane on the axis. Where a lane to the right of that
-    # one opens later (`lowest` below 0), `moved` lays that one there instead.
-    to_axis, width = _onto_x(lanes[0][0]), lanes[0][0].width
+    # `begins`: of the first edge's right-hand lane. Where a lane to the right of that one opens
+    # later (`lowest` below 0), the axis is along that one instead.
+    first = lanes[0][0]
+    (x0, y0), (x1, y1) = first.shape[0], first.shape[-1]
+    begins = Pose(x0, y0, math.atan2(y1 - y0, x1 - x0))
     places = {
-        lane.id: round(to_axis(lane.shape[0])[1] / width) for of_edge in lanes for lane in of_edge
+        lane.id: round(onto_the_line(lane.shape, begins)[0, 1] / first.width)
+        for lane in itertools.chain(*lanes)
     }
     lowest = min(places.values())
-
-    def moved(point: Point) -> Point:
-        x, y = to_axis(point)
-        return x, y - lowest * width
-
-    return (moved if lowest else to_axis), {lane: place - lowest for lane, place in places.items()}
+    axis = begins.moved(0.0, lowest * first.width)
+    return axis, {lane: place - lowest for lane, place in places.items()}
 
 
 def _spans(
@@ -347,7 +352,7 @@ def _check_parallel(
     numbered: lanes of each edge by their place on the road.
     """
     for place, lane in itertools.chain(*(of_edge.items() for of_edge in numbered)):
-        _, across, _ = frame_places(line, *onto_the_line(np.array(lane.shape), begins).T)
+        _, across, _ = frame_places(line, *onto_the_line(lane.shape, begins).T)
         off = float(np.abs(across - lane.width * place).max())
         if off > PARALLEL:
             must = f"beside the first within {PARALLEL:g} m"
@@ -363,7 +368,7 @@ def _edge_ends(path: Sequence[Sequence[Point]], line: Line, begins: Pose) -> lis
     # length of the path up to each of these ends
     driven = np.cumsum([0.0, *(sum(map(math.dist, part, part[1:])) for part in path)])
     # a ring passes a place more than once: look for the place near that length, scaled to the line
-    x, y = onto_the_line(np.array(ends), begins).T
+    x, y = onto_the_line(ends, begins).T
     return list(
         map(float, frame_places(line, x, y, near=driven * (length_of(line) / driven[-1]))[0])
     )
@@ -397,26 +402,28 @@ def _links(root: Element, one: str, other: str, owner: str) -> _Link:
     # the most frequent shift; of equally frequent ones the smallest
     shift = min(shifts, key=lambda it: (-shifts[it], abs(it)))
     ways = {
-        before: _way_through(root, via) for before, after, via in indices if before - after == shift
+        before: [it for lane in _lanes_through(root, via) for it in _points(lane.get("shape", ""))]
+        for before, after, via in indices
+        if before - after == shift
     }
     return _Link(shift, ways)
 
 
-def _way_through(root: Element, via: str | None) -> list[Point]:
-    """Centre line of the lanes that lead through a junction, in order.
+def _lanes_through(root: Element, via: str | None) -> list[Element]:
+    """The lanes that lead through a junction, in order.
 
     via: id of the first of them; None: there is none.
     """
-    passed: list[str] = []
-    points: list[Point] = []
-    while via is not None and via not in passed:  # a faulty network may lead in a circle
-        passed.append(via)
-        lanes = (it for it in root.iter("lane") if it.get("id") == via)
-        points += next((_points(it.get("shape", "")) for it in lanes), ())
+    passed: list[Element] = []
+    while via is not None:
+        lane = next((it for it in root.iter("lane") if it.get("id") == via), None)
+        if lane is None or lane in passed:  # a faulty network may lead in a circle
+            break
+        passed.append(lane)
         edge, _, index = via.rpartition("_")
         further = _connections(root, {"from": edge, "fromLane": index})
         via = further[0].get("via") if further else None
-    return points
+    return passed
 
 
 def _connections(root: Element, wanted: dict[str, str]) -> list[Element]:
@@ -432,40 +439,46 @@ def laid_along_x(network: NetworkFile) -> str:
     """Text of the network, turned and moved so that its driven edges lie along x from x = 0."""
     root = _parsed(network)
     driven = _driven_edges(root, network.edges, network.path)
-    to_axis, places = _laid([_lanes(edge) for edge in driven])
+    axis, places = _laid([_lanes(edge) for edge in driven])
     for element in root.iter():
-        _move(element, to_axis)
-    for edge in driven:
-        _straighten(edge, places)
+        _move(element, axis)
+    width, sections = _lanes(driven[0])[0].width, network.sections
+    for edge, (begin, end, _) in zip(driven, sections, strict=True):
+        for lane in edge.iter("lane"):
+            if (name := lane.get("id")) in places:
+                _straighten([lane], places[name] * width, begin, end)
+    for (one, other), (before, after) in zip(
+        itertools.pairwise(network.edges), itertools.pairwise(sections), strict=True
+    ):
+        for it in _connections(root, {"from": one, "to": other}):
+            place = places.get(f"{one}_{it.get('fromLane')}", -1)
+            if place == places.get(f"{other}_{it.get('toLane')}"):
+                _straighten(_lanes_through(root, it.get("via")), place * width, before[1], after[0])
     for location in root.findall("location"):  # the projection, which holds no longer
         root.remove(location)
     return etree.tostring(root.getroottree(), xml_declaration=True, encoding="UTF-8").decode()
 
 
-def _move(element: Element, to_axis: RigidMotion) -> None:
-    """Move an element's shapes, and a junction's position."""
-    if text := element.get("shape"):
-        element.set("shape", _text([to_axis(point) for point in _points(text)]))
+def _move(element: Element, axis: Pose) -> None:
+    """Move an element's shapes, and a junction's position, into the frame of the x axis."""
+    if points := _points(element.get("shape", "")):
+        element.set("shape", _text(onto_the_line(points, axis)))
     if element.tag == "junction" and element.get("x"):
-        position = to_axis((float(element.get("x", "0")), float(element.get("y", "0"))))
-        for key, value in zip("xy", position, strict=True):
+        place = Pose(float(element.get("x", "0")), float(element.get("y", "0")), 0.0)
+        for key, value in zip("xy", place.seen_from(axis), strict=False):
             element.set(key, f"{value:.4f}")
 
 
-def _straighten(edge: Element, places: Mapping[str, int]) -> None:
-    """Lay the lanes of a driven edge exactly along x, with their length, width and speed limit.
+def _straighten(lanes: Sequence[Element], y: float, begin: float, end: float) -> None:
+    """Lay lanes exactly along x, in order, with their length and the speed limit.
 
-    places: of the lanes by their id, 0 for the road's right-hand lane.
+    begin, end: x at which the first one begins and the last one ends, m.
     """
-    elements = {element.get("id"): element for element in edge.iter("lane")}
-    lanes = _lanes(edge)  # read again, because their shapes now lie along x
-    # x and y exactly: the start of every vehicle is checked to a millimetre
-    begin, end = (lanes[0].shape[it][0] for it in (0, -1))
-    for lane in lanes:
-        y = places[lane.id] * lane.width
-        elements[lane.id].attrib.update({
-            "shape": _text([(begin, y), (end, y)]), "length": repr(end - begin),
-            "speed": f"{SPEED_LIMIT:g}", "width": repr(lane.width),
+    ends = np.linspace(begin, end, len(lanes) + 1).tolist()
+    for lane, x in zip(lanes, itertools.pairwise(ends), strict=True):
+        lane.attrib.update({
+            "shape": _text([(it, y) for it in x]), "length": repr(x[1] - x[0]),
+            "speed": f"{SPEED_LIMIT:g}",
         })  # fmt: skip
 
 
@@ -516,19 +529,6 @@ def _carries_cars(lane: Element) -> bool:
     return _CARS.isdisjoint(lane.get("disallow", "").split())
 
 
-def _onto_x(lane: _Lane) -> RigidMotion:
-    """The rigid motion that lays a lane's chord along the x axis from the origin."""
-    (x0, y0), (x1, y1) = lane.shape[0], lane.shape[-1]
-    chord = math.hypot(x1 - x0, y1 - y0)
-    cos, sin = (x1 - x0) / chord, (y1 - y0) / chord
-
-    def to_axis(point: Point) -> Point:
-        x, y = point[0] - x0, point[1] - y0
-        return x * cos + y * sin, y * cos - x * sin
-
-    return to_axis
-
-
 def _points(text: str) -> tuple[Point, ...]:
     # a height is not used; without a y, "" is refused as a number
     xy = [[*part.split(","), ""] for part in text.split()]
@@ -542,5 +542,5 @@ def _number(text: str, what: str) -> float:
     return value
 
 
-def _text(points: Sequence[Point]) -> str:
+def _text(points: Sequence[Point] | FloatArray) -> str:
     return " ".join(f"{x:.4f},{y:.4f}" for x, y in points)

@@ -252,6 +252,32 @@ LED = ConcreteScenario(
 )
 
 
+JOINED = """<net version="1.20"><edge id=":b_0" function="internal">
+<lane id=":b_0_0" index="0" speed="9" length="{way}" shape="286.4,0 {begin},0"/></edge>
+<edge id="m" from="a" to="b"><lane id="m_0" index="0" speed="30" length="9" shape="0,0 286.4,0"/></edge>
+<edge id="n" from="b" to="c"><lane id="n_0" index="0" speed="30" length="9" shape="{begin},0 986,0"/></edge>
+<junction id="a" type="dead_end" x="0" y="0" incLanes="" intLanes="" shape="0,0 0,9"/>
+<junction id="b" type="priority" x="290" y="0" incLanes="m_0" intLanes=":b_0_0" shape="0,0 0,9">
+<request index="0" response="0" foes="0" cont="0"/></junction>
+<junction id="c" type="dead_end" x="986" y="0" incLanes="n_0" intLanes="" shape="0,0 0,9"/>
+<connection from="m" to="n" fromLane="0" toLane="0" via=":b_0_0" dir="s" state="M"/>
+<connection from=":b_0" to="n" fromLane="0" toLane="0" dir="s" state="M"/></net>"""
+
+
+WITHIN = r'<edge id=":b(.|\n)*?</edge>|<connection from=":b.*?/>|(via=)?":b_0_0"'
+
+
+@pytest.mark.parametrize("begin, way", [(286.4, 0.1), (297.61, 11.2), (297.61, None)])
+def test_law_no_joint_of_edges_holds_an_ego_up(tmp_path, begin, way):
+    path, text = tmp_path / "two.net.xml", JOINED.format(begin=begin, way=way)
+    path.write_text(text if way else re.sub(WITHIN, "", text).replace("intLanes= ", ""))
+    there = replace(LED, road=read_road(path, ["m", "n"], 400.0), actors=())
+    for driver in ("no_reaction", "sumo:IDM", lambda traci, ego, time: None):
+        found = simulate(there, driver)
+        assert (found.end_reason, found.error, found.clips) == ("road_end", None, ())
+        assert found.ego.speed.min() > 9.99
+
+
 def test_a_vehicle_at_the_end_of_the_network_leaves_it(tmp_path):
     """Its front, 2.25 m before its centre, is 0.1 m before the end, where SUMO takes vehicles out,
     after

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sumo_eval.scenario.road.reference_line import Line, Piece, bends, length_of, map_places
 from sumo_eval.trajectory import FloatArray
@@ -53,11 +54,11 @@ class Pose(NamedTuple):
         return Pose(dx * c + dy * s, dy * c - dx * s, turned)
 
 
-def onto_the_line(points: FloatArray, begins: Pose) -> FloatArray:
+def onto_the_line(points: ArrayLike, begins: Pose) -> FloatArray:
     """Places (n, 2) of the map in the frame of a line's beginning: it is the origin, its heading
     the x axis.
     """
     x, y, heading = begins
-    east, north = points[:, 0] - x, points[:, 1] - y
+    east, north = np.asarray(points, float).T - [[x], [y]]
     cos, sin = np.cos(heading), np.sin(heading)
     return np.column_stack([east * cos + north * sin, north * cos - east * sin])
