@@ -54,7 +54,7 @@ from sumo_eval.cosim.records import (
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, LEFT_BATCH, Stage
 from sumo_eval.cosim.step_rules import goes_straight
 from sumo_eval.cosim.sumo.shared_files import suffix
-from sumo_eval.cosim.sumo.sumo_files import EGO, sections, vehicle_edges
+from sumo_eval.cosim.sumo.sumo_files import EGO, vehicle_edges
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import World, corner
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
@@ -141,7 +141,7 @@ class OnTraci(EgoControl):
         self._each(world, _Hook.step, time)
         if not self._alone:
             self._check_clock(world, time)
-        elif world.cases[0].road.spans:
+        elif world.cases[0].road.spans and world.egos["placed"][0] == SUMO:
             self._rows[0].lead_along_lane()
 
     def after(self, world: World, now: float) -> None:
@@ -264,22 +264,16 @@ class _Hook:
 
         An ego that brakes for that place, as SUMO's own model does, keeps its route.
         """
-        vehicle, edges = self._traci.vehicle, vehicle_edges(self.road, self._state[1])
-        for number in self._sections_left():
-            brakes = vehicle.getSpeed(self.ego) <= vehicle.getSpeedWithoutTraCI(self.ego)
-            route, following = vehicle.getRoute(self.ego), slice(number + 1, number + 2)
-            if not brakes and edges[following] != route[following]:
-                vehicle.setRoute(self.ego, edges[number:])
-
-    def _sections_left(self) -> list[int]:
-        """Numbers of the road's sections whose end SUMO may move the ego over in this step."""
-        if self._placed[0] != SUMO:
-            return []
-        fastest = self._state[_LANE_SPEED] + self._limits.max_acceleration * self._step
-        front_x, reach = self._state[0] + self._half, fastest * self._step
-        return [
-            k for k, part in enumerate(sections(self.road)) if 0.0 <= part.end - front_x <= reach
-        ]
+        step, vehicle = self._step, self._traci.vehicle
+        reach = step * (self._state[_LANE_SPEED] + self._limits.max_acceleration * step)
+        if self._left_of_lane() > reach:
+            return
+        edges, route = vehicle_edges(self.road, self._state[1]), vehicle.getRoute(self.ego)
+        number = vehicle.getRouteIndex(self.ego)
+        following = slice(number + 1, number + 2)
+        faster = vehicle.getSpeed(self.ego) > vehicle.getSpeedWithoutTraCI(self.ego)
+        if faster and edges[following] != route[following]:
+            vehicle.setRoute(self.ego, edges[number:])
 
     def _held(self, time: float) -> tuple[Command | None, None]:
         """The command between two calls, without a wall time; None: SUMO moves the ego."""
@@ -512,7 +506,9 @@ class _Hook:
         lane_speed = self._state[_LANE_SPEED]  # a step ago
         gained = (speed - lane_speed) / step
         if not lowest - LIMIT_TOLERANCE <= gained <= highest + LIMIT_TOLERANCE:
-            if speed == 0.0 and not (GUARD.placed or self._native) and self._at_lane_end():
+            # SUMO stops a vehicle at once where its lane ends
+            at_end = speed == 0.0 and self._left_of_lane() < _AT_END
+            if at_end and not (GUARD.placed or self._native):
                 raise LeftTheRoadError
             self._unphysical(
                 "unphysical_acceleration", gained, min(max(gained, lowest), highest),
@@ -543,11 +539,11 @@ class _Hook:
                 "setSpeed to go with it).",
             )  # fmt: skip
 
-    def _at_lane_end(self) -> bool:
-        """Whether the ego is at the end of its lane, where SUMO stops a vehicle at once."""
+    def _left_of_lane(self) -> float:
+        """Distance from the ego's front bumper to the end of its lane, m."""
         vehicle, lane = self._traci.vehicle, self._traci.lane
         length = lane.getLength(vehicle.getLaneID(self.ego))
-        return bool(length - vehicle.getLanePosition(self.ego) < _AT_END)
+        return float(length - vehicle.getLanePosition(self.ego))
 
     def _put_on_centre(self) -> bool:
         """Whether SUMO has put the ego on its lane's centre at once, as at the end of a lane change

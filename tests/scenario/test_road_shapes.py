@@ -90,6 +90,9 @@ def test_sections_and_ramps_are_edges():
     assert not any(one == "road1" and lane == "0" for one, lane, _, _ in links)
     assert vehicle_edges(road, 0.0, 3.5) == ("ramp0", "road1", "road2")
     assert vehicle_edges(road, 3.5) == ("road0", "road1", "road2")
+    # one that starts on an exit ramp and then moves to the left
+    ramp = catalogue.load("exit").road
+    assert vehicle_edges(ramp, 0.0, 3.5, first=2) == ("road0", "road1", "ramp2")
 
 
 def test_lanes_that_open_and_end_follow_a_curve():

@@ -84,21 +84,22 @@ def sections(road: Road) -> tuple[RoadSection, ...]:
     return tuple(parts)
 
 
-def vehicle_edges(road: Road, y: float, goal: float | None = None) -> tuple[str, ...]:
-    """The edges of a vehicle's route: in the first section for the lane at y, m, in all others for
-    the lane at `goal`, m.
+def vehicle_edges(
+    road: Road, y: float, goal: float | None = None, first: int = 0
+) -> tuple[str, ...]:
+    """The edges of a vehicle's route: up to its first section for the lane at y, m, in all others
+    for the lane at `goal`, m.
 
     goal: None: y.
+    first: number of the section in which it starts.
     """
     if road.network is not None:
         return road_edges(road)
-    lane = lane_at(road, y)
-    edges = []
-    for section in sections(road):
-        edges.append(section.ramp_edge if section.ramp == lane else section.edge)
-        if goal is not None:
-            lane = lane_at(road, goal)
-    return tuple(edges)
+    lanes = lane_at(road, y), lane_at(road, y if goal is None else goal)
+    return tuple(
+        section.ramp_edge if section.ramp == lanes[number > first] else section.edge
+        for number, section in enumerate(sections(road))
+    )
 
 
 def document(root: Any) -> str:
@@ -338,7 +339,8 @@ def routes_xml(
     ]
     starts = departures(concrete, vehicle.length, on_map=True)
     for attributes, goal in zip(starts, goals, strict=True):
-        edges = " ".join(vehicle_edges(concrete.road, *goal))
+        first = int(attributes.get("departEdge", "0"))
+        edges = " ".join(vehicle_edges(concrete.road, *goal, first))
         if routes.find(f"route[@id='{attributes['route']}']") is None:
             routes.append(E.route(id=attributes["route"], edges=edges))
         routes.append(E.vehicle(attributes))
