@@ -1,7 +1,9 @@
-"""Scenes on a straight road that the tests of the ADSs and the drivers share."""
+"""Scenes on a straight road that the tests of the ADSs, the drivers and the loop share."""
 
 import itertools
 import math
+from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,9 +14,11 @@ from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, catalogue
 from sumo_eval.scenario.sampling.grid import full_grid
 from sumo_eval.scenario.sampling.request import Request
-from sumo_eval.settings import VehicleSettings
+from sumo_eval.scenario.sampling.samples import sample
+from sumo_eval.settings import ConditionSettings, SimulationSettings, VehicleSettings
 
 ROAD = Road(name="test_road", length=600.0, lanes=2, lane_width=3.5, run_out=5400.0)
+HALF_SECOND = SimulationSettings(time_limit=0.5)
 BRIEFING = Briefing("test", ROAD, VehicleSettings(), 0.05)
 
 
@@ -60,14 +64,41 @@ def fresh(layout):
     return SimpleNamespace(**{name: fresh(dtype[name]) for name in dtype.names})
 
 
-def case(*actors, speed=20.0, road=ROAD, **values):
-    """The ego at x = 50 m on the right lane at `speed` m/s, and the given others."""
-    return ConcreteScenario("test", values, 1.0, road, Start(50.0, 0.0, speed), actors)
+def case(*actors, speed=20.0, x=50.0, y=0.0, road=ROAD, **values):
+    """The ego at x m and `speed` m/s, and the given others."""
+    return ConcreteScenario("test", values, 1.0, road, Start(x, y, speed), actors)
 
 
-def actor(name, gap, speed, y=0.0, *acts, **body):
-    """A vehicle `gap` m (bumper to bumper) ahead of the ego's start."""
-    return Actor(name, Start(50.0 + 4.5 + gap, y, speed), acts, **body)
+def actor(name, gap, speed=0.0, y=0.0, *acts, x=50.0, **body):
+    """A vehicle `gap` m (bumper to bumper) ahead of an ego at x."""
+    return Actor(name, Start(x + 4.5 + gap, y, speed), acts, **body)
+
+
+lead = partial(actor, "lead")
+
+
+def points(name, every):
+    logical = catalogue.load(name)
+    return list(logical.concretes(sample(logical).points[::every]))
+
+
+def under(**conditions):
+    """Half a second under conditions."""
+    return replace(HALF_SECOND, conditions=ConditionSettings(**conditions))
+
+
+def once(action):
+    """An ADS that does something at 0.3 s, and otherwise nothing."""
+    return lambda traci, ego, time: action(traci) if abs(time - 0.3) < 1e-9 else None
+
+
+def clips_of(recording):
+    return {clip.what: clip for clip in recording.clips}
+
+
+def assert_whole(found):
+    """It was driven until the time was up, without an error."""
+    assert (found.end_reason, found.error) == ("time_limit", None)
 
 
 def at_point(name, *values):

@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 from ads_cases import CUT_OUT, EXAMPLES, SLOWER
 from evaluations import small
+from road_scenes import clips_of
 
 import sumo_eval
 from sumo_eval.cosim.doors.traci_program import sumo_binary
@@ -27,10 +28,6 @@ def drive(locator, concrete=SLOWER, **kwargs):
     assert found.error is None, found.log
     assert found.collision is None
     return found
-
-
-def names(recording):
-    return {clip.what for clip in recording.clips}
 
 
 FOLLOWERS = [
@@ -62,7 +59,7 @@ def test_the_trajectory_planner_overtakes_close_to_its_plans():
     found = drive("trajectory_planner.py:Planner")
     assert found.ego.y[-1] == pytest.approx(3.5, abs=0.01)
     assert found.ego.x[-1] > found.actors["lead"].x[-1] + 20.0
-    assert {clip.what: clip.applied for clip in found.clips}["plan_error"] < 0.05
+    assert clips_of(found)["plan_error"].applied < 0.05
 
 
 def test_the_c_program_drives_as_the_ten_lines_do(tmp_path):
@@ -93,7 +90,7 @@ def test_simplas_platoon_needs_leave_to_touch_the_lead_and_then_closes_up():
     assert "The ADS called traci.vehicle.setSpeedFactor for `lead` at 0.00 s" in refused.error
     recorded = replace(short, conditions=ConditionSettings(interference="record"))
     found = drive("simpla_platoon.py:Platoon", SLOWER, settings=recorded)
-    assert "touched_vehicle" in names(found)
+    assert "touched_vehicle" in clips_of(found)
     gap = found.actors["lead"].x[-1] - found.ego.x[-1] - 4.5
     assert 0.0 < gap < 10.0  # a follower of tau 0.5 s at 5 m/s
     assert found.ego.speed[-1] == pytest.approx(5.0, abs=0.2)

@@ -13,6 +13,7 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 from ads_cases import CUT_OUT, EXAMPLES, SLOWER
+from road_scenes import clips_of
 
 from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.simulation import simulate
@@ -163,4 +164,4 @@ def test_openpilots_longitudinal_mpc_follows_gently():
 )
 def test_the_reactive_planner_passes_by_in_an_environment_of_its_own():
     found = drive(f"exec:{os.environ['REACTIVE_PLANNER']} reactive_planner.py", seconds=6.0)
-    assert {clip.what: clip.applied for clip in found.clips}["plan_error"] < 0.5
+    assert clips_of(found)["plan_error"].applied < 0.5

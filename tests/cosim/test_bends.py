@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cosim_cases import ROAD, case, lead
 from lxml import etree
+from road_scenes import ROAD, case, lead
 
 from sumo_eval import Command
 from sumo_eval.cosim.doors.features import Action, Feature, Interface

@@ -5,8 +5,8 @@ import math
 import time as clock
 
 import pytest
-from cosim_cases import HALF_SECOND, case
 from refusals import refusal
+from road_scenes import HALF_SECOND, case
 
 from sumo_eval.cosim.doors.contract import check_controller
 from sumo_eval.cosim.doors.controller import SHIPPED

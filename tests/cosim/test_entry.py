@@ -6,12 +6,11 @@ import random
 import re
 import shlex
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from cosim_cases import HALF_SECOND, case, lead
 from refusals import refusal
+from road_scenes import HALF_SECOND, case, clips_of, lead, under
 from tables import rows_of
 
 from sumo_eval import Command
@@ -22,7 +21,6 @@ from sumo_eval.record.recording import planner
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import (
     AdsSettings,
-    ConditionSettings,
     EvaluationSettings,
     FmuSettings,
     ScenarioSettings,
@@ -141,7 +139,7 @@ def test_an_ads_with_a_period_is_asked_that_often_and_its_answer_holds(folder):
 
 def test_between_calls_a_plan_is_tracked_at_every_step(folder):
     found = simulate(case(), "mine.py:Planning?period=0.25", HALF_SECOND, folder=folder)
-    assert {clip.what: clip.count for clip in found.clips}["plan_error"] == 10
+    assert clips_of(found)["plan_error"].count == 10
     assert found.controller_latency[1] > 0.0
 
 
@@ -168,9 +166,9 @@ def test_a_late_answer_is_late_once_and_not_at_every_step_that_it_holds():
         clock.sleep(0.03)
         return -1.0
 
-    budget = replace(HALF_SECOND, conditions=ConditionSettings(step_budget=0.02))
+    budget = under(step_budget=0.02)
     found = simulate(case(), slow, budget, period=0.25)
-    assert {clip.what: clip.count for clip in found.clips}["late_command"] == 2
+    assert clips_of(found)["late_command"].count == 2
 
 
 @pytest.mark.parametrize(

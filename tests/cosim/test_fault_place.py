@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from cosim_cases import HALF_SECOND, case
+from road_scenes import HALF_SECOND, case
 
 from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.cosim.simulation import simulate

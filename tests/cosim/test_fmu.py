@@ -14,8 +14,8 @@ from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
-from cosim_cases import HALF_SECOND, case, lead
 from refusals import refusal
+from road_scenes import HALF_SECOND, case, clips_of, lead
 
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.fmu import FmuPlant
@@ -471,7 +471,7 @@ def test_an_fmu_may_plan(feedthroughs, kind):
     assert found.error is None, found.log
     assert found.ego.speed[-1] < 0.6 * found.ego.speed[0]
     assert abs(found.ego.y).max() < 1e-6
-    assert "plan_error" in {clip.what for clip in found.clips}
+    assert "plan_error" in clips_of(found)
 
 
 def test_a_plan_has_at_most_the_places_of_its_outputs(feedthroughs):

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cosim_cases import case, lead, once
+from road_scenes import case, lead, once
 
 from sumo_eval import Command, kernels
 from sumo_eval.cosim import world

@@ -8,13 +8,13 @@ from dataclasses import replace
 import libsumo
 import numpy as np
 import pytest
-from cosim_cases import HALF_SECOND, ROAD, assert_whole, case, lead, once
+from road_scenes import HALF_SECOND, ROAD, assert_whole, case, clips_of, lead, once, under
 
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.scenario import Actor, Start, brake_to_stop, constant_lateral, lane_change
 from sumo_eval.scenario.played import CONSTANT, PATH, Act
-from sumo_eval.settings import ConditionSettings, SimulationSettings
+from sumo_eval.settings import SimulationSettings
 
 FOUR_SECONDS = SimulationSettings(time_limit=4.0)
 LOST = -1073741824.0  # SUMO's place and speed of a vehicle that is on no lane
@@ -51,9 +51,7 @@ def physical(recording):
 
 
 @pytest.mark.parametrize("kind", list(OFF_ROAD))
-@pytest.mark.parametrize(
-    "controller", [follow, lambda traci, ego, time: None, "sumo:IDM"], ids=["model", "sumo", "idm"]
-)
+@pytest.mark.parametrize("controller", [follow, lambda traci, ego, time: None, "sumo:IDM"])
 def test_a_vehicle_that_its_script_takes_off_the_lanes_stays_on_its_script(kind, controller):
     actor = leaver(OFF_ROAD[kind])
     found = alone(actor, controller=controller)
@@ -61,7 +59,7 @@ def test_a_vehicle_that_its_script_takes_off_the_lanes_stays_on_its_script(kind,
     track = found.actors["leaver"]
     np.testing.assert_allclose(track.x, [actor.x(time) for time in track.time], rtol=0, atol=0.02)
     np.testing.assert_allclose(track.y, [actor.y(time) for time in track.time], rtol=0, atol=0.02)
-    assert "actor_off_its_script" not in {clip.what for clip in found.clips}
+    assert "actor_off_its_script" not in clips_of(found)
 
 
 def test_a_long_vehicle_turns_back_in_a_short_step():
@@ -111,7 +109,7 @@ def test_a_braking_vehicle_that_passes_the_end_of_the_lanes_has_left_the_network
         replace(short, actors=(actor,)), lambda traci, ego, time: Command(0.0), FOUR_SECONDS
     )
     assert found.error is None
-    assert "actor_left_the_network" in {clip.what for clip in found.clips}
+    assert "actor_left_the_network" in clips_of(found)
     assert physical(found)
 
 
@@ -153,7 +151,6 @@ def test_an_ego_discarded_beside_the_lanes_ended_off_the_road():
 @pytest.mark.parametrize(
     "controller",
     [Keeps, lambda: lambda traci, ego, time: Command(0.0, 1.0)],
-    ids=["acts", "steers"],
 )
 def test_an_ego_of_commands_never_gets_where_sumo_would_lose_it(controller):
     found = alone(leaver(OFF_ROAD["right"]), controller=controller())
@@ -190,7 +187,7 @@ def test_law_sumo_alone_may_put_an_ego_on_a_lanes_centre(call):
     found = alone(controller=shifts, settings=SimulationSettings(time_limit=8.0), y=-0.4)
     innocent = call == "changeLane"
     assert (found.end_reason == "ads_error") != innocent
-    assert ("jump" in {clip.what for clip in found.clips}) == innocent
+    assert ("jump" in clips_of(found)) == innocent
 
 
 def test_a_vehicle_that_sumo_has_lost_ends_the_case_with_its_name_its_place_and_the_time():
@@ -205,7 +202,7 @@ def test_a_vehicle_that_sumo_has_lost_ends_the_case_with_its_name_its_place_and_
 
 
 def test_a_jump_no_vehicle_can_do_ends_the_case_also_where_touching_others_is_on_record():
-    settings = replace(HALF_SECOND, conditions=ConditionSettings(interference="record"))
+    settings = under(interference="record")
 
     far = once(lambda traci: traci.vehicle.moveTo("lead", "road_0", 4000.0))
     found = alone(lead(50.0, speed=20.0), controller=far, settings=settings)
@@ -272,7 +269,7 @@ def turned_to_nan(name):
     libsumo.vehicle.moveToXY(name, "road", 0, *place, math.nan, 2)
 
 
-@pytest.mark.parametrize("controller", [follow, "sumo:IDM"], ids=["model", "idm"])
+@pytest.mark.parametrize("controller", [follow, "sumo:IDM"])
 def test_a_speed_no_vehicle_can_have_ends_the_case_although_its_place_is_possible(controller):
     found = after_a_listener(lambda: libsumo.vehicle.setPreviousSpeed("lead", 5000.0), controller)
     assert found.end_reason == "sim_error"

@@ -5,20 +5,19 @@ import re
 import sys
 import time as clock
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cosim_cases import HALF_SECOND, ROAD, assert_whole, case, lead
 from refusals import refusal
+from road_scenes import HALF_SECOND, ROAD, assert_whole, case, lead, under
 from tables import rows_of
 
 from sumo_eval import Command
 from sumo_eval.cosim.doors import json_lines
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario.catalogue import load
-from sumo_eval.settings import AdsSettings, ConditionSettings
+from sumo_eval.settings import AdsSettings
 from sumo_eval.trajectory import CHANNELS
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
@@ -115,7 +114,7 @@ def test_the_protocol_line_by_line(tmp_path):
 
 
 def test_the_scenario_is_named_when_it_is_revealed():
-    told = replace(HALF_SECOND, conditions=ConditionSettings(reveal_scenario=True))
+    told = under(reveal_scenario=True)
     found = shell('read brief; echo "$brief" >&2; echo no', settings=told)
     assert '"scenario":"test","values":{}' in found.log
 

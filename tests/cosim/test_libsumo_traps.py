@@ -12,7 +12,7 @@ from dataclasses import replace
 import libsumo
 import pytest
 from commands import python
-from cosim_cases import HALF_SECOND, ROAD, case, lead
+from road_scenes import HALF_SECOND, ROAD, case, clips_of, lead
 from tables import values_of
 
 import sumo_eval.cosim.sumo.session as session_module
@@ -84,7 +84,7 @@ def test_trap_3_under_test_a_speed_mode_is_taken_back_and_recorded(mode):
         traci.vehicle.setSpeed(ego, 0.0)
 
     found = simulate(case(), tricky, HALF_SECOND)
-    clips = {clip.what: clip for clip in found.clips}
+    clips = clips_of(found)
     assert clips["speed_mode"].count == 10  # each of the 10 steps
     assert (clips["speed_mode"].requested, clips["speed_mode"].applied) == (mode, 6)
     # that the limit was reached is on record

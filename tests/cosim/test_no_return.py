@@ -1,7 +1,7 @@
 """The point of no return: closed forms, monotone in time, and when there is none."""
 
 import pytest
-from cosim_cases import case, lead
+from road_scenes import case, lead
 
 from sumo_eval.cosim.loop import Replay
 from sumo_eval.cosim.no_return import with_no_return

@@ -8,8 +8,8 @@ from operator import attrgetter
 
 import numpy as np
 import pytest
-from cosim_cases import HALF_SECOND, ROAD, case, lead
 from refusals import refusal
+from road_scenes import HALF_SECOND, ROAD, case, clips_of, lead, under
 
 from sumo_eval.cosim.doors.features import Action, Feature, Interface
 from sumo_eval.cosim.doors.observation import Observation, Perception, signal_names
@@ -49,9 +49,7 @@ def seen_by(ads, concrete, **conditions):
         shown.append(observation)
         return ads(observation) if ads else 0.0
 
-    return simulate(
-        concrete, act, replace(HALF_SECOND, conditions=ConditionSettings(**conditions))
-    ), shown
+    return simulate(concrete, act, under(**conditions)), shown
 
 
 def test_a_lead_and_its_neighbours_by_hand():
@@ -121,7 +119,7 @@ def test_a_policy_receives_road_and_vehicle_not_the_scenario():
 
     secret = replace(case(lead(50.0)), scenario="secret", values={"gap": 50.0})
     simulate(secret, Policy(), HALF_SECOND)
-    open_ = replace(HALF_SECOND, conditions=ConditionSettings(reveal_scenario=True))
+    open_ = under(reveal_scenario=True)
     simulate(secret, Policy(), open_)
     assert (told[0].scenario, told[0].values, told[0].road.name) == ("", None, "road")
     assert (told[1].scenario, told[1].values, told[1].road) == ("secret", {"gap": 50.0}, ROAD)
@@ -139,9 +137,7 @@ def test_sumos_files_do_not_tell_the_future_unless_the_scenario_is_revealed():
 
     secret = replace(case(lead(50.0)), scenario="secret", values={"gap": 50.0})
     for reveal in (False, True):
-        simulate(
-            secret, spy, replace(HALF_SECOND, conditions=ConditionSettings(reveal_scenario=reveal))
-        )
+        simulate(secret, spy, under(reveal_scenario=reveal))
     assert "secret" not in told[0]
     assert "secret: gap=50" in told[-1]
 
@@ -313,7 +309,7 @@ def test_misses_and_noise_have_the_stated_size_and_leave_the_truth_alone():
 
 
 def test_one_seed_is_one_drive_and_another_seed_another():
-    noisy = replace(HALF_SECOND, conditions=ConditionSettings(position_noise=1.0, dropout=0.1))
+    noisy = under(position_noise=1.0, dropout=0.1)
     ads = lambda seen: -0.1 * seen.lead.gap if seen.lead else 0.0  # noqa: E731
     drives = [
         simulate(case(lead(50.0)), ads, noisy, seed=seed).ego.speed.tolist() for seed in (1, 1, 2)
@@ -331,7 +327,7 @@ def test_noise_does_not_depend_on_what_the_ads_looks_at():
 
 
 def test_that_traci_shows_everything_is_on_record_when_conditions_were_asked_for():
-    limited = replace(HALF_SECOND, conditions=ConditionSettings(sensor_range=30.0))
+    limited = under(sensor_range=30.0)
     clips = simulate(case(), lambda traci, ego, time: None, limited).clips
     assert [clip.what for clip in clips] == ["perception_not_limited"]
     assert simulate(case(), lambda observation: 0.0, limited).clips == ()
@@ -366,17 +362,17 @@ def test_a_late_answer_is_dropped_and_the_earlier_one_followed(door, earlier):
         clock.sleep(0.1)
         return Command(speed=30.0, steering=0.1)
 
-    found = drive(late, replace(HALF_SECOND, conditions=ConditionSettings(step_budget=0.08)))
-    assert {clip.what: clip.count for clip in found.clips}["late_command"] == 2 + (earlier is None)
+    found = drive(late, under(step_budget=0.08))
+    assert clips_of(found)["late_command"].count == 2 + (earlier is None)
     alone = drive(lambda time: earlier or Command(0.0), HALF_SECOND)
     for channel in ("x", "y", "steering_wheel_angle"):
         assert getattr(found.ego, channel).tolist() == getattr(alone.ego, channel).tolist()
 
 
 def test_what_an_ads_tells_sumo_itself_cannot_be_held_back_and_that_is_on_record():
-    delayed = replace(HALF_SECOND, conditions=ConditionSettings(actuation_delay=0.2))
+    delayed = under(actuation_delay=0.2)
     found = simulate(case(), lambda traci, ego, time: traci.vehicle.setSpeed(ego, 15.0), delayed)
-    assert {clip.what: clip.count for clip in found.clips}["actuation_not_delayed"] == 10
+    assert clips_of(found)["actuation_not_delayed"].count == 10
 
 
 def test_the_flat_signals_and_the_plain_form_say_the_same():

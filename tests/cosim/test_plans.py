@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cosim_cases import HALF_SECOND, case, lead
+from road_scenes import HALF_SECOND, case, clips_of, lead
 
 from sumo_eval import Command, Plan
 from sumo_eval.cosim.plans import Executor
@@ -14,10 +14,6 @@ from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.settings import SimulationSettings, TrackerSettings
 
 LONG = SimulationSettings(time_limit=12.0)
-
-
-def clips(recording):
-    return {clip.what: clip for clip in recording.clips}
 
 
 def once(make):
@@ -74,7 +70,7 @@ def test_a_lane_change_is_tracked_within_two_centimetres_and_the_worst_error_is_
     found = simulate(case(), once(to_the_left), LONG)
     assert found.error is None
     assert found.ego.y[-1] == pytest.approx(3.5, abs=1e-4)
-    error = clips(found)["plan_error"]
+    error = clips_of(found)["plan_error"]
     assert (error.count, error.requested) == (240, 0.0)
     assert 0.001 < error.applied < 0.02
     worst = max(
@@ -89,13 +85,16 @@ def test_a_speed_profile_is_tracked_and_the_plans_end_is_on_record():
     assert at[7.0] - 50.0 == pytest.approx(115.0, abs=0.05)
     assert found.ego.speed[-1] == pytest.approx(10.0, abs=0.01)
     # the last point is at 9 s: the steps from 9.05 s to 11.95 s, 59 of them, are driven straight on
-    assert (clips(found)["plan_ended"].count, clips(found)["plan_ended"].requested) == (59, 9.0)
+    assert (clips_of(found)["plan_ended"].count, clips_of(found)["plan_ended"].requested) == (
+        59,
+        9.0,
+    )
 
 
 def test_who_is_behind_the_plan_catches_up():
     ahead = once(lambda seen: Plan([0.0, 20.0], [seen.ego.x + 2.0, seen.ego.x + 402.0], [0.0, 0.0]))
     found = simulate(case(), ahead, LONG)
-    assert clips(found)["plan_error"].applied == pytest.approx(2.0)
+    assert clips_of(found)["plan_error"].applied == pytest.approx(2.0)
     assert found.ego.x[-1] == pytest.approx(50.0 + 2.0 + 240.0, abs=0.01)
 
 
@@ -106,7 +105,7 @@ def test_a_plan_holds_until_it_is_replaced_and_any_other_answer_replaces_it():
         return None if seen.time < 0.19 else -2.0
 
     found = simulate(case(), act, HALF_SECOND)
-    assert clips(found)["plan_error"].count == 4
+    assert clips_of(found)["plan_error"].count == 4
     assert found.ego.acceleration[-1] == -2.0
 
 
@@ -193,7 +192,7 @@ def test_a_wanted_speed_is_taken_up_by_the_stated_first_order_law():
     left = found.ego.speed[21:41:10] - 19.0
     assert left[1] / left[0] == pytest.approx(0.975**20, rel=1e-4)  # the brakes let go at 60 m/s3
     found = simulate(case(), lambda seen: Command(speed=-5.0), HALF_SECOND)
-    assert clips(found)["negative_speed"].requested == -5.0
+    assert clips_of(found)["negative_speed"].requested == -5.0
 
 
 def test_pedals_are_shares_of_what_the_vehicle_can_do():

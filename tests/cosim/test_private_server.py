@@ -7,7 +7,7 @@ import time as clock
 from pathlib import Path
 
 import pytest
-from cosim_cases import HALF_SECOND, case
+from road_scenes import HALF_SECOND, case
 
 from sumo_eval.cosim.doors.traci_program import sumo_binary
 from sumo_eval.cosim.sumo.private_server import LOOPBACK, PrivateServer, Relay

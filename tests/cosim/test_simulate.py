@@ -11,9 +11,8 @@ import libsumo
 import numpy as np
 import pytest
 from commands import python
-from cosim_cases import HALF_SECOND, ROAD, assert_whole, case, lead
 from refusals import refusal
-from road_scenes import every_point
+from road_scenes import HALF_SECOND, ROAD, assert_whole, case, clips_of, every_point, lead
 from tables import rows_of
 
 import sumo_eval.cosim.sumo.session as session_module
@@ -43,10 +42,6 @@ def nothing(traci, ego, time):
 
 def brake(traci, ego, time):
     return Command(-9.0)
-
-
-def clips_of(recording):
-    return {clip.what: clip for clip in recording.clips}
 
 
 # --- why a case ends ------------------------------------------------------------------------------

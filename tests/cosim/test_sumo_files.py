@@ -8,9 +8,9 @@ from pathlib import Path
 
 import libsumo
 import pytest
-from cosim_cases import ROAD, case, lead
 from loaded import load
 from lxml import etree
+from road_scenes import ROAD, case, lead
 
 from sumo_eval.cosim.sumo.session import session
 from sumo_eval.cosim.sumo.sumo_files import (

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cosim_cases import ROAD, case, lead, points
 from refusals import refusal
+from road_scenes import ROAD, case, lead, points
 
 from sumo_eval import Command
 from sumo_eval.ads.r157_careful_driver import CarefulDriver

@@ -13,7 +13,7 @@ from operator import attrgetter
 import libsumo
 import numpy as np
 import pytest
-from cosim_cases import HALF_SECOND, ROAD, assert_whole, case, lead, once
+from road_scenes import HALF_SECOND, ROAD, assert_whole, case, clips_of, lead, once, under
 from tables import rows_of
 from traci._vehicle import VehicleDomain
 from traci._vehicletype import VehicleTypeDomain
@@ -24,9 +24,8 @@ from sumo_eval.cosim.doors.traci_numbers import ARGUMENTS, IGNORED, LONGEST, bre
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.sumo.session import session
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.settings import ConditionSettings
 
-RECORD = replace(HALF_SECOND, conditions=ConditionSettings(interference="record"))
+RECORD = under(interference="record")
 
 
 def fault(ads, *actors, settings=HALF_SECOND):
@@ -155,7 +154,7 @@ TOUCHES = [
 ]
 
 
-@pytest.mark.parametrize("action, sentence", TOUCHES, ids=[words for _, words in TOUCHES])
+@pytest.mark.parametrize("action, sentence", TOUCHES)
 def test_who_touches_what_is_not_the_egos_is_refused_or_put_on_record(action, sentence):
     found = simulate(case(lead(50.0)), once(action), HALF_SECOND)
     assert found.end_reason == "ads_error"
@@ -406,7 +405,7 @@ def test_the_table_has_every_call_of_libsumo_that_writes_and_its_arguments_in_th
         assert names == told, call
 
 
-@pytest.mark.parametrize("domain, call", CALLS, ids=[f"{domain}.{call}" for domain, call in CALLS])
+@pytest.mark.parametrize("domain, call", CALLS)
 def test_numbers_of_the_ordinary_course_are_none_of_the_rules_business(domain, call):
     with session(case(lead(50.0)), HALF_SECOND):
         assert breach(domain, call, "ego", harmless(domain, call), {}) is None
@@ -418,11 +417,7 @@ def running():
         yield traci
 
 
-@pytest.mark.parametrize(
-    "domain, call, place",
-    ARGUMENTS_OF_NUMBERS,
-    ids=["-".join(map(str, one)) for one in ARGUMENTS_OF_NUMBERS],
-)
+@pytest.mark.parametrize("domain, call, place", ARGUMENTS_OF_NUMBERS)
 def test_every_call_with_every_number_that_is_none_is_refused(running, domain, call, place):
     name = ARGUMENTS[domain][call][place]
     values = [*NO_NUMBERS, *np.array(NO_NUMBERS), np.float32(math.nan), 10**400, -(10**5000)]
@@ -469,9 +464,7 @@ setParameter | ["laneChangeModel.lcStrategic", "inf"] | `value` = 'inf' | a fini
 )
 
 
-@pytest.mark.parametrize(
-    "call, args, argument, rule", SILENT, ids=[f"{it[0]}-{it[2]}" for it in SILENT]
-)
+@pytest.mark.parametrize("call, args, argument, rule", SILENT)
 @pytest.mark.parametrize("settings", [HALF_SECOND, RECORD], ids=["refuse", "record"])
 def test_what_sumo_takes_in_silence_ends_the_case_with_call_and_argument(
     call, args, argument, rule, settings
@@ -546,7 +539,7 @@ ALLOWED = [
 ]
 
 
-@pytest.mark.parametrize("call", ALLOWED, ids=range(len(ALLOWED)))
+@pytest.mark.parametrize("call", ALLOWED)
 def test_what_can_be_meant_goes_through(call):
     name, *args = call
     named = args.pop() if isinstance(args[-1], dict) else {}
@@ -600,7 +593,6 @@ def test_a_command_that_is_not_finite_is_the_adss_error(value, field):
 @pytest.mark.parametrize(
     "value",
     [1, 1.0, np.float32(1.0), np.float64(1.0), np.int64(1), np.uint8(1), Fraction(1, 1)],
-    ids=lambda it: repr(it),
 )
 def test_a_command_of_any_real_number_drives_as_the_float(value):
     found = simulate(case(), lambda traci, ego, time: Command(value, 0 * value), HALF_SECOND)
@@ -631,7 +623,7 @@ def test_an_action_that_is_not_finite_is_the_adss_error(action):
 def test_commands_as_large_as_floats_get_are_clipped_and_on_record():
     found = simulate(case(), lambda traci, ego, time: Command(-1.7e308, 1.7e308), HALF_SECOND)
     assert found.error is None
-    clips = {clip.what: clip for clip in found.clips}
+    clips = clips_of(found)
     assert clips["acceleration"].requested == -1.7e308
     assert clips["steering_angle"].requested == 1.7e308
     assert np.isfinite(found.ego.speed).all()

@@ -3,8 +3,8 @@
 import sys
 
 import pytest
-from cosim_cases import HALF_SECOND, assert_whole, case, lead
 from refusals import refusal
+from road_scenes import HALF_SECOND, assert_whole, case, clips_of, lead
 
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.traci_program import sumo_binary
@@ -128,7 +128,7 @@ def test_a_client_that_moves_another_vehicle_is_noticed(tmp_path):
     (tmp_path / "the_drive.py").write_text(
         "def drive(traci, ego):\n    traci.vehicle.setSpeed('lead', 0.0)\n"
     )
-    assert "actor_off_its_script" in {clip.what for clip in run(tmp_path, CLIENT).clips}
+    assert "actor_off_its_script" in clips_of(run(tmp_path, CLIENT))
 
 
 def test_without_sumo_the_sentence_names_the_extra(monkeypatch):

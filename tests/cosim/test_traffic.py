@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from road_scenes import clips_of
 
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Model, Road, Start
@@ -34,10 +35,6 @@ def scene(*actors, speed=25.0, y=0.0):
     return ConcreteScenario("t", {"v": speed}, 1.0, ROAD, Start(100.0, y, speed), actors)
 
 
-def struck(found):
-    return next(clip for clip in found.clips if clip.what == "struck_from_behind")
-
-
 def brakes(observation):
     return -8.0 if observation.time >= 2.0 else 0.0
 
@@ -60,7 +57,7 @@ def test_a_vehicle_behind_brakes_for_the_ego_and_begins_one_step_later(model):
 def test_one_that_is_too_near_runs_into_the_ego_from_behind():
     found = simulate(scene(rear("IDM", gap=1.0, speed=33.0)), lambda observation: -9.0, TWENTY)
     assert (found.collision.other, found.collision.side) == ("rear", "rear")
-    clip = struck(found)
+    clip = clips_of(found)["struck_from_behind"]
     assert clip.requested == found.collision.relative_speed
     assert clip.applied == pytest.approx(found.collision.time)  # it never left its lane
 
@@ -78,7 +75,9 @@ def test_how_long_the_ego_had_been_in_the_lane_in_which_it_is_struck():
     found = simulate(scene(rear("IDM", 40.0, 3.5, speed=35.0), speed=20.0), cuts_in, TWENTY)
     assert found.collision.side == "rear"
     crossed = found.ego.time[np.argmax(found.ego.y > 1.75)]
-    assert struck(found).applied == pytest.approx(found.collision.time - crossed, abs=0.11)
+    assert clips_of(found)["struck_from_behind"].applied == pytest.approx(
+        found.collision.time - crossed, abs=0.11
+    )
 
 
 @pytest.mark.parametrize("radius", [1e6, 250.0])
@@ -206,7 +205,7 @@ vehicle = [
 """),
     }
     found = simulate(scenario_from(content, "t", Path()).concrete(v=20.0), "no_reaction")
-    assert {clip.what: clip.count for clip in found.clips}["trigger_never_fired"] == 1
+    assert clips_of(found)["trigger_never_fired"].count == 1
     assert np.ptp(found.actors["child"].y) == 0.0
 
 
