@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import python
-from cosim.cosim_cases import points
+from road_scenes import points
 
 import sumo_eval
 from sumo_eval import kernels

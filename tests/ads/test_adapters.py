@@ -11,7 +11,6 @@ from tables import rows_of
 
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
 
@@ -120,7 +119,7 @@ LanePlanner | plan | commonroad_planner.py:CommonRoadPlanner | CommonRoad
 """),
 )
 def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, method, adapter, page):
-    with pytest.raises(InputError) as refused:
+    with refusal() as refused:
         load_controller(f"foreign_agents:{name}")
     said = str(refused.value)
     assert f"It has `{method}`, as " in said
@@ -195,7 +194,7 @@ grpc:localhost:50051 | a class with `act(observation)` that asks the server driv
 """),
 )
 def test_a_wrong_locator_names_the_right_one(locator, sentence):
-    with pytest.raises(InputError) as refused:
+    with refusal() as refused:
         load_controller(locator)
     assert (
         f"ADS `{locator}` must be one that ships, or of the form `module:name` or `file.py:name`: "

@@ -10,6 +10,7 @@ import pytest
 from commands import ROOT, in_a_shell, typed
 from doc_blocks import code_of
 from example_files import ADS, CASES, EVALUATION, GATE, RATINGS, SMALL, write_needs, write_policy
+from laid import lay
 from tables import rows_of
 
 from cli.test_help import all_commands
@@ -20,7 +21,7 @@ EXAMPLES = {
     if name != "humans"  # whose example is that of `humans import`
 }
 NOT_RUN = {
-    "drive": "needs a person in a browser; tests/wheel/test_drive_command.py has bots",
+    "drive": "needs a person in a browser; tests/wheel/test_drive_start.py has bots",
     "qualify": "takes minutes; tests/studies/test_qualification.py runs a check of each kind",
     "bench": "tests/bench/test_benchmark.py runs it",
     "import": "needs a file of OpenSCENARIO; tests/scenario/test_openscenario_faults.py has some",
@@ -32,11 +33,8 @@ NOT_RUN = {
 def desk(tmp_path_factory):
     """The files that the examples name, and the run that the first of them makes."""
     folder = tmp_path_factory.mktemp("examples")
-    (folder / "evaluation.toml").write_text(EVALUATION)
-    (folder / "cases.csv").write_text(CASES)
-    (folder / "gate.toml").write_text(GATE)
-    (folder / "my_ads.py").write_text(ADS)
-    (folder / "ratings.csv").write_text(RATINGS)
+    files = {"evaluation.toml": EVALUATION, "cases.csv": CASES, "gate.toml": GATE}
+    lay(folder, files | {"my_ads.py": ADS, "ratings.csv": RATINGS})
     done = typed(EXAMPLES["run"], folder)
     assert done.returncode == 0, done.said
     return folder

@@ -11,6 +11,7 @@ import libsumo
 import numpy as np
 import pytest
 from commands import python
+from laid import lay
 from refusals import refusal
 from road_scenes import HALF_SECOND, ROAD, assert_whole, case, clips_of, every_point, lead
 from tables import rows_of
@@ -236,17 +237,16 @@ def test_what_cannot_be_a_controller_is_refused_before_a_run(
     tmp_path, monkeypatch, locator, sentence
 ):
     monkeypatch.setattr(sys, "path", list(sys.path))
-    (tmp_path / "leaves.py").write_text("import sys\nsys.exit(3)\n")
-    (tmp_path / "raises.py").write_text("raise RuntimeError('not today')\n")
-    (tmp_path / "needs.py").write_text(
-        "class Ads:\n    def __init__(self, map_file): pass\n    step = None\n"
-    )
-    (tmp_path / "quits.py").write_text("class Ads:\n    def __init__(self): raise SystemExit(2)\n")
-    (tmp_path / "lazy.py").write_text(
-        "class Act:\n    @property\n    def act(self): raise RuntimeError('no weights')\n"
+    files = {
+        "leaves.py": "import sys\nsys.exit(3)\n",
+        "raises.py": "raise RuntimeError('not today')\n",
+        "needs.py": "class Ads:\n    def __init__(self, map_file): pass\n    step = None\n",
+        "quits.py": "class Ads:\n    def __init__(self): raise SystemExit(2)\n",
+        "lazy.py": "class Act:\n    @property\n    def act(self): raise RuntimeError('no weights')\n"
         "class Batch:\n    act, batch = None, Act.act\n"
-        "class Typed:\n    step, vehicle_type = print, Act.act\n"
-    )
+        "class Typed:\n    step, vehicle_type = print, Act.act\n",
+    }
+    lay(tmp_path, files)
     with refusal(re.escape(sentence)):
         simulate(case(), locator, folder=tmp_path)
     with refusal(re.escape(sentence)):

@@ -335,16 +335,12 @@ def test_the_search_behind_a_braking_lead_by_hand():
     lead_speed = lambda time: np.maximum(20.0 - 5.0 * time, 0.0)  # noqa: E731
     lead_distance = lambda time: 40.0 - lead_speed(time) ** 2 / 10.0  # noqa: E731
     ego = np.array([20.0])
-    assert searched_criticality(ego, np.array([5.0]), (lead_speed, lead_distance))[1] == 0.0
-    inverse, impact = searched_criticality(
-        ego, np.array([10.0]), (lead_speed, lead_distance), delay=1.0
-    )
+    assert searched_criticality(ego, [5.0], (lead_speed, lead_distance))[1] == 0.0
+    inverse, impact = searched_criticality(ego, [10.0], (lead_speed, lead_distance), delay=1.0)
     # from 1 s on it closes at 5 m/s with 10 - 2.5 m left: contact after 1.5 s more, at 5 m/s
     assert (inverse[0], impact[0]) == (math.inf, pytest.approx(5.0))
     # with 30 m it stops 10 m short; its ITTC peaks while it brakes behind the standing lead: sqrt(a
     # / 2c), c = 10 m, is reached at sqrt(2 a c) = 10 m/s, but it has only 5 m/s when the lead
     # stands, 12.5 m away: 5 / 12.5
-    inverse, impact = searched_criticality(
-        ego, np.array([30.0]), (lead_speed, lead_distance), delay=1.0
-    )
+    inverse, impact = searched_criticality(ego, [30.0], (lead_speed, lead_distance), delay=1.0)
     assert (inverse[0], impact[0]) == (pytest.approx(0.4, rel=1e-3), 0.0)

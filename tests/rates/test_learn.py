@@ -254,7 +254,7 @@ def test_a_narrow_joint_density_varies_as_much_as_its_events_any_other_more_and_
         * cell**2
     )
     assert mass.sum() == pytest.approx(1.0, abs=2e-3)
-    assert joint.density(np.array([[8.1, 0.0]])) == pytest.approx(0.0)
+    assert joint.density([[8.1, 0.0]]) == pytest.approx(0.0)
     for j in range(2):
         along = mass.sum(axis=1 - j)
         mean = float(np.average(events[:, j], weights=weights))
@@ -385,7 +385,7 @@ def test_no_learnt_vehicle_is_faster_than_roads_allow():
     logical = scenario_from(content, "t", Path())
     # the lead's speed is ego_speed - closing_speed: 60 and 60.1 m/s; SUMO lets nobody depart above
     # 60
-    assert logical.feasible(np.array([[48.7, -11.3, 2.0], [48.7, -11.4, 2.0]])).tolist() == [
+    assert logical.feasible([[48.7, -11.3, 2.0], [48.7, -11.4, 2.0]]).tolist() == [
         True,
         False,
     ]

@@ -11,7 +11,7 @@ from evaluations import small
 from refusals import refusal
 
 import sumo_eval
-from sumo_eval.errors import InputError, StoppedError
+from sumo_eval.errors import StoppedError
 from sumo_eval.record.facts import record_facts, resolve
 from sumo_eval.record.only import narrowed, points_only
 from sumo_eval.record.points import choose_points
@@ -176,7 +176,7 @@ def test_an_empty_sampling_names_the_constraint_that_ruled_out_how_many(tmp_path
     listed = SamplingSettings(method="file", file="points.csv")
     settings = small(scenarios=("front_vehicle_cut_out",), sampling=listed)
     (entry,) = settings.scenario
-    with pytest.raises(InputError) as refused:
+    with refusal() as refused:
         choose_points(load(entry.use), entry, tmp_path, settings)
     sentence = str(refused.value)
     assert sentence.startswith(

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from commands import python
+from laid import lay
 from record.runs import sumo_eval_cli
 from refusals import refusal
 
@@ -272,16 +273,15 @@ def test_kept_bytecode_hides_no_source(tmp_path, kept_in):
 
 
 def test_a_program_depends_on_modules_of_its_folder(tmp_path):
-    client = tmp_path / "client.py"
-    client.write_text("from helpers import planner\nimport json, nowhere\n")
-    (tmp_path / "helpers").mkdir()
-    (tmp_path / "helpers" / "__init__.py").write_text("")
-    (tmp_path / "helpers" / "planner.py").write_text(
-        "from . import deep\nimport top\nfrom .. import top\n"
-    )
-    (tmp_path / "top.py").write_text("")
-    (tmp_path / "helpers" / "deep.py").write_text("this is no Python")
-    (tmp_path / "unused.py").write_text("")
+    files = {
+        "client.py": "from helpers import planner\nimport json, nowhere\n",
+        "helpers/__init__.py": "",
+        "helpers/planner.py": "from . import deep\nimport top\nfrom .. import top\n",
+        "top.py": "",
+        "helpers/deep.py": "this is no Python",
+        "unused.py": "",
+    }
+    lay(tmp_path, files)
     names = {
         str(file.relative_to(tmp_path)) for file in named_files("exec:python client.py", tmp_path)
     }

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from commands import python
 from commands import sumo_eval as sumo_eval_cli
+from laid import lay
 from lxml import etree
 
 import sumo_eval
@@ -79,17 +80,18 @@ def run(tmp_path_factory):
     """Two scenarios, three ADSs whose code lies beside the evaluation; the second point of each is
     the exported one."""
     folder = tmp_path_factory.mktemp("exported")
-    (folder / "lib").mkdir()
-    (folder / "lib" / "my_ads.py").write_text(DRAWS)
-    (folder / "lib" / "brakes.sh").write_text(BRAKES)
+    files = {
+        "lib/my_ads.py": DRAWS,
+        "lib/brakes.sh": BRAKES,
+        "neighbour.py": NEIGHBOUR,
+        "slow_truck.toml": SLOW_TRUCK,
+        "points.csv": "ego_speed,cut_in_speed,gap,lateral_speed,exposure\n30,15,90,1,1\n"
+        "30,15,50.1,0.8,0.3\n",
+        "truck.csv": "ego_speed,truck_speed\n20,15\n25,10\n",
+        "evaluation.toml": EVALUATION,
+    }
+    lay(folder, files)
     (folder / "lib" / "brakes.sh").chmod(0o755)
-    (folder / "neighbour.py").write_text(NEIGHBOUR)
-    (folder / "slow_truck.toml").write_text(SLOW_TRUCK)
-    (folder / "points.csv").write_text(
-        "ego_speed,cut_in_speed,gap,lateral_speed,exposure\n30,15,90,1,1\n30,15,50.1,0.8,0.3\n"
-    )
-    (folder / "truck.csv").write_text("ego_speed,truck_speed\n20,15\n25,10\n")
-    (folder / "evaluation.toml").write_text(EVALUATION)
     sumo_eval.evaluate(folder / "evaluation.toml", folder / "run")
     return folder / "run"
 

@@ -16,7 +16,6 @@ from refusals import refusal
 from report_cases import calm as with_calm
 from report_cases import pick, with_case
 
-from sumo_eval.errors import InputError
 from sumo_eval.nightly.bases import (
     Bases,
     accept,
@@ -282,7 +281,7 @@ def test_the_trend_shows_departures_builds_and_acceptance(evaluation, tmp_path):
 def test_the_command_for_a_folder_with_a_blank_is_quoted(tmp_path):
     lost = tmp_path / "my nights" / "nights" / FIRST
     lost.mkdir(parents=True)
-    with pytest.raises(InputError) as error:
+    with refusal() as error:
         _refuse_without_history(lost.parents[1])
     _, _, command = str(error.value).partition("of these nights: ")
     words = shlex.split(command.partition(". Nothing")[0])

@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refusal
 
-from sumo_eval.errors import InputError
 from sumo_eval.scenario.expression import DEEPEST, Expression, checked_names, condition, number
 
 real = st.floats(-50, 50).map(lambda value: round(value, 3))
@@ -90,7 +89,7 @@ def test_it_knows_the_names_it_needs_and_whether_it_is_a_condition():
     ],
 )  # fmt: skip
 def test_nothing_else_is_let_in(text):
-    with pytest.raises(InputError):
+    with refusal():
         Expression(text)
 
 
@@ -139,7 +138,7 @@ def test_a_number_that_no_float_can_hold_is_refused(text):
     "text", ["\ud800", "x\x00", "-" * 900 + "x", "(" * 400 + "x" + ")" * 400, "1" * 5_000, "f'{x}'"]
 )
 def test_odd_text_gives_a_message_that_can_be_shown(text):
-    with pytest.raises(InputError) as caught:
+    with refusal() as caught:
         Expression(text)
     str(caught.value).encode("utf-8")
 

@@ -286,7 +286,7 @@ def test_zones_of_a_played_vehicle_are_those_of_the_closed_form_where_there_is_o
 def test_where_no_zone_can_be_defined_everything_is_safe():
     zones = partition(scene({"do": "brake", "deceleration": 9.0}))
     assert zones.zones == 0
-    assert not zones.exactly_hazardous(np.array([[10.0], [30.0]])).any()
+    assert not zones.exactly_hazardous([[10.0], [30.0]]).any()
 
 
 @pytest.mark.parametrize(

@@ -293,7 +293,7 @@ def test_two_vehicles_of_one_name_are_refused():
 def test_law_the_unit_box_and_back_is_the_same_point(logical):
     points = sample(logical).points
     assert logical.from_unit(logical.to_unit(points)) == pytest.approx(points)
-    assert logical.to_unit(np.array([logical.low, logical.high])) == pytest.approx(
+    assert logical.to_unit([logical.low, logical.high]) == pytest.approx(
         np.array([[0.0] * len(logical.names), [1.0] * len(logical.names)])
     )
 

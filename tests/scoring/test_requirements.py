@@ -34,20 +34,13 @@ end = { x = 300.0 }
 
 def drive(y=0.0):
     """At 10 m/s for 1 s, then braking with 2 m/s2 for 1 s: 10, 8 m/s at the ends."""
-    time = np.array([0.0, 1.0, 2.0])
-    return Trajectory(time=time, x=np.array([0.0, 10.0, 19.0]), y=np.array([0.0, 0.1, y]),
-        heading=np.zeros(3),
-                      speed=np.array([10.0, 10.0, 8.0]), acceleration=np.array([0.0, 0.0, -2.0]),
-                      steering_wheel_angle=np.full(3, np.nan), length=4.0, width=1.8)  # fmt: skip
+    x, speeds, rates = [0.0, 10.0, 19.0], [10.0, 10.0, 8.0], [0.0, 0.0, -2.0]
+    return Trajectory(range(3), x, [0.0, 0.1, y], np.zeros(3), speeds, rates, length=4.0)
 
 
 def ahead():
     """Its rear is 16, 10 and 5 m ahead of that one's front: 20 - 4 m, then 24 - 14, 28 - 23."""
-    time = np.array([0.0, 1.0, 2.0])
-    return Trajectory(time=time, x=np.array([20.0, 24.0, 28.0]), y=np.zeros(3), heading=np.zeros(3),
-                      speed=np.full(3, 4.0), acceleration=np.zeros(3),
-                      steering_wheel_angle=np.full(3, np.nan),
-                      length=4.0, width=1.8)  # fmt: skip
+    return Trajectory(range(3), [20.0, 24.0, 28.0], np.zeros(3), length=4.0)
 
 
 @pytest.mark.parametrize(

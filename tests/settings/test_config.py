@@ -7,7 +7,6 @@ import pytest
 from refusals import refusal
 from tables import rows_of
 
-from sumo_eval.errors import InputError
 from sumo_eval.settings import RunSettings
 from sumo_eval.settings.config import (
     PAPER_EVALUATION,
@@ -44,7 +43,7 @@ def read(tmp_path, text):
 
 
 def message(tmp_path, text):
-    with pytest.raises(InputError) as refused:
+    with refusal() as refused:
         read(tmp_path, text)
     return str(refused.value)
 

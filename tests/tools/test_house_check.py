@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from laid import lay
 from loaded import load
 
 ROOT = Path(__file__).parents[2]
@@ -31,18 +32,18 @@ def check(root, *options):
 @pytest.fixture
 def house(tmp_path):
     """A package without a fault: a command that another module's function serves."""
-    for folder in ("sumo_eval/room", "tools", "docs"):
-        (tmp_path / folder).mkdir(parents=True)
-    (tmp_path / "pyproject.toml").write_text('[project.scripts]\nhouse = "sumo_eval.door:main"\n')
-    (tmp_path / "sumo_eval" / "__init__.py").write_text('"""A package."""\n')
-    (tmp_path / "sumo_eval" / "room" / "__init__.py").write_text('"""A room."""\n')
-    (tmp_path / "sumo_eval" / "door.py").write_text(
-        'from sumo_eval.room.inner import answer\n\n\ndef main() -> int:\n    """The way in."""\n '
-        "   return answer()\n"
-    )
-    (tmp_path / "sumo_eval" / "room" / "inner.py").write_text(
-        'def answer() -> int:\n    """What is asked for."""\n    return 42\n'
-    )
+    for folder in ("tools", "docs"):
+        (tmp_path / folder).mkdir()
+    files = {
+        "pyproject.toml": '[project.scripts]\nhouse = "sumo_eval.door:main"\n',
+        "sumo_eval/__init__.py": '"""A package."""\n',
+        "sumo_eval/room/__init__.py": '"""A room."""\n',
+        "sumo_eval/door.py": "from sumo_eval.room.inner import answer\n\n\ndef main() -> int:\n    "
+        '"""The way in."""\n    return answer()\n',
+        "sumo_eval/room/inner.py": 'def answer() -> int:\n    """What is asked for."""\n    '
+        "return 42\n",
+    }
+    lay(tmp_path, files)
     return tmp_path
 
 

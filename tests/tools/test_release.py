@@ -10,6 +10,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from laid import lay
 from loaded import load
 
 ROOT = Path(__file__).parents[2]
@@ -43,17 +44,21 @@ def git(root, *arguments):
 def project(tmp_path):
     """A repository with the real scripts and a package of one file, everything committed."""
     root = tmp_path / "project"
-    for folder in ("sumo_eval", "tools", "tests/golden", "packaging/conda"):
-        (root / folder).mkdir(parents=True)
-    shutil.copy(ROOT / "tools" / "release.py", root / "tools")
-    shutil.copy(ROOT / "tools" / "house_check.py", root / "tools")
-    (root / "tests" / "golden" / "golden.py").write_text("raise SystemExit(0)\n")
-    (root / "sumo_eval" / "__init__.py").write_text('"""A package."""\n')
-    (root / "CHANGELOG.md").write_text(CHANGELOG)
-    (root / "pyproject.toml").write_text(PYPROJECT)
-    (root / "CITATION.cff").write_text(CITATION)
-    (root / "packaging" / "conda" / "meta.yaml").write_text(CONDA)
-    (root / ".gitignore").write_text("dist/\n")
+    lay(
+        root,
+        {
+            "tests/golden/golden.py": "raise SystemExit(0)\n",
+            "sumo_eval/__init__.py": '"""A package."""\n',
+            "CHANGELOG.md": CHANGELOG,
+            "pyproject.toml": PYPROJECT,
+            "CITATION.cff": CITATION,
+            "packaging/conda/meta.yaml": CONDA,
+            ".gitignore": "dist/\n",
+        },
+    )
+    (root / "tools").mkdir()
+    for script in ("release.py", "house_check.py"):
+        shutil.copy(ROOT / "tools" / script, root / "tools")
     git(tmp_path, "init", "--quiet", str(root))
     git(root, "config", "user.name", "A tester")
     git(root, "config", "user.email", "tester@example.org")
