@@ -352,9 +352,7 @@ def make_briefing(
 def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
     """Ask the user's vehicle model for the single ego's state at the end of the coming step."""
     ego = world.egos[0]
-    before = EgoState(
-        *ego["map"].tolist(), *(float(ego[name]) for name in ("speed", "acceleration", "steering"))
-    )
+    before = EgoState(*ego["map"].tolist(), *ego[["speed", "acceleration", "steering"]].tolist())
     state = plant.advance(before, command, world.settings.step)
     moved = math.hypot(state.x - before.x, state.y - before.y)
     if not (moved < FASTEST * world.settings.step and LOWEST_SPEED < state.speed < FASTEST):

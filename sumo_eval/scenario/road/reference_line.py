@@ -330,7 +330,7 @@ def _each(
         rule(knots_of(pieces), stacked, result)
     else:
         result[:, :3] = stacked
-    return [result[:, k].reshape(shape) for k in range(4)]
+    return [column.reshape(shape) for column in result.T]
 
 
 def drawn_points(pieces: Line, begin: float, end: float, longest: float = 1.0) -> FloatArray:
