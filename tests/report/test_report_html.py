@@ -140,7 +140,6 @@ def test_the_ranking_has_a_section_where_there_is_one(evaluation):
         )
     )  # fmt: skip
     content = ranking_content(ranked, Additions())
-    assert content is not None
     text = template("sections/ranking.html.j2").render(content={"ranking": content}, term=term)
     assert '<th scope="row">&lt;y&gt;</th>' in text
     words = visible(text)

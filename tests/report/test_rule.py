@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import builders
 import numpy as np
@@ -140,7 +139,7 @@ def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail():
     """),
 )
 def test_got_worse_by_counts(near, worse, better, cases, kept, fails):
-    part: Any = SimpleNamespace(which=range(worse))
+    part = SimpleNamespace(which=range(worse))
     found = Tally("ads", GAP, near, (part,), better, cases, kept)
     assert got_worse(found, SETTINGS) is fails
 
@@ -154,7 +153,7 @@ def test_a_case_that_lost_its_task_or_one_of_three_its_likeness_shifts():
             (least, 0.41, 0, False), (least, 0.4, 1, False),
         ):  # fmt: skip
             which = range(worse)
-            part: Any = SimpleNamespace(which=which, before=[0.7], after=[after])
+            part = SimpleNamespace(which=which, before=[0.7], after=[after])
             found = Tally("ads", measure, False, (part,), better, 99, 1.0)
             assert got_worse(found, SETTINGS) is fails
 
@@ -357,7 +356,6 @@ def test_a_harder_injury_risk_fails(evaluation):
     free = with_case(risk(0.9), case, collided=False, severity=None)
     comparison = compare(hit, free, SETTINGS, accept_differences=True)
     content = change_content(free, Additions(comparison))
-    assert content is not None
     assert content["cases"][0]["base"] == "U 0.1 m/s", "the base has a speed"
     of_u = tuple(LimitSettings(name, worse_by=0.0) for name in ("regret", *sorted(OF_U)))
     watched = NearMissSettings(measure=(GAP, MeasureSettings("severity", 0.01, zone=9.0)))

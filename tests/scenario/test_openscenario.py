@@ -519,17 +519,14 @@ def test_a_trajectory_crosses_a_curved_road_straight_on_the_map(tmp_path):
     assert logical.road.bent
     seen = tracks([scene], [(4.0, 1.8)], 0.05, 4.0).others[0, 0]
     found = np.stack(map_places(logical.road.line, *seen[:, :3].T)[:2], axis=1)
-    ends = np.stack(map_places(logical.road.line, *_ends_in_frame())[:2], axis=1)
+    # s = 70 m in lane 1 and s = 60 m in lane -1: the frame lies 1.75 m to the right of the road's
+    # line
+    outside = 1.0 + 1.75 * 0.002
+    places = map_places(logical.road.line, [70.0 * outside, 60.0 * outside], [3.5, 0.0])
+    ends = np.stack(places[:2], axis=1)
     along = (ends[1] - ends[0]) / math.dist(*ends)
     times = 0.05 * np.arange(len(seen))
     np.testing.assert_allclose(found, ends[0] + along * (1.5 + 5.0 * times)[:, None], atol=1e-6)
-
-
-def _ends_in_frame():
-    """s and d of s = 70 m in lane 1 and s = 60 m in lane -1: the frame lies 1.75 m to the right of
-    the road's line."""
-    outside = 1.0 + 1.75 * 0.002
-    return [70.0 * outside, 60.0 * outside], [3.5, 0.0]
 
 
 def test_a_speed_that_is_reached_within_no_time_is_the_one_at_the_start(tmp_path):

@@ -22,12 +22,8 @@ def ladder():
     return load("tools/ladder.py")
 
 
-def of_a(table):
-    return table[(table["scenario"] == "all") & (table["score"] == "A")].iloc[0]
-
-
 def assert_a_orders(table, least):
-    a = of_a(table)
+    a = table[(table["scenario"] == "all") & (table["score"] == "A")].iloc[0]
     assert a["pairs"] >= least
     assert a["wrong"] == a["without a score"] == 0
     assert a["tied"] <= TIED * a["pairs"]

@@ -77,10 +77,6 @@ THRESHOLD = 0.3  # x above it is safe
 DRIVER_SPREAD = 0.06
 
 
-def expected_index(x):
-    return 0.35 + 0.4 * x
-
-
 def truth_d():
     # exposure 1 + x over x in U(0, 1), safe where x > t = 0.3: D = int (1+x)(0.35+0.4x) / int (1+x)
     # from t to 1
@@ -89,24 +85,11 @@ def truth_d():
     return over / under
 
 
-def truth_c():
-    # nine of ten cases at x < 0.14 collide; Ug/U = 0.2 + 0.6 u, u in U(0, 1), and r = 1 + u:
-    # int (1+u)(0.2+0.6u) du / int (1+u) du = (0.2 + 0.8/2 + 0.6/3) / 1.5
-    return 0.8 / 1.5
-
-
-def truth_a():
-    # U = 10, Ug = 10 (0.2 + 0.6 u), U0 = 20 where x < 0.3. Lost: 0.126 int (1+u) 10 (0.8-0.6u) du =
-    # 0.126 * 7;
-    # at stake: 0.3 int (1+u)(18-6u) du = 0.3 * 22
-    return 1.0 - 0.126 * 7.0 / (0.3 * 22.0)
-
-
 def one_experiment(random):
     x = random.uniform(size=CASES)
     shifts = DRIVER_SPREAD * random.standard_normal(DRIVERS)
     own = np.clip(0.08 * random.standard_normal(CASES), -0.2, 0.2)
-    index = expected_index(x) + own + shifts.mean()
+    index = 0.35 + 0.4 * x + own + shifts.mean()
     hit = (x < 0.14) & (random.uniform(size=CASES) < 0.9)
     u = random.uniform(size=CASES)
     exposure, safe = 1.0 + x, x > THRESHOLD
@@ -138,10 +121,14 @@ def one_experiment(random):
 def test_95_per_cent_intervals_hold_the_truth_in_95_per_cent_of_200_repetitions():
     random = np.random.default_rng(2026)
     truth = {
-        "c": truth_c(),
+        # nine of ten cases at x < 0.14 collide; Ug/U = 0.2 + 0.6 u, u in U(0, 1), and r = 1 + u:
+        # int (1+u)(0.2+0.6u) du / int (1+u) du = (0.2 + 0.8/2 + 0.6/3) / 1.5
+        "c": 0.8 / 1.5,
         "d": truth_d(),
         "human_likeness": truth_d(),
-        "avoided_share": truth_a(),
+        # U = 10, Ug = 10 (0.2 + 0.6 u), U0 = 20 where x < 0.3. Lost: 0.126 int (1+u) 10 (0.8-0.6u)
+        # du = 0.126 * 7; at stake: 0.3 int (1+u)(18-6u) du = 0.3 * 22
+        "avoided_share": 1.0 - 0.126 * 7.0 / (0.3 * 22.0),
     }
     truth["s"] = 50.0 * truth["c"] + 50.0 * truth["d"]
     truth["task_share"] = truth_d()
