@@ -320,11 +320,8 @@ def _ego_body(ego: Start, vehicle: VehicleSettings, time: float, line: Line) -> 
     # 0: half a wheelbase less and again more would round x.
     half = 0.5 * vehicle.wheelbase if line or ego.way is not None else 0.0
     x = float(ego.x_after(ego.speed * time - half))
-    heading = 0.0
-    y = ego.y
-    if ego.way is not None:
-        y, next_y = ego.y_at(np.array([x, x + _AHEAD])).tolist()
-        heading = math.atan2(next_y - y, _AHEAD)  # slope over `_AHEAD`
+    y, next_y = ego.y_at([x, x + _AHEAD]).tolist()
+    heading = math.atan2(next_y - y, _AHEAD)  # slope over `_AHEAD`
     axle = _on_the_map(
         Body(x, y, heading, ego.speed, vehicle.length + room, vehicle.width + room), line
     )
