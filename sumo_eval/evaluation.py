@@ -113,7 +113,8 @@ def record_rounds(
             break
         run, notes = replace(run, settings=further), recorded.notes
         recorded = record(run, resume=True, another_round=True)
-        recorded = replace(recorded, notes=notes + recorded.notes)  # of all rounds
+        # of all rounds, each once
+        recorded = replace(recorded, notes=tuple(dict.fromkeys(notes + recorded.notes)))
     return recorded
 
 

@@ -68,7 +68,7 @@ run's own when it is resumed, else the paper's.
 class Recorded:
     """Number of drives in a run folder, and of cases of ADSs that were not evaluated.
 
-    notes: sentences on cases that were recorded before and had to be rerun.
+    notes: sentences on recorded drivers, and on recorded cases that had to be rerun.
     """
 
     drives: int
@@ -200,7 +200,8 @@ def record_facts(
         _filled_folder(folder, run, spaces, another_round=another_round) as store,
     ):
         remember(folder, settings, source)
-        notes = find_stale(store, source)  # ADSs whose files have changed
+        # of recorded drivers, and of ADSs whose files have changed
+        notes = (*plan.notes, *find_stale(store, source))
         store.remove_stale()
         store.unseal()
         try:

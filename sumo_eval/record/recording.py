@@ -89,12 +89,14 @@ class Planner:
     harness: identity of this package and of what it simulates with.
     identities: of ADSs and drivers, by locator.
     over_arrays: locators of the policies that drive cases in blocks.
+    notes: sentences on recorded drivers.
     """
 
     run: Resolved
     harness: str
     identities: Mapping[str, str]
     over_arrays: frozenset[str]
+    notes: tuple[str, ...]
 
     @property
     def setup(self) -> Setup:
@@ -207,14 +209,16 @@ def planner(run: Resolved) -> Planner:
             f"ADS `{ads.name}`",
         )
         identities[ads.locator] += files_identity(ads, source)
+    notes = ()
     if settings.drivers.source == RECORDED:
         # imported here: it needs pandas, which synthetic drivers do not
-        from sumo_eval.drivers.recorded.reference import open_people
+        from sumo_eval.drivers.recorded.reference import notes_of, open_people
 
         # a file that cannot be read is reported now, not after hours of simulation
-        open_people(settings.drivers, source)
+        people = open_people(settings.drivers, source)
+        notes = notes_of(people, {name: it.names for name, it in run.scenarios.items()})
         identities[RECORDED] = people_identity(settings.drivers, source)
-    return Planner(run, harness, identities, over_arrays)
+    return Planner(run, harness, identities, over_arrays, notes)
 
 
 def record(

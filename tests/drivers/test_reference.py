@@ -15,7 +15,7 @@ from scipy import stats
 from sumo_eval.drivers.recorded.exposure import exposure_of, fit_exposure
 from sumo_eval.drivers.recorded.matching import matching_events
 from sumo_eval.drivers.recorded.recordings import Recordings, write_csv
-from sumo_eval.drivers.recorded.reference import Reference, open_people, reference
+from sumo_eval.drivers.recorded.reference import Reference, notes_of, open_people, reference
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, read_scenario
 from sumo_eval.scenario.logical import Counterpart
@@ -127,8 +127,12 @@ def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):
         ).drives
         == ()
     )
-    cases.assign(lead_speed="slow").to_csv(folder / "cases.csv", index=False)
+    cases.assign(lead_speed="slow", fil=1).to_csv(folder / "cases.csv", index=False)
+    (folder / "ben.csv").write_text((folder / "ben.csv").read_text().replace("driver", "drivr"))
     people = open_people(settings, tmp_path)
+    assert [note[:25] for note in notes_of(people, {LOGICAL.name: LOGICAL.names})] == [
+        "Column `fil` of cases.csv", "Column `drivr` of ben.csv"
+    ]  # fmt: skip
     with refusal(r"`lead_speed` in row 2 of .*cases\.csv"):
         reference(CONCRETE, people, settings, LOGICAL.recorded)
 

@@ -5,6 +5,7 @@ start.
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,6 +19,7 @@ from sumo_eval.drivers.recorded.importers.tables import (
     check_speeds,
     checked_numbers,
     read_table,
+    unread_columns,
 )
 from sumo_eval.drivers.recorded.importing import OWN, import_recordings
 from sumo_eval.drivers.recorded.matching import matching_events
@@ -35,7 +37,9 @@ from sumo_eval.trajectory import Trajectory
 NAMED_CASES = "cases.csv"
 _LEAST_SPACING = 1.0  # m between the lanes 0 and 1; less is no lane
 _STANDS = 0.1  # m/s; a vehicle slower than this stands
+_PLACES = "t", "x", "y"
 _MOTION = "heading", "speed", "acceleration"  # channels of a drive that a table may lack
+_KNOWN = *_MOTION, "steering"
 
 
 class People(NamedTuple):
@@ -95,6 +99,22 @@ def _recorded(paths: tuple[Path, ...], changed: tuple[int, ...]) -> People:
     recordings = import_recordings(OWN, paths)
     tracks: Any = dict(iter(recordings.table.groupby(["recording", "vehicle"])))
     return People(recordings, extract_events(recordings), tracks, lane_centres(recordings.table))
+
+
+def notes_of(people: People, parameters: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """Sentences on what was left out, assumed or not read.
+
+    parameters: of each scenario of the evaluation, by its name.
+    """
+    notes = [*people.recordings.notes] if people.recordings else []
+    if people.named is not None:
+        named, path = people.named, people.folder / NAMED_CASES
+        known = ["scenario", "file", *itertools.chain(*parameters.values())]
+        notes += unread_columns(named, known, path)
+        for file in named["file"][named["scenario"].isin(parameters)].unique():
+            path = people.folder / str(file)
+            notes += unread_columns(read_table(path, _PLACES), (*_PLACES, *_KNOWN, "driver"), path)
+    return tuple(notes)
 
 
 def reference(
@@ -215,8 +235,8 @@ def _drives_in(path: Path, line: Line) -> Sequence[tuple[str, Trajectory]]:
 
     line: the road's; along it, a speed that is not known is that on the map.
     """
-    table = read_table(path, ("t", "x", "y"))
-    names = ["t", "x", "y", *table.filter([*_MOTION, "steering"])]
+    table = read_table(path, _PLACES)
+    names = [*_PLACES, *table.filter(_KNOWN)]
     checked_numbers(table, names, path, gaps=["steering"])
     table["driver"] = table.get("driver")  # without such a column no driver is named
     drives = []
