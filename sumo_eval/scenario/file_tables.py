@@ -643,7 +643,10 @@ class ScenarioFile(Checked):
             for item in parameters
             if item.distribution is not None
         ]
-        about += [] if joint is None else [str(joint)]
+        if joint is not None:
+            # the file may have lost rows since
+            of = f" of {self.met.events} in [met]" if self.met else ""
+            about.append(f"{joint}{of}")
         about += [] if density is None else [f"times `{density.text}`"]
         exposure = ExposureDensity(parameters, density, definitions, joint, constraints)
         return {"exposure": exposure, "exposure_about": ", ".join(about)} if about else {}

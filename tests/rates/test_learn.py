@@ -83,6 +83,7 @@ def test_what_was_planted_is_found_again_and_the_files_can_be_driven(tmp_path):
     # m: the planted motion is one that the file can say
     assert told["replay_error"]["together"]["90 %"] < 0.1
     assert logical.met.events == told["events"]
+    assert f"of {events} in [met]" in logical.exposure_about
     sets = etree.parse(out / "cut_in.xosc").findall(".//ParameterValueSet")
     assert len(sets) == len((out / "cut_in.events.csv").read_text().splitlines()) - 1
     concrete = logical.concrete(
