@@ -281,6 +281,9 @@ def _fill_closed_streams() -> None:
     # each `open` takes the lowest free number, so first those of closed streams (0, 1, 2)
     while (number := os.open(os.devnull, os.O_RDWR)) < 3:
         os.set_inheritable(number, True)
+    if sys.stdout and sys.stderr:
+        os.close(number)
+        return
     nowhere = os.fdopen(number, "w", encoding="utf-8")
     sys.stdout, sys.stderr = sys.stdout or nowhere, sys.stderr or nowhere
 

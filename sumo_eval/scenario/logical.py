@@ -378,6 +378,9 @@ class LogicalScenario:
     def concrete(self, **values: float) -> ConcreteScenario:
         """The concrete scenario at a point; refuses unknown, missing, out-of-range and impossible
         values.
+
+        Without a body of the ego in the scenario, gaps begin at the bumpers of a vehicle of 4.5 m.
+        `scenario.resolved.find_with` gives the scenario for the vehicle of a run.
         """
         owner, names = f"scenario `{self.name}`", self.names
         check_known(f"parameter of {owner}", names, *values)

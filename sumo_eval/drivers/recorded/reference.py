@@ -213,11 +213,10 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
     rows = people.named[people.named["scenario"] == concrete.scenario].copy()
     if rows.empty:
         return None
-    columns = [str(column) for column in rows]
-    check_known(f"parameter column of {people.folder / NAMED_CASES}", columns, *concrete.values)
-    parameters, values = list(concrete.values), list(concrete.values.values())
-    checked_numbers(rows, parameters, people.folder / NAMED_CASES)
-    matching = rows[((rows[parameters] - values).abs() < 1e-6).all(axis=1)]
+    path, parameters = people.folder / NAMED_CASES, list(concrete.values)
+    check_known(f"parameter column of {path}", [*map(str, rows)], *parameters)
+    checked_numbers(rows, parameters, path)
+    matching = rows[((rows[parameters] - [*concrete.values.values()]).abs() < 1e-6).all(axis=1)]
     if matching.empty:
         return None
     named = [
