@@ -102,8 +102,11 @@ def _chain(roads: Sequence[Element], owner: str) -> list[ReadRoad]:
             # The first direction that meets. Both are generators, so the second direction is read
             # only if the first does not meet: faults of lanes that are not driven do not matter.
             stretches = (_stretch_or_none(element, name, against) for against in directions)
-            meeting = (it for it in stretches if it and (not chain or _meet(chain[-1], it.begin)))
-            chain += itertools.islice(meeting, 1)  # where none meets, the chain stays too short
+            end = chain[-1].begin.along(chain[-1].line, chain[-1].length) if chain else None
+            # where none meets, the chain stays too short
+            chain += itertools.islice(
+                (it for it in stretches if it and (not end or max(end.off(it.begin)) <= _MEETS)), 1
+            )
         if len(chain) == len(roads):
             break
     else:  # too short in both directions of the first road
@@ -128,11 +131,6 @@ def _stretch_or_none(road: Element, owner: str, against: bool) -> ReadRoad | Non
     lanes = road.iterfind(f"lanes/laneSection/{'left' if against else 'right'}/lane")
     driven = any(lane.get("type") in DRIVEN for lane in lanes)
     return _stretch(road, owner, against=against) if driven else None
-
-
-def _meet(before: ReadRoad, begin: Pose) -> bool:
-    """Whether a stretch ends at `begin`, within `_MEETS`."""
-    return max(before.begin.along(before.line, before.length).off(begin)) <= _MEETS
 
 
 def _stretch(road: Element, owner: str, *, against: bool) -> ReadRoad:
