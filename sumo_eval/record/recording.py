@@ -209,7 +209,7 @@ def planner(run: Resolved) -> Planner:
             f"ADS `{ads.name}`",
         )
         identities[ads.locator] += files_identity(ads, source)
-    notes = ()
+    notes: tuple[str, ...] = ()
     if settings.drivers.source == RECORDED:
         # imported here: it needs pandas, which synthetic drivers do not
         from sumo_eval.drivers.recorded.reference import notes_of, open_people

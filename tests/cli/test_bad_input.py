@@ -114,9 +114,9 @@ def test_a_read_only_folder_is_refused(folder):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell's way to close a stream")
-@pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-", "2>&1 | { ! grep Traceback; }"])
 def test_closed_streams_do_not_end_a_command(folder, closed):
-    words = [sys.executable, "-m", "sumo_eval", "check", "good.toml"]
+    words = [sys.executable, "-W", "error", "-m", "sumo_eval", "check", "good.toml"]
     done = subprocess.run(f"{shlex.join(words)} {closed}", shell=True, check=False, cwd=folder)
     assert done.returncode == 0
     child = [sys.executable, "-c", "import os; [os.fstat(number) for number in range(3)]"]

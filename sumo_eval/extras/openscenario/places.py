@@ -243,7 +243,7 @@ class Places:
             "RelativeObjectPosition": self._relative_object,
             "RoutePosition": self._route, "TrajectoryPosition": self._on_trajectory,
             "WorldPosition": self._world, "RelativeWorldPosition": self._relative_world,
-            "GeoPosition": lambda it: Spot(Pose(*on_map(it, self.network.root), 0.0)),
+            "GeoPosition": self._geo,
         }  # fmt: skip
         read = kind.chosen(known, "positions")
         spot = read(kind)
@@ -329,6 +329,9 @@ class Places:
         x, y, heading = self.referred(element).placed(element).pose
         y += self.side * element.number("dy", 0.0)
         return Spot(Pose(x + element.number("dx"), y, heading))
+
+    def _geo(self, element: Node) -> Spot:
+        return Spot(Pose(*on_map(element, self.network.root), 0.0))
 
     # -- trajectories ------------------------------------------------------------------------------
 
