@@ -17,8 +17,8 @@ from sumo_eval.text import duration_words
 _LINE_EVERY = 10.0  # s between two plain lines of one stage
 # the time left is estimated from the last 30 s: a stage may begin at another rate
 _RECENT = 30.0
-_FEWEST_DONE = 5  # items done in these 30 s: with fewer there is no estimate
-_SHORTEST = 5.0  # s from the first to the last of these items: in less there is no estimate
+_FEWEST_DONE = 5  # items; an estimate needs at least so many in these 30 s
+_SHORTEST = 5.0  # s; an estimate needs first and last of these items at least so far apart
 _WIDE = 120  # columns of a terminal with room for a long bar
 _BURST = 1.0  # s; reports within it are one burst, as of a batch whose cases end together
 
@@ -40,16 +40,16 @@ class _StageProgress:
 
     def __init__(self, now: float) -> None:
         self.task: Any = None  # its task in the bar of rich
-        self.line_time = now  # when its last plain line was printed, s
-        self.finished = False  # whether its last plain line was printed
+        self.line_time = now  # when its latest plain line was printed, s
+        self.finished = False  # whether its final plain line was printed
         self._under_way = False  # whether an item has ended since the first report
         self._recent: list[_Burst] = []
 
     def note(self, now: float, done: int) -> None:
         """Remember the bursts of the last half minute.
 
-        What was before the first new item is forgotten: rules were compiled and processes started,
-        which the rest need not wait for.
+        Reports before the first new item are forgotten: in that time rules were compiled and
+        processes started, which says nothing about the rate of the rest.
         """
         recent = self._recent
         if recent and now - recent[-1].begin < _BURST:
@@ -59,7 +59,7 @@ class _StageProgress:
                 self._under_way = True
                 recent.clear()
             recent.append(_Burst(now, now, done))
-        # the oldest burst stays as long as it is needed to cover the half minute
+        # drop the oldest burst once the second oldest lies before the half minute
         while len(recent) > 2 and now - recent[1].end > _RECENT:
             recent.pop(0)
 
@@ -67,7 +67,7 @@ class _StageProgress:
         """`12.0/s, about 40 s left`, at the rate of the last half minute; "" too early, and at the
         end.
 
-        unless: words behind it, on how it may end sooner.
+        unless: text to append, on how the work may end sooner.
         """
         first, last = self._recent[0], self._recent[-1]
         done, seconds = last.done - first.done, last.end - first.end
@@ -78,9 +78,9 @@ class _StageProgress:
 
 
 class Progress:
-    """A context that gives the function which shows progress.
+    """A context manager that gives a function to show progress.
 
-    Its arguments: name of the stage, items done, their total, items that failed.
+    The function's arguments: name of the stage, items done, their total, items that failed.
 
     at_most: the work may end before the total is reached, as a search that finds its answer.
     """

@@ -31,8 +31,8 @@ IDLE = 0.2
 _CLUSTER = "sumo_eval.record.cluster:run_on_cluster"
 
 Outcomes = Generator[list[Outcome], None, None]
-"""Lists of outcomes, each of cases that ended together. A case of TraCI code that ended in a batch
-comes again, driven alone, if that code turns out to keep state between cases."""
+"""Lists of outcomes; a list holds cases that ended together. A case that ran TraCI code in a batch
+gets a second outcome, driven alone, if that code turns out to keep state between cases."""
 
 
 def run_cases(cases: Iterable[Case], setup: Setup) -> Generator[Outcome, None, None]:
@@ -41,7 +41,7 @@ def run_cases(cases: Iterable[Case], setup: Setup) -> Generator[Outcome, None, N
 
 
 def once_each(ended: Outcomes) -> Generator[Outcome, None, None]:
-    """The last outcome of each case, as it ends; at the very end if another could replace it."""
+    """The final outcome of each case as it ends; those that may be replaced, at the very end."""
     replaceable: dict[str, Outcome] = {}
     with closing(ended) as batches:
         for outcome in chain.from_iterable(batches):
@@ -77,9 +77,9 @@ def refuse_engine(run: RunSettings) -> None:
 def run_in_children(
     cases: Iterable[Case], setup: Setup, stopping: Stopping = never, workers: int = 1
 ) -> Outcomes:
-    """Every batch in one of `workers` child processes; the cases of a lost one run alone."""
-    # Compiled before the first case, whose time limit it would use up. The caller has done it where
-    # `cases` is an iterator.
+    """Drive each batch in one of `workers` child processes; cases of a lost process run alone."""
+    # Compile the rules now, or the first case would spend its time limit on it. Where `cases` is an
+    # iterator, the caller has compiled them.
     loops.ready(loops.of_cases(cases if isinstance(cases, Sequence) else ()))
     batches = Batches(cases, workers, min(largest_batch(setup), setup.run.cases_per_child))
     work = Work(answer, setup, lambda batch: affinity(batch[0], setup), driven)
@@ -101,8 +101,8 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
     named: pairs of kind and locator.
 
     Raises InputError for one that cannot be loaded.
-    Loading runs a user's file, so each is loaded in a fresh child process, without imports of
-    other files. On a system that cannot fork, the engine `serial` loads all in this process.
+    Loading runs a user's file, so each is loaded in a fresh child process, which has imported no
+    other. On a system that cannot fork, the engine `serial` loads all in this process.
     """
     if setup.run.engine == "serial":
         refuse_to_share(affinity_of_ads(locator, setup) for kind, locator in named if kind == "ADS")
@@ -157,8 +157,8 @@ def _settled(ended: Ended[Batch], batches: Batches, setup: Setup) -> list[Outcom
     printed = f"Printed by its batch of {len(batch)} cases:\n{ended.log}" if ended.log else ""
     if ended.how != "done":  # its process was lost
         happened = clean(what_happened(ended, setup.run, "It", "ran it"))
-        why = [Alone("pack_lost" if batch[0].block is None else "block_lost", happened)]
-        batches.record_failure(batch, why * len(batch), printed, too_slow=ended.how == "overdue")
+        why = Alone("pack_lost" if batch[0].block is None else "block_lost", happened)
+        batches.record_failure(batch, [why] * len(batch), printed, too_slow=ended.how == "overdue")
         return []
     results = results_of(ended.result, batch)
     if results is None:
@@ -188,20 +188,22 @@ def _settled_alone(ended: Ended[Batch], batches: Batches, setup: Setup) -> list[
     remark = printed if why is None else f"{ALONE}{why}\n{printed}"
     if ended.how == "done":
         (outcome,) = results_of(ended.result, ended.item) or (None,)
-        assert isinstance(outcome, Outcome), "a case alone is always driven"
+        assert isinstance(outcome, Outcome), "a case that runs alone always has an outcome"
     else:
         status: Status = "timeout" if ended.how == "overdue" else "crashed"
         outcome = Outcome(case, status, None, what_happened(ended, setup.run))
     outcome = replace(outcome, log=remark + outcome.log + ended.log, alone=why)
-    if is_late_by_chance(outcome, ended, setup) and (why is None or why.why != LATE):
+    # run it again, but only once
+    may_repeat = why is None or why.why != LATE
+    if may_repeat and is_late_by_chance(outcome, ended, setup):
         batches.run_undisturbed(case, Alone(LATE, outcome.error or ""), outcome.log)
         return []
     return [outcome]
 
 
 def is_late_by_chance(outcome: Outcome, ended: Ended[Batch], setup: Setup) -> bool:
-    """Whether a drive was too late, and another may be in time: this one ended in the first step,
-    or waited too long for a processor.
+    """Whether a drive timed out for a reason that may not recur: it ended in the first step, or
+    waited too long for a processor.
     """
     recording = outcome.recording
     in_first_step = recording is not None and recording.simulated_time <= setup.simulation.step
@@ -213,12 +215,12 @@ def what_happened(
 ) -> str:
     """A sentence about an item without a result.
 
-    what: names the item.
-    did: work of its process.
+    what: subject of the sentence.
+    did: what the process did, after "The process that".
     """
     if ended.how == "overdue":
         return f"{what} took longer than {limits.case_timeout:g} s of wall time."
-    if ended.how == "overfull":
+    if ended.how == "overfull":  # `why` is then the memory held, MB
         return (
             f"The process that {did} and what it had started held {ended.why} MB, more than the "
             f"{limits.memory_limit:g} MB of `run.memory_limit`, and were ended."

@@ -23,9 +23,9 @@ from sumo_eval.scenario.undisturbed import tracks
 Range = tuple[float, float]
 _ANY: Range = (-math.inf, math.inf)
 _NOT_NEGATIVE: Range = (0.0, math.inf)
-_LOOKS = 600  # number of looks at a script, from the start to the time limit
+_LOOKS = 600  # times at which a script is sampled, from the start to the time limit
 _HEADWAY = 2.0  # s, of an ego behind a slower vehicle
-_CREEPS = 0.1  # m/s: a slower ego counts as one of this speed
+_CREEPS = 0.1  # m/s, lower bound of the ego's speed
 _PAST = 5.0  # m that an ego may be past the end of its road at the end of a step
 
 
@@ -35,7 +35,7 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
     time_limit: s.
     """
     ego, road = concrete.ego, concrete.road
-    # range of a value by operation and vehicle
+    # (operation, vehicle) -> range of its value; for the time the vehicle is 0
     ranges = {
         (played.TIME, 0): (0.0, time_limit),
         (played.X, played.EGO): (ego.x, road.length + _PAST),
@@ -60,9 +60,10 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
             for index, act in acts.items()
             if act.program and not _may_hold(act.program, ranges, endless)
         }
-        if never | keeps <= endless:
+        found = never | keeps
+        if found <= endless:
             return [(concrete.actors[number], index) for number, index in sorted(never)]
-        endless |= never | keeps
+        endless |= found
 
 
 def leaves_at(concrete: ConcreteScenario, time_limit: float) -> Iterator[tuple[str, float]]:
@@ -73,19 +74,20 @@ def leaves_at(concrete: ConcreteScenario, time_limit: float) -> Iterator[tuple[s
     The ego is assumed to keep its speed, or to follow a slower vehicle at a headway of `_HEADWAY`,
     and a vehicle that a SUMO model drives to keep its first speed.
     """
+    # the ego's case ends at `road.length`, the road itself at `end`
     ego, road, end = concrete.ego, concrete.road, concrete.road.end
     if not concrete.actors:
         return
     ego_time = (road.length - ego.x) / max(ego.speed, _CREEPS)  # to the end of the case, unhindered
     step = time_limit / _LOOKS
-    # an ego of no size: conditions that measure from its body are a few metres off
+    # x (actor, time). The ego has no size: conditions on its body are a few metres off.
     tracked = tracks([concrete], [(0.0, 0.0)], step, time_limit).others[0, :, :, 0]
     for actor, x in zip(concrete.actors, tracked, strict=True):
         beyond = x > end - 0.5 * actor.length
         if not beyond.any():
             continue
         time, speed = float(np.argmax(beyond)) * step, actor.start.speed
-        # a slower vehicle ahead holds the ego up: the case has not ended when this vehicle leaves
+        # a slower vehicle holds the ego up: when it leaves, the ego behind it is still on the road
         held_up = speed < ego.speed and end - actor.length - _HEADWAY * speed < road.length
         if time < ego_time or held_up:
             yield actor.name, time
@@ -121,7 +123,7 @@ def _may_hold(
     endless: moves that never end, as (vehicle, index).
     """
     stack: list[Range] = []
-    for op, one, two, value in program:
+    for op, one, two, value in program:  # one: a vehicle; two: another vehicle, or a move
         if op == played.VALUE:
             stack.append((value, value))
         elif op == played.ENDED:
@@ -140,20 +142,20 @@ def _may_hold(
         else:
             second, first = stack.pop(), stack.pop()
             stack.append(_joined(op, first, second))
-    return stack[0][1] > 0.0
+    return stack[0][1] > 0.0  # the upper end; a condition is 0 (false) or 1
 
 
 def _joined(op: int, first: Range, second: Range) -> Range:
-    """The range of an operation on two ranges; of a condition 0..1 where it may hold, else 0..0."""
+    """Range of an operation on two ranges; of a condition (0, 1) if it may hold, else (0, 0)."""
     (a, b), (c, d) = first, second
-    holds = {
+    upper = {
         played.BELOW: a < d,
         played.AT_MOST: a <= d,
         played.AND: min(b, d),
         played.OR: max(b, d),
     }
-    if op in holds:
-        return 0.0, float(holds[op])
+    if op in upper:
+        return 0.0, float(upper[op])
     if op == played.DIVIDE and c <= 0.0 <= d:
         return _ANY
     # the extremes are at ends of the ranges; with infinite ends, some results are undefined

@@ -16,7 +16,7 @@ from sumo_eval.scoring.findings import findings_of, mean_of
 from sumo_eval.scoring.rule import sign_test
 
 CONTACT = 50.0 / 3.6
-"""Impact speed of one contact, m/s, where excess impact speed is counted in contacts."""
+"""Impact speed that counts as one contact in `Behaviour.contacts`, m/s."""
 BY_CHANCE = 0.05
 """Probability of a sign test below which two ADSs count as different."""
 
@@ -24,9 +24,10 @@ BY_CHANCE = 0.05
 class Behaviour(NamedTuple):
     """One ADS in one scenario, or in all scenarios of a run; counts are numbers of cases.
 
-    stands, slower: safe cases in which it stands, or is slower, where the references drive.
+    stands: safe cases in which it stands where the references drive.
+    slower: further ones in which it is slower than the references.
     worst: impact speed of the hardest avoidable collision, m/s; 0 without one.
-    excess: mean of max(0, U - Ug) by exposure, m/s; 0 where nothing could be evaluated.
+    excess: mean of max(0, U - Ug), weighted by exposure, m/s; 0 where nothing could be evaluated.
     grade, human: A' and H; None where they do not exist.
     """
 
@@ -46,7 +47,7 @@ class Behaviour(NamedTuple):
 
     @property
     def contacts(self) -> float:
-        """The excess a case, in contacts at `CONTACT`: 1 is one such contact in every case."""
+        """The excess in units of `CONTACT`: 1 stands for one such contact in every case."""
         return self.excess / CONTACT
 
 
@@ -61,7 +62,7 @@ def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
         scores = [score for score in evaluation.scores if score.ads == ads]
         interval = scores[0].s_plus_interval if len(scores) == 1 else None
         order.append(RankedAds(ads, None, _mean((it.s_plus, 1.0) for it in scores), interval))
-    # S+ is at least 0
+    # -S+ is at most 0, so 1.0 puts an ADS without S+ last
     return tuple(sorted(order, key=lambda ads: 1.0 if ads.s_plus is None else -ads.s_plus))
 
 
@@ -71,7 +72,7 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
     scores = [findings.score for findings in parts]
     by_scenario = {} if evaluation.ranking is None else evaluation.ranking.weights
     weights = [by_scenario.get(score.scenario, 1.0) for score in scores]
-    stands = sum(int(findings.stands.sum()) for findings in parts)  # slow cases, too
+    stands = sum(int(findings.stands.sum()) for findings in parts)  # also counted as slow
 
     def total(field: str) -> int:
         return sum(getattr(score, field) for score in scores)
@@ -105,7 +106,7 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
 
 
 def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
-    """The mean of (value, weight); None where a value is missing or nothing weighs."""
+    """The mean of (value, weight); None where a value with a weight is missing or all weigh 0."""
     pairs = list(values)
     whole = sum(weight for _, weight in pairs)
     if not whole or any(value is None for value, weight in pairs if weight):
@@ -114,8 +115,10 @@ def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
 
 
 class HarmBeside(NamedTuple):
-    """Numbers of cases in which an ADS does less and more avoidable harm than a second ADS, and of
-    all cases that both have.
+    """How an ADS compares with a second one, in numbers of cases.
+
+    less, more: with less, or more, avoidable harm than the second.
+    common: all cases that both have.
     """
 
     less: int
@@ -125,11 +128,11 @@ class HarmBeside(NamedTuple):
     @property
     def chance(self) -> float:
         """P of the two-sided sign test: twice that of the one-sided test of the larger number."""
-        return min(1.0, 2.0 * sign_test(max(self[:2]), min(self[:2])))
+        return min(1.0, 2.0 * sign_test(max(self.less, self.more), min(self.less, self.more)))
 
     @property
     def told_apart(self) -> bool:
-        """Whether the ADS does less harm, and not by chance."""
+        """Whether the ADS does less harm than the second one, and not by chance."""
         return self.chance < BY_CHANCE and self.less > self.more
 
 
@@ -170,7 +173,7 @@ def least_human(evaluation: Evaluation, ads: str) -> CaseResult | None:
     least: list[tuple[float, str, CaseResult]] = []
     for findings in findings_of(evaluation, ads):
         likeness = np.where(findings.cases.collided, np.inf, findings.cases.human_likeness)
-        lowest = float(np.fmin.reduce(likeness, initial=np.inf))
+        lowest = float(np.fmin.reduce(likeness, initial=np.inf))  # fmin: without nan
         if lowest < np.inf:
             least += [(lowest, case.case, case) for case in findings.cases[likeness == lowest]]
     return min(least)[2] if least else None

@@ -67,8 +67,8 @@ _Map = tuple[Any, Any, Any]
 
 LOST = {
     "T": ("lost by not driving (T)", "#56b4e9"),
-    **dict.fromkeys("AC", ("lost by harm (A, C)", "#d55e00")),
-    **dict.fromkeys("HD", ("lost by driving otherwise (H, D)", "#e69f00")),
+    **dict.fromkeys(("A", "C"), ("lost by harm (A, C)", "#d55e00")),
+    **dict.fromkeys(("H", "D"), ("lost by driving otherwise (H, D)", "#e69f00")),
 }
 """Term of S+ (T, A, H) or of S (C, D) -> words and colour of the points that it costs."""
 KEPT = "#0072b2"  # colour of the points that an ADS kept
@@ -105,8 +105,8 @@ def zone_map(request: FigureRequest) -> Figure:
 
 
 def _slice(view: View, zones: ZonePartition, cases: CaseTable) -> tuple[View, str]:
-    """The view, moved to the slice with most collisions if it has a choice, and a note on it."""
-    chosen = telling_slice(view, cases)  # empty without a choice
+    """The view, at the slice with most collisions where there are several, and a note on it."""
+    chosen = telling_slice(view, cases)  # empty if there is one slice only
     view = view._replace(fixed=chosen or view.fixed)
     items = ((zones.logical.parameters[column], value) for column, value in view.fixed.items())
     where = ", ".join(f"{item.name} = {value:g}{item.unit_suffix}" for item, value in items)
@@ -116,8 +116,8 @@ def _slice(view: View, zones: ZonePartition, cases: CaseTable) -> tuple[View, st
         shown = sum(view.shows(case) for case in cases)
         return view, f"The slice at {where}, with most collisions: {shown} of {len(cases)} cases."
     return view, (
-        f"The map is the slice at {where}, the most common values, or the middle ones where none "
-        "is. Nearly every case lies off it, so all cases are drawn where they would fall on it."
+        f"The map is the slice at {where}: the most common values, else the middle ones. Nearly "
+        "every case lies off it, so all cases are projected onto it."
     )
 
 
@@ -163,8 +163,8 @@ def _map_panels(
 def _zones(zones: ZonePartition, view: View, number: int) -> tuple[_Map, _Map]:
     """Maps of the criticality y at the corners of cells, nan where no point is possible.
 
-    The first has 0.5 - y of the exact one (Eqs. 5-7), the second y of the learnt one (Eq. 8). A
-    point is hazardous where y is at most 0, and `Panel.chance` shows hazardous areas from 0.5 on.
+    The first has 0.5 - y, exact (Eqs. 5-7), the second y as learnt (Eq. 8). y <= 0 is hazardous: in
+    the first 0.5 or more, which `Panel.chance` shows so. In the code `y` is the map's second axis.
 
     number: of the panel.
     """
@@ -172,7 +172,7 @@ def _zones(zones: ZonePartition, view: View, number: int) -> tuple[_Map, _Map]:
     shares = np.linspace(0.0, 1.0, CELLS + 1)  # of the parameters' ranges
     # the map of one parameter is a strip from y = -1 to 1, the same at both edges
     y_shares = np.array([0.0, 1.0]) if view.y is None else shares
-    points = slice_points(logical, view, number, shares, y_shares)
+    points = slice_points(logical, view, number, shares, y_shares)  # (n, m, parameters)
     x = points[0, :, view.x]
     y = np.array([-1.0, 1.0]) if view.y is None else points[:, 0, view.y]
     possible = logical.feasible(points)
@@ -206,7 +206,7 @@ def field(request: FigureRequest) -> Figure:
         for ax, (name, drive), strength in zip(axes, drives.items(), values, strict=True):
             image = ax.pcolormesh(
                 east, north, strength, cmap="cividis", vmin=lowest, vmax=tallest, rasterized=True,
-                shading="gouraud",  # the values are at the places: a curve has no even cells
+                shading="gouraud",  # values are at nodes: on a curve the cells are uneven
             )  # fmt: skip
             ax.plot(*map_places(scene.line, drive.x, drive.y)[:2], color="white", linewidth=0.8)
             ax.set_title(name.replace("_", " "))
@@ -288,7 +288,8 @@ def collisions(request: FigureRequest) -> Figure:
     names, evaluation = request.names, request.evaluation
     panels = []
     chosen = request.chosen_scenario
-    for scenario in [chosen] if chosen else [zone.scenario for zone in evaluation.zones]:
+    scenarios = [chosen] if chosen else [zone.scenario for zone in evaluation.zones]
+    for scenario in scenarios:
         marks, most = [], 0.0
         for ads in names:
             cases = evaluation.cases_of(ads, scenario)
@@ -401,8 +402,8 @@ def boundary(request: FigureRequest) -> Figure:
     y of a concrete scenario goes from -1, most hazardous, through 0, the boundary of the zones, to
     1, safest.
     """
-    name, names, cases = request.one_scenario, request.names, request.evaluated
-    zones = zone_partitions(request.evaluation)[name]
+    scenario, names, cases = request.one_scenario, request.names, request.evaluated
+    zones = zone_partitions(request.evaluation)[scenario]
     marks = [Marks("", [0.0, 0.0], [0.0, 1.0], INK, "-")]  # the boundary
     for ads in names:
         own = cases[cases.ads == ads]
@@ -410,7 +411,7 @@ def boundary(request: FigureRequest) -> Figure:
         order = np.argsort(y)
         hit = own.collided[order]
         share = np.cumsum(hit) / max(hit.sum(), 1.0)
-        # a staircase from (-1, 0): level until the next y, where it rises to the share
+        # corners of the staircase: (-1, 0), (y0, 0), (y0, s0), (y1, s0), (y1, s1), ...
         x, stairs = np.repeat([-1.0, *y[order]], 2)[1:], np.repeat([0.0, *share], 2)[:-1]
         colour, _, line = look_of(ads, names)
         words = f"{ads}: {hit.sum()} of {len(own)} collide"
@@ -419,7 +420,7 @@ def boundary(request: FigureRequest) -> Figure:
         marks, "criticality y of the concrete scenario (0: the boundary, above: safe)",
         "share of its collisions so far", range_=(-1.0, 1.0),
     )  # fmt: skip
-    figure = on_paper([panel], request.width, 0.52, words=name.replace("_", " "))
+    figure = on_paper([panel], request.width, 0.52, words=scenario.replace("_", " "))
     for begin, colour in ((-1.0, HAZARDOUS), (0.0, SAFE)):
         figure.axes[0].axvspan(begin, begin + 1.0, color=colour, linewidth=0)
     return figure

@@ -60,8 +60,8 @@ class Transition(NamedTuple):
 
 Reward = Callable[[Transition], Floats]
 
-COMFORTABLE = 3.0  # m/s2, an acceleration of which a second costs 0.1
-COMFORTABLE_JERK = 15.0  # m/s3, a jerk of which a second costs 0.01
+COMFORTABLE = 3.0  # m/s2; a second at this acceleration costs 0.1
+COMFORTABLE_JERK = 15.0  # m/s3; a second at this jerk costs 0.01
 
 
 def usual_reward(transition: Transition) -> Floats:
@@ -94,9 +94,9 @@ class Episodes:
     reward: function that gives the reward (n,) of a `Transition`; None: `usual_reward`.
     sampler: draws a point from a generator; None: evenly over the space.
     steering: whether the usual interface has steering.
-    sumo: whether SUMO steps the actors, as in an evaluation; libsumo holds one simulation in a
-        process. False: the actors follow their scripts, and a process holds any number.
-    max_episode_steps: answers after which an episode ends with `step_limit`; None: no such limit.
+    sumo: True: SUMO steps the actors, as in an evaluation, with one simulation in a process.
+        False: the actors follow their scripts, with any number of simulations in a process.
+    max_episode_steps: calls of `step` after which `step_limit` ends an episode; None: no limit.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class Episodes:
         self._pack: Pack | None = None
         self._start_speeds = np.zeros(count)
         self._limit, self._answered = max_episode_steps, np.zeros(count, dtype=int)
-        self._steps = steps_between(
+        self._steps = steps_between(  # simulation steps in a call of `step`
             self.interface.period or 0.0, self.settings.step, "the interface"
         )
 
@@ -132,7 +132,7 @@ class Episodes:
         generators: list[np.random.Generator],
         options: Mapping[str, Any],
     ) -> None:
-        """Restart these episodes, at first all, each at a point drawn by its generator.
+        """Restart the episodes `rows` (first call: all), each at a point drawn by its generator.
 
         options: see `point`.
         """
@@ -229,20 +229,22 @@ class Episodes:
         egos = pack.world.egos
         running, before = egos["live"] != 0, egos["acceleration"].copy()
         ended, impact = np.full(self.count, "", dtype="U16"), np.zeros(self.count)
-        for row in pack.step(commands).tolist():
+        for row in pack.step(commands).tolist():  # the rows that ended with this step
             ended[row] = pack.reason(row)
             if ended[row] == "contact":
                 impact[row] = self._impact(row)
         return Transition(
-            pack.observations(), commands, egos["speed"], egos["acceleration"],
-            (egos["acceleration"] - before) / pack.step_length, self._start_speeds, running,
-            ended, impact, pack.step_length,
+            seen=pack.observations(), command=commands, speed=egos["speed"],
+            acceleration=egos["acceleration"],
+            jerk=(egos["acceleration"] - before) / pack.step_length,
+            start_speed=self._start_speeds, running=running, ended=ended, impact=impact,
+            step=pack.step_length,
         )  # fmt: skip
 
     def _reward(self, transition: Transition) -> Floats:
         """The user's reward of a step, checked, and 0 for episodes that were over."""
         given = self.reward(transition)
-        with suppress(TypeError, ValueError):  # no numbers, or too many
+        with suppress(TypeError, ValueError):  # not numbers, or a wrong shape: refused below
             # complex numbers, texts and objects are refused, as "same_kind" does not cast them
             numbers = np.asarray(given).astype(np.float64, casting="same_kind")
             rewards = np.where(transition.running, numbers, 0.0)

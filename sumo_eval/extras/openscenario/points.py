@@ -47,7 +47,7 @@ class MappingTable(Checked):
     distribution: Annotated[str, About("the .xosc of the variation, relative to this file")]
     parameters: Annotated[dict[str, str | float], About("our parameter = expression of theirs")]
     only: Annotated[
-        dict[str, str | float | bool], About("their parameter = the value that it is held to")
+        dict[str, str | float | bool], About("their parameter = its only value that is kept")
     ] = field(default_factory=dict)
 
 
@@ -66,7 +66,7 @@ class Variation(NamedTuple):
 
     combinations: each, name of their parameter -> value.
     scenario: the file that declares the parameters; None where it is missing, or declares none.
-    notes: sentences on what of the file has no effect.
+    notes: sentences on parts of the file that have no effect.
     """
 
     combinations: tuple[Combination, ...]
@@ -91,8 +91,8 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
     for name, expression in mapping.parameters.items():
         checked_names(expression, theirs, f"`{name}` of mapping {request.file}")
     check_known(f"parameter in [only] of mapping {request.file}:", theirs, *mapping.only)
-    # Kept: combinations that have the values of [only]. [only] also sets parameters that are
-    # declared but not varied, which a combination lacks.
+    # Keep the combinations that agree with [only], and set the parameters of [only] that a
+    # combination lacks: declared, but not varied.
     kept = [
         item | mapping.only
         for item in variation.combinations
@@ -102,8 +102,8 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
         raise InputError(f"[only] of mapping {request.file} keeps no combination.")
     allowed = kept
     if variation.scenario is not None:
-        # of each combination the scene, whose `values` are its own and the declared values of all
-        # other parameters, and the constraint groups that it violates
+        # for each combination: a scene, whose `values` also have the declared values of all other
+        # parameters, and the constraint groups that it violates
         checked = map(variation.scenario.declared, kept)
         allowed = [dict(scene.values) for scene, violated in checked if not violated]
     if not allowed:
@@ -113,13 +113,15 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
         )
     rows = np.array([_row(mapping, item) for item in allowed])
     inside = logical.in_box(rows)
-    # rounded: expressions such as x / 3.6 can give equal points with different last digits
+    # rounded, as x / 3.6 can give equal points with different last digits
+    # times: number of combinations that give a point
     points, times = np.unique(np.round(rows[inside], 9), axis=0, return_counts=True)
     if not len(points):
         raise InputError(
             f"No point of {mapping.distribution.name} lies within the ranges of `{logical.name}`."
         )
     used = {name for expression in mapping.parameters.values() for name in expression.names}
+    # varied, but neither used by an expression nor in [only]
     loose = sorted({name for item in kept for name in item} - used - mapping.only.keys())
     forbidden, outside = len(kept) - len(allowed), int(np.sum(~inside))
     notes, total = [*variation.notes], len(variation.combinations)
@@ -153,7 +155,7 @@ def read_mapping(path: Path, logical: LogicalScenario) -> SpaceMapping:
                 f"`{name}` of scenario `{logical.name}` is missing in [parameters] of {owner}."
             )
     expressions = {name: number(table.parameters[name], owner) for name in logical.names}
-    only = {
+    only = {  # as an .xosc writes it: `true`, not `True`
         name: plain(str(value).lower() if isinstance(value, bool) else str(value))
         for name, value in table.only.items()
     }
@@ -212,7 +214,7 @@ def _stochastic(element: Node, owner: str, count: int | None, seed: int) -> tupl
     if not 1 <= runs <= MAX_POINTS:
         within = f"within 1..{MAX_POINTS:,}, or give a `count`"
         raise element.fault(f"`numberOfTestRuns` must be {within}, got {runs}")
-    kinds = {
+    kinds = {  # their parameter -> node of its distribution
         it.attribute("parameterName"): it.only() for it in element.all("StochasticDistribution")
     }
     if not kinds:
@@ -244,8 +246,8 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
     normal, variance = kind.tag == "NormalDistribution", kind.not_negative("variance", 0.0)
     mean = kind.number("expectedValue") if normal else kind.above_zero("expectedValue")
     drawn: list[Value] = []
-    # Values outside the Range are drawn again. It is refused where fewer than `runs` of 1000 `runs`
-    # values lie within it.
+    # Draw until `runs` values lie within the Range; refuse it if 1000 times `runs` draws do not
+    # suffice.
     for _ in range(1000):
         if normal:
             values = stream.normal(mean, math.sqrt(variance), runs)
@@ -266,7 +268,8 @@ def _row(mapping: SpaceMapping, values: Mapping[str, Value]) -> list[float]:
     numbers = {name: value for name, value in known.items() if value is not None}
     row = []
     for name, expression in mapping.parameters.items():
-        for needed in expression.names - numbers.keys():
+        if lacking := expression.names - numbers.keys():
+            needed = min(lacking)
             raise must_be(f"`{needed}`", f"the mapping of `{name}`", "a number", values[needed])
         row.append(float(expression.value(numbers)))
     return row

@@ -40,7 +40,7 @@ class PracticeSettings(Checked):
         3.0
     )
     share: Annotated[
-        PositiveFloat, Le(1.0), About("share of the trial in which both must hold")
+        PositiveFloat, Le(1.0), About("share of the trial within `offset` and `within`")
     ] = 0.8
     passes: Annotated[Natural, About("trials that must be passed; 0: no practice")] = 1
     most: Annotated[PositiveInt, About("most trials; who has not passed by then goes home")] = 6
@@ -77,10 +77,10 @@ class StudySettings(Checked):
         About("what is driven: SCENARIO-POINT of the run; empty: `count` of its safe points"),
     ] = ()
     count: Annotated[
-        PositiveInt, Le(100), About("safe points that are driven where `cases` names none")
+        PositiveInt, Le(100), About("number of safe points driven if `cases` is empty")
     ] = 8
     ads: Annotated[tuple[str, ...], About("whose drives are rated; empty: all of the run")] = ()
-    replays: Annotated[Natural, Le(20), About("drives rated of each ADS in each scenario")] = 1
+    replays: Annotated[Natural, Le(20), About("drives to rate per ADS and logical scenario")] = 1
     rate: Annotated[Literal[20, 50, 100], About("steps a second")] = 50
     break_after: Annotated[PositiveInt, About("drives after which a break is offered")] = 8
     practice: PracticeSettings = field(default_factory=PracticeSettings)
@@ -93,7 +93,7 @@ class StudyCase(NamedTuple):
 
     key: `SCENARIO-POINT`.
     use: locator of its scenario.
-    ads: the recorded drives of the ADSs in it, by name.
+    ads: name of an ADS -> its recorded drive in this case.
     """
 
     key: str
@@ -132,7 +132,7 @@ class StudyPlan(NamedTuple):
             for ads in self.ads:
                 driven = [case for case in self.cases
                     if case.concrete.scenario == scenario and ads in case.ads]  # fmt: skip
-                # in the order of the cases; the permutation below mixes them
+                # a random choice in the order of the cases; the last line shuffles all replays
                 chosen = draw.permutation(len(driven))[: self.settings.replays]
                 replays += [(driven[index], ads) for index in sorted(chosen)]
         return [replays[index] for index in draw.permutation(len(replays))]
@@ -145,7 +145,7 @@ def balanced_orders(n: int) -> list[list[int]]:
     Williams's design (Aust. J. Sci. Res. A 2, 149 (1949)): n rows for an even n, 2 n for an odd
     one.
     """
-    # 0, 1, -1, 2, -2, ...; every other row is this one shifted, modulo n
+    # 0, 1, -1, 2, -2, ...; each row is this one shifted, modulo n
     first = [step // 2 + 1 if step % 2 else -(step // 2) for step in range(n)]
     rows = [[(index + shift) % n for index in first] for shift in range(n)]
     return rows if n % 2 == 0 else rows + [row[::-1] for row in rows]
@@ -161,7 +161,7 @@ def read_study(path: Path) -> StudyPlan:
     resolved = resolved_run(run)
     uses = {logical.name: (entry.use, logical) for entry, logical in resolved.entries}
     with open_store(run / FACTS) as store:
-        # a point is safe if human drivers were recorded at it: they drive at no other
+        # only safe points have drives of human drivers
         safe_keys = {_key(fact) for fact in store.facts("human")}
         # drives that can be replayed: the trajectories of others have been discarded
         driven = [fact for fact in store.facts("ads") if store.trajectories(fact.case)]
@@ -171,7 +171,7 @@ def read_study(path: Path) -> StudyPlan:
         drives.setdefault(_key(fact), {})[fact.driver] = fact
     safe = [key for key in drives if key in safe_keys]
     count = min(settings.count, len(safe))
-    # evenly over the list: some of every scenario
+    # spread evenly over the list, and so over the scenarios
     keys = settings.cases or [safe[index * len(safe) // count] for index in range(count)]
     check_known("ADS of the run", names, *settings.ads)
     check_known("case of the run", drives, *keys)
@@ -186,7 +186,7 @@ def read_study(path: Path) -> StudyPlan:
         fact = next(iter(drives[key].values()))  # all have the same point
         use, logical = uses[fact.scenario]
         file = resolved.source / use
-        # a name that is no file is that of a scenario that ships
+        # `use` is a file, or else the name of a shipped scenario
         locator = str(file) if file.is_file() else use
         cases.append(StudyCase(key, locator, logical.concrete(**fact.values), drives[key]))
     folder = (path.parent / (settings.out or settings.name.replace(" ", "_"))).absolute()

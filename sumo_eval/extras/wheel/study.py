@@ -61,7 +61,7 @@ class Participant:
     def finish(self, step: str, **entry: Any) -> None:
         """Note that a step is done, in the journal on disk before the next step begins."""
         entry = {"step": step, "when": datetime.now(UTC).isoformat(timespec="seconds"), **entry}
-        # a last line without its end, of a machine that went down, is written over
+        # overwrite a last line that a crash left without its newline
         with (self.folder / "journal.jsonl").open("ab+") as file:
             file.seek(0)
             file.truncate(file.read().rfind(b"\n") + 1)
@@ -109,7 +109,7 @@ async def study(window: Window, plan: StudyPlan, tell: Callable[[str], None]) ->
                   questions=[{"key": "code", "kind": "code", "text": "Code"}],
                   buttons=[["go", "Begin"], ["skip", "End the session"]])
         )  # fmt: skip
-        if given.get("button") == "skip":
+        if given.get("button") == "skip":  # "End the session"; needs no code
             break
         code = str(given.get("code", ""))
         if not CODE.fullmatch(code):
@@ -130,7 +130,7 @@ async def study(window: Window, plan: StudyPlan, tell: Callable[[str], None]) ->
         )  # fmt: skip
         if answer.get("button") == "end":
             break
-    # a sheet, after which the page does not reconnect
+    # "over": after this sheet the page does not reconnect
     await window.show(
         {**sheet("The session is over", "You can close this window."), "show": "over"}
     )
@@ -196,8 +196,9 @@ async def steps_of(window: Window, plan: StudyPlan, person: Participant) -> str:
 
 
 async def practised(window: Window, plan: StudyPlan, person: Participant) -> bool:
-    """Practice until the criterion is fulfilled; whether it was, within the allowed trials."""
+    """Let a participant practise; return whether the criterion was met in the allowed trials."""
     rule, settings = plan.settings.practice, settings_at(plan.settings.rate)
+    # for each trial, whether it was passed
     trials = [entry["passed"] for step, entry in person.done.items() if "practice:" in step]
     concrete = practice_drive(rule, plan.cases[0].concrete.road)
     lines = (
