@@ -30,9 +30,9 @@ EXPONENT = 4.0  # delta of the free-road term (Treiber, Hennecke, Helbing 2000)
 COOLNESS = 0.99  # c (Kesting, Treiber, Helbing 2010)
 # s, time constant in which an accepted short headway grows back (Schakel et al. 2012, LMRS)
 HEADWAY_RECOVERY = 25.0
-# m; the models divide by the gap, and at this one they ask for more than any brake can give
+# m, least gap to divide by: here the models ask for more than any brake can give
 MIN_GAP = 0.1
-MIN_SPEED = 0.1  # m/s; they divide by the desired speed too
+MIN_SPEED = 0.1  # m/s, least speed to divide by
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,8 +101,10 @@ def idm_acceleration(
 
 @kernel
 def free_acceleration(speed: float, desired_speed: float, idm: Any) -> float:
-    """Free road of the improved IDM: a (1 - (v / v0)^4) up to the desired speed, above it -b (1 -
-    (v0 / v)^(4 a / b)).
+    """Free-road acceleration of the improved IDM, m/s2.
+
+        v <= v0: a (1 - (v / v0)^4)
+        v > v0:  -b (1 - (v0 / v)^(4 a / b))
 
     Source: Treiber, Kesting, Traffic Flow Dynamics (2013), section 11.3.7.
     """
@@ -144,8 +146,8 @@ def improved_idm_acceleration(
 
 @kernel
 def constant_speed_heuristic(speed: float, gap: float, lead_speed: float) -> float:
-    """Acceleration that just avoids a lead which keeps its speed: -dv^2 / (2 s) while closing, else
-    0. m/s2.
+    """Acceleration, m/s2, that just avoids a lead at constant speed: -dv^2 / (2 s) while closing,
+    else 0.
 
     Source: the constant-acceleration heuristic of Kesting, Treiber, Helbing (2010) with lead
     acceleration 0.
@@ -161,9 +163,10 @@ def constant_acceleration_heuristic(
     """CAH: acceleration, m/s2, that just avoids a lead which keeps braking with b_l > 0 until it
     stands.
 
-    v^2 a_l / (v_l^2 - 2 s a_l) if v_l (v - v_l) <= -2 s a_l (the lead stands first), else a_l -
-    dv^2 / (2 s) with dv = max(v - v_l, 0), a_l = -b_l. Source: Kesting, Treiber, Helbing, Phil.
-    Trans. R. Soc. A 368, 4585 (2010).
+    v_l (v - v_l) <= 2 s b_l (the lead stands first): -v^2 b_l / (v_l^2 + 2 s b_l)
+    else: -b_l - dv^2 / (2 s), dv = max(v - v_l, 0)
+
+    Source: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368, 4585 (2010).
     """
     distance = max(gap, MIN_GAP)
     if lead_speed * (speed - lead_speed) <= 2.0 * distance * lead_braking:
@@ -186,7 +189,7 @@ def enhanced_idm_acceleration(
     headway: float | None = None,
     lead_braking: float = 0.0,
 ) -> float:
-    """Enhanced IDM ("ACC model"): brakes no harder than a gap needs by more than b. m/s2.
+    """Enhanced IDM ("ACC model"), m/s2: brakes at most about b harder than the gap needs.
 
     i = improved IDM, h = constant-speed heuristic (CAH behind a lead that brakes with
     `lead_braking`, m/s2).
@@ -218,8 +221,9 @@ gap: bumper gap in this step, m.
 
 @kernel
 def follow(followed: Any, me: Any, lead: Any, desired_speed: float, idm: Any, step: float) -> float:
-    """The enhanced IDM with a memory of the headway accepted behind a lead, m/s2; call once a step
-    and lead.
+    """The enhanced IDM with a memory of the headway accepted behind a lead, m/s2.
+
+    Call it once in each step for each lead, with `followed.gap` set.
 
     A follower that finds a lead closer than its own headway T accepts that headway at first, and
     lets it grow back to T: dT'/dt = (T - T') / 25 s. Source: Schakel, Knoop, van Arem, Transp. Res.
@@ -238,7 +242,7 @@ def follow(followed: Any, me: Any, lead: Any, desired_speed: float, idm: Any, st
 def change_as_asked(
     path: Any, way: Any, me: Any, others: Any, desired_speed: float, idm: Any, scenario: Any
 ) -> float:
-    """Largest acceleration of an ego that has to change lanes, m/s2; may begin the change in
+    """Largest acceleration of an ego that has to change lanes, m/s2; may write the change to
     `path`.
 
     It follows, by the IDM, the vehicle behind which it will be in the other lane. Until the change
@@ -254,9 +258,9 @@ def change_as_asked(
         if not changing:
             most = max(most, -idm.deceleration)
     if way.ends and not changing:
-        # from its front to a shortest change before the end of its lane, m
-        left = way.by - LEAST_CHANGE - me.x - me.half_length
-        most = min(most, idm_acceleration(me.speed, desired_speed, left, 0.0, idm))
+        # from its front to the last place where the shortest change can begin, m
+        room = way.by - LEAST_CHANGE - me.x - me.half_length
+        most = min(most, idm_acceleration(me.speed, desired_speed, room, 0.0, idm))
     return most
 
 
@@ -266,7 +270,7 @@ PARAMETERS = fields("headway", "standstill_gap", "acceleration", "deceleration")
 @kernel
 def idm(ego: Any, others: Any, own: Any, watched: Any, others_then: Any, scenario: Any) -> None:
     """Acceleration and steering wheel angle, decided once a cycle: a vehicle entering the path
-    becomes the lead from one cycle to the next.
+    becomes the lead at the next cycle.
     """
     me = ego.seen
     if own.steps == 0:
@@ -295,14 +299,15 @@ def _decide(
     if lead >= 0:
         gap = bumper_gap(me, others[lead])
         lead_speed = others[lead].along
+        # `last_speed` is of the last cycle, and `scenario.step` is a cycle's length, s
         if not math.isnan(watched[lead].last_speed):
             braking = (watched[lead].last_speed - lead_speed) / scenario.step
     for j in range(len(others)):
         watched[j].last_speed = math.nan if math.isnan(others[j].x) else others[j].along
     strongest = scenario.vehicle.max_deceleration
     now = max(idm_acceleration(me.speed, own.desired_speed, gap, lead_speed, p), -strongest)
-    # The acceleration that the formula asks for in the middle of the cycle, where these
-    # accelerations lead, serves as the mean over the cycle.
+    # Midpoint rule: move both with `now` and `-braking` to the middle of the cycle; what the
+    # formula asks for there serves as the mean over the cycle.
     half = 0.5 * scenario.step
     gap = gap + (lead_speed - me.speed) * half - 0.5 * (braking + now) * half * half
     speed = max(me.speed + now * half, 0.0)
@@ -350,8 +355,8 @@ class Attentive(Idm):
     """ADS `attentive`: the IDM that also brakes for road users about to enter its path, above all
     for pedestrians who cross the road.
 
-    A road user ahead that moves towards the path, seen past what stands nearer, is the lead as soon
-    as both would be in the same place within a second of each other
+    A road user ahead that moves towards the path, even behind something nearer, is the lead as soon
+    as it and the ego would be in the same place within a second of each other
     (`perception.coming_into_path`); one that crosses in time before or behind the ego is ignored. A
     baseline of this project; no regulation names one for pedestrians.
     """

@@ -80,10 +80,10 @@ def opendrive_xml(road: Road) -> str:
     centre, from which the lanes are offset: a line beside a spiral is not a spiral.
     """
     length = road.end
-    aside = 0.0 if road.bent else road.left_edge
+    aside = 0.0 if road.bent else road.left_edge  # reference line left of the road's line, m
     changes = {it for span in road.spans for it in span.places if 0.0 < it < length}
     sections = list(itertools.pairwise([0.0, *sorted(changes), length]))
-    # of each section, with none before the first and after the last
+    # lane numbers of each section, with {} before the first and after the last
     numbers = [{}, *(_numbers(road, *section) for section in sections), {}]
     lanes = E.lanes(
         *_left_edge(road, sections, aside),
@@ -98,7 +98,7 @@ def opendrive_xml(road: Road) -> str:
 
 
 def _left_edge(road: Road, sections: Sequence[tuple[float, float]], aside: float) -> Iterator[Any]:
-    """The road's left edge, where the reference line is another.
+    """Lane offsets from the reference line to the road's left edge, where the two differ.
 
     sections: begin and end of each, m.
     aside: distance of the reference line to the left of the road's line, m.
@@ -171,8 +171,8 @@ def _crossing(road: Road, crossing: Crossing, number: int) -> Any:
 def _geometry(road: Road, s: float, aside: float, turned: float, length: float, shape: Any) -> Any:
     """A piece of a reference line that begins `aside` m to the left of the road's line at s.
 
-    turned: 0 for a piece of the road itself, rad; else the direction of a crossing road, whose own
-        s is 0 here.
+    turned: direction of a crossing road relative to the road's, rad; its own s is 0 here. 0: the
+        piece is of the road itself.
     """
     x, y, heading = map_places(road.line, s, aside)
     return E.geometry(
@@ -218,10 +218,11 @@ def openscenario_xml(
         actors whose moves depend on what happens. None: the ego keeps its speed, because the other
         simulator chooses the controller that drives it.
     """
-    settings = concrete.simulation(settings)
+    settings = concrete.simulation(settings)  # with the case's own changes
     vehicle, road, actors = settings.vehicle, concrete.road, concrete.actors
     # a polyline has at least two vertices
     recorded = {name: path for name, path in (driven or {}).items() if len(path) > 1}
+    # lively: its moves depend on more than time
     unrecorded = ", ".join(it.name for it in actors if it.lively and it.name not in recorded)
     if unrecorded:
         remark = f"Not recorded, and so at one speed throughout: {unrecorded}. {remark}"
@@ -321,13 +322,13 @@ def _act(concrete: ConcreteScenario, settings: SimulationSettings, recorded: Tra
         VERTEX_INTERVAL,
         settings.time_limit,
         in_python=True,  # a single case is over before machine code is ready
-    ).others[0, :, :, :3]
+    ).others[0, :, :, :3]  # (m, T, 3): x, y, heading of m actors at T times
     vertices = {}
     for actor, places in zip(actors, scripted, strict=True):
         # the motion of a lively actor depends on more than time: it follows its recorded trajectory
         if actor.acts and not actor.lively:
             times = VERTEX_INTERVAL * np.arange(len(places))
-            # number of samples until it leaves the road
+            # number of samples before the first one beyond the road's end (argmin: first False)
             on_road = np.append(places[:, 0] <= road.end, False).argmin()
             if on_road > 1:  # else it leaves the road at once, at its first speed
                 vertices[actor.name] = np.column_stack([times, places])[:on_road]

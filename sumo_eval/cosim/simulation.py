@@ -1,7 +1,7 @@
 """Cases through SUMO: one at a time, or many that are driven together, in the same loop and to the
 same bits.
 
-Cases on the same road with the same settings and as many actors can share one simulation, where
+Cases on one road with the same settings and number of actors can share one simulation, where
 the ADS looks through observations: baselines, synthetic drivers, and users' policies. A hook, the
 TraCI code of one function or class, shares a simulation too; some of its cases are driven alone as
 well and compared. An ADS that needs the simulation to itself (listeners, programs, TraCI code that
@@ -88,8 +88,8 @@ SORTED_AT_ONCE = 4096
 # caches
 TOGETHER = 512
 HOOKS_TOGETHER = 128  # fewer of hooks, since SUMO itself moves all their vehicles
-# Cases of a hook that are driven alone as well and compared: its first ones, in which state that it
-# keeps mostly shows, and a share of all, which finds later changes.
+# Cases of a hook that are also driven alone and compared: its first ones, where kept state usually
+# shows, and a share of all cases, which finds state that shows later.
 _COMPARED_FIRST, _COMPARED_LATER = 3, 0.01  # cases; share of the cases
 
 USUAL = SimulationSettings()  # the defaults, validated once and not for every case
@@ -124,7 +124,7 @@ def simulate(
     `error`, too slow a step with "ads_timeout", a fault of SUMO with "sim_error". What was driven
     until then is kept.
     """
-    settings = concrete.simulation(settings or USUAL)
+    settings = concrete.simulation(settings or USUAL)  # with the case's own changes
     _check_intervals(settings)
     ads = load_controller(controller, folder)
     every = _steps_per_call(controller, period, settings)
@@ -134,7 +134,7 @@ def simulate(
     )
     terms = Terms(step_timeout, plant, folder, every)
     target = _driven_object(ads)
-    is_rule = Compiled.rides(target)
+    is_rule = Compiled.rides(target)  # a baseline or driver whose kernel the loop runs
     if every > 1 and (is_rule or isinstance(ads, ListenerController)):
         raise InputError("Baselines and step listeners drive at every step; they take no `period`.")
     on_traci = not (is_rule or ads.is_policy)
@@ -143,6 +143,7 @@ def simulate(
     try:
         with _opened(concrete, settings, ads, step_timeout, on_traci) as traci, seen_as_traci():
             stage = Traffic if world.reacts else Stage
+            # as_read: actors are as SUMO shows them
             drive(world, driver, stage(traci, world, ads_asks=not is_rule, as_read=on_traci))
     # raised while the simulation is opened: `drive` turns its own errors into end reasons
     except (ControllerError, SimulationError) as error:
@@ -159,6 +160,7 @@ def _steps_per_call(
 ) -> int:
     """Steps from one call of a controller to the next."""
     if period is None:
+        # 0: it is called at every step
         period = split_entry(controller)[1].period if isinstance(controller, str) else 0.0
     return steps_between(
         period, settings.step, f"ADS `{controller}`" if isinstance(controller, str) else "the ADS"
@@ -208,10 +210,10 @@ def _opened(
         return served(concrete, settings, ads, step_timeout)
     road = concrete.road
     if not on_traci and road.network is None:
-        own = ads.is_policy  # it may ask SUMO for lanes, which must be those of the road alone
+        asks = ads.is_policy  # it may ask SUMO for lanes: the network must hold this road alone
         return running(
-            shared_network_xml([concrete], ads_asks=own),
-            shared_routes_xml([concrete], settings, own_lanes=own),
+            shared_network_xml([concrete], ads_asks=asks),
+            shared_routes_xml([concrete], settings, own_lanes=asks),
             settings,
             road,
             collisions="none",
@@ -318,7 +320,7 @@ def simulate_together(
             if kind is None:
                 drives.update({index: manners[index].alone or NOT_TOGETHER for index in members})
                 continue
-            # settings of all cases of the kind; the world applies each case's own changes
+            # settings that the kind shares: one case's without its changes, which the world applies
             common = replace(cases[members[0]], changes=()).simulation(basis)
             by_end = sorted(
                 members,
@@ -347,7 +349,7 @@ def _kind(
     """The kind of a case: cases of equal kinds share a simulation; None: it has to be driven alone.
 
     Kinds are equal only where driving together gives the same bits as driving alone: on one road,
-    with equally many actors (in a stream its density decides), which SUMO sees alike.
+    with equally many actors that look alike to SUMO (for a stream: of equal density).
     """
     road, ego = concrete.road, concrete.ego
     if (
@@ -356,19 +358,19 @@ def _kind(
         or basis.conditions.step_budget is not None  # a step's wall time is one case's own
         or road.network is not None
         or not concrete.actors
-        or not road.right_edge_at(ego.x) <= ego.y <= road.left_edge_at(ego.x)
+        or not road.right_edge_at(ego.x) <= ego.y <= road.left_edge_at(ego.x)  # off the road
     ):
         return None
-    # in a batch, SUMO finds no lanes that end or cross, no vehicle with a place on the map, and
-    # none that heads against the road
-    alone = road.shaped or any(
+    # what a batch does not show in SUMO, where a hook may ask for it: lanes that end or cross,
+    # vehicles placed on the map, vehicles against the road's direction
+    not_shown = road.shaped or any(
         abs(it.heading) > 0.5 * math.pi or it.on_map is not None for it in concrete.actors
     )
-    if manner.hook is not None and (alone or comes_back(road.line, road.end, road.left_edge)):
+    if manner.hook is not None and (not_shown or comes_back(road.line, road.end, road.left_edge)):
         return None
     lively = concrete.actors if concrete.lively else ()
-    # what must be equal although each case may change it: for a policy over arrays the vehicle,
-    # as it receives one for all; for SUMO's models the ego's brakes
+    # what a case may change, but must be equal in a batch: the vehicle for a policy over arrays,
+    # which receives one for all; the ego's deceleration limit for SUMO's models
     shared: object = None
     if concrete.changes and (concrete.reacts or manner.over_arrays):
         vehicle = concrete.simulation(basis).vehicle
@@ -377,7 +379,7 @@ def _kind(
         concrete.scenario, kind_of(concrete),
         # what SUMO sees of the actors
         tuple([(it.body, it.model is None, it.follows_at_once) for it in lively]),
-        manner.driven,
+        manner.driver_key,
         # a hook asks for actors by their names
         () if manner.hook is None else tuple([it.name for it in concrete.actors]),
         shared,
@@ -414,15 +416,15 @@ def _drive_batch(
 class _Manner(NamedTuple):
     """Manner in which an ADS drives its cases.
 
-    driven: the type of what drives, or the `id` of a policy over arrays; only cases with equal
-        ones share a simulation.
+    driver_key: the type of what drives, or the `id` of a policy over arrays; only cases with
+        equal keys share a simulation.
     make: gives what drives one case.
     alone: why it is driven alone; None: it may share a simulation.
     over_arrays: one policy drives all cases at once.
     hook: its class or function, where it is TraCI code that sees its own row of SUMO only.
     """
 
-    driven: type | int | None
+    driver_key: type | int | None
     make: Callable[[], Any]
     alone: Alone | None = None
     over_arrays: bool = False
@@ -512,8 +514,9 @@ def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
     """Estimated end of a case, s: cases that end together share a simulation, which lasts as long
     as its last.
 
-    decided: cases end once they are decided: when the ego reaches an actor ahead at their first
-        speeds. Else: when it reaches the road's end at the lowest speed above 0.
+    decided: cases end once they are decided: when the ego would reach an actor ahead, both at
+        their first speeds. Else: when it would reach the road's end at the lowest first speed
+        above 0 of any vehicle.
     """
     ego, starts = concrete.ego, [actor.start for actor in concrete.actors]
     if decided:
@@ -550,7 +553,7 @@ def _difference(
     compared = _COMPARED.get(manner.hook, 0)
     # as many as are still missing of the hook's first few, or a share of this batch; at least one
     wanted = max(_COMPARED_FIRST - compared, round(_COMPARED_LATER * len(batched)), 1)
-    chosen = batched[:: max(len(batched) // wanted, 1)][:wanted]
+    chosen = batched[:: max(len(batched) // wanted, 1)][:wanted]  # evenly spread
     _COMPARED[manner.hook] = compared + len(chosen)
     for index in chosen:
         own = simulate(
@@ -560,6 +563,7 @@ def _difference(
         )  # fmt: skip
         together = drives[index]
         if not (isinstance(together, Recording) and own.same_drive(together)):
+            # goes where `first_change` would name what changed
             return f"not found; {cases[index].label} drives differently when it is alone"
         drives[index] = replace(together, batched="compared")
     return None

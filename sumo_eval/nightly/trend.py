@@ -39,9 +39,9 @@ CHARTS = (
 )
 """The charts in order: quantity of the history, title, unit."""
 COLOURS = ("var(--c)", "var(--actor)", "var(--d)", "var(--off)", "var(--muted)", "var(--bad)")
-# one fewer than colours: both go round, so the first 30 ADSs have lines of their own
+# 6 colours and 5 dashes repeat independently: the first 30 ADSs look different
 DASHES = ("", "7 3", "2 3", "9 3 2 3", "4 4")
-# of a chart, and its margins, in units of the SVG
+# size and margins of a chart, in units of the SVG
 WIDTH, HEIGHT = 560, 210
 LEFT, RIGHT = 68, 12
 TOP, BOTTOM = 12, 40
@@ -67,7 +67,7 @@ class Point(NamedTuple):
 class TrendLine(NamedTuple):
     """One ADS on a chart.
 
-    parts: nights in a row in which the quantity was computed, a line through each.
+    parts: runs of consecutive nights with a value, each drawn as one line.
     last: value of the last night, in words.
     """
 
@@ -123,9 +123,7 @@ def write_trend(folder: Path, database: History) -> Path:
 
 
 def failed_nights(nights: Sequence[Night]) -> list[dict[str, Any]]:
-    """Failed nights, each with a bar on every chart, 80 % of the night's part of the axis, and the
-    reason.
-    """
+    """A bar for each failed night, on every chart: x, width (80 % of a night's), and the reason."""
     step = _step(nights)
     return [
         {
@@ -151,9 +149,9 @@ def charts(
             for value in of_scenario
             if value.quantity == quantity and value.value is not None
         }
-        # The regret has two charts, one for each of its units, but one limit: a limit belongs to
-        # the chart that has values of its night.
-        limit = "regret" if quantity == REGRET_OF_LOSSES else quantity
+        # The regret has two charts, one for each unit, but its gates have one name: a gate is
+        # drawn on the chart that has a value in the gate's night.
+        limit = "regret" if quantity == REGRET_OF_LOSSES else quantity  # the gates' quantity
         nights_of_chart = {night for night, _ in series}
         limits = [
             (gate.night, gate.ads, gate.threshold)
@@ -208,6 +206,7 @@ def _drawn(
         return Point(at[night], height(value), words, (night, name, value))
 
     def line(ads: str) -> TrendLine:
+        # runs of nights with and without a value; `at` holds the nights in order
         parts = groupby(at, key=lambda night: (night, ads) in series)
         points = (
             tuple(point(night, ads, series[night, ads]) for night in part)
@@ -238,7 +237,7 @@ def _drawn(
 def _dates(nights: Sequence[Night]) -> tuple[tuple[float, str], ...]:
     """x and label of at most `MOST_LABELS` nights: every n-th one back from the last.
 
-    A label is the day; the day without its year and the time where two nights began on one day.
+    A label is the day; where two nights began on one day, it is month, day and time.
     """
     every = math.ceil(len(nights) / MOST_LABELS)
     repeated = len({night.night[:10] for night in nights}) < len(nights)
@@ -269,6 +268,6 @@ def _ticks(low: float, high: float, least: float) -> list[float]:
 
 
 def _date(night: str) -> str:
-    """`2026-11-21 06:30`."""
+    """A night's name, `2026-11-21T06-30...`, as `2026-11-21 06:30`."""
     day, _, clock = night.partition("T")
     return f"{day} {clock[:5].replace('-', ':')}"

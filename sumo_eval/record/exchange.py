@@ -60,12 +60,12 @@ class Run:
 
     @property
     def cases(self) -> pd.DataFrame:
-        """One row a case of an ADS, as scored last: parameters, zone, outcome, U, L, Ug, r, D_i,
-        measures.
+        """One row for each case of an ADS, as last scored: parameters, zone, outcome, U, L, Ug, r,
+        D_i, measures.
         """
         import pandas as pd
 
-        # an ADS may be called `007` or `NA`; a cell that a spreadsheet would run begins with `'`
+        # an ADS may be called `007` or `NA`; `from_cell` removes the `'` before formulas
         options: Any = {"dtype": dict.fromkeys(_NAMES, str), "na_values": [""]}
         table = pd.read_csv(_scored(self.folder, CASES), keep_default_na=False, **options)
         return each_text(table, from_cell)
@@ -76,6 +76,7 @@ class Run:
         import pandas as pd
 
         path = _scored(self.folder, "scores.json")
+        # an unreadable file becomes an InputError with this advice
         with taking_apart(path, "`sumo-eval score` writes it again."):
             return pd.DataFrame(json.loads(path.read_text("utf-8"))["scores"])
 
@@ -89,7 +90,7 @@ class Run:
 
     @property
     def counts(self) -> pd.DataFrame:
-        """Number of drives by scenario, role, ADS and end, without reading the drives."""
+        """Drives and exposure by scenario, role, driver and status; no drive is read for it."""
         import pandas as pd
 
         with self._store() as store:
@@ -139,6 +140,7 @@ def open_run(path: str | os.PathLike[str]) -> Run:
     Raises InputError if the folder holds no run, or one of another format.
     """
     folder = Path(path)
+    # only to raise InputError now: `Run` reads them again when it is asked
     run_folder.read_settings(folder)
     run_folder.read_manifest(folder)
     with open_store(folder / run_folder.FACTS):
@@ -220,6 +222,7 @@ def _drive_rows(store: Store) -> Iterator[dict[str, Any]]:
     """Rows of all drives, role by role: facts, then the contact, then the wall times."""
     for fact in chain.from_iterable(map(store.facts, get_args(Role))):
         row = {name: getattr(fact, name) for name in _COLUMNS}
+        # all None where there was no collision
         contact = {column: getattr(fact.collision, name, None) for column, name in _CONTACT.items()}
         times = {name: row.pop(name) for name in _TIMES}
         yield row | contact | times
@@ -251,7 +254,7 @@ def _to_parquet(tables: list[Path], folder: Path) -> list[Path]:
             quoted = str(target).replace("'", "''")
             with table.open(newline="", encoding="utf-8") as file:
                 types = {name: _TYPES[name] for name in next(csv.reader(file)) if name in _TYPES}
-            # DuckDB writes a struct as Python does a dict; -1: types are found from all rows
+            # a Python dict is a valid struct in DuckDB's SQL; -1: types are found from all rows
             options = f"header = true, sample_size = -1, types = {types}"
             rows = f"SELECT * FROM read_csv(?, {options})"  # noqa: S608 - our own names
             copy = f"COPY ({rows}) TO '{quoted}' (FORMAT parquet)"

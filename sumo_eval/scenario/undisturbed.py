@@ -32,7 +32,7 @@ from sumo_eval.scenario.touch import velocity
 from sumo_eval.trajectory import FloatArray
 
 CHANNELS = ("x", "y", "heading", "speed", "across")
-"""Road coordinates of the centre, m; direction, rad; speeds along it and to its left, m/s."""
+"""Road coordinates of the centre, m; heading, rad; speeds along and left of the heading, m/s."""
 _STATE = [(name, "f8") for name in CHANNELS]
 _BODY = [*_STATE, ("length", "f8"), ("width", "f8"), ("before", _STATE)]  # state one look before
 # brakes_from: time at which ideal braking begins, s; inf: not known yet
@@ -96,13 +96,13 @@ def meetings(
     until: ArrayLike,
     deceleration: float, obstacle: int, delays: Sequence[float],
 ) -> FloatArray:  # fmt: skip
-    """Encounters of egos that brake ideally with an obstacle: (n, 3), a row of each case.
+    """Encounters with an obstacle, of egos that brake ideally: (n, 3), a row of each case.
 
     Columns: largest inverse TTC, 1/s (inf where both touch); impact speed, m/s (0: none); smallest
         gap while the obstacle is in the ego's path, m (inf: never).
 
     step: between two looks, s.
-    until: end of each case, s, (n,). It may not depend on the cases that are searched together.
+    until: end of each case, s, (n,). It must not depend on the other cases of the call.
     deceleration: of the egos, to a standstill, m/s2.
     obstacle: number of an actor.
     delays: from its first move until each ego brakes, s, (n,); from the start if it has no moves.
@@ -126,7 +126,7 @@ def _begun(concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, 
     for i, (concrete, body) in enumerate(zip(concretes, bodies, strict=True)):
         ego = concrete.ego
         pose = (ego.x, ego.y, ego.heading, ego.speed, 0.0)
-        egos[i] = (*pose, *body, pose, ego.x, ego.y, ego.speed, math.inf)
+        egos[i] = (*pose, *body, pose, ego.x, ego.y, ego.speed, math.inf)  # as `_EGO`
         for j, actor in enumerate(concrete.actors):
             pose = (actor.start.x, actor.start.y, actor.heading, actor.start.speed, 0.0)
             others[i, j] = (*pose, actor.length, actor.width, pose, 0.0)
@@ -174,7 +174,7 @@ def _look(case: Any, now: float, before: float, deceleration: float, stack: Any,
     for j in range(len(others)):
         other, play = others[j], plays[j]
         _keep_before(other)
-        if play.model == AT_ONCE:
+        if play.model == AT_ONCE:  # a SUMO model from the start: assumed to keep its speed
             other.x = play.x + play.v * now
         elif play.model == HANDED_OVER:  # it keeps the speed with which SUMO took it over
             other.x += other.speed * (now - before)

@@ -37,7 +37,7 @@ LIKENESS_FACTORS = {
 }
 """The factors of a case's part in H: name -> field of CaseResult."""
 NOTICEABLE = 0.01
-"""Share of the task by which an ADS is slower than the slowest reference, to be counted as slow."""
+"""A case is slow if its task share is below 1, the slowest reference's, by more than this."""
 
 
 class Part(NamedTuple):
@@ -99,7 +99,7 @@ class Findings(NamedTuple):
     def missing(self) -> BoolArray:
         """Whether each case is missing from a mean, (n,): from all of them, or from D alone."""
         cases, reason = self.cases, self.score.d_reason
-        missed = cases.counts_for_index & np.isnan(cases.index)
+        missed = cases.counts_for_index & np.isnan(cases.index)  # index: D_i
         if reason is not None and reason.why in ("collisions", "no_drivers"):
             # whatever the D_i are, there is no D, so that none is missing from it
             missed = np.zeros(len(cases), dtype=np.bool_)
@@ -149,10 +149,10 @@ class Findings(NamedTuple):
 
     @property
     def collisions(self) -> IntArray:
-        """Rows of the collisions, (h,), the one that took most from C first."""
+        """Rows of the h collisions, (h,), the one that took most from C first."""
         places = np.flatnonzero(self.cases.collided)
         lost = self.lost_of_c[places]
-        # known losses before unknown ones, the largest first, then by name (the last key is first)
+        # known losses first, the largest first, then by name (lexsort: the last key counts most)
         names = self.cases.case[places]
         return places[np.lexsort((names, -np.nan_to_num(lost), np.isnan(lost)))]
 
@@ -163,7 +163,7 @@ class Findings(NamedTuple):
 
     @property
     def likened(self) -> BoolArray:
-        """Whether each case has a human-likeness, (n,)."""
+        """Whether each case has a human-likeness, (n,); only safe cases have one."""
         return np.isfinite(self.cases.human_likeness)
 
     @property
@@ -177,7 +177,7 @@ class Findings(NamedTuple):
         is_case = self.cases.case == case.case
         u, ideal, nothing = terms.severity, terms.ideal, terms.unreacting
         lost, at_stake = (terms.weight * excess(severity, ideal) for severity in (u, nothing))
-        columns = u, ideal, nothing, lost, at_stake, self.share_lost
+        columns = u, ideal, nothing, lost, at_stake, self.share_lost  # in the order of `Harm`
         return Harm(*(float(column[is_case][0]) for column in columns))
 
     def part(
@@ -242,8 +242,8 @@ class PeopleBehind:
 
     points: number of safe concrete scenarios.
     with_people: number of these in which D_i compares with recorded drivers.
-    drives: number of drives of recorded drivers in these. Points with fewer than `drivers.least`
-        do not count where they are left out.
+    drives: number of drives of recorded drivers in these. With `too_thin = "leave_out"`, points
+        with fewer than `drivers.least` do not count.
     """
 
     scenario: str

@@ -50,25 +50,26 @@ def by_exposure(logical: LogicalScenario, request: Request) -> Drawn:
     """`count` points drawn with the scenario's exposure as density. A point counts as many times as
     it was drawn.
     """
-    # the attention is 1 everywhere, so `share` is 1 / how often each point was drawn
-    points, share = _drawn(logical, request, "exposure", lambda rows: np.ones(len(rows)))
-    return Drawn(points, exposure=1.0 / share, notes=_fewer(len(points), request))
+    # attention 1 everywhere: `per_draw` is 1 / (times drawn)
+    points, per_draw = _drawn(logical, request, "exposure", lambda rows: np.ones(len(rows)))
+    return Drawn(points, exposure=1.0 / per_draw, notes=_fewer(len(points), request))
 
 
 def by_exposure_and_danger(logical: LogicalScenario, request: Request) -> Drawn:
     """`count` points, dangerous ones drawn more often than their exposure and counting less.
 
-    They are drawn with a density in proportion to exposure * danger. A point's weight is therefore
-    1 / danger: means over the points stay those over the exposure.
+    They are drawn with a density proportional to exposure * danger and weighted by 1 / danger, so
+    that a weighted mean over the points estimates the mean over the exposure.
     """
     if request.danger is None:
         raise InputError(f"`exposure_danger` in {owner_of(logical)} needs a danger of each point.")
     danger = request.danger
-    points, drawn_more = _drawn(
+    points, per_draw = _drawn(
         logical, request, "exposure_danger", lambda rows: LEAST_DANGER + danger(rows)
     )
+    # the mean only keeps the weights near 1
     return Drawn(
-        points, exposure=float(np.mean(drawn_more)) / drawn_more, notes=_fewer(len(points), request)
+        points, exposure=float(np.mean(per_draw)) / per_draw, notes=_fewer(len(points), request)
     )
 
 
@@ -85,7 +86,7 @@ def steadily(k: int, count: int) -> FloatArray:
         and no scipy.
     """
     phi = 2.0
-    for _ in range(60):  # fixed-point iteration: to the last bit
+    for _ in range(60):  # fixed-point iteration, converged to the last bit
         phi = (1.0 + phi) ** (1.0 / (k + 1))
     return (0.5 + np.outer(np.arange(count), phi ** -np.arange(1.0, k + 1))) % 1.0
 
@@ -97,7 +98,7 @@ def _drawn(
     attention divided by how often it was drawn, (m,).
 
     Candidates follow the distribution of each parameter that has one, and are even over the range
-    of any other. What the distributions give already is divided out of a candidate's weight.
+    of any other. A candidate's weight is attention * exposure / density of these distributions.
     """
     count = request.wanted(logical)
     stream = request.stream(logical, label)
@@ -105,6 +106,7 @@ def _drawn(
     shares = _sobol(len(logical.names), candidates, stream)
     points, density = logical.from_shares(shares), np.ones(len(shares))
     for column, item in enumerate(logical.parameters):
+        # listed values are drawn evenly: their probability comes in with the exposure
         if item.distribution is not None and not item.values:
             low, high = item.low, item.high
             drawn = item.distribution.quantile(shares[:, column], low, high)
@@ -127,7 +129,7 @@ def _drawn(
     points, attentions, weight = points[order], attentions[order], weight[order]
     picks = (stream.uniform() + np.arange(count)) / count
     ends = np.cumsum(weight) / weight.sum()
-    picked = np.minimum(np.searchsorted(ends, picks), len(points) - 1)  # rounding: the last end < 1
+    picked = np.minimum(np.searchsorted(ends, picks), len(points) - 1)  # last end may round below 1
     chosen, times = np.unique(picked, return_counts=True)
     return points[chosen], attentions[chosen] / times
 
