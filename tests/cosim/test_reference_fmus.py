@@ -1,0 +1,79 @@
+"""Modelica's Reference-FMUs (https://github.com/modelica/Reference-FMUs) drive as they are, FMI 2.0
+and 3.0.
+
+Their releases are no package: REFERENCE_FMUS names a folder with `2.0` and `3.0` as in the
+release's archive.
+"""
+
+import os
+from pathlib import Path
+
+import pytest
+from refusals import refusal
+from road_scenes import HALF_SECOND, case, lead
+
+from sumo_eval.cosim.doors.controller import load_controller
+from sumo_eval.cosim.simulation import simulate
+
+if "REFERENCE_FMUS" not in os.environ:
+    pytest.skip(
+        "REFERENCE_FMUS names no folder with Modelica's Reference-FMUs", allow_module_level=True
+    )
+FOLDER = Path(os.environ["REFERENCE_FMUS"])
+TYPES = {
+    "2.0/Feedthrough.fmu": ("Float64_continuous", "Int32"),
+    "3.0/Feedthrough.fmu": (
+        "Float64_continuous", "Float64_discrete", "Float32_continuous", "Int8", "Int16", "Int32",
+        "Int64",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "file, kind", [(file, kind) for file, kinds in TYPES.items() for kind in kinds]
+)
+def test_feedthrough_gives_back_what_it_is_given_in_every_type(file, kind):
+    """-2 in, -2 m/s2 out; all its other inputs keep their start values."""
+    locator = f"fmu:{file}?inputs.{kind}_input=-2&inputs.*=start&outputs.acceleration={kind}_output"
+    found = simulate(case(lead(80.0)), locator, HALF_SECOND, folder=FOLDER)
+    assert found.error is None, found.log
+    assert found.ego.acceleration[-1] == -2.0
+
+
+def test_feedthrough_takes_texts_truth_and_enumerations_beside():
+    given = "Boolean_input=true&inputs.Enumeration_input=2&inputs.String_input='hello'&inputs.Binary_input=abc"
+    locator = f"fmu:3.0/Feedthrough.fmu?inputs.{given}&inputs.*=start&outputs.acceleration=Enumeration_output"
+    found = simulate(case(), locator, HALF_SECOND, folder=FOLDER)
+    assert found.error is None, found.log
+    assert found.ego.acceleration[-1] == 2.0
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize(
+    "name, output",
+    [
+        ("BouncingBall", "v"),
+        ("Dahlquist", "x"),
+        ("Stair", "counter"),
+        ("VanDerPol", "x1"),
+        ("Resource", "y"),
+    ],
+)
+def test_models_without_inputs_drive_too(version, name, output):
+    found = simulate(
+        case(),
+        f"fmu:{version}/{name}.fmu?outputs.acceleration={output}",
+        HALF_SECOND,
+        folder=FOLDER,
+    )
+    assert found.error is None, found.log
+
+
+def test_a_state_space_takes_an_array():
+    locator = "fmu:3.0/StateSpace.fmu?inputs.u=objects_gap&inputs.*=start&outputs.acceleration=y[0]"
+    assert simulate(case(lead(80.0)), locator, HALF_SECOND, folder=FOLDER).error is None
+
+
+def test_clocks_is_refused_for_what_it_is():
+    with refusal("must be one for co-simulation, got one for scheduled execution"):
+        load_controller("fmu:3.0/Clocks.fmu", FOLDER)
