@@ -67,6 +67,7 @@ _SHARPEST = 25.0  # m/s2 across; no vehicle that is faster sideways turns more s
 _ALONG = 0.5  # rad off the road's direction: up to it SUMO finds the lane on which a vehicle is
 _PLACE_TOLERANCE = 1e-3  # m
 _AT_END = 0.1  # m before the end of a lane, where SUMO stops a vehicle
+_NEAR_END = 20.0  # m, more than a vehicle drives in two steps
 # share of a step's motion in a curve by which SUMO's may differ: its lanes are polylines, stretched
 _CHORD_SHARE = 0.03
 
@@ -170,6 +171,7 @@ class _Hook:
         self._bend = 0.0  # 1/m, the road's curvature beside the ego
         self._course = 0.0  # rad, the direction of its last motion, relative to the road
         self._lanes = 0, 0  # on a curved road: its lane before and after the last step
+        self._lane_end = 0.0  # x, m, where its lane ends; in a curve within `_NEAR_END`
 
     # -- the ADS -----------------------------------------------------------------------------------
 
@@ -264,9 +266,12 @@ class _Hook:
 
         An ego that brakes for that place, as SUMO's own model does, keeps its route.
         """
-        step, vehicle = self._step, self._traci.vehicle
+        step, vehicle, front_x = self._step, self._traci.vehicle, self._state[0] + self._half
+        if front_x < self._lane_end - _NEAR_END:  # SUMO need not be asked
+            return
+        self._lane_end = front_x + self._left_of_lane()
         reach = step * (self._state[_LANE_SPEED] + self._limits.max_acceleration * step)
-        if self._left_of_lane() > reach:
+        if self._lane_end > front_x + reach:
             return
         edges, route = vehicle_edges(self.road, self._state[1]), vehicle.getRoute(self.ego)
         number = vehicle.getRouteIndex(self.ego)
