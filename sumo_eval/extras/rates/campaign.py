@@ -25,6 +25,7 @@ from scipy.special import stdtrit
 
 from sumo_eval.cases import EVALUATED
 from sumo_eval.errors import InputError
+from sumo_eval.extras.rates import BUDGET
 from sumo_eval.extras.rates.importance import (
     CollisionEstimate,
     Limits,
@@ -78,7 +79,7 @@ class CampaignSettings(Checked):
     ads: Annotated[tuple[AdsSettings, ...], About("the ADSs, and drivers to compare with them")]
     seed: Annotated[Natural, About("source of randomness")] = 1
     budget: Annotated[
-        int, Ge(40), Le(1_000_000), About("drives of an ADS in a scenario, at most")
+        int, Ge(BUDGET[0]), Le(BUDGET[1]), About("drives of an ADS in a scenario, at most")
     ] = 400
     width: Annotated[
         PositiveFloat,

@@ -16,6 +16,7 @@ from sumo_eval.cli.options import count_option, path_argument, path_option
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 from sumo_eval.errors import InputError
+from sumo_eval.extras.rates import BUDGET
 
 NAMED = 3  # files that a sentence names one by one
 
@@ -68,7 +69,11 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
 @path_option("--out",
               help="Folder for campaign.html and campaign.json (default: "
                    "results/CAMPAIGN-TIME).")  # fmt: skip
-@count_option("--budget", help="Drives of an ADS in a scenario, instead of the file's.")
+@click.option(
+    "--budget",
+    type=click.IntRange(*BUDGET),
+    help="Drives of an ADS in a scenario, instead of the file's.",
+)
 @count_option("--workers", help="Processes that simulate, instead of the file's.")
 def campaign(file: Path, out: Path | None, budget: int | None, workers: int | None) -> None:
     """Estimate collisions per million km of the ADSs of CAMPAIGN.toml, with intervals.
