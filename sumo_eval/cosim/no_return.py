@@ -97,17 +97,19 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
             avoids = hit is None or (behind and contacts[i].hit.side != "rear")
             (low if avoids else high)[i] = steps[i]
 
-    replayed = [
-        i
-        for i, hit in braked(high).items()
-        if isinstance(hit, Collision)
-        and hit.other == contacts[i].hit.other
-        and abs(hit.time - contacts[i].hit.time) < _SAME
-        and abs(hit.relative_speed - contacts[i].hit.relative_speed) < _SAME
-    ]
+    replayed = [i for i, hit in braked(high).items() if _is_same(hit, contacts[i].hit)]
     # first `_LATE` steps before the contact; if that does not avoid it, from the start
     for before in (_LATE, math.inf):
         narrow({i: int(max(high[i] - before, 0)) for i in replayed if i not in low})
     while wide := [i for i in low if high[i] - low[i] > 1]:
         narrow({i: (low[i] + high[i]) // 2 for i in wide})
     return dict.fromkeys(contacts, UNKNOWN) | dict.fromkeys(replayed, NEVER) | low
+
+
+def _is_same(hit: Collision | Alone | None, was: Collision) -> bool:
+    return (
+        isinstance(hit, Collision)
+        and hit.other == was.other
+        and abs(hit.time - was.time) < _SAME
+        and abs(hit.relative_speed - was.relative_speed) < _SAME
+    )

@@ -266,12 +266,8 @@ class _Hook:
 
         An ego that brakes for that place, as SUMO's own model does, keeps its route.
         """
-        step, vehicle, front_x = self._step, self._traci.vehicle, self._state[0] + self._half
-        if front_x < self._lane_end - _NEAR_END:  # SUMO need not be asked
-            return
-        self._lane_end = front_x + self._left_of_lane()
-        reach = step * (self._state[_LANE_SPEED] + self._limits.max_acceleration * step)
-        if self._lane_end > front_x + reach:
+        vehicle = self._traci.vehicle
+        if not self._may_pass_lane_end():
             return
         edges, route = vehicle_edges(self.road, self._state[1]), vehicle.getRoute(self.ego)
         number = vehicle.getRouteIndex(self.ego)
@@ -279,6 +275,15 @@ class _Hook:
         faster = vehicle.getSpeed(self.ego) > vehicle.getSpeedWithoutTraCI(self.ego)
         if faster and edges[following] != route[following]:
             vehicle.setRoute(self.ego, edges[number:])
+
+    def _may_pass_lane_end(self) -> bool:
+        """Whether SUMO may move the ego past the end of its lane in this step."""
+        front_x, step = self._state[0] + self._half, self._step
+        if front_x < self._lane_end - _NEAR_END:  # SUMO need not be asked
+            return False
+        self._lane_end = front_x + self._left_of_lane()
+        reach = step * (self._state[_LANE_SPEED] + self._limits.max_acceleration * step)
+        return bool(self._lane_end <= front_x + reach)
 
     def _held(self, time: float) -> tuple[Command | None, None]:
         """The command between two calls, without a wall time; None: SUMO moves the ego."""

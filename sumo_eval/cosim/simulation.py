@@ -563,7 +563,7 @@ def _difference(
         )  # fmt: skip
         together = drives[index]
         if not (isinstance(together, Recording) and own.same_drive(together)):
-            # goes where `first_change` would name what changed
+            # the report names this in place of the state that changed
             return f"not found; {cases[index].label} drives differently when it is alone"
         drives[index] = replace(together, batched="compared")
     return None

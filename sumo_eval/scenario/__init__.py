@@ -36,7 +36,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Never:
-    """Name what replaced a removed class. Python would hide this message of an AttributeError."""
+    """Name what replaced a removed class: `from ... import` hides an AttributeError's words."""
     if name in ACTS_BY_REMOVED_NAME:
         raise ImportError(
             f"`{name}` was removed: `Actor(acts=({ACTS_BY_REMOVED_NAME[name]}(...), ...))` says "

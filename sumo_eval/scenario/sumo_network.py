@@ -470,8 +470,9 @@ def _move(element: Element, axis: Pose) -> None:
 
 
 def _straighten(lanes: Sequence[Element], y: float, begin: float, end: float) -> None:
-    """Lay lanes exactly along x, in order, with their length and the speed limit.
+    """Lay lanes that follow one another exactly along x, with their length and the speed limit.
 
+    y: of their centre lines, m.
     begin, end: x at which the first one begins and the last one ends, m.
     """
     ends = np.linspace(begin, end, len(lanes) + 1).tolist()

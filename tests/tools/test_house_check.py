@@ -1,10 +1,13 @@
 """tools/house_check.py: this project is clean, and each kind of fault is found in a small package
 that has it."""
 
+import ast
 import io
 import os
+import re
 import subprocess
 from contextlib import redirect_stdout
+from itertools import dropwhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -207,3 +210,12 @@ def test_long_subject_of_a_later_commit_is_found(worded, day, length, found):
             ["git", words[0], "--quiet", *words[1:]], cwd=worded, env=environment, check=True
         )
     assert check(worded).stdout == f"subject over 60 characters: {'x' * length}\n" * found
+
+
+def test_law_a_skip_of_a_whole_file_stands_before_its_tests():
+    """Further down it leaves out the tests above it, and no count of skipped tests shows that."""
+    for path in sorted(ROOT.glob("tests/**/test_*.py")):
+        body = ast.parse(path.read_text(encoding="utf-8")).body
+        below = dropwhile(lambda node: not getattr(node, "name", "").startswith("test_"), body)
+        loose = "".join(ast.dump(it) for it in below if not isinstance(it, ast.FunctionDef))
+        assert not {"importorskip", "allow_module_level"} & set(re.findall(r"\w+", loose)), path

@@ -163,8 +163,8 @@ def _map_panels(
 def _zones(zones: ZonePartition, view: View, number: int) -> tuple[_Map, _Map]:
     """Maps of the criticality y at the corners of cells, nan where no point is possible.
 
-    The first has 0.5 - y, exact (Eqs. 5-7), the second y as learnt (Eq. 8). y <= 0 is hazardous: in
-    the first 0.5 or more, which `Panel.chance` shows so. In the code `y` is the map's second axis.
+    The first has 0.5 - y with the exact y (Eqs. 5-7), the second the learnt y (Eq. 8). A point with
+    y of at most 0 is hazardous; so `Panel.chance` shows an area as hazardous from 0.5 on.
 
     number: of the panel.
     """
