@@ -93,8 +93,15 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     """
     refuse_engine(run.settings.run)
     recorded = 0 if folder is None else _recorded(folder, run)
-    run = _in_one_round(run)
-    settings, workers = run.settings, run.settings.run.workers
+    # each adaptive sample is drawn whole in its first round
+    entries = tuple(
+        replace(entry, sampling=replace(entry.sampling, round=entry.sampling.count, rounds=()))
+        if entry.sampling.method == "adaptive"
+        else entry
+        for entry in run.settings.scenario
+    )
+    settings, workers = replace(run.settings, scenario=entries), run.settings.run.workers
+    run = replace(run, settings=settings)
     # each n-th ADS is loaded; all where `run.only` names cases, as a case's name has its ADS's
     step = 1 if settings.run.only else math.ceil(len(settings.ads) / _KINDS)
     loaded = settings.ads[::step]
@@ -126,17 +133,6 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
         tuple(words for sort, words in _SORTS.items() if drives[sort] and sort not in took),
         broken_off,
     )
-
-
-def _in_one_round(run: Resolved) -> Resolved:
-    """The evaluation with each adaptive sample drawn whole in its first round."""
-    entries = tuple(
-        replace(entry, sampling=replace(entry.sampling, round=entry.sampling.count, rounds=()))
-        if entry.sampling.method == "adaptive"
-        else entry
-        for entry in run.settings.scenario
-    )
-    return replace(run, settings=replace(run.settings, scenario=entries))
 
 
 def _recorded(folder: Path, run: Resolved) -> int:

@@ -119,7 +119,17 @@ def create(
         inputs = {EVALUATION: to_toml(settings)} | _sumo_inputs(settings.simulation, examples)
         for name, text in inputs.items():
             _write(folder / name, text)
-        manifest = _manifest(inputs, settings, source) | qualified
+        manifest = {
+            "format_version": FORMAT_VERSION,
+            "name": settings.name,
+            "seed": settings.seed,
+            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+            "source_folder": str(source),
+            **versions_and_machine(_PACKAGES),
+            "sha256": {name: sha256(inputs[name]) for name in sorted(inputs)},
+            "builds": builds_of(settings, source),
+            **qualified,
+        }
         if before:  # keep how the run began, and list each time that it was resumed
             now = {name: manifest[name] for name in ("created", "versions", "machine")}
             manifest |= {name: before[name] for name in now}
@@ -231,21 +241,6 @@ def refuse_incomplete(store: Store, folder: Path) -> None:
             f"Run {folder} is not complete; continue with: sumo-eval run --out "
             f"{shlex.quote(str(folder))} --resume."
         )
-
-
-def _manifest(
-    inputs: Mapping[str, str], settings: EvaluationSettings, source: Path
-) -> dict[str, Any]:
-    return {
-        "format_version": FORMAT_VERSION,
-        "name": settings.name,
-        "seed": settings.seed,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "source_folder": str(source),
-        **versions_and_machine(_PACKAGES),
-        "sha256": {name: sha256(inputs[name]) for name in sorted(inputs)},
-        "builds": builds_of(settings, source),
-    }
 
 
 def versions_and_machine(packages: Iterable[str]) -> dict[str, dict[str, str]]:

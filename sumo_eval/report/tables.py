@@ -79,22 +79,15 @@ def write_tables(evaluation: Evaluation) -> None:
     write_json(evaluation.folder / "scores.json", scores_json(evaluation), "The scores")
     cases_csv(evaluation, evaluation.folder / "cases.csv")
     if evaluation.checks:
-        checks_csv(evaluation, evaluation.folder / CHECKS)
-
-
-def checks_csv(evaluation: Evaluation, path: Path) -> None:
-    """Write one row for each check of a case: what was asked, and whether it passed."""
-    rows = (
-        (it.case, it.scenario, it.ads, point_words(it.values), name, text, checked.verdict_of(name))
-        for checked in checked_cases(evaluation)
-        for it in [checked.case]
-        for name, text in evaluation.checks[it.scenario].items()
-    )
-    write_csv(
-        path,
-        ("case", "scenario", "ads", "point", "check", "condition", "verdict"),
-        (map(cell, row) for row in rows),
-    )
+        rows = (
+            map(cell, (it.case, it.scenario, it.ads, point_words(it.values), name, text,
+                checked.verdict_of(name)))
+            for checked in checked_cases(evaluation)
+            for it in [checked.case]
+            for name, text in evaluation.checks[it.scenario].items()
+        )  # fmt: skip
+        names = ("case", "scenario", "ads", "point", "check", "condition", "verdict")
+        write_csv(evaluation.folder / CHECKS, names, rows)
 
 
 def scores_json(evaluation: Evaluation) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from sumo_eval.extras.wheel.messages import MOST_A_SECOND
 from sumo_eval.extras.wheel.outcome import collect, evaluation_of
 from sumo_eval.extras.wheel.page import page
 from sumo_eval.extras.wheel.plan import read_study
-from sumo_eval.extras.wheel.study import participants, study
+from sumo_eval.extras.wheel.study import enter, participants, study
 from sumo_eval.report.people import study_sentences
 
 RUN = """
@@ -261,3 +261,22 @@ def test_a_study_file_with_a_mistake_gets_a_sentence(plan):
         path.write_text(text)
         with refusal(re.escape(words)):
             read_study(path)
+
+
+def test_a_damaged_journal_is_refused_and_a_whole_line_stays(plan):
+    person = enter(plan, "P09")
+    journal = person.folder / "journal.jsonl"
+    journal.write_text(whole := journal.read_text().strip())  # an editor took the last newline away
+    enter(plan, "P09").finish("consent", agrees=True)
+    assert journal.read_text().startswith(whole + "\n")
+    for line in (
+        "{}",
+        '{"step": "rate:x:y", "ads": "y", "scenario": "x", "answers": {"score": NaN}}',
+    ):
+        journal.write_text(f"{whole}\n{line}\n")
+        with refusal("journal.jsonl"):
+            collect(plan)
+    entry = {"step": "drive:gone", "tape": "gone.jsonl", "answers": {}, "quality": {}}
+    journal.write_text(f"{whole}\n{json.dumps(entry)}\n")
+    assert ("P09", "gone", "gone.jsonl", "no case of the study now") in collect(plan).left
+    shutil.rmtree(person.folder)

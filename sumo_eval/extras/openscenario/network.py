@@ -195,10 +195,12 @@ def _road(element: Node, name: str) -> MapRoad:
     lanes = [_lanes(it, shift, length) for it in sections]
     if not lanes or lanes.count(lanes[0]) < len(lanes):
         raise element.fault(f"it must have one <laneSection>, got {len(sections)}")
+    heights, tilts = (cubics_of(element.all(it), "s", Node.number) for it in PROFILES)
+    level = constant(heights, length) and constant([(0.0, 0.0), *tilts], length)
     # with left-hand traffic too vehicles are in the lanes of the file, but the report must say so:
     # an ADS here overtakes on the left
     kinds = {
-        "elevation": _sloped(element, length),
+        "elevation": not level,
         "left-hand traffic": element.get("rule") == "LHT",
     }
     return MapRoad(name, begin, line, lanes[0], tuple(kind for kind, has in kinds.items() if has))
@@ -226,9 +228,3 @@ def _lanes(section: Node, shift: float, length: float) -> dict[float, Lane]:
             lanes[number] = Lane(number, str(lane.get("type")), centre, width)
             edge += width
     return lanes
-
-
-def _sloped(road: Node, length: float) -> bool:
-    """Whether a road is not level: its height changes, or it has a superelevation."""
-    heights, tilts = (cubics_of(road.all(name), "s", Node.number) for name in PROFILES)
-    return not (constant(heights, length) and constant([(0.0, 0.0), *tilts], length))

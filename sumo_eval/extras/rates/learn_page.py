@@ -18,6 +18,14 @@ from sumo_eval.report.words import count
 from sumo_eval.scenario.joint import Joint
 from sumo_eval.settings.random_streams import random_stream
 
+_CAMPAIGN = """name = "learned"
+seed = 1
+budget = 400      # drives of an ADS in a scenario, at most
+
+{}[[ads]]
+name = "idm"
+controller = "idm"
+"""
 PAGE, JSON, CAMPAIGN = "learned.html", "learned.json", "campaign.toml"
 CURVE_POINTS = 4096  # draws from the model for its curves
 BINS = 40  # of each histogram
@@ -59,7 +67,8 @@ def write_lesson(lesson: Lesson, folder: Path) -> tuple[Path, ...]:
     campaign.unlink(missing_ok=True)
     names = [name for name, learnt in lesson.learnt.items() if learnt.logical is not None]
     if names:
-        write_page(campaign, campaign_text(names), "The campaign")
+        uses = "".join(f'[[scenario]]\nuse = "{name}.toml"\n\n' for name in names)
+        write_page(campaign, _CAMPAIGN.format(uses), "The campaign")
     write_parts(
         page,
         kicker=f"Learnt from {lesson.source}",
@@ -68,19 +77,6 @@ def write_lesson(lesson: Lesson, folder: Path) -> tuple[Path, ...]:
         parts=[*(Text(note, "note") for note in lesson.survey.notes), *parts(lesson, content)],
     )
     return (page, data, campaign) if names else (page, data)
-
-
-def campaign_text(names: list[str]) -> str:
-    """A campaign file over these scenarios, with a baseline to begin with."""
-    uses = "".join(f'[[scenario]]\nuse = "{name}.toml"\n\n' for name in names)
-    return f"""name = "learned"
-seed = 1
-budget = 400      # drives of an ADS in a scenario, at most
-
-{uses}[[ads]]
-name = "idm"
-controller = "idm"
-"""
 
 
 def plain(lesson: Lesson) -> dict[str, Any]:

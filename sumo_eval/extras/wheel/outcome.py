@@ -18,6 +18,7 @@ from sumo_eval.extras.wheel.plan import StudyCase, StudyPlan
 from sumo_eval.extras.wheel.quality import Quality
 from sumo_eval.extras.wheel.study import Participant, participants
 from sumo_eval.extras.wheel.tape import digest, drive_again, read_tape
+from sumo_eval.input_file import taking_apart
 from sumo_eval.record.run_folder import read_manifest, read_settings
 from sumo_eval.report.export_case import absolute
 from sumo_eval.report.page import write_csv, write_json, write_page
@@ -25,6 +26,7 @@ from sumo_eval.report.people import STUDY, drawn_words
 from sumo_eval.settings.config import to_toml
 from sumo_eval.trajectory import Trajectory
 
+MOTION = ("x", "y", "heading", "speed", "acceleration")
 DRIVES = "drives"  # the folder for `[drivers] cases`
 # share of the participants that must have driven a point: fewer drivers are no reference
 LEAST_SHARE = 2.0 / 3.0
@@ -77,6 +79,7 @@ class StudyResult(NamedTuple):
 def collect(plan: StudyPlan) -> StudyResult:
     """Write the results of the study into its folder."""
     people, drives = participants(plan), plan.folder / DRIVES
+    steps = {f"drive:{case.key}" for case in plan.cases}
     rows: list[dict[str, Any]] = []
     left = []
     drawn: Counter[str] = Counter()
@@ -90,20 +93,30 @@ def collect(plan: StudyPlan) -> StudyResult:
                 left.append(drive)
                 continue
             file = f"{person.code}/{case.key}.csv"
-            _write_drive(drives / file, person.code, drive)
-            how = entry["quality"]["drawn"]
+            columns = ("time", *MOTION, "steering_wheel_angle")
+            samples = zip(*(getattr(drive, name).tolist() for name in columns), strict=True)
+            head = ("driver", "t", *MOTION, "steering")
+            write_csv(drives / file, head, ((person.code, *sample) for sample in samples))
+            how = entry["quality"].get("drawn")
             if how is not None:
-                drawn[how] += 1
+                drawn[str(how)] += 1
             rows.append({"scenario": case.concrete.scenario, "file": file, **case.concrete.values})
+        left += [
+            DiscardedDrive(
+                person.code, step.removeprefix("drive:"), entry["tape"], "no case of the study now"
+            )
+            for step, entry in person.done.items()
+            if step.startswith("drive:") and step not in steps
+        ]
         left += _unfinished(person)
     files = {drives / row["file"] for row in rows}
     for stale in {*drives.glob("*/*.csv")} - files:
         stale.unlink()
-    head = dict.fromkeys(
+    keys = dict.fromkeys(
         ("scenario", "file", *(name for case in plan.cases for name in case.concrete.values))
     )
-    table = ([row.get(name, "") for name in head] for row in rows)
-    write_csv(drives / "cases.csv", head, table)
+    table = ([row.get(name, "") for name in keys] for row in rows)
+    write_csv(drives / "cases.csv", keys, table)
     ratings = _write_answers(plan.folder, people, left)
     with_drives = len({path.parent for path in files})  # each participant has a folder
     evaluation = write_page(
@@ -123,14 +136,6 @@ def collect(plan: StudyPlan) -> StudyResult:
     }
     write_json(drives / STUDY, summary, "The summary")
     return result
-
-
-def _write_drive(path: Path, driver: str, drive: Trajectory) -> None:
-    """Write a drive as CSV, one sample a row."""
-    names = ("x", "y", "heading", "speed", "acceleration")
-    columns = (getattr(drive, name) for name in ("time", *names, "steering_wheel_angle"))
-    samples = zip(*(column.tolist() for column in columns), strict=True)
-    write_csv(path, ("driver", "t", *names, "steering"), ((driver, *it) for it in samples))
 
 
 def _write_answers(folder: Path, people: list[Participant], left: list[DiscardedDrive]) -> int:
@@ -169,20 +174,20 @@ def _drive(
     plan: StudyPlan, person: Participant, case: StudyCase, entry: dict[str, Any]
 ) -> Trajectory | DiscardedDrive:
     """A participant's drive of a case, or why it does not count."""
-    path = person.folder / str(entry["tape"])
+    path = person.folder / entry["tape"]
+    why = "the tape broke off"
     try:
         tape = read_tape(path)
+        if tape.end is not None:
+            with taking_apart(path, "Its end must be as a study writes it."):
+                why = "; ".join(Quality(**tape.end["quality"]).against(plan.settings.quality))
+            if not why:
+                recording = drive_again(tape, case.concrete)
+                if digest(recording) == tape.end.get("digest"):
+                    return recording.ego
+                why = "rerun, its commands give other bytes than were recorded"
     except InputError as error:
-        return DiscardedDrive(person.code, case.key, path.name, said(error))
-    if tape.end is None:
-        why = "the tape broke off"
-    else:
-        why = "; ".join(Quality(**tape.end["quality"]).against(plan.settings.quality))
-        if not why:
-            recording = drive_again(tape, case.concrete)
-            if digest(recording) == tape.end["digest"]:
-                return recording.ego
-            why = "rerun, its commands give other bytes than were recorded"
+        why = said(error)
     return DiscardedDrive(person.code, case.key, path.name, why)
 
 

@@ -13,12 +13,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from sumo_eval.cosim.doors.observation import Observation
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.extras.wheel.hands import RELEASED, Given, Hands
-from sumo_eval.extras.wheel.tape import LeftTheWheelError, Player, Writer
-from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.settings import SimulationSettings, VehicleSettings
+from sumo_eval.extras.wheel.tape import LeftTheWheelError, Writer
+from sumo_eval.settings import VehicleSettings
 
 STALL = 0.1  # s: a step that is later than this resets the clock, so that time does not jump
 GLANCE = 0.005  # s between two looks whether a drive on hold may continue
@@ -174,9 +172,3 @@ def state_of(tick: int, answered: int, angle: float, seen: Observation) -> list[
         [ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, angle],
         [[it.number, it.x, it.y, it.heading, it.speed, it.acceleration] for it in actors],
     ]  # fmt: skip
-
-
-def warm_up(concrete: ConcreteScenario, settings: SimulationSettings) -> None:
-    """Load, and where needed compile, what a drive uses: its first step must not be late."""
-    # two steps, with steering that is not 0, rad, as that of a person
-    simulate(concrete, Player([(0.0, 1e-6)] * 2), settings)

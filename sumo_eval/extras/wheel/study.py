@@ -28,7 +28,7 @@ from sumo_eval.extras.wheel.plan import (
 )
 from sumo_eval.extras.wheel.tape import json_lines
 from sumo_eval.extras.wheel.trip import ENDS, TASK, new_tape, one_drive, settings_at
-from sumo_eval.input_file import writing
+from sumo_eval.input_file import taking_apart, writing
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
@@ -61,10 +61,14 @@ class Participant:
     def finish(self, step: str, **entry: Any) -> None:
         """Note that a step is done, in the journal on disk before the next step begins."""
         entry = {"step": step, "when": datetime.now(UTC).isoformat(timespec="seconds"), **entry}
-        # overwrite a last line that a crash left without its newline
         with (self.folder / "journal.jsonl").open("ab+") as file:
             file.seek(0)
-            file.truncate(file.read().rfind(b"\n") + 1)
+            last = file.read().rpartition(b"\n")[2]
+            try:  # a last line without its newline: end it if it is whole, else overwrite it
+                json.loads(last)
+                file.write(b"\n")
+            except ValueError:
+                file.truncate(file.tell() - len(last))
             file.write(json.dumps(entry, allow_nan=False).encode() + b"\n")
         self.done[step] = entry
 
@@ -76,11 +80,29 @@ def participants(plan: StudyPlan) -> list[Participant]:
     """
     people = []
     for path in (plan.folder / "participants").glob("*/journal.jsonl"):
-        done = {entry["step"]: entry for entry in json_lines(path, "journal")}
-        if done:
-            number = next(iter(done.values()))["number"]  # of the first step, `begun`
-            people.append(Participant(path.parent.name, number, path.parent, done))
+        lines = json_lines(path, "journal")
+        with taking_apart(path, "Each line must be a step as a study writes it."):
+            done = {_step_of(entry): entry for entry in lines}
+            if done:
+                number = done["begun"]["number"]
+                people.append(Participant(path.parent.name, number, path.parent, done))
     return sorted(people, key=lambda person: (person.number, person.folder))
+
+
+def _step_of(entry: Any) -> Any:
+    """The step of an entry of a journal. Raises ValueError where something of it is missing."""
+    step = entry["step"]
+    match step.partition(":")[0], entry:
+        case (
+            ("begun", {"number": int()})
+            | ("consent", {"agrees": bool()})
+            | ("practice", {"passed": bool()})
+            | ("drive", {"tape": str(), "answers": {}, "quality": {}})
+            | ("rate", {"ads": str(), "scenario": str(), "answers": {}})
+            | ("stopped" | "done", _)
+        ) if LOW <= entry.get("answers", {}).get("score", LOW) <= HIGH:
+            return step
+    raise ValueError(entry)
 
 
 def enter(plan: StudyPlan, code: str) -> Participant:

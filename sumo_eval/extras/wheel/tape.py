@@ -136,7 +136,7 @@ def settings_of(head: Mapping[str, Any]) -> SimulationSettings:
     try:
         given = dict(head["simulation"])
         return SimulationSettings(**{**given, "vehicle": VehicleSettings(**given["vehicle"])})
-    except (KeyError, TypeError, InputError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"The tape's head must name a simulation: {said(error)}.") from error
 
 

@@ -25,8 +25,8 @@ from typing import Any
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError, needs_extra, said
 from sumo_eval.extras.wheel.messages import LARGEST, MOST_A_SECOND, MessageError, read
-from sumo_eval.extras.wheel.seat import Desk, Seat, warm_up
-from sumo_eval.extras.wheel.tape import OWN_WISH, Writer, with_quit
+from sumo_eval.extras.wheel.seat import Desk, Seat
+from sumo_eval.extras.wheel.tape import OWN_WISH, Player, Writer, with_quit
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording
@@ -270,7 +270,9 @@ class Window:
     ) -> tuple[Recording, list[dict[str, Any]]]:
         """Let the person drive: the recording, and the figures that the page sent (`Telling`)."""
         await self.show({"show": "wait"})
-        await asyncio.to_thread(warm_up, concrete, settings)
+        # load, and where needed compile, what a drive uses: its first step must not be late
+        warm_up = Player([(0.0, 1e-6)] * 2)  # two steps, with steering that is not 0, rad
+        await asyncio.to_thread(simulate, concrete, warm_up, settings)
         self._desk = Desk()
         self._tellings = []
         self._outbox = {}
