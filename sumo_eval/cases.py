@@ -54,9 +54,9 @@ class ThinReference:
 
 
 def _rule(compute: Callable[[Any], Any]) -> Any:
-    """Make a property of a method that computes an outcome from fields, of a record or a table.
+    """Make a property of a method that computes an outcome from fields of a record or table.
 
-    Its value is plain (bool, float or str) of a record, an array (n,) of a table.
+    For a record its value is plain (bool, float or str), for a table an array (n,).
     """
 
     def value(cases: Any) -> Any:
@@ -199,8 +199,8 @@ class CaseResult(CaseProperties):
     end_reason, error: see `Recording`.
     error_place: file, line and function of the user's code that raised `error`.
     clips: what was limited and how often, `name x3; ...`.
-    batched: of an ADS that asks SUMO and shared a simulation with other cases: "batched", or
-        "compared" if the case alone gave the same.
+    batched: "batched" if the ADS asks SUMO and shared a simulation with other cases, "compared" if
+        the case alone gave the same, else "".
     requirements_missed: names of the requirements that do not hold; "": all hold; None: the
         scenario has none, or the case was not evaluated.
 
@@ -212,7 +212,7 @@ class CaseResult(CaseProperties):
 
     Contact
     collided: whether the ego had a contact, except with `struck_from_behind`.
-    struck_from_behind: a vehicle that reacts ran into the ego's rear and is at fault. Its
+    struck_from_behind: a vehicle that reacts ran into the ego's rear and is at fault. The
         task_share is 0 all the same: any contact ends the drive.
     impact_speed m/s, overlap 0..1, side: as in `Collision`.
     severity: U of a collision, Eq. 15, m/s, or its replacement.
@@ -229,7 +229,7 @@ class CaseResult(CaseProperties):
 
     References at the same point
     ideal_severity: Ug, U of the ideal vehicle's contact, 0 without one; None: not evaluated.
-    no_reaction_severity: U0, the same of `no_reaction`, of its contact or departure.
+    no_reaction_severity: U0, the same for the contact or departure of `no_reaction`.
     ideal_error, no_reaction_error: why that drive could not be evaluated.
     ideal_collided: whether the ideal vehicle had a contact.
     beats_ideal: whether severity is less than ideal_severity.
@@ -370,7 +370,7 @@ _CACHED_CHUNKS = 32  # chunks whose records stay in memory
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chunk:
-    """Consecutive rows of a table: of one ADS in one scenario, parameters of the same names.
+    """Consecutive rows of a table: one ADS in one scenario, the same names of parameters.
 
     rows: their number.
     columns: function that reads the columns at a slice of places, as `encode_rows` made them.
@@ -450,7 +450,7 @@ def _array(name: str, data: bytes, rows: int) -> Column:
         return _number(values)[indices]
     if kind.startswith(("str", "Zone", "Literal")):
         return np.array([value or "" for value in values], dtype=_TEXT)[indices]
-    # filled afterwards: `np.array` would make a table of values that are tuples
+    # filled afterwards: of tuples `np.array` would make a 2-d array
     objects = np.empty(len(values), dtype=object)
     objects[:] = values
     return objects[indices]
@@ -487,7 +487,7 @@ class CaseTable(CaseProperties):
     """Rows of cases. A field of `CaseResult` is a column, an array (n,): nan and "" stand for None.
 
     chunks: where the rows are stored, in order.
-    rows: numbers of the rows of all chunks that this table has, (n,); None: it has all.
+    rows: those of this table, numbered over all chunks, (n,); None: it has all.
     key: hash under which the run's cache holds this scoring; None: it does not.
     """
 
@@ -523,6 +523,7 @@ class CaseTable(CaseProperties):
     def parameters(self, names: Sequence[str]) -> FloatArray:
         """Points of the cases, (n, k): the parameters of these names."""
         points = np.empty((self._starts[-1], len(names)))
+        # `_starts` has one number more, hence not strict
         for first, chunk in zip(self._starts, self.chunks, strict=False):
             stored = json.loads(chunk.columns(slice(_PLACES["values"], _PLACES["values"] + 1))[0])
             for axis, name in enumerate(names):
@@ -594,7 +595,7 @@ def point_numbers(tables: Sequence[CaseTable]) -> list[IntArray]:
     for name in sorted(filled[0][0].values) if filled else ():
         values = np.concatenate([table.parameters([name]).ravel() for table in filled])
         rank = np.unique(values, return_inverse=True)[1]
-        # one number for each pair of the parameters so far and this one, then without gaps
+        # number each pair (number so far, rank in this parameter), then close the gaps
         pair = number * (int(rank.max()) + 1) + rank
         number = np.unique(pair, return_inverse=True)[1]
     return np.split(number, ends[:-1])

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 Classes = Mapping[str, type]
-# Keys in JSON. A record: {"is": its class, "of": values of its fields}.
+# Keys in JSON. A record: {"is": name of its class, "of": values of its fields}.
 _CLASS, _VALUES = "is", "of"
 _MAP, _ARRAY = "map", "array"  # {"map": pairs of key and value}, {"array": dtype, shape, bytes}
 

@@ -84,7 +84,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     near = nearest(name, names)
     if near is not None:
         return f" Did you mean `{near}`?"
-    # characters of the list up to the end of each name, which is cut to `WORDS`: two names fit
+    # characters of the list up to the end of each name, cut to `WORDS` so that two names always fit
     ends = list(itertools.accumulate(len(it[:WORDS]) + len(", ") for it in names))
     fitting = bisect.bisect(ends, MOST_KNOWN)
     listed = ", ".join(it[:WORDS] for it in names[:fitting])

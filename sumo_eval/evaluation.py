@@ -4,8 +4,8 @@ The only module that knows both SUMO's side and the equations'.
 
 Facts first: `evaluate` simulates and stores what happened. Scores second: `score` computes every
 index from the stored facts alone, again and again, with other settings if wanted, without a
-simulation. What simulates and what computes is imported where it is needed: scores that a run keeps
-are read without these imports, which take a second.
+simulation. Modules that simulate or compute are imported where they are needed: scores that a run
+keeps are read without these imports, which take a second.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def record_rounds(
     zones = None if zones_known else partial(find_zones, run.settings, run.source, folder)
     record = partial(record_facts, folder=folder, progress=progress, stopping=stopping)
     recorded = record(run, resume=resume, meanwhile=zones)
-    # a round of single cases chooses no further one
+    # a run of single cases (`only`) has no further round
     while adaptive and not run.settings.run.only:
         further = _further_rounds(score(folder, progress=progress, resolved=run), run.settings)
         if further == run.settings:
@@ -145,8 +145,8 @@ def score(
     changes: settings to use instead, e.g. `method.score.a=60`.
     resolved: the evaluation of the run, where its scenarios have been looked up.
 
-    What was computed is kept in the run's folder with a hash of all that it depends on, and taken
-    from there.
+    Results are kept in the run's folder under a hash of all that they depend on, and read from
+    there.
     """
     folder = Path(run)
     for change in changes:

@@ -37,7 +37,7 @@ def refuse_command(words: Sequence[str]) -> None:
     """Raise InputError where a command line has a removed command or option."""
     for name, instead in COMMANDS.items():
         command, word = name.split()
-        # an option may stand anywhere, a subcommand only behind its command
+        # an option may stand anywhere, as `--word=VALUE` too, a subcommand only behind its command
         candidates = words[1:] if word.startswith("--") else words[1:2]
         if command in words[:1] and word in [it.partition("=")[0] for it in candidates]:
             raise InputError(f"`sumo-eval {name}` was removed: {instead}.")

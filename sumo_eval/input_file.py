@@ -90,10 +90,10 @@ def writing(what: str) -> Iterator[None]:
 
 @contextmanager
 def taking_apart(path: Path, fix: str) -> Iterator[None]:
-    """A block that takes a file of this package apart. Where it was edited or cut off, it raises
-    InputError.
+    """A block that parses a file written by this package. It raises InputError if the file was
+    edited or cut off.
 
-    fix: last sentence.
+    fix: last sentence of the error message.
     """
     try:
         yield

@@ -61,7 +61,7 @@ class DrivenAlone:
 
 @dataclass(frozen=True, slots=True)
 class DrivenInBlocks:
-    """Note on a policy over arrays, whose last bits may depend on the cases in its fixed batch.
+    """Note on a policy over arrays: last bits of its results may depend on its fixed batches.
 
     drives: number of its drives.
     sizes: numbers of cases that its fixed batches ("blocks") had, each size once.
@@ -75,14 +75,15 @@ class DrivenInBlocks:
 class Counted:
     """Note that counts cases, collisions or points: `number` of `of` are of the kind `what`.
 
-    compared: cases of an ADS that asks SUMO itself (TraCI code) and shared a simulation that were
-        repeated alone, with equal results.
+    compared: cases of TraCI code that shared a simulation and were repeated alone, with equal
+        results.
     actors_left: cases that lasted longer than an actor was on the road.
     actors_moved: cases in which the ADS moved an actor off its script.
     outside_support: cases in which no recorded event is like the concrete scenario.
     struck_from_behind: cases in which a vehicle that reacts ran into the ego's rear: its own fault,
         and not a collision of the ADS.
-    excused: safe cases of which T leaves out the rest of the route, where the references drive on.
+    excused: safe cases in which the ego stands behind a road user where the references drive on: T
+        leaves out the rest of the route.
     gentler_than_ideal: collisions that are less severe than the ideal vehicle's.
     references_collide: points of the safe zone at which drivers or the reference car collide.
     ideal_collides_too: collisions in the safe zone at points where the ideal vehicle collides too.
@@ -453,7 +454,7 @@ class Evaluation:
 
     @property
     def checks(self) -> dict[str, dict[str, str]]:
-        """Names and conditions of what scenarios require, by scenario."""
+        """Condition of each requirement by its name, by scenario."""
         return {
             name: {it.name: it.text for it in logical.requirements.all}
             for name, logical in self.scenarios.items()
@@ -478,7 +479,7 @@ class Evaluation:
         return self.cases.part(scenario, ads)
 
     def cases_behind(self, score: ScenarioResult) -> CaseTable:
-        """The cases of which a score is."""
+        """The cases that a score is computed from."""
         return self.cases_of(score.ads, score.scenario)
 
     def cases_in(self, scenario: str) -> CaseTable:

@@ -47,7 +47,7 @@ def change_if_free(path: Any, way: Any, me: Any, others: Any, scenario: Any) -> 
     # not yet, or too late; where the ego's lane ends, a late change is better than none
     if me.x < way.begin or (room < shortest and way.ends == 0):
         return False
-    duration = shortest / max(me.along, 1.0)  # s; below 1 m/s as at 1 m/s, so it stays finite
+    duration = shortest / max(me.along, 1.0)  # s, at no less than 1 m/s, so that it stays finite
     ahead, behind = beside(way, me, others, scenario)
     if ahead >= 0:
         closing = max(me.along - others[ahead].along, 0.0)
@@ -70,9 +70,7 @@ def change_if_free(path: Any, way: Any, me: Any, others: Any, scenario: Any) -> 
 
 @kernel
 def lead_beside(way: Any, me: Any, others: Any, scenario: Any) -> int:
-    """Index of the vehicle behind which the ego will be in the other lane; -1: none, one alongside,
-    or the ego may not change yet.
-    """
+    """Index of the ego's lead after the change; -1: none, one alongside, or too early to change."""
     if me.x < way.begin:
         return -1
     ahead, _ = beside(way, me, others, scenario)

@@ -2,8 +2,8 @@
 
 A rule's braking is a path: a deceleration over time that may begin, rise, hold and end anywhere
 within a step. The vehicle model's brakes move to a commanded level at a finite rate, from the
-beginning of the step on, and then hold it. So a level is commanded for the speed that it takes off,
-not for its value at some instant of the step.
+beginning of the step on, and then hold it. So the command is the level that takes off the right
+speed over the step, not the path's value at some instant of it.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 from sumo_eval.cosim.records import fields, flags
 from sumo_eval.kernels import kernel
 
-_HALVINGS = 20  # of a step, to find an instant in it: 5e-8 s of 0.05 s
+_HALVINGS = 20  # bisections that find an instant in a step: to 5e-8 s at 0.05 s
 # m/s2 by which a demand must change within a step to be looked at for a jump: 10 m/s3 at 0.05 s
 JUMP = 0.5
-# share of an interval, kept from its ends: at an end a demand may be that of the next interval
+# margin at both ends, as a share of an interval: an end may have the demand of the next one
 _INSIDE = 1e-3
 
 BRAKE_PATH = fields("level", "brakes", "owed")
@@ -50,8 +50,8 @@ class Braked(NamedTuple):
 
 @kernel
 def moved(level: float, target: float, rate: float, duration: float) -> Braked:
-    """A deceleration that goes from `level` to `target` (m/s2) at `rate` (m/s3) and holds there,
-    after `duration` s.
+    """Braking for `duration` s that goes from `level` to `target` (m/s2) at `rate` (m/s3) and then
+    holds it.
     """
     change = target - level
     reach = rate * duration
@@ -66,7 +66,7 @@ def switched(level: float, target: float, wait: float, rate: float, step: float)
     """Command for a step, m/s2, that acts as if brakes left `level` for `target` only after `wait`.
 
     Brakes obey from the beginning of a step on. So a smaller change is commanded at once and held
-    to the end of the step. With the next step's command, `target`, it takes off the same speed:
+    to the end of the step. With `target` next, the speed taken off is as if they waited:
 
         change = j / 2 (h + b - sqrt((h + b)^2 - 4 b (h - wait))),  b = |target - level| / j
 
@@ -101,8 +101,8 @@ def mean_level(level: float, mean: float, rate: float, step: float) -> float:
 
 @kernel
 def released_level(level: float, lost: float, rate: float, step: float, most: float) -> float:
-    """Command for brakes that are at `level`, m/s2, so that they lose `lost` m/s until they are
-    open; up to `most`.
+    """Command for brakes at `level`, m/s2, that takes off `lost` m/s until they are released; up to
+    `most` m/s2.
 
     They go at `rate` j to the commanded level c, hold it to the end of the step h, and then go to
     0. Where they only open:
@@ -114,10 +114,9 @@ def released_level(level: float, lost: float, rate: float, step: float, most: fl
         lost = c (h + level / j) - level^2 / (2 j)
     """
     square = level * level / rate
-    if lost > level * step + 0.5 * square:
-        return min(
-            (lost + 0.5 * square) / (step + level / rate), level + rate * step, max(most, level)
-        )
+    if lost > level * step + 0.5 * square:  # more than holding `level` and releasing takes off
+        harder = (lost + 0.5 * square) / (step + level / rate)
+        return min(harder, level + rate * step, max(most, level))  # above `most`: stays there
     spare = step - level / rate
     inside = spare * spare + 4.0 * (lost - 0.5 * square) / rate
     command = 0.5 * rate * (math.sqrt(inside) - spare) if inside > 0.0 else 0.0
@@ -126,9 +125,9 @@ def released_level(level: float, lost: float, rate: float, step: float, most: fl
 
 @kernel
 def path_towards(path: Any, target: float, duration: float, rise: float, vehicle: Any) -> float:
-    """Speed lost while the braking goes towards `target` m/s2 for `duration` s, m/s.
+    """Speed lost, m/s, while the braking goes towards `target` m/s2 for `duration` s.
 
-    It rises at `rise` m/s3, if the brakes can, and falls as fast as they.
+    It rises at `rise` m/s3, at most as fast as the brakes can, and falls as fast as they can.
     """
     fall = vehicle.brake_jerk
     braked = moved(path.level, target, min(rise, fall) if target > path.level else fall, duration)
@@ -152,7 +151,7 @@ def path_command(
         path.owed = 0.0
         return 0.0
     most = vehicle.max_deceleration
-    if brakes.jerk < fall:  # else the vehicle's brakes lag behind, and may exceed it to catch up
+    if brakes.jerk < fall:  # else the vehicle's brakes lag, and may exceed `braking` to catch up
         most = min(brakes.braking, most)
     if releases:
         until_open = lost + path.owed + 0.5 * path.level * path.level / fall
@@ -203,9 +202,7 @@ def path_along(
     path: Any, demand: Callable[..., float], scene: Any, begin: float, end: float, brakes: Any,
     vehicle: Any,
 ) -> float:  # fmt: skip
-    """Speed lost while the braking goes from `begin` to `end` (s after now) where the demand takes
-    it, m/s.
-    """
+    """Speed lost, m/s, while the braking follows the demand from `begin` to `end`, s after now."""
     jump = demand_jump(demand, scene, begin, end)
     lost = 0.0
     for first, last in ((begin, jump), (jump, end)):
@@ -222,8 +219,8 @@ def follow_demand(
     """Command for the vehicle in the coming step, m/s2. Call once a step.
 
     The first demand is looked for half a step ago, where speeds that follow from positions are
-    known. One that began with a jump began with the last step. The reaction is waited for once:
-    after an alarm the rule stays alert.
+    known. If it came with a jump, it is taken to have begun a step ago. The response time passes
+    once: after an alarm the rule stays alert.
 
     braking: memory, `SAFETY_BRAKING`.
     demand: called with the scene and a time after now, s; gives the deceleration that is demanded

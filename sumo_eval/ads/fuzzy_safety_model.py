@@ -33,7 +33,7 @@ COMFORTABLE = 4.0  # bc, m/s2
 STRONGEST = 6.0  # bm, m/s2
 OTHER_BRAKING = 7.0  # bo, m/s2, of the vehicle ahead
 MARGIN = 2.0  # d1, m
-CUT_IN_MARGIN = 0.1  # s
+CUT_IN_MARGIN = 0.1  # s after the ego has got past, within which a cut-in still counts
 
 
 @kernel
@@ -48,15 +48,15 @@ def _between(distance: float, unsafe: float, safe: float) -> float:
 def proactive_fuzzy_safety(gap: float, speed: float, other_speed: float) -> float:
     """PFS(d): 1 below d1 + d_unsafe, 0 above d1 + d_safe, linear between.
 
-    d_safe = u tau + u^2 / (2 bc) - w^2 / (2 bo) + d1; d_unsafe = u tau + u^2 / (2 bm) - w^2 / (2
-    bo).
+    d_safe = u tau + u^2 / (2 bc) - w^2 / (2 bo) + d1
+    d_unsafe = u tau + u^2 / (2 bm) - w^2 / (2 bo)
 
     gap: d, m.
     speed: u, other_speed: w, m/s.
     """
-    stops = speed * REACTION - other_speed * other_speed / (2.0 * OTHER_BRAKING)
-    safe = stops + speed * speed / (2.0 * COMFORTABLE) + MARGIN
-    unsafe = stops + speed * speed / (2.0 * STRONGEST)
+    shared = speed * REACTION - other_speed * other_speed / (2.0 * OTHER_BRAKING)
+    safe = shared + speed * speed / (2.0 * COMFORTABLE) + MARGIN
+    unsafe = shared + speed * speed / (2.0 * STRONGEST)
     return _between(gap, MARGIN + unsafe, MARGIN + safe)
 
 
@@ -66,8 +66,9 @@ def critical_fuzzy_safety(
 ) -> float:
     """CFS(d): 1 below d_unsafe, 0 above d_safe, linear between; 0 when not closing.
 
-    a' = max(a, -bc); u2 = u + a' tau. If u2 > w: d_new = ((u + u2) / 2 - w) tau, d_safe = d_new +
-    (u2 - w)^2 / (2 bc), d_unsafe = d_new + (u2 - w)^2 / (2 bm); else both are (u - w)^2 / (2 |a'|).
+    a' = max(a, -bc); u2 = u + a' tau, the speed after the reaction time. If u2 > w:
+    d_new = ((u + u2) / 2 - w) tau, d_safe = d_new + (u2 - w)^2 / (2 bc),
+    d_unsafe = d_new + (u2 - w)^2 / (2 bm). Else both are (u - w)^2 / (2 |a'|).
 
     gap: d, m.
     speed: u, other_speed: w, m/s.
@@ -136,10 +137,10 @@ def fuzzy_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
 
 @dataclass(eq=False)
 class FuzzySafetyModel(Compiled):
-    """ADS `fsm`: brakes as PFS and CFS demand, `REACTION` s after they first do; between times it
+    """ADS `fsm`: brakes as PFS and CFS demand, `REACTION` s after they first do; otherwise it
     keeps its speed.
 
-    standstill_gap: what it takes off the gap for CFS, m. Without it the formulas, followed in
+    standstill_gap: subtracted from the gap in CFS, m. Without it the formulas, followed in
         continuous time, bring the ego to rest exactly against the other vehicle, which is a contact
         at 0 m/s. Any 1 to 10 cm give the same outcomes.
     as_coded: CFS as the JRC's program has it (`critical_fuzzy_safety`), not as it is printed.

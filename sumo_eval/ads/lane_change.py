@@ -21,8 +21,8 @@ RATE = 1.0  # w of `steering`, 1/s: how fast an error decays
 SLOW = 8.0  # m/s; below it an error decays by distance, RATE / SLOW per metre
 
 PATH = fields("start", "offset", "begin", "length")
-"""A lane's centre line at y = `start`, m; from x = `begin` on, over `length` m of road, a smooth
-step by `offset` m to the left of it."""
+"""A path: a lane's centre line at y = `start`, m; from x = `begin`, m, a smooth step by `offset` m
+to the left, `length` m of road long."""
 
 
 @kernel
@@ -69,10 +69,10 @@ def keep_lane(path: Any, me: Any, road: Any) -> None:
 
 @kernel
 def curvature_kept(path: Any, me: Any) -> float:
-    """Curvature, 1/m, of the parallel to the road's line on which a path begins.
+    """Curvature at the start of a path, 1/m: of the parallel to the road's line.
 
-    A drive begins with the steering wheel turned for it. From a straight wheel the ego would leave
-    the path first, by more the longer a step is.
+    A drive begins with the steering wheel turned for it. With a straight wheel the ego would leave
+    the path in its first step, further the longer the step is.
     """
     line = line_curvature(me)
     return float(line / (1.0 - line * path.start))
@@ -80,7 +80,7 @@ def curvature_kept(path: Any, me: Any) -> float:
 
 @kernel
 def line_curvature(me: Any) -> float:
-    """Curvature, 1/m, of the road's line, from that of its parallel through a vehicle."""
+    """Curvature of the road's line, 1/m, from that of its parallel at a vehicle (`curvature`)."""
     return float(me.curvature / (1.0 + me.curvature * me.y))
 
 
@@ -139,7 +139,7 @@ def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scena
         y = me.y - half * math.sin(me.heading) + ahead * math.sin(mean_heading)
         heading = me.heading + ahead * now
         wanted = math.atan(slope)
-        beside = 0.0
+        beside = 0.0  # curvature of the road's parallel at the path, 1/m
     else:
         line = line_curvature(me)
         # from the centre back to the rear axle
@@ -167,8 +167,8 @@ def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scena
 
 @kernel
 def beside_an_arc(curvature: float, ahead: float, left: float) -> tuple[float, float]:
-    """Place left of an arc, m, at which a move from a point of it ends, and turn of the arc up to
-    there, rad:
+    """End of a straight move from a point of an arc: m to the arc's left, and the turn, rad, of
+    the arc up to there:
 
         (2 l - k (a^2 + l^2)) / (1 + sqrt(1 + k^2 (a^2 + l^2) - 2 k l)),  atan2(k a, 1 - k l)
 

@@ -51,15 +51,16 @@ def wanted_at(scene: Any, after: float) -> float:
     """Acceleration wanted `after` s from now, if all continue as now, m/s2. What would be decided
     then is in `own.tried`.
 
-    scene: the ego; the rule's memory; what it knows of each actor; room for the foreseen actors;
-        `way`, the lane change that is asked for; the `SCENARIO` record whose step is a cycle.
+    scene: me, the ego; own, the rule's memory; watched, its memory of each actor; others_then,
+        scratch records for the foreseen actors; way, the requested lane change; scenario, the
+        `SCENARIO` record whose step is a cycle.
     """
     me, own, watched = scene[:3]
     others_then, way, scenario = scene[3:]
     _foresee_ego(own.then, me, own.pedals.level, after)
     for j in range(len(others_then)):
         foresee(others_then[j], watched[j].sighting, after, scenario.step)
-        # each try begins with what was decided; no actor is expected to brake (0)
+        # each try starts from the headways decided before and expects no actor to brake (0)
         others_then[j].braking = 0.0
         watched[j].accepted = watched[j].kept
     # here `leads` says whether the actor is seen at all; `overtake` writes it again
@@ -103,6 +104,7 @@ def _split_at(scene: Any, step: float) -> float:
     acceleration jumps; `step`: neither.
     """
     memory = scene[1]
+    # `wanted_at` also writes `memory.tried`, so it stands first
     now, changes_now = wanted_at(scene, 0.0), memory.tried.changing
     end, changes = wanted_at(scene, step), memory.tried.changing
     if changes_now != memory.decided.changing:
@@ -131,7 +133,7 @@ def _decide(scene: Any) -> float:
         if split > 0.0:
             before = max(wanted_at(scene, 0.5 * split), -vehicle.max_deceleration)
             gained, rest = gained_towards(memory.pedals, before, split, vehicle), step - split
-        _decide_at(scene, split)
+        _decide_at(scene, split)  # what it decides there holds for the rest of the cycle
         wanted = wanted_at(scene, 0.5 * (split + step))
     gained += gained_towards(memory.pedals, max(wanted, -vehicle.max_deceleration), rest, vehicle)
     return float(pedal_command(memory.pedals, me.speed, gained, vehicle, step))
@@ -144,8 +146,8 @@ def lane_changer(
     """Acceleration and steering wheel angle: decide once a cycle, then steer along the path decided
     on.
 
-    While it passes a lead, the rule may brake in one cycle and not in the next: just clear of the
-    lead it stops following it, speeds up, and so may no longer be clear.
+    While passing a lead, the rule may brake in one cycle and not in the next: just clear of
+    the lead it stops following, speeds up, and so may no longer be clear.
 
     scenario: two records; the step of the first is the simulation's, of the second a cycle.
     """
@@ -162,7 +164,7 @@ def lane_changer(
 
 
 class LaneChanger(Compiled):
-    """Overtakes a lead that is 2 m/s slower than its own initial speed: one smooth lane change, and
+    """Overtakes a lead at least 2 m/s slower than the ego at the start: one smooth lane change;
     it stays left.
 
     It begins at 10 s TTC or 2.5 s headway (the medians of recorded drivers, DLR-HT 2024) and takes

@@ -36,18 +36,18 @@ SIDE_CLEARANCE = 0.2
 COMFORTABLE_LATERAL = 2.0  # m/s2, peak of a quick but ordinary lane change: 3.2 s for 3.5 m
 # m/s2, peak of an evasion that ordinary drivers still master: 2.25 s for 3.5 m
 EMERGENCY_LATERAL = 4.0
-# share of the strongest braking; needing more, braking alone is not relied on
+# share of the strongest braking; an ego that needs more does not rely on braking alone
 EMERGENCY_BRAKING = 0.8
 EMERGENCY_GAP = 2.0  # m left to a vehicle in the other lane after an evasion
-# m/s; an ego speeds up only where it would clear what it passes at this much more speed, too
+# m/s; an ego speeds up only if it would also pass clear when faster by this
 SPEED_RESERVE = 1.0
 BRAKE_BUILD_UP = 0.1  # s, in which the gap closes before brakes hold
-LEAST_LENGTH = 20.0  # m of road for a lane change at a crawl: a fifth of a car's tightest curve
-# s to the place where the lane on the left ends, or a line that must not be crossed begins; an ego
-# nearer to it does not change
+LEAST_LENGTH = 20.0  # m for a lane change at a crawl: a fifth of a car's largest curvature
+# s before the left lane ends, or a line begins that must not be crossed: no lane change begins
+# later
 END_AHEAD = 10.0
 LEAST_SPEED = 2.0  # m/s, an ego does not overtake from a slower roll
-COMES_TOWARDS = 1.0  # m/s against the ego's direction, faster than which a vehicle comes towards it
+COMES_TOWARDS = 1.0  # m/s against the ego's direction, above which a vehicle is oncoming
 # s, shortest headway accepted behind the vehicle in the other lane (LMRS: 0.56 s)
 AHEAD_HEADWAY = 0.6
 
@@ -118,8 +118,8 @@ def overtake(
     """Acceleration wanted in this step, m/s2; may begin the lane change, which then shows in
     `memory.path`.
 
-    Follows what is in the way, or changes to the lane left of the start, once and for good. An ego
-    that has to change lanes (`way`) does that and never overtakes.
+    Follows what is in the way, or changes once and for good to the lane on the left of its first
+    one. An ego that has to change lanes (`way`) does that and never overtakes.
 
     memory: of `OVERTAKING`, with the desired speed and the free acceleration of this step.
     me: the ego. others: the vehicles that it knows, watched: its memory of each (`WATCHED`).
@@ -155,7 +155,7 @@ def overtake(
             wanted = min(wanted, follows)
     memory.passing = 0
     if memory.changing:
-        would_clip = False  # a vehicle that it passes, if it drove `SPEED_RESERVE` faster
+        would_clip = False  # whether it would be too near to one, `SPEED_RESERVE` faster
         for j in range(len(others)):
             if _still_ahead(memory, me, others[j], scenario):
                 memory.passing = 1
@@ -174,8 +174,10 @@ def _has_left_lane(memory: Any, me: Any, road: Any) -> bool:
     On a shaped road the outermost lanes may open, end, or be parted from their neighbours.
     """
     lane = lane_of(memory.path.start, road)
-    if lane + 1 >= road.lanes or road.shaped == 0:
-        return bool(lane + 1 < road.lanes)
+    if lane + 1 >= road.lanes:
+        return False
+    if road.shaped == 0:
+        return True
     begin, end = -math.inf, math.inf  # x between which both lanes are there, side by side, m
     if lane == 0:
         begin, end = road.right_parted_until, road.right_parted_from
@@ -214,10 +216,10 @@ def _in_the_way(
     path = memory.path
     speed = me.along + faster
     closing = speed - other.along
-    y = path.start + path.offset  # the path's end, where the ego never reaches it
+    y = path.start + path.offset  # the path's end, if the ego never reaches the vehicle
     if closing > 0.0:
         y = path_y(path, me.x + speed * max(bumper_gap(me, other), 0.0) / closing)
-    off_path = me.y - path_y(path, me.x)
+    off_path = me.y - path_y(path, me.x)  # m, assumed to stay the same
     return bool(
         abs(y + off_path - other.y) < 0.5 * scenario.vehicle.width + other.half_width + clearance
     )
@@ -337,7 +339,7 @@ def _duration(
         gap, closing = watched[j].gap, watched[j].closing
         # y from which on the ego passes this lead at `CLEARANCE`, m
         clear_y = other.y + 0.5 * scenario.vehicle.width + other.half_width + CLEARANCE
-        share = (clear_y - me.y) / scenario.road.lane_width  # of the change's offset, until there
+        share = (clear_y - me.y) / scenario.road.lane_width  # of the change's offset, to `clear_y`
         if share > 1.0 or gap <= 0.0:
             return -1.0
         if share <= 0.0 or closing <= 0.0:

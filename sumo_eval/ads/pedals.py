@@ -14,22 +14,22 @@ from sumo_eval.cosim.records import fields
 from sumo_eval.cosim.vehicle_model import drive
 from sumo_eval.kernels import kernel
 
-# m/s, assumed where only changes of speed count: no vehicle comes to a standstill from it in a step
+# m/s, assumed where only the change of speed counts: too fast to come to a standstill in a step
 _ROLLING = 1e3
 
 PEDALS = fields("level", "given", "owed")
-"""Memory of the acceleration that the rule means and of the vehicle's own; all 0 at the start.
+"""Memory of the acceleration that the rule intends and of the vehicle's own; all 0 at the start.
 
-level: meant acceleration, m/s2.
+level: intended acceleration, m/s2.
 given: the vehicle's acceleration, m/s2.
-owed: speed that the vehicle has yet to gain to be as fast as meant, m/s.
+owed: speed that the vehicle has yet to gain to be as fast as intended, m/s.
 """
 
 
 @kernel
 def gained_towards(pedals: Any, target: float, duration: float, vehicle: Any) -> float:
-    """Speed gained while the meant acceleration goes to `target` (m/s2) as fast as brakes and drive
-    can, and holds it, for `duration` s, m/s.
+    """Speed gained in `duration` s, m/s, while the intended acceleration goes to `target` (m/s2)
+    as fast as brakes and drive allow, and stays there.
     """
     level, speed, _ = drive(_ROLLING, pedals.level, target, vehicle, duration)
     pedals.level = level
@@ -38,7 +38,7 @@ def gained_towards(pedals: Any, target: float, duration: float, vehicle: Any) ->
 
 @kernel
 def pedal_command(pedals: Any, speed: float, gained: float, vehicle: Any, step: float) -> float:
-    """Command for a vehicle at `speed` (m/s), m/s2, where the coming step shall gain `gained` m/s.
+    """Command, m/s2, for a vehicle at `speed`, m/s, that shall gain `gained` m/s in this step.
 
     Call once a step.
 

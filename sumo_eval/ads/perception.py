@@ -16,8 +16,8 @@ from typing import Any
 from sumo_eval.kernels import kernel
 
 LEAST_GAP = 2.0  # m between two vehicles at rest: the least following distance of UN R157
-COURTESY = 1.0  # s between the ego and a road user that crosses its path, below which it yields
-CROSSES = 0.1  # m/s towards the path, below which a road user does not cross it
+COURTESY = 1.0  # s between the ego and a road user crossing its path; if less, the ego yields
+CROSSES = 0.1  # m/s, least speed towards the path of a road user that crosses it
 
 
 @kernel

@@ -130,7 +130,7 @@ def careful_driver(
 
     own: `CarefulDriver.memory`.
     watched: `CarefulDriver.watched`, of each other vehicle.
-    others_then: room for the other vehicles at another instant, as `own.then` is for the ego.
+    others_then: scratch records of the other vehicles at another instant, as `own.then` of the ego.
     scenario: two `SCENARIO` records; only the first is used, as the driver decides at every step.
     """
     me, path, time = own.me, own.path, ego.time
@@ -296,7 +296,7 @@ def _revealed(own: Any, others: Any, watched: Any, j: int, leaves: int, time: fl
     """Instant at which the driver perceived a near vehicle as revealed or braking, s; nan while it
     is neither.
 
-    Not longer ago than an evaluation takes, so that none has ended before now.
+    At most the time of an evaluation ago, so that no evaluation ended before now.
 
     leaves: index of the nearest vehicle that has left the ego's lane; -1: none.
     """
@@ -320,7 +320,7 @@ def _approached(
     """Instant at which the driver perceived that approaching a vehicle needs braking, s; nan while
     it does not.
 
-    other_then: room for the vehicle a step ago.
+    other_then: scratch record of the vehicle a step ago.
     """
     me, p = own.me, own.p
     needed = _needed(me, other, known, p)
@@ -383,7 +383,7 @@ def _aeb_demand(scene: Any, after: float) -> float:
     """1 where the AEB stage demands braking `after` s from now, if all vehicles continue as now,
     else 0: a demand for `first_instant`.
 
-    scene: (own, watched, room for the other vehicles at that instant, step).
+    scene: (own, watched, scratch records of the other vehicles at that instant, step).
     """
     own, watched, others = scene[:3]
     foresee_all(own, watched, others, after, scene[3])

@@ -1,5 +1,4 @@
-"""ADS `reg157`: what UN Regulation No. 157, 5.2.5, demands of an automated lane keeping system at
-the least.
+"""ADS `reg157`: the least that UN Regulation No. 157, 5.2.5, demands of an ALKS.
 
 A cut-in must be avoided when its TTC, as it intrudes into the lane, is above v_rel / (2 * 6 m/s2) +
 0.35 s: the system may take 0.35 s and brake at 6 m/s2. This ADS does just that, and begins no
@@ -90,15 +89,14 @@ def reg157_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
 
 @dataclass(eq=False)
 class Reg157(Compiled):
-    """ADS `reg157`: brakes at 6 m/s2 from 0.35 s after the last moment to begin, or after a lead
-    begins to brake.
+    """ADS `reg157`: brakes at 6 m/s2, 0.35 s after the last moment to act or after a lead
+    began to brake.
 
-    margin: how much above the critical TTC it acts, s: a sensor's step of 0.1 s.
+    margin: added to the critical TTC, s; by default one sensor step of 0.1 s.
     lead_braking: deceleration of a lead at 2 s headway or less above which the lead counts as
         braking, m/s2.
-    standstill_gap: what it takes off the gap for TTC, m. Without it the rule, which releases the
-        brakes where TTC is critical, would end exactly against the other vehicle: a contact at
-        0 m/s.
+    standstill_gap: subtracted from the gap for TTC, m. Without it the rule, which brakes only
+        while TTC is critical, would end exactly against the other vehicle: a contact at 0 m/s.
     """
 
     loop = staticmethod(braking_loop(reg157_braking))

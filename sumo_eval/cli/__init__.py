@@ -130,7 +130,7 @@ class _Group(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         refuse_command(args)
         if args and not args[0].startswith("-") and args[0] not in commands():
-            if args[0] in MEANT:  # of the extras, newer than the installed entry points
+            if args[0] in MEANT:  # an extra's command, added after the package was installed
                 raise click.UsageError(
                     f"Command `{args[0]}` is not installed: run `pip install -e .` again."
                 )
@@ -289,8 +289,8 @@ def _fill_closed_streams() -> None:
 
 
 def _stdout_to_nowhere() -> None:
-    """Replace a stdout that cannot be written by the null device: Python flushes it at exit, which
-    would fail.
+    """Redirect an unwritable stdout to the null device: Python flushes it at exit, which would
+    fail.
     """
     with suppress(OSError, ValueError):  # stdout is closed, or has no file number
         try:

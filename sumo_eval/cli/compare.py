@@ -94,7 +94,7 @@ def compare(
 
 
 def _partners(pairs: Sequence[str], base: Path, new: Path) -> dict[str, str]:
-    """The ADS of the base -> the ADS of the new run, of each --pair.
+    """ADS of the base -> ADS of the new run, from each --pair.
 
     pairs: BASE=NEW; both names may have a `=` in them.
     """

@@ -55,8 +55,7 @@ def show_scores(evaluation: Evaluation, everything: bool = False) -> None:
 def finish(
     evaluation: Evaluation, notes: Sequence[str] = (), *, everything: bool = False
 ) -> NoReturn:
-    """Write what a person and a machine read, print the table, and leave with the status that the
-    cases deserve.
+    """Write report and result files, print the tables, and exit with the status of the cases.
 
     notes: sentences to print above the line that says where the report is.
     everything: whether all tables are printed.

@@ -55,9 +55,9 @@ def open_in_browser(address: str) -> None:
 
 
 def broken(line: str, width: int) -> str:
-    """A line broken between words so that none of its parts is wider, as far as its words allow.
+    """A line broken between words into parts of `width` characters at most, as its words allow.
 
-    What is not wider stays as it is, spaces between words too, so that columns stay columns.
+    A line that fits stays as it is, spaces between words too, so that columns stay columns.
     """
     if len(line) <= width:
         return line

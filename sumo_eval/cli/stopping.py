@@ -20,8 +20,9 @@ GRACE = 10.0  # s for running cases after SIGTERM
 
 @contextmanager
 def heard() -> Iterator[None]:
-    """A context for imports, at whose end a Ctrl-C or a SIGTERM that came meanwhile is raised: amid
-    an import it could fall into a callback of Python's own, which drops what is raised there.
+    """Context for imports: a Ctrl-C or SIGTERM that comes meanwhile is raised at its end.
+
+    During an import it could be raised in a callback of Python's own, which drops it.
     """
     signals: list[int] = []
     with _handled(lambda number, frame: signals.append(number)):
@@ -32,7 +33,7 @@ def heard() -> Iterator[None]:
 
 @contextmanager
 def stop_on_signal() -> Iterator[Callable[[], bool]]:
-    """A context that gives the function to ask whether to stop: whether a signal has come. The
+    """Context that gives a function: whether a signal has come, so work should stop. The
     second signal raises KeyboardInterrupt.
     """
     signals: list[int] = []

@@ -132,8 +132,8 @@ def _has_scheme(locator: str) -> bool:
 def _is_scenario(path: Path) -> bool:
     """Whether a file describes a logical scenario, by its tables.
 
-    Of TOML with a mistake, `[[parameter]]` decides. A file that cannot be read is none: the
-    evaluation's reader says why.
+    In invalid TOML, `[[parameter]]` decides. For an unreadable file, False: the evaluation's
+    reader reports why.
     """
     from sumo_eval.errors import InputError
     from sumo_eval.input_file import read_input
@@ -148,7 +148,7 @@ def _is_scenario(path: Path) -> bool:
 
 
 def _check_scenario(use: str) -> NoReturn:
-    """Check a scenario as a run of it alone, with its own sample, does first.
+    """Check a scenario as at the start of a run of it alone, with its own sample.
 
     use: its file, with options as in `[[scenario]] use`.
     """
@@ -262,7 +262,7 @@ def _scenario_parts(
 
 
 def _points(settings: EvaluationSettings, source: Path, spaces: list[Space]) -> str:
-    """Words on the space of the settings' only scenario, which joins `spaces`."""
+    """Add the space of the settings' only scenario to `spaces`; return words on it."""
     from sumo_eval.method.zone_partition import refuse_impossible_zones
     from sumo_eval.record.facts import space_of
     from sumo_eval.scenario.resolved import Resolved, refuse_doubles
@@ -275,9 +275,7 @@ def _points(settings: EvaluationSettings, source: Path, spaces: list[Space]) -> 
 
 
 def _planned_parts(settings: EvaluationSettings, source: Path) -> Iterator[Part]:
-    """ADSs, vehicle model and drivers, each checked by the planner, which refuses what a run would
-    refuse.
-    """
+    """ADSs, vehicle model and drivers, each checked by the planner, as a run does."""
     from sumo_eval.errors import InputError
     from sumo_eval.settings import DriverSettings
 
@@ -303,7 +301,7 @@ def _planned_parts(settings: EvaluationSettings, source: Path) -> Iterator[Part]
 
 
 def _planned(settings: EvaluationSettings, source: Path, words: str) -> str:
-    """`words`, where the planner takes the settings."""
+    """Return `words` if the planner accepts the settings; else it raises InputError."""
     from sumo_eval.record.recording import planner
     from sumo_eval.scenario.resolved import Resolved
 
@@ -314,7 +312,7 @@ def _planned(settings: EvaluationSettings, source: Path, words: str) -> str:
 def _closing_parts(
     settings: EvaluationSettings, source: Path, names: Sequence[str]
 ) -> Iterator[Part]:
-    """Severity, and where no scenario has a mistake, axes of maps and ranking.
+    """Severity and, if no scenario has a mistake, axes of maps and ranking.
 
     names: of the scenarios without a mistake.
     """

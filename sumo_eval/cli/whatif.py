@@ -71,7 +71,7 @@ def _of_all_collisions(search: WhatIf, run: Path, lever: str | None) -> list[Cas
     levers = []
     with Progress() as progress:
         for number, fact in enumerate(facts, start=1):
-            # to count, the values of the first round are enough
+            # `fine=False`: the values of the first round are enough for a count
             levers.append(search.answers_or_why_not(fact, lever, fine=False))
             progress("collisions", number, len(facts))
     return levers

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sumo_eval.settings import ConditionSettings
 
-# s: by rounding, a delay of whole steps, as 0.3 s of 0.1 s, must not become one step more
+# s: rounding must not add a step to a delay of whole steps (0.3 s in steps of 0.1 s)
 _ROUNDING = 1e-9
 
 
@@ -56,8 +56,8 @@ class Actuation:
     def pass_on(self, commands: NDArray[np.void], cases: Any, now: int, *, has_new: bool) -> None:
         """Replace commands of cases, (n,), by those that arrive in step `now`.
 
-        commands: changed in place. Without delay and budget they stay as they are: the caller's
-            array then holds the last ones by itself.
+        commands: changed in place; unchanged without delay and budget, as the caller's array then
+            keeps the last ones itself.
         cases: their indices.
         now: number of the step.
         has_new: whether there are new commands; else the last ones hold.

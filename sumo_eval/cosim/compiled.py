@@ -66,7 +66,7 @@ def decides(own: Any, scenario: Any) -> bool:
 
 
 def _numbers(thing: Any, layout: Layout) -> tuple[Any, ...]:
-    """Attributes of an object as a record; one whose kind is a layout becomes a record in it."""
+    """Attributes of an object as a record; one that has a layout becomes a nested record."""
     values = ((getattr(thing, name), kind) for name, kind in layout)
     return tuple(
         _numbers(value, kind) if isinstance(kind, list) else value for value, kind in values
@@ -104,7 +104,7 @@ class Compiled:
     loop: the rule over rows (`each_row`); writes the egos' commands, and whether they have settled.
     memory: layout of what the rule remembers of a case, 0 at first.
     watched: layout of what it remembers of each actor, nan at first.
-    numbers: layout of the rule's parameters, attributes of the object: the field `p` of the memory.
+    numbers: layout of the rule's parameters: attributes of the object, field `p` of the memory.
     """
 
     loop: ClassVar[Callable[..., None]]
@@ -114,8 +114,7 @@ class Compiled:
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Arrays of `loop` that are the rule's own, a row for each object: own records, records of
-        the actors, predictions of the actors.
+        """The arguments `own`, `watched` and `others_then` of `loop`, a row for each object.
 
         together: the objects, one for each row.
         scenario: the `SCENARIO` records.
@@ -136,7 +135,7 @@ class Compiled:
 
     @classmethod
     def rides(cls, target: Any) -> bool:
-        """Whether the loop of all rows drives an object; not if its class has its own `step` or
+        """Whether the loop over rows drives an object: not if its class overrides `step` or
         `reset`.
         """
         own = type(target)
@@ -193,7 +192,7 @@ class Compiled:
         """Bodies along and across the road, from those that SUMO shows on the map."""
         if not self._line:
             return bodies
-        # each search along the line begins at the last place
+        # each search along the line begins at the body's last x, kept in `_along`
         if self._along is None:
             self._along = frame_places(self._line, bodies["x"], bodies["y"])[0].tolist()
         for i, (body, near) in enumerate(zip(bodies, self._along, strict=True)):
@@ -212,10 +211,11 @@ class Compiled:
 def _pose(
     calls: Any, name: str, length: float, gone: type[Exception]
 ) -> tuple[float, float, float, float]:
-    """Centre, heading and speed of a vehicle of which SUMO shows the front bumper and an angle
-    clockwise from north; nan of one that has left.
+    """Centre x, y, m, heading, rad, and speed, m/s, of a vehicle; nan if it has left.
 
-    gone: the exception of TraCI for that.
+    SUMO shows the front bumper and an angle clockwise from north, deg.
+
+    gone: TraCI's exception for an unknown vehicle.
     """
     try:
         x, y = calls.getPosition(name)

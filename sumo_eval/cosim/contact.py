@@ -44,7 +44,7 @@ def bumper_overlap(ego: Body, other: Body) -> float:
 
 
 def struck_side(ego: Body, other: Body) -> Side:
-    """Face of the ego that is touched; at a corner, the one into which the other moves faster."""
+    """Touched face of the ego; at a corner, the face that the other body moves into faster."""
     corners = [corner for corner in other.corners() if _inside(ego, corner)]
     corners += [corner for corner in ego.corners() if _inside(other, corner)]
     # no corner is inside where bodies cross like a plus: the other's centre decides

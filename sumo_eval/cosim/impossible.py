@@ -18,7 +18,7 @@ LOWEST_SPEED = -1.0  # m/s; SUMO's speeds are 0 or above, a lost vehicle's is fa
 LOST = 1e9  # m and m/s; a vehicle that is on no lane has the position and the speed -1073741824
 LIMIT_TOLERANCE = 1e-6  # m/s2, rounding of a change of speed at a limit of acceleration
 JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
-FARTHEST = 100.0  # m; no step takes a front bumper further, whether a vehicle drives or turns back
+FARTHEST = 100.0  # m; no step moves a front bumper further, by driving or by turning round
 LOSS_MARGIN = 0.05  # m; a vehicle counts as off the road this much before SUMO would lose it
 
 

@@ -1,4 +1,4 @@
-"""Wall times of the steps of an ADS, with those of a fixed piece of work timed between them.
+"""Wall times of an ADS's steps and, between them, of a fixed piece of work.
 
 The fixed work tells a slow ADS from a slow or busy machine.
 """
@@ -12,7 +12,7 @@ import numpy as np
 
 from sumo_eval.trajectory import FloatArray, Latency
 
-# steps between two timings of the fixed work: its 10 us are lost in the time of 16 steps
+# steps between two timings of the fixed work: its 10 us are negligible beside 16 steps
 STEPS_BETWEEN_TIMINGS = 16
 LATE = 0.99  # quantile of the steps' times that `Latency.late` holds
 

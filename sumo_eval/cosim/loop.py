@@ -92,7 +92,7 @@ class EgoControl:
     """Controls the egos of all rows.
 
     ads: what drives each case; a policy over arrays is the first one alone.
-    seeds: of each case, of what the conditions leave to chance.
+    seeds: of each case, for the random effects of its conditions.
     unguarded: whether the ADS writes to SUMO past the harness. If SUMO then shows a vehicle where
         none can be, that is the ADS's fault.
     """
@@ -535,8 +535,9 @@ class Policies(EgoControl):
         report; None without one.
         """
         error, refusal = error_of(call, *arguments), GUARD.refusal
-        caught = refusal is not None and not (self._alone and self.checks)
-        return RefusedCallError("; ".join(refusal or ())) if caught and error is None else error
+        if error is None and refusal is not None and not (self._alone and self.checks):
+            return RefusedCallError("; ".join(refusal))  # the ADS caught it
+        return error
 
     def _look(self, time: float) -> tuple[list[Any], list[Any], list[Any]]:
         """The ego as it is, the ego as the ADS sees it, and the actors as it sees them, of each
@@ -569,7 +570,7 @@ class OneEach(Policies):
             if error is not None:
                 self._fail(world, [case], error, "in reset", policy.target)
         self._check(world, 0.0)
-        # whether an answer that is a number need not be kept
+        # whether a number as answer can be used at once: it need not be held for a later step
         self._brief = self._terms.every == 1 and self.actuation.budget == math.inf
         self._settled = [
             getattr(policy.target, "settled", None) if world.settings.end_when_decided else None
@@ -734,7 +735,7 @@ class OverArrays(Policies):
         return answer
 
     def _call(self, world: World, when: str, call: Callable[..., Any], *arguments: Any) -> bool:
-        """Call the policy; whether it raised no error, which fails all rows."""
+        """Call the policy; an error fails all rows. Return whether there was none."""
         error = self._error_of(call, *arguments)
         if error is not None:
             rows = world.live.tolist()

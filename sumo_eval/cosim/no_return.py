@@ -50,7 +50,7 @@ def with_no_return(
     cases: Sequence[ConcreteScenario],
     settings: SimulationSettings,
 ) -> list[Recording | Alone]:
-    """The recordings, those with a contact with the clip `NO_RETURN`."""
+    """The recordings; those with a contact get the clip `NO_RETURN`."""
     marked = list(recordings)
     contacts = {
         index: _Contact(case, it, it.collision, it.commands)
@@ -85,7 +85,8 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
         hits = (it if isinstance(it, Alone) else it.collision for it in drives)
         return dict(zip(steps, hits, strict=True))
 
-    # steps from which braking avoids a contact, or does not; the last that does is between them
+    # low: step from which braking avoids the contact; high: one from which it does not. The last
+    # that does is between them
     low: dict[int, int] = {}
     high = {i: len(it.commands) for i, it in contacts.items()}
 

@@ -98,8 +98,9 @@ class OnTraci(EgoControl):
         self._stage = stage
         world.egos["next"]["speed"] = world.egos["speed"]
         note_unlimited(world)  # TraCI shows everything
-        for case in () if self._alone else world.errors:
-            world.leave(case, LEFT_BATCH)
+        if not self._alone:
+            for case in world.errors:
+                world.leave(case, LEFT_BATCH)
         for case, hook in enumerate(self._hooks):
             hook.take(world, stage, case)
         self.keep(world, world.rows)
@@ -262,7 +263,7 @@ class _Hook:
             self._settles[0] = bool(self._settled())
 
     def lead_along_lane(self) -> None:
-        """Lead an ego along its lane where its route leaves it: SUMO would stop it at once there.
+        """Reroute an ego along its lane where its route leaves the lane, as SUMO would stop it.
 
         An ego that brakes for that place, as SUMO's own model does, keeps its route.
         """
@@ -439,7 +440,9 @@ class _Hook:
         heading = math.remainder(math.radians(STRAIGHT - angle), math.tau)
         x, y = front_x - self._half * math.cos(heading), front_y - self._half * math.sin(heading)
         pointed = last_heading
-        if not self._world.steps:  # SUMO has inserted it along its lane
+        # heading on the map before the step; SUMO inserts the ego along its lane, so for the first
+        # step that is the lane's
+        if not self._world.steps:
             pointed, state[2] = last_heading - state[2], 0.0
         # motion of the front bumper
         moved_x = front_x - last_x - self._half * math.cos(pointed)
@@ -454,7 +457,8 @@ class _Hook:
             self._bend = float(curvatures(line, pose[0]))
             self._lanes = self._lanes[1], calls.getLaneIndex(self.ego)
             stretch = 1.0 - self._bend * pose[1]
-            # SUMO stretches the metres along the lane evenly: as in any of the road's curves
+            # SUMO stretches a lane evenly, so a metre along it may be one of any of the road's
+            # curves: take the motion along the line that is nearest to the speed's
             across = pose[1] - state[1] + self._half * (math.sin(pose[2]) - math.sin(state[2]))
             moved = math.sqrt(max(moved_x**2 + moved_y**2 - across**2, 0.0))
             lengths = [moved / (1.0 - bend * pose[1]) for bend in self._bends]
@@ -528,7 +532,7 @@ class _Hook:
         # at a limit: SUMO may have held the vehicle back
         elif not lowest + LIMIT_TOLERANCE <= gained <= highest - LIMIT_TOLERANCE:
             self._world.note(self._case, "vtype_limit", gained, gained)
-        # the step is as long as one of the speeds between both allows
+        # the motion must fit a speed between the old and the new one
         slower, faster = (speed, lane_speed) if speed < lane_speed else (lane_speed, speed)
         tolerance = JUMP_TOLERANCE + (_CHORD_SHARE * faster * step if self._bent else 0.0)
         least, most = slower * step - tolerance, faster * step + tolerance
@@ -536,6 +540,7 @@ class _Hook:
             return
         moved = math.hypot(ahead, across)
         possible = min(max(moved, least), most)
+        # SUMO itself moves an ego to a lane's centre, or along a curve when it changes lanes
         sideways_only = least <= ahead <= most
         if (sideways_only and self._put_on_centre()) or (
             self._lanes[0] != self._lanes[1] and abs(moved - possible) <= self._lanes_apart()

@@ -101,9 +101,9 @@ class Pack:
         if stage is not None:
             stage.put_aside(gone)
             stage.tell(world, count)
-            # rows that restarted since the last step; before step 0 SUMO has all at their starts
-            for row in np.flatnonzero(world.egos["begun"] == steps).tolist() if steps else ():
-                stage.begin_again(world, row)
+            if steps:  # before step 0 SUMO has all vehicles at their starts
+                for row in np.flatnonzero(world.egos["begun"] == steps).tolist():  # restarted
+                    stage.begin_again(world, row)
             stage.step()
             if stage.compares(steps):
                 stage.compare(world)

@@ -257,7 +257,8 @@ class _FollowedPlan:
         i = self._segment_in_time
         while times[i + 1] < time:
             i += 1
-        # one back: the tracker looks a step ahead, and by rounding the next step may be earlier
+        # one back: the tracker also asks for a step ahead, and by rounding the next call may ask
+        # for a slightly earlier time
         self._segment_in_time = max(i - 1, 0)
         share = (time - times[i]) / (times[i + 1] - times[i])
 
@@ -293,7 +294,7 @@ class _FollowedPlan:
 
 def _directions(x: Sequence[float], y: Sequence[float], if_still: float) -> list[float]:
     """Direction of a path at each of its points, rad, without jumps: from the point before to the
-    point behind.
+    point after.
 
     if_still: of the points before the first movement.
     """

@@ -2,9 +2,9 @@
 
 The loop of `cosim` and the rules of `ads` and `drivers` share them.
 
-A row is a case: its ego in `EGO`, its m actors in `OTHER`. x, y and heading of a body are along and
-across the road; the same on the map is its `map`, on a straight road the same numbers. What rules
-see of a body is a `MOVER`.
+A row is a case: its ego in `EGO`, its m actors in `OTHER`. x, y and heading of a body are relative
+to the road; `map` has them on the map, where they are the same numbers for a straight road. Rules
+see a body as a `MOVER`.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from sumo_eval.cosim.vehicle_model import LIMITED
 from sumo_eval.trajectory import EndReason, FloatArray
 
 Records = NDArray[Any]
-"""A structured array; each is made in one place, as every other type of it would be compiled
-again."""
+"""A structured array. Each layout is made in one place, as kernels are compiled again for every
+other one."""
 
 
 class Scenes(NamedTuple):
@@ -85,7 +85,7 @@ ends: 1 if its first lane ends at `by`.
 def numbers_of(records: Records) -> FloatArray:
     """Records as rows of numbers, (..., fields), without a copy: each field has eight bytes.
 
-    A count shows as the number that has its bits.
+    A count appears as the float with the same bits.
     """
     return records.view(np.float64).reshape(*records.shape, records.itemsize // 8)
 
@@ -196,13 +196,13 @@ OFF_ROAD, TIME_LIMIT, DECIDED = range(4, 7)
 ADS_ERROR, SIM_ERROR = 7, 9
 
 TO_ITS_END: tuple[EndReason, ...] = ("road_end", "time_limit")
-"""Reasons of cases that ran to their end: a condition that never held in one is reported."""
+"""Reasons of cases that ran to their end: a condition that never became true is reported."""
 
 WHATS = (*LIMITED, "actor_off_its_script")
 OFF_SCRIPT = len(LIMITED)
 SCRIPT_TOLERANCE = 0.05  # m that SUMO may show an actor off its script
 STRAIGHT = 90.0  # deg clockwise from north, SUMO's angle along the road
 ALONG = 1e-9  # rad, a smaller heading counts as 0
-# rad off the road's direction, less than which an ego in a curve keeps its lane
+# rad off the road's direction, up to which an ego in a curve counts as keeping its lane
 ALONG_A_BEND = 0.01
 DEGREES = 180.0 / math.pi

@@ -143,7 +143,7 @@ class Stage:
     def sends(self, world: World) -> bool:
         """Whether SUMO receives the vehicles in the coming step; else it receives none.
 
-        Near the road's end it does: one that its script slows down must not leave before.
+        Near the road's end it does: else a vehicle that its script slows down could leave too soon.
         """
         now = world.time + self._step
         return self.ads_asks or self.compares(world.steps) or world.may_leave(now)
@@ -190,9 +190,7 @@ class Stage:
         self.calls.moveToXY(name, edge, -1, 10.0, ASIDE, STRAIGHT, self._keep)
 
     def begin_again(self, world: World, row: int) -> None:
-        """Move the vehicles of a row from the case that it had before to the new one: to where they
-        are after its first step.
-        """
+        """Move the vehicles of a row that began a new case to their places after its first step."""
         for j, body in enumerate((world.egos[row], *world.others[row])):
             angle = STRAIGHT - math.degrees(body["map"]["heading"])
             number = row * self._width + j
@@ -321,8 +319,8 @@ class Stage:
         world.note(case, "actor_left_the_network", now, now)
 
     def _may_leave(self, world: World, row: int, other: int) -> bool:
-        """Whether a script has brought its vehicle's front bumper beyond the last lane, or SUMO
-        drives it: it begins beside the lanes.
+        """Whether an actor's script has brought its front bumper beyond the last lane, or SUMO
+        drives it, from a start that may be beside the lanes.
         """
         body = world.others[row, other]
         past = body["x"] + 0.5 * body["length"] > world.end_of_lanes

@@ -282,8 +282,8 @@ def goes_straight(
     speed, before: at the step's end and start, m/s.
     """
     gained, half = (speed - before) / step, 0.5 * step
-    # off: m from the motion at the mean speed. It may reach the motions at the start's speed and at
-    # the end's, which are `half * abs(speed - before)` from that.
+    # off: m from the motion at the mean speed. The motions at the first and at the last speed are
+    # `half * abs(speed - before)` from it: `off` may be that much.
     off, most = abs(ahead - half * (speed + before)), half * abs(speed - before) + JUMP_TOLERANCE
     return (
         aside == 0.0

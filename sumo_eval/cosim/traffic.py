@@ -33,8 +33,8 @@ from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 # m by which SUMO's position in a curve may differ: more than `tolerance`, as lanes are polylines
 _TOLERANCE_IN_A_CURVE = 0.1
-# m from a front's position to that by which SUMO's step leads to the next one: above it the vehicle
-# turns at once, or almost
+# m between a front's position and the one from which SUMO's step leads to the next one: above it
+# the vehicle turns at once, or almost
 _TURNED = 0.02
 _ITS_OWN_SPEED_MODE = 31  # SUMO's default: as its model says
 
@@ -117,7 +117,8 @@ class Traffic(Stage):
         super().take_charge(world)
         self._handed: set[str] = set()  # vehicles that SUMO has begun to drive within their case
         self._shown_shadows: set[str] = set()
-        # by number of a told vehicle: position of its front along the lane after the step, m
+        # number of a vehicle that SUMO received -> position of its front along the lane after the
+        # step, m
         self._meant: dict[int, float] = {}
         calls = self.calls
         for name in filter(None, self._shadow_of):
@@ -181,9 +182,11 @@ class Traffic(Stage):
         begin = s - 0.5 * (np.array(last) + along) * self._step
         if not self._bent:
             was = of_all(before, "x") + half * np.cos(of_all(before, "heading"))
+            # exactly where it was, unless it turns at once
             begin = np.where(np.abs(was - begin) > _TURNED, begin, was)
         on_lanes = self._on_lanes_from(number, begin, y, heading)
-        # `moveTo` leads none back to its last lane: one that was beside the lanes gets its place
+        # `moveTo` leads no vehicle back to its last lane: one that was beside the lanes is put on
+        # the map
         for k in np.flatnonzero(on_lanes).tolist():
             on_lanes[k] = names[k] in self._told or calls.getLaneIndex(names[k]) >= 0
         lane = lanes_at(self._road, y)
@@ -252,8 +255,8 @@ class Traffic(Stage):
             self._hide_shadow(number)
         else:
             bodies.append((shadow, shadow_lane))
-            # a new shadow stood beside the road: else SUMO takes its speed there as the one before,
-            # and does not lead it back to the lane that it had last
+            # a new shadow comes from beside the road: else SUMO takes its speed there for the last
+            # one, and does not lead it back to its last lane
             if shadow not in self._shown_shadows:
                 calls.setPreviousSpeed(shadow, speed_before)
                 calls.moveTo(shadow, f"{edge}_{lane}", begin)
@@ -349,7 +352,9 @@ class Traffic(Stage):
         """Remove the vehicles of a case that has ended from its batch."""
         super().remove(world, row)
         shadows = self._shadow_of[row * self._width : (row + 1) * self._width]
-        for name in () if self._alone else filter(None, shadows):
+        if self._alone:
+            return
+        for name in filter(None, shadows):
             with suppress(self.traci.TraCIException):  # SUMO may have removed it
                 self.traci.vehicle.remove(name)
             self._shown_shadows.discard(name)

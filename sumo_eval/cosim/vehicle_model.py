@@ -33,7 +33,7 @@ class Command:
     steering: steering wheel angle, rad, positive to the left.
     speed: m/s, wanted from now on; `TrackerSettings.speed_time` says how soon.
 
-    Of acceleration and speed one must be given; `...` is an acceleration that is not.
+    Either an acceleration or a speed must be given; `...`: no acceleration.
     """
 
     acceleration: float
@@ -372,14 +372,14 @@ def drive(
         duration = left if jerk == 0.0 else (goal - a) / jerk
         duration = min(duration, left)
         reached = a + jerk * duration
-        # a loose bound: only where twice the strongest braking would stop it may it come to stand
+        # a loose bound: it can stop only if twice the part's strongest braking would stop it
         if v + 2.0 * min(a, reached) * duration <= 0.0:
             stop = _time_to_stop(v, a, jerk, duration)
             if stop >= 0.0:
                 distance += v * stop + 0.5 * a * (stop * stop) + jerk * (stop * stop * stop) / 6.0
                 if target < _SAME:
                     return 0.0, 0.0, distance
-                # brakes still closing at a standstill hold nothing: drive begins
+                # at a standstill, brakes that are still being released hold nothing: drive begins
                 a = 0.0
                 v = 0.0
                 left = left - stop

@@ -178,12 +178,12 @@ class World:
         self._command_columns = np.r_[COMMAND] if models else np.array(MOTION)
         self._commands = np.zeros((n, self._room, 2 if models else 6))
         self._codes: dict[Any, Any] = {}  # the rules of a step as machine code for these arrays
-        # whether SUMO's models drive actors; whether the actors' motion depends on time alone;
-        # whether moves wait for conditions or the end of a step
-        self.reacts = any(case.reacts for case in cases)
+        self.reacts = any(case.reacts for case in cases)  # whether SUMO's models drive actors
+        # whether the actors' motion depends on time alone
         self.timed = not any(case.lively for case in cases)
         self._stack = np.zeros((DEEPEST, 3))  # working space of `wake_rows`
         acts = self.players.acts
+        # whether moves wait for conditions or the end of a step
         self.waits = bool(((acts["steps"] > 0) | (acts["kind"] == FOLLOW)).any())
         for bodies in (self.egos, self.others):
             for name in ("x", "y", "heading", "speed"):
@@ -526,8 +526,8 @@ def _put_in_curve(egos: Records, road: Road, limits: Any) -> None:
 
 
 def corner(egos: Records, of_line: Any, limits: Any) -> Any:
-    """Turn egos that point along their lane as in a curve driven before, with wheels and tyres;
-    return the curvature of their lane, 1/m.
+    """Turn egos that point along their lane as if they had driven its curve before, with wheels
+    and tyres; return the curvature of their lane, 1/m.
 
     of_line: of the road's line, 1/m.
     limits: `VehicleSettings` or an array of their records.

@@ -15,7 +15,7 @@ from scipy import stats
 from sumo_eval.errors import must_be
 
 EXACT = 8
-"""Most pairs of which p is counted over all their orders: 8! = 40,320.
+"""Most pairs for which p is counted over all orders: 8! = 40,320.
 
 For few pairs Student's t is wrong: four pairs in the same order would have p = 0.
 """
@@ -56,7 +56,7 @@ def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
         orders = list(itertools.permutations(stats.rankdata(second) - mean_rank))
         # proportional to |rho| of each order; the first is the order of the opinions as given
         sums = np.abs(np.array(orders) @ ranks)
-        p_value = float(np.mean(sums >= sums[0] - 1e-9))  # equal but for rounding counts
+        p_value = float(np.mean(sums >= sums[0] - 1e-9))  # 1e-9: sums equal up to rounding count
     return Agreement(float(rho.statistic), p_value, first.size)
 
 

@@ -9,8 +9,8 @@ Readings of the paper (docs/method.md) that this file is built on:
   the end, but the next one would lie past it, the vehicle has reached the end.
 - The length L ends where the vehicle stopped or left the road. Otherwise it ends at the road's end,
   also for a vehicle that still drives at the end of the recording.
-- Slices end where the ADS was last seen, or earlier, at the mean distance from their own starts at
-  which the drivers were last seen.
+- Slices end where the ADS was last seen, or earlier, at the drivers' mean reach: the distance from
+  a driver's own start to where this driver was last seen.
 - A driver who did not get as far as a slice has no centre there. A deviation needs two drivers:
   where fewer than two got there (in mixture mode, none), all count with their last lateral
   position.
@@ -35,7 +35,7 @@ from sumo_eval.errors import must_be
 from sumo_eval.method import score_terms
 from sumo_eval.method.checks import finite, not_negative, quotient
 from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, everyone, manoeuvre_of, spread
-from sumo_eval.method.operations import count_operations as count_operations  # for users, too
+from sumo_eval.method.operations import count_operations as count_operations  # re-exported
 from sumo_eval.method.operations import most_operations
 from sumo_eval.method.shared_fields import SharedFields, Stretch
 from sumo_eval.scenario.concrete import Road
@@ -138,7 +138,7 @@ class AnthropomorphicIndex:
     length_factor: f_L.
     operation_factor: f_n.
     similarity: mean over all sample points of centre term times field term. In mixture mode this is
-        multiplied by the manoeuvre's share over the share of the most usual manoeuvre.
+        multiplied by the manoeuvre's share / share of the most usual manoeuvre.
     notes: special rules that were needed.
     manoeuvre: the ADS's in mixture mode, else empty.
     share: of drivers who made this manoeuvre; 1 in gaussian mode.
@@ -209,8 +209,8 @@ def indexes_by_group(
     road, settings: as in `anthropomorphic_index`.
 
     Lengths, operations and far fields of each trajectory are computed once. The fields at the
-    points of all pairings of a group are computed together. A group's indexes do not depend, to the
-    last bit, on the remaining groups, provided that all drivers of these occur in the group too.
+    points of all pairings of a group are computed together. A group's indexes are the same to the
+    last bit, whatever other groups there are, if all drivers of those occur in the group too.
     """
     pairings = [pairing for group in groups for pairing in group]
     for pairing in pairings:
@@ -243,7 +243,7 @@ class _Vehicle(NamedTuple):
     """A trajectory and the quantities that Eqs. 11-12 need of it.
 
     whole: as recorded.
-    on_road: up to its first sample at or past the road's end; `whole` itself if that is its last.
+    on_road: up to its first sample at or past the road's end; `whole` itself if nothing is cut.
     begin: first x, m.
     length: L, m.
     reach: distance from `begin` to where it was last seen on the road, m.
@@ -252,7 +252,7 @@ class _Vehicle(NamedTuple):
     manoeuvre: that of `whole`, because a lane change begun before the road's end may end beyond it.
     still_driving: whether it drove on the road at its last sample, and neither stopped nor reached
         the road's end.
-    left_the_road: whether it was off the road at its last sample, in the same case.
+    left_the_road: the same, but off the road at its last sample.
     """
 
     whole: Trajectory
@@ -305,7 +305,7 @@ class _Comparison(NamedTuple):
     choice: drivers that count; in mixture mode those of the ADS's manoeuvre, else all.
     x: of the slices, (m,), m.
     y: centres at the slices, (1 + k, m), m.
-    fields: Eq. 9 at the sample points, (1 + k, m, 7).
+    fields: Eq. 9 at the sample points, (1 + k, m, p); p = 2 `points_per_side` + 1, by default 7.
     """
 
     ads: _Vehicle
@@ -326,8 +326,8 @@ def _indexes(
     """The indexes of one group."""
     if not pairings:
         return []
-    # a D_i in the mode of the settings, and for `Likeness` one in mixture mode; of each,
-    # the drivers that count and the slices
+    # a pairing is compared in the mode of the settings and, for `Likeness`, in mixture mode;
+    # for each of both: the drivers that count and the slices
     modes: tuple[Mode, Mode] = settings.mode, "mixture"
     choices = {
         (pairing, mode): _choice(pairing, mode, vehicles)
@@ -348,11 +348,12 @@ def _indexes(
         )
         for (pairing, _), (_, slices) in choices.items()
     }
-    places = sorted({index for pairing in pairings for index in (pairing.ads, *pairing.drivers)})
-    # Eq. 9: fields of all trajectories at all sample points, computed together; each (k, m, 7)
+    used = sorted({index for pairing in pairings for index in (pairing.ads, *pairing.drivers)})
+    # Eq. 9: fields of these trajectories at all sample points, computed together, then split
     together = np.concatenate(list(points.values()))
     ends = np.cumsum([len(each) for each in points.values()])[:-1]
-    strengths = shared.at(together[:, 0, 0], together[..., 1], places)
+    x, y = together[:, 0, 0], together[..., 1]  # a slice has one x
+    strengths = shared.at(x, y, used)
     fields = dict(zip(points, np.split(strengths, ends, axis=1), strict=True))
 
     @cache
@@ -362,7 +363,7 @@ def _indexes(
         compared = (pairing.ads, *pairing.drivers)
         ads, *drivers = (vehicles[index] for index in compared)
         y = np.array([centres(index, slices) for index in compared])
-        field = fields[pairing.ads, slices][[places.index(index) for index in compared]]
+        field = fields[pairing.ads, slices][[used.index(index) for index in compared]]
         return _index(
             _Comparison(ads, drivers, choice, slice_positions(*slices), y, field), road, settings
         )
@@ -471,7 +472,8 @@ def exposure_weighted_index(values: ArrayLike, exposure: ArrayLike) -> float:
         raise must_be("`values` and `exposure`", owner, "one list each, equally long", shapes)
     if weights.sum() <= 0.0:
         raise must_be("The sum of `exposure`", owner, "greater than 0", float(weights.sum()))
-    return float(score_terms.exposure_mean(indices, weights, score_terms.once(len(indices)))[0])
+    once = score_terms.once(len(indices))  # every scenario counts once: no resampling
+    return float(score_terms.exposure_mean(indices, weights, once)[0])
 
 
 # --- lengths and operations -----------------------------------------------------------------------
@@ -559,7 +561,7 @@ def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray
     trajectory: in road coordinates, m.
     positions: x of the slices, (m,), m, from `slice_positions`.
 
-    Behind its start this is its first y, ahead of the furthest x that it reached its last y.
+    Behind its start this is its first y; ahead of the furthest x that it reached, its last y.
     """
     x, y = trajectory.x, trajectory.y
     wanted = np.asarray(positions, dtype=float)
@@ -569,7 +571,7 @@ def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray
     # samples on both sides of the crossing; where there is none, both are the first sample
     right = np.where(crossed, after, 0)
     left = np.where(crossed, after - 1, 0)
-    share = quotient(wanted - x[left], x[right] - x[left], crossed, 0.0)
+    share = quotient(wanted - x[left], x[right] - x[left], crossed, 0.0)  # 0 if not crossed
     lateral = y[left] + share * (y[right] - y[left])
     return np.where(after == x.size, y[-1], lateral)
 

@@ -253,10 +253,12 @@ def _braked(
     begins: time at which each ego begins to brake, (n,), s; inf: never.
     strength: deceleration, m/s2.
     """
+    # first position and speed, (n, 1) each
     x, v = np.array([[concrete.ego.x, concrete.ego.speed] for concrete in placed]).T[:, :, None]
     time, wait = looks * STEP, begins[:, None]
     braked = np.clip(time - wait, 0.0, v / strength)  # time of braking so far, s
     speed = v - strength * braked
+    # the first speed until the braking, the mean of first and present speed during it
     return np.stack([x + v * np.minimum(time, wait) + braked * (v + speed) / 2.0, speed], axis=2)
 
 
@@ -284,10 +286,11 @@ def _most_critical(
         if way is not None:
             change = way.offset, way.begin, way.length(concrete.ego.speed)
         ways[i] = concrete.ego.y, *change, *size, 0.0, 0.0
-    each = np.zeros((others.shape[1], len(placed), 3))
+    each = np.zeros((others.shape[1], len(placed), 3))  # a result for each actor and case
     # all cases of one scenario have the same actors, at other places
     for number, (actor, result) in enumerate(zip(placed[0].actors, each, strict=True)):
         ways["long"], ways["wide"] = actor.length, actor.width
+        # x, y, heading, speed along the heading and across it, (n, T) each
         columns = np.moveaxis(others[:, number], 2, 0)
         heading, speed, across = columns[2:]
         c, s = np.cos(heading), np.sin(heading)

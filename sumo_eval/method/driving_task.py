@@ -126,8 +126,8 @@ def times_at(drive: Trajectory, places: FloatArray) -> FloatArray:
     """
     furthest = np.maximum.accumulate(drive.x)
     rises = furthest[1:] > furthest[:-1]
-    # of samples at one furthest x (a stop) the first and the last count, the last a hair further:
-    # the next place is interpolated from the end of the stop, not from its beginning
+    # of a stop (samples at one furthest x) only the first and the last are used, the last a hair
+    # further: so the next place is interpolated from the end of the stop, not from its beginning
     arrives, leaves = np.append(True, rises), np.append(rises, False)
     x = np.where(arrives, furthest, np.nextafter(furthest, np.inf))
     ends = arrives | leaves

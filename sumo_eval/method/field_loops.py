@@ -198,7 +198,7 @@ def far_values(samples: FloatArray, grid: Any, near: IntArray, k1: float) -> Flo
         (2**(levels + 1) - 1, 2); all others are far from the box.
     k1: decay with distance.
 
-    Each box interpolates the field of the samples that are far from its parent from the parent's
+    Each box takes the field of samples far from its parent by interpolation between the parent's
     nodes. To this it adds the samples that are far from itself, but near the parent.
     """
     bounds, nodes, halves = grid.bounds, grid.nodes, grid.halves

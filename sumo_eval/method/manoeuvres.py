@@ -61,7 +61,7 @@ def chosen(own: Manoeuvre, theirs: Sequence[Manoeuvre]) -> Choice:
     counts = Counter(theirs)
     numbers = {manoeuvre: number for number, manoeuvre in enumerate(sorted(counts))}
     groups = np.array([numbers[manoeuvre] for manoeuvre in theirs])
-    members = groups == numbers[own] if own in numbers else np.ones(len(theirs), dtype=bool)
+    members = (groups == numbers[own]) if own in numbers else np.ones(len(theirs), dtype=bool)
     share = counts[own] / len(theirs)
     return Choice(own, members, groups, share, counts[own] / max(counts.values()))
 
@@ -100,7 +100,7 @@ def spread(
     if not choice.manoeuvre:
         return mean, np.sqrt(own / np.maximum(freedom, 1e-9))
     by_group = [moments(choice.groups == group)[1:] for group in np.unique(choice.groups)]
-    squares, degrees = map(sum, zip(*by_group, strict=True))
+    squares, degrees = map(sum, zip(*by_group, strict=True))  # over the manoeuvres
     pooled = pooled_drivers * (squares / np.maximum(degrees, 1))
     return mean, np.sqrt((own + pooled) / np.maximum(freedom + pooled_drivers, 1e-9))
 

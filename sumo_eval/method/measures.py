@@ -233,8 +233,8 @@ def smooth_motion(drive: Trajectory) -> SmoothMotion:
 
 
 def _unrest(speed: FloatArray) -> FloatArray:
-    """Change of acceleration, up and down alike, within 2 s, m/s2: an oscillation that 1 s slopes
-    nearly cancel.
+    """Change of acceleration, up and down alike, within 2 s, m/s2: it shows an oscillation that
+    slopes over 1 s average out.
     """
     changes = np.abs(np.diff(_slopes(speed, UNREST_SAMPLES)))
     if changes.size < UNREST_CHANGES:
@@ -308,8 +308,8 @@ def time_to_collision(gap: FloatArray, closing: FloatArray) -> FloatArray:
 
 
 def time_headway(gap: FloatArray, ego_speed: FloatArray) -> FloatArray:
-    """THW = d / v_ego, s: how long the ego takes to where the rear of the lead vehicle is now (ISO
-    15622, time gap).
+    """THW = d / v_ego, s: time in which the ego reaches the present place of the lead vehicle's
+    rear (ISO 15622, time gap).
 
     gap: d, (n,), m.
     ego_speed: along the road, (n,), m/s.
@@ -404,8 +404,8 @@ def _overlap(
 ) -> BoolArray:
     """Whether two bodies overlap, (n, m).
 
-    times, others: at which one of them, (n,), and the other, (m,), is where it is, s, within its
-        recording.
+    times: of `one`'s poses, (n,), s, within its recording.
+    others: of `other`'s poses, (m,), s, within its recording.
     """
     x, y, heading = (it[:, None] for it in _pose(one, times))
     other_x, other_y, other_heading = _pose(other, others)

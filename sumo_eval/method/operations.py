@@ -54,8 +54,7 @@ def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings =
 
 
 def most_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = DEFAULTS) -> int:
-    """n of Eq. 12 for f_n+ of H: with that level of |acceleration| above 0.5 m/s2 at which n is
-    largest.
+    """n of Eq. 12 for f_n+ of H: the largest n of all levels of |acceleration| above 0.5 m/s2.
 
     Eq. 12 counts an oscillation without neutral time as one operation, so a stronger oscillation
     may have fewer operations than a weaker one. Here it never has: the levels are the signal's
@@ -127,7 +126,7 @@ def _operations(
     # of each active sample but the last: neutral time after it, and whether its operation ends
     neutral = time[samples[1:]] - time[samples[:-1] + 1]
     ended = (np.diff(samples) > 1) & (neutral >= settings.neutral_time - SAME_TIME)
-    if released is not None:
+    if released is not None:  # a released sample lies between
         ended &= np.diff(np.cumsum(released)[samples]) > 0
     first = samples[np.append(True, ended)]
     last = samples[np.append(ended, True)]

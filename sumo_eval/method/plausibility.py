@@ -70,8 +70,8 @@ class Quantiles:
 
         1 where the table does not know the extreme, where the value is nan (a drive without it, as
         without a lead vehicle) and where it is milder than the table's last. Beyond the most
-        extreme person the share falls to 0. It is 0 as far beyond that person as the table's second
-        value is on this side: one more person could have gone there.
+        extreme person the share falls to 0 over the distance between the table's first two values:
+        one more person could have gone there.
         """
         if name not in self.values or math.isnan(value):
             return 1.0
@@ -208,6 +208,6 @@ def _table(
     if reached.size < 2:
         return None
     between = [level for level in LEVELS if share[0] < level <= share[-1]]
-    # `share` interpolates between two values at least
+    # `share` needs at least two levels to interpolate between
     levels = np.array([share[0], *(between or share[-1:])])
     return tuple(levels.tolist()), tuple(np.interp(levels, share, reached).tolist())

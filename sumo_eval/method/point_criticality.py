@@ -62,9 +62,9 @@ def criticality(
     settings: `[method.zones]`.
 
     Where the actor comes into the ego's way later, an ego that has passed by then is safe: y =
-    tanh(p / 10 m), p the free road between them, and before that y is the larger of this and of the
-    squared-time target. Without p the target would jump from the hardest hit to perfectly safe, and
-    no smooth surface follows a jump.
+    tanh(p / 10 m), p the free road between them. If it has not passed (p <= 0), y is the larger of
+    this and the squared-time target. Without p the target would jump from the hardest hit to
+    perfectly safe, and no smooth surface follows a jump.
     """
     n = len(points)
     if logical.margin is not None:

@@ -256,7 +256,7 @@ def _boxes(stretch: Stretch) -> tuple[Grid, FloatArray, FloatArray]:
     lengths = [stretch.length / 2**level for level in range(stretch.levels + 1)]
     counts, places, finer = _across([length / stretch.half for length in lengths])
     bounds, across = np.array([stretch.west, stretch.east]), stretch.middle + stretch.half * places
-    # length of each box, and where it begins, level after level
+    # each box's length, number within its level and begin, level after level
     boxes = 2 ** np.arange(len(lengths))
     length = np.repeat(lengths, boxes)
     number = np.arange(boxes.sum()) - np.repeat(boxes - 1, boxes)

@@ -281,6 +281,7 @@ def refuse_impossible_zones(logical: LogicalScenario, settings: ZoneSettings) ->
     """
     axes, _ = _own_axes(logical)
     _, grid, feasible = _dense_grid(logical, axes, settings)
+    # computed only for the errors that a scenario's own functions raise
     exactly_hazardous(logical, grid[feasible][:: 8 if asks_some(logical) else 1], settings)
     training = mesh(axes)
     criticality(logical, training, settings)

@@ -20,7 +20,7 @@ from sumo_eval.scenario import LogicalScenario
 from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import FloatArray
 
-# restarts of the search and its sample of training points; a constant, so that zones never vary
+# of the search's restarts and its sample of training points; constant, so that zones never vary
 SEED = 20220
 # the hyperparameters are searched on at most so many training points, the GP uses all of them
 SEARCH_POINTS = 350

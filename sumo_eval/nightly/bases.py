@@ -80,7 +80,7 @@ def _first_usable(
     settings: GateSettings,
     notes: list[str],
 ) -> tuple[Night | None, Comparison | None]:
-    """The first night that can be compared with, and the comparison; adds a note on each other."""
+    """The first comparable night, and the comparison; adds a note on each night tried before."""
     for night in nights:
         try:
             return night, side_by_side(score(history / night.folder), evaluation, settings)
@@ -198,8 +198,9 @@ def finished_within(history: Path, age: str, now: datetime | None = None) -> tup
 
 
 def pinned_by_itself(night: str, reason: str, pin: Accepted | None) -> Accepted:
-    """A night that becomes the base without a user, no longer than the one that it follows
-    counts.
+    """A night that becomes the base without a user, at most until the one before expires.
+
+    pin: acceptance of the one before; None: none.
     """
     return Accepted(night, _now(), reason, None if pin is None else pin.until, itself=True)
 

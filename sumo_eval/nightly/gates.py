@@ -48,12 +48,12 @@ def judge(
         scenarios = requiring if required else {limit.scenario or score.scenario}
         if limit.ads not in (None, score.ads) or score.scenario not in scenarios:
             continue
-        beside = compared.get((score.ads, score.scenario))
+        part = compared.get((score.ads, score.scenario))
         if limit.quantity in QUANTITIES:
             unit = new.settings.method.collision.regret_unit if limit.quantity == "regret" else ""
-            results += _judge(limit, score, beside, settings.confidence, unit)
+            results += _judge(limit, score, part, settings.confidence, unit)
         else:
-            results += _judge_cases(limit, score, new, beside)
+            results += _judge_cases(limit, score, new, part)
     return in_order([*results, *_without_cases(new, settings)], {})
 
 
@@ -214,7 +214,7 @@ def _worst(
 
 
 def _number(quantity: str, value: float | None, unit: str) -> str:
-    digits = 6 * (quantity == "collision_probability")
+    digits = 6 if quantity == "collision_probability" else 0
     return number(value, 1 + SCORES[quantity][1] if quantity in SCORES else digits) + unit
 
 
@@ -235,12 +235,12 @@ def _judge_cases(
         before[part.changed.paired.new_rows] = part.comparable(name)[0]
     for beyond, scale, words in _column_bounds(limit, before, after, unit):
         # own: a bound on the new run's values alone; one on a change has the base's as its scale
-        own, number = scale is not before, int(np.isfinite(beyond).sum())
+        own, known = scale is not before, int(np.isfinite(beyond).sum())
         result = partial(GateResult, limit.quantity, score.ads, score.scenario, own=own)
-        if number:
+        if known:
             bad = np.flatnonzero(beyond > limit.tolerance * np.maximum(1.0, np.abs(scale)))
             worst = bad[np.argsort(-beyond[bad], kind="stable")]
-            where = f"{words} in {len(bad)} of {count(number, 'case')}"
+            where = f"{words} in {len(bad)} of {count(known, 'case')}"
             yield result(
                 not len(bad), f"{limit.quantity} is {where}", float(len(bad)), None,
                 tuple(cases.case[worst[:MOST_KEYS]].tolist()),

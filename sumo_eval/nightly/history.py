@@ -28,12 +28,12 @@ REGRET_OF_LOSSES = "regret of losses"
 GOOD = (DONE, NOT_EVALUATED)
 """Exit statuses of a night in which no limit failed."""
 
+# fields of a `ScenarioResult` that the history keeps, in addition to its scores
 _KEPT = (
     "collision_probability", "collisions", "avoidable_collisions", "unavoidable_collisions",
     "caused_collisions",
     "departures", "gave_up", "not_evaluated",
 )  # fmt: skip
-# fields of a `ScenarioResult` that the history keeps, beside its scores
 _TABLES = ("nights", "quantities", "gates", "begun", "accepted", "shaky", "builds")
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS begun (night TEXT PRIMARY KEY);
@@ -198,7 +198,7 @@ class History:
             for score in evaluation.scores
             for quantity, value in _quantities(evaluation, score).items()
         ]
-        columns_of = attrgetter(*GateLine._fields[1:])
+        columns_of = attrgetter(*GateLine._fields[1:])  # all but `night`
         with self._connection:
             self._insert("nights", [night])
             self._insert("quantities", values)
@@ -239,6 +239,7 @@ class History:
             return []
         columns = get_type_hints(kind)
         names = ", ".join(columns)
+        # SQLite gives these columns back as 0 and 1
         flags = [hint in (bool, bool | None) for hint in columns.values()]
         rows = read(f"SELECT {names} FROM {table} ORDER BY rowid")  # noqa: S608
         return [

@@ -103,10 +103,10 @@ def judge_repeats(
 ) -> Iterator[GateResult]:
     """Whether two drives of a case are alike, within the tolerances, for each ADS.
 
-    It fails if all were in the last good night, and enough differ tonight that P(by chance all of
-    them tonight) = 1/2 ** number is small. An ADS that did not repeat has no limit.
+    It fails if all were alike in the last good night, and n differ tonight with a small P that by
+    chance all n do so tonight, 1/2 ** n. An ADS that did not repeat then has no limit.
     """
-    line = good and good.night, "repeats", True
+    line = (good and good.night, "repeats", True)  # of the limit that passed in that night
     repeated = {it.ads for it in database.gates() if (it.night, it.quantity, it.passed) == line}
     for ads, (cases, _, _, apart) in noise.repeats.items():
         lost = ads in repeated and 0.5 ** len(apart) < settings.noise.chance

@@ -115,8 +115,9 @@ def markdown_lines(night: Night, judged: JudgedNight, folder: Path) -> Iterator[
         yield f"- **{_escaped(gate.ads)}** in {gate.scenario} ({since}): {_escaped(gate.sentence)}"
         for case in gate.worst:
             yield f"  - {_code(case.case)}: {_escaped(case.point)}: {_escaped(case.words)}"
-        for way in ways_to(folder, gate.worst[0].case).values() if gate.worst else ():
-            yield f"  - {_code(way)}"
+        if gate.worst:
+            ways = ways_to(folder, gate.worst[0].case).values()
+            yield from (f"  - {_code(way)}" for way in ways)
     yield from (f"- {_escaped(words)}" for words in _context(judged))
 
 

@@ -85,7 +85,7 @@ def run_night(
     keep: number of the newest nights whose folders stay.
     workers: in place of that in `[run]`.
     resume: continue the night that was stopped, if one was.
-    stopping: context, while cases are driven, of a function that says whether to stop.
+    stopping: makes a context for the time of the drives; its value is asked whether to stop.
     """
     # a mistake in the file is reported before anything is locked, removed or simulated
     read_evaluation(evaluation)
@@ -146,7 +146,7 @@ def run_night(
 def _write_results(
     evaluation: Evaluation, judged: JudgedNight, notes: Sequence[str], progress: Progress
 ) -> Path:
-    """Write tables, JUnit file and page of a night; path of the page."""
+    """Write tables, JUnit file and page of a night; return the page's path."""
     comparison, gates = judged.bases.comparison, judged.gates
     write_tables(evaluation)
     write_junit(
@@ -283,8 +283,9 @@ def _importing(history: Path, night: Path) -> str:
 def _clear_away(history: Path, database: History, resumed: str | None) -> list[str]:
     """Remove the folders of killed nights. Returns notes on them and on the night that is resumed.
 
-    The cause of their end is unknown, so cases of no other killed night are used. A folder that the
-    history does not know, as a night or as one that began, stays, and is named.
+    The cause of their end is unknown, so their cases are not used, except those of the night that
+    continues. A folder that the history does not know, as a night or as one that began, stays, and
+    is named.
 
     resumed: name of the night that continues.
     """

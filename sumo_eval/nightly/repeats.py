@@ -126,6 +126,7 @@ def _differences(
         before, after = (getattr(it, name).astype(np.float64) for it in (once, twice))
         floors[name] = floor_of(after - before, settings.noise)
         far = np.abs(after - before) > tolerance(before, measure)
+        # measured times differ in any two drives
         for k in np.flatnonzero(far & (name not in TIMED)):
             change = CaseChange.of(first[k], before[k], after[k], f" {name}")
             apart.setdefault(change.case, change)

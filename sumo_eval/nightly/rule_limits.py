@@ -42,7 +42,7 @@ def judge_rule(comparison: Comparison, settings: GateSettings, noise: Noise) -> 
     results = list(_outcomes(comparison, settings, noise)) if settings.outcome.on else []
     tallied = tallies(comparison, settings, noise)
     noisy = [tally for tally in tallied if noise.of(tally.ads).noisy]
-    # the least P that is possible: all changed cases are worse
+    # each P, and the least that is possible for it: if all changed cases were worse
     chances = [(it.chance, 0.5 ** (it.number + it.better)) for it in noisy]
     rejected = holm(chances, settings.noise.chance)
     # by identity, because a tally holds arrays
@@ -202,7 +202,7 @@ def _result(
 
 def _worst(tally: Tally, unit: str) -> Iterator[CaseChange]:
     """The worst cases of all scenarios, with the values before and after."""
-    sign = 1.0 if tally.measure.higher_is_better else -1.0
+    sign = 1.0 if tally.measure.higher_is_better else -1.0  # the least signed change is the worst
     first = [
         (sign * float(worse.after[pair] - worse.before[pair]), index, pair)
         for index, worse in enumerate(tally.worse)

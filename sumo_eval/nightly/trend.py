@@ -55,7 +55,7 @@ class Point(NamedTuple):
 
     x, y: in units of the SVG, y downwards.
     words: shown while the mouse is over the point.
-    row: of the table that the page saves: night, series, value.
+    row: night, series and value, for the table that can be saved from the page.
     """
 
     x: float
@@ -81,7 +81,7 @@ class TrendLine(NamedTuple):
 class TrendChart(NamedTuple):
     """One quantity in one logical scenario.
 
-    gates: limits, each the value at which a gate of that night fails, and the colour of its ADS.
+    gates: for each gate of a night, its limit as a point, and the colour of its ADS.
     half: half the width of a limit's stroke, in units of the SVG.
     ticks: y and label of each value on the vertical axis.
     dates: x and label of some nights.
@@ -151,14 +151,14 @@ def charts(
         }
         # The regret has two charts, one for each unit, but its gates have one name: a gate is
         # drawn on the chart that has a value in the gate's night.
-        limit = "regret" if quantity == REGRET_OF_LOSSES else quantity  # the gates' quantity
+        gated = "regret" if quantity == REGRET_OF_LOSSES else quantity
         nights_of_chart = {night for night, _ in series}
         limits = [
             (gate.night, gate.ads, gate.threshold)
             for gate in gates
-            if (gate.scenario, gate.quantity) == (scenario, limit)
+            if (gate.scenario, gate.quantity) == (scenario, gated)
             and gate.threshold is not None
-            and (limit != "regret" or gate.night in nights_of_chart)
+            and (gated != "regret" or gate.night in nights_of_chart)
         ]
         if series:
             drawn.append(_drawn(title, unit, names, nights, series, limits))
@@ -197,13 +197,13 @@ def _drawn(
     at = {night.night: _place(index, nights) for index, night in enumerate(nights)}
     colours, dashes = dict(zip(names, cycle(COLOURS))), dict(zip(names, cycle(DASHES)))
 
-    def height(value: float) -> float:
+    def y_of(value: float) -> float:
         share = (value - ticks[0]) / (ticks[-1] - ticks[0])
         return round(HEIGHT - BOTTOM - share * (HEIGHT - TOP - BOTTOM), 2)
 
     def point(night: str, name: str, value: float) -> Point:
         words = f"{name}, {_date(night)}: {value:z.6g} {unit}".rstrip()
-        return Point(at[night], height(value), words, (night, name, value))
+        return Point(at[night], y_of(value), words, (night, name, value))
 
     def line(ads: str) -> TrendLine:
         # runs of nights with and without a value; `at` holds the nights in order
@@ -229,7 +229,7 @@ def _drawn(
         tuple(gates),
         # nearly half of a night's part of the axis: strokes of neighbours do not touch
         half=round(0.42 * _step(nights), 2),
-        ticks=tuple((height(tick), f"{tick:g}") for tick in ticks),
+        ticks=tuple((y_of(tick), f"{tick:g}") for tick in ticks),
         dates=_dates(nights),
     )
 
@@ -250,7 +250,7 @@ def _dates(nights: Sequence[Night]) -> tuple[tuple[float, str], ...]:
 
 def _ticks(low: float, high: float, least: float) -> list[float]:
     """Round numbers around a range, at least two of them, at least `least` apart."""
-    if max(abs(low), abs(high)) < 1e-9:  # nothing but zeros, and what rounding leaves of them
+    if max(abs(low), abs(high)) < 1e-9:  # all values 0, up to rounding
         low, high = 0.0, 0.5
     elif high - low < 1e-9 * max(1.0, abs(high)):  # one value: half of it to each side
         pad = 0.5 * abs(high)

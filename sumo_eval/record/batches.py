@@ -155,7 +155,7 @@ class Batches:
         size that is in time: every case of this batch has its result.
         """
         kind = _kind(batch[0])
-        size = self._largest_of.get(kind, 1)
+        size = self._largest_of.get(kind, 1)  # 1 also without a failure: nothing to restore
         if size > 1:
             self._largest_of[kind] = min(2 * size, self._in_time.get(kind, self._largest))
 

@@ -174,7 +174,7 @@ def _begin_forkserver() -> None:
     """Start the fork server, deaf to a Ctrl-C at the terminal while it loads; a Ctrl-C that comes
     to this process meanwhile is not lost.
     """
-    # first, because it lets Ctrl-C through when it is done
+    # before the block below, because it unblocks SIGINT when it is done
     multiprocessing.resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

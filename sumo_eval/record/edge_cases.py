@@ -15,7 +15,7 @@ from sumo_eval.scenario.sampling.samples import central_point, sample
 from sumo_eval.settings import ZoneSettings
 from sumo_eval.settings.random_streams import random_stream
 
-_MOST_PARAMETERS = 10  # of a space whose corners (2 ** 10 then) are looked at; with more, none is
+_MOST_PARAMETERS = 10  # of a space whose corners, at most 2 ** 10, are used; with more, none
 
 
 def edge_cases(logical: LogicalScenario, seed: int) -> list[ConcreteScenario]:

@@ -1,8 +1,8 @@
 """ADSs that are given as they are, a class, a function or an object of a notebook cell, instead of
 a locator.
 
-An ADS in a file is named by it. Any other is written by value into the run folder, from where the
-children read it: downwards only, and only by the user's own process.
+An ADS in a file gets a locator of this file. Any other is written by value into the run folder,
+only by the user's own process; the children only read it there.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ def _place(ads: Any) -> str:
     """`/path/my_ads.py:Name` of a class or a function at the top of a file that others can read;
     else "".
     """
-    home, name = ads.__module__, ads.__qualname__
-    module = sys.modules.get(home)
-    file = getattr(module, "__file__", None) if home != "__main__" else None
+    module_name, name = ads.__module__, ads.__qualname__
+    module = sys.modules.get(module_name)
+    file = getattr(module, "__file__", None) if module_name != "__main__" else None
     if not file or not file.endswith(".py") or getattr(module, name, None) is not ads:
         return ""
-    return f"{home}:{name}" if "." in home else f"{Path(file).resolve()}:{name}"
+    return f"{module_name}:{name}" if "." in module_name else f"{Path(file).resolve()}:{name}"

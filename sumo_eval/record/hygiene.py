@@ -119,7 +119,7 @@ def _watch(child: int, leash: int, memory_limit: float) -> Report:
             poll.register(os.pidfd_open(child), select.POLLIN)
     limit = memory_limit * MEGABYTE
     while True:
-        ready = poll.poll(1e3 * _LOOK)
+        ready = poll.poll(1e3 * _LOOK)  # ms
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
             return Report(os.waitstatus_to_exitcode(status), 0.0)
@@ -212,7 +212,7 @@ def _prctl(option: int, value: int) -> None:
 
 
 def keep_open(*kept: int) -> None:
-    """Close every descriptor of this process but these and the standard ones."""
+    """Close every descriptor of this process, except these and the standard ones."""
     last = -1
     for number in sorted({0, 1, 2, *kept}):
         if number > last + 1:  # Python takes closerange(0, 0) for all descriptors

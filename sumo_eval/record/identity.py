@@ -81,7 +81,7 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str:
     of_python = locator.partition(":")[0] not in _NOT_PYTHON
     module = sys.modules.get(getattr(loaded, "__module__", "")) if of_python else None
     files = _own_files(module, before) if module is not None else named_files(locator, folder)
-    # an ONNX policy has files, the table beside the model and external weights, and a period
+    # an ONNX policy has more files (the table beside the model, external weights) and a period
     policy = loaded.target if isinstance(loaded, Adapter) else None
     files |= set(getattr(policy, "files", ()))
     package = module.__name__.partition(".")[0] if module is not None else ""

@@ -8,7 +8,6 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Mapping
-from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +25,8 @@ from sumo_eval.trajectory import (
 
 EGO = "ego"
 
-# Single precision is off by 1e-7 of a value: nothing that matters of a lane's width, a speed or an
-# angle, but 0.1 mm of an x of kilometres.
+# Single precision has a relative error of 1e-7: negligible for a lane's width, a speed or an angle,
+# but 0.1 mm for each km of x.
 _DOUBLE = ("time", "x")
 _SINGLE = tuple(name for name in CHANNELS if name not in _DOUBLE)
 _SAMPLE_BYTES = 8 * len(_DOUBLE) + 4 * len(_SINGLE)
@@ -35,8 +34,9 @@ _HEADER = struct.Struct("<Idd")  # number of samples, length and width of the ve
 
 
 class KeptRecording(NamedTuple):
-    """A `Recording` with the trajectories as `packed` makes them, by vehicle, the ego's under
-    `ego`.
+    """A `Recording` whose trajectories are bytes.
+
+    drives: vehicle -> its trajectory as `packed` makes it; the ego's is under `ego`.
     """
 
     drives: Mapping[str, bytes]
@@ -58,7 +58,7 @@ def keep(recording: Recording) -> KeptRecording:
     drives = {EGO: recording.ego, **recording.actors}
     return KeptRecording(
         {name: packed(drive) for name, drive in drives.items()},
-        *attrgetter(*KeptRecording._fields[1:])(recording),
+        *(getattr(recording, name) for name in KeptRecording._fields[1:]),  # all but `drives`
     )
 
 
@@ -69,11 +69,11 @@ def packed(trajectory: Trajectory) -> bytes:
     on, which deflates better than sample after sample.
     """
     body = b"".join(
-        np.ascontiguousarray(getattr(trajectory, name), dtype=kind)
+        np.ascontiguousarray(getattr(trajectory, name), dtype=dtype)
         .view(np.uint8)
         .reshape(len(trajectory), -1)
         .T.tobytes()
-        for names, kind in ((_DOUBLE, "<f8"), (_SINGLE, "<f4"))
+        for names, dtype in ((_DOUBLE, "<f8"), (_SINGLE, "<f4"))
         for name in names
     )
     return _HEADER.pack(len(trajectory), trajectory.length, trajectory.width) + zlib.compress(
@@ -97,9 +97,9 @@ def unpack(data: bytes) -> Trajectory:
         )
     block = np.empty((len(CHANNELS), n))
     begin = 0
-    # `CHANNELS` begins with `_DOUBLE`
-    for row, each in enumerate([8] * len(_DOUBLE) + [4] * len(_SINGLE)):  # bytes of a value
-        plane = body[begin : begin + n * each].reshape(each, n)
-        block[row] = np.ascontiguousarray(plane.T).view(f"<f{each}").reshape(n)
-        begin += n * each
+    # rows of a block are in the order of `CHANNELS`, which begins with `_DOUBLE`
+    for row, value_bytes in enumerate([8] * len(_DOUBLE) + [4] * len(_SINGLE)):
+        plane = body[begin : begin + n * value_bytes].reshape(value_bytes, n)
+        block[row] = np.ascontiguousarray(plane.T).view(f"<f{value_bytes}").reshape(n)
+        begin += n * value_bytes
     return Trajectory.of_block(block, length=length, width=width)

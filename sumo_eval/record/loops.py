@@ -42,26 +42,26 @@ from sumo_eval.settings.evaluation import EvaluationSettings
 # Pieces that are no rules. PLAYED: actors whose moves depend on what happens; PEOPLE: synthetic
 # drivers.
 WORLD, PLAYED, PEOPLE = "~world", "~world that reacts", "~people"
-# AHEAD: `_load_ahead`, which few evaluations need; these compile it at its first use.
+# AHEAD: few evaluations need it; they compile it at first use. FIELDS: the fields of Eq. 9.
 AHEAD, FIELDS = "~what comes before a drive", "~fields"
 OF_EVERY_RUN = (WORLD, PEOPLE, "ideal_braking", "no_reaction", "idm")
-"""Pieces that every child process has from its start, where they are compiled (`loaded_loops`)."""
+"""Pieces that every child process loads at its start if they are compiled (`loaded_loops`)."""
 _SECONDS = {
     WORLD: 13, PLAYED: 1, "ideal_braking": 2, AHEAD: 5, FIELDS: 5,
     PEOPLE: 6, "lane_changer": 6, "careful_driver": 4, "fsm": 2, "rss": 2, "reg157": 2, "idm": 2,
 }  # fmt: skip
-"""About the processor time that a piece takes to compile after those before it, s. Neighbours use
-the same functions, and so are compiled by the same process."""
-_MOST = 4  # processes: each compiles functions that its pieces share with others' once more
+"""Approximate processor time to compile a piece after those before it, s. Pieces that share
+functions are neighbours, so that one process compiles them."""
+_MOST = 4  # processes; each one more compiles the functions that pieces share once more
 
 _ROAD = Road("road", 100.0, 2, 3.5, 0.0)
-_TURNED = 0.01  # rad; the moves of an actor that does not point along the road are `PLAYED`
+_TURNED = 0.01  # rad; an actor with a heading off the road's direction is `PLAYED`
 
 
 @functools.cache
 def _locators() -> dict[type[Compiled], list[str]]:
-    """Locators of the shipped rules, by class. Classes with one loop are one piece: the first of
-    them has the locators of all.
+    """Locators of the shipped rules, by class. Classes that share a loop are one piece: the first
+    of them holds the locators of all.
     """
     locators: dict[type[Compiled], list[str]] = {}
     for locator in SHIPPED:
@@ -127,7 +127,7 @@ def _load_world() -> None:
 
 
 def _load_ahead() -> None:
-    """Zones of moves that depend on what happens, foresight, and curves."""
+    """Load what zones of `PLAYED` moves, foresight and curves need; the numbers are arbitrary."""
     played = [_concrete(_TURNED)]
     size = (4.0, 2.0)
     conflict_criticality(played, 0, [0.0], size, ZoneSettings())
@@ -153,7 +153,7 @@ def _mark(piece: str) -> Path:
 
 
 def _is_compiled(piece: str) -> bool:
-    return os.path.isfile(_mark(piece))  # Path.is_file raises where a folder is closed
+    return os.path.isfile(_mark(piece))  # Path.is_file raises for a folder without permission
 
 
 def compiled() -> list[str]:
@@ -182,8 +182,8 @@ def of_cases(cases: Iterable[Case]) -> set[str]:
 
 
 def _rules(locators: Iterable[str]) -> set[str]:
-    """The pieces of those locators that name a shipped rule. A compiled rule of the user's is
-    compiled by the process that drives it.
+    """The pieces of those locators that name a shipped rule. A user's own compiled rule is left to
+    the process that drives it.
     """
     names = {split_entry(locator)[0] for locator in locators}
     return {shipped[0] for shipped in _locators().values() if names.intersection(shipped)}
@@ -217,7 +217,8 @@ def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:
     # Ctrl-C ends them without a traceback
     silent = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL)\n"
     warm([f"{silent}from sumo_eval.record import loops; loops.load({share!r})" for share in shares])
-    progress(stage, len(missing), len(missing), sum(not _is_compiled(piece) for piece in missing))
+    failed = sum(not _is_compiled(piece) for piece in missing)
+    progress(stage, len(missing), len(missing), failed)
 
 
 def _is_kept() -> bool:

@@ -45,8 +45,9 @@ def narrowed(run: Resolved) -> Resolved:
 
 
 def _places(case: str, scenarios: Iterable[str], settings: EvaluationSettings) -> dict[str, Place]:
-    """Places of the cases whose key a text may be, by key."""
+    """Places of the cases that a text may name, by key."""
     # a name may hold a number, too: `ncap-2026-ccrs-0003-idm`
+    # without a number, point 0 gives keys for the error message
     numbers = map(int, re.findall(r"-(\d{4,})(?=-)", case) or ["0"])
     return {
         f"{scenario}-{number:04d}-{ads.name}": (scenario, number, ads.name)

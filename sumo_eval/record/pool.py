@@ -376,12 +376,12 @@ class _Child:
                 return "garbled", "ended amid its result"
             if self._ended is not None and self._ended.held:
                 return "overfull", f"{self._ended.held:.0f}"
-            return "died", _CLOSED if self._ended is None else self._ended.words
+            return "died", (_CLOSED if self._ended is None else self._ended.words)
         if self.deadline <= clock.monotonic():
             if begun:
                 return "garbled", "began a result and did not end it"
             # `overdue` needs no words
-            return "died" if self._results.closed else "overdue", _CLOSED
+            return ("died" if self._results.closed else "overdue"), _CLOSED
         return None
 
     def _read_results(self) -> None:

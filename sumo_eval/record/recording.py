@@ -266,7 +266,7 @@ class _Stage:
 def stages(space: Space, plan: Planner) -> list[_Stage]:
     """Stages of one logical scenario: ADSs, references, synthetic drivers."""
     settings, points, name = plan.run.settings, len(space.numbers), space.logical.name
-    # cases are made only to count those of `only`, which are few
+    # with `only`, the cases are made just to be counted: they are few
     total = sum(1 for _ in plan.ads(space)) if settings.run.only else points * len(settings.ads)
     listed = [_Stage(f"{name}: ADSs", name, "ads", plan.ads(space), total)]
     for role, words in REFERENCES.items():
@@ -307,7 +307,7 @@ def _record_people(space: Space, plan: Planner, work: _Work) -> None:
         title = f"{name}: drivers where too few are recorded"
         work.do([_Stage(title, name, "human", added, len(added))])
     keys.update(case.key for case in added)
-    # left from before a resumed run's settings or recordings changed
+    # drives from before the settings or recordings of a resumed run changed
     work.store.remove(case for case, _, _ in work.store.names("human", name) if case not in keys)
 
 
@@ -340,9 +340,10 @@ def find_stale(store: Store, source: Path) -> tuple[str, ...]:
     notes = []
     for locator, (first, *more) in sorted(files.items()):
         cases = Counter(ads for _, ads in store.driven_by(locator))
+        others = f" and {len(more)} more" if more else ""
         notes += [
-            f"{number} recorded case{'s' * (number > 1)} of ADS `{ads}` cannot be reused: "
-            f"{clean(first)}{f' and {len(more)} more' * bool(more)} changed since its processes "
+            f"{number} recorded case{'s' if number > 1 else ''} of ADS `{ads}` cannot be reused: "
+            f"{clean(first)}{others} changed since its processes "
             "read it. They are rerun."
             for ads, number in sorted(cases.items())
         ]

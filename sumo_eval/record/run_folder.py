@@ -133,8 +133,9 @@ def create(
         if before:  # keep how the run began, and list each time that it was resumed
             now = {name: manifest[name] for name in ("created", "versions", "machine")}
             manifest |= {name: before[name] for name in now}
-            resumed = [*before.get("resumed", []), *([] if another_round else [now])]
-            manifest |= {"resumed": resumed} if resumed else {}
+            resumed = before.get("resumed", []) + ([] if another_round else [now])
+            if resumed:
+                manifest["resumed"] = resumed
         _write(folder / MANIFEST, sealed(manifest))
 
 
@@ -147,9 +148,9 @@ def _sumo_inputs(
 
     inputs = dict[str, str]()
     for concrete in examples:
-        name, road = concrete.road.name, network_xml(concrete.road)
+        name, network = concrete.road.name, network_xml(concrete.road)
         # scenarios share a network, unless another scenario has another road of that name
-        if inputs.get(f"networks/{name}.net.xml", road) != road:
+        if inputs.get(f"networks/{name}.net.xml", network) != network:
             name = f"{name}_of_{concrete.scenario}"
         inputs |= case_files(
             concrete, simulation, f"networks/{name}", f"routes/{concrete.scenario}"

@@ -23,7 +23,7 @@ FIX = "Take the file from a copy of the run, or run the evaluation again into a 
 def sealed(content: Mapping[str, Any]) -> str:
     """The text of a file with this content and its hash, the last entry."""
     # a scenario in `content` may have the name `seal`: then the hash is under `seal~`
-    name = SEAL + "~" * (SEAL in content)
+    name = f"{SEAL}~" if SEAL in content else SEAL
     return json.dumps({**content, name: _hash(content)}, indent=2) + "\n"
 
 

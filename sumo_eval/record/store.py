@@ -736,9 +736,9 @@ def _real(value: float) -> float | None:
     return None if math.isnan(value) else float(value) + 0.0
 
 
-# what the facts have of a case without a recording; it has no end reason either
+# the record of a case without a recording; `_NONE`: no end reason, whatever the field's type
 _NONE: Any = None
-_NO_RECORDING = KeptRecording({}, None, _NONE, (), Latency(*5 * [math.nan]), math.nan, math.nan)
+_NO_RECORDING = KeptRecording({}, None, _NONE, (), Latency(*(5 * [math.nan])), math.nan, math.nan)
 
 
 def _rows(outcome: Outcome) -> tuple[Sequence[Row], ...]:
@@ -764,6 +764,7 @@ def _rows(outcome: Outcome) -> tuple[Sequence[Row], ...]:
     )
     times = list(map(_real, (kept.wall_time, *kept.controller_latency)))
     # `times[:3]`: wall time, mean and longest latency; `times[3:]`: the latencies added later
+    # column `alone`, which `_SPLIT` takes apart again
     company = outcome.batched if outcome.alone is None else json.dumps(_plain(outcome.alone))
     circumstance = (case.key, outcome.log, *times[:3], outcome.error_place, company)
     drives = sorted(kept.drives.items())
@@ -780,7 +781,7 @@ def _plain(record: Collision | Clip | Alone) -> dict[str, object]:
 
 
 def _values(text: str) -> dict[str, float]:
-    """The names are the same in all rows of a scenario, and so they shall be in memory."""
+    """Values by name. Rows of a scenario share the names in memory."""
     return {intern(name): value for name, value in json.loads(text).items()}
 
 

@@ -1,5 +1,5 @@
-"""The report of a run with the confidence in its scores: assessed, kept as `confidence.json`, and
-shown.
+"""The report of a run with the confidence in its scores, which is computed here and kept in
+`confidence.json`.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ def write_assessed_report(
 ) -> Path:
     """Write `confidence.json` and `report.html` into the evaluation's folder; the report's path.
 
-    Without additions, both files stay if they were made of the same scores, settings and sources,
-    and nothing has changed them since: the run's cache holds their hash under the key of these.
+    Without additions, both files stay if they are unchanged and made of the same scores, settings
+    and sources: the run's cache holds a hash of both under `_key`.
     """
     path, data = evaluation.folder / REPORT, evaluation.folder / CONFIDENCE
     key = _key(evaluation) if additions is None else None  # None: written in any case

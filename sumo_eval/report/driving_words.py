@@ -81,17 +81,17 @@ def _incident(scene: CaseDrives, fact: Fact) -> _Said:
     """Contact, departure, or an end that the harness brought, and what the ADS did before."""
     case, hit = scene.case, fact.collision
     if hit is not None:
-        best = "a contact that the ideal vehicle has as well"
+        remark = "a contact that the ideal vehicle has as well"
         if case.struck_from_behind:
-            best = "which ran into the ego's rear and is at fault"
+            remark = "which ran into the ego's rear and is at fault"
         elif case.ideal_severity is None:
-            best = "the ideal vehicle's case is not known"
+            remark = "the ideal vehicle's case is not known"
         elif case.avoidable:
-            best = "which the ideal vehicle avoids"
+            remark = "which the ideal vehicle avoids"
         how = "Hit by" if case.struck_from_behind else "Hit"
         yield (
             f"{how} `{hit.other}` at {3.6 * hit.relative_speed:z.0f} km/h, "
-            f"{hit.time:z.1f} s after the start, {best}.",
+            f"{hit.time:z.1f} s after the start, {remark}.",
             hit.time,
         )
         braking = braking_before(scene.ego, hit.time)
@@ -157,14 +157,14 @@ def _extreme(scene: CaseDrives, people: Quantiles) -> tuple[str, float]:
         order = "after" if extreme.time >= extreme.event.time else "before"
         away = abs(extreme.time - extreme.event.time)
         reached += f", {away:z.1f} s {order} `{extreme.event.actor}` {extreme.event.what}"
-    most = "none of the recorded people does"
+    share = "none of the recorded people does"
     if extreme.share > 0.0:
         # one significant digit
-        most = f"{percent(float(f'{extreme.share:z.1g}'))} of people do"
+        share = f"{percent(float(f'{extreme.share:z.1g}'))} of people do"
     side = "below" if extreme.usual < extreme.value else "above"
     source = f"({people.people} people, {people.source})"
     beside = f"half of them stay {side} {value.format(extreme.usual)} {source}"
-    return f"{reached}; {most}, {beside}.", extreme.time
+    return f"{reached}; {share}, {beside}.", extreme.time
 
 
 def _unlike(scene: CaseDrives) -> tuple[str, float]:

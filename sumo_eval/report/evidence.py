@@ -110,9 +110,11 @@ def _claims(evaluation: Evaluation, score: ScenarioResult) -> Iterator[Claim]:
     about = f"{score.ads} in {score.scenario}"
     yield _complete(about, score, cases)
     assumptions = tuple(_assumptions(evaluation, score))
-    for make in (_collisions, _preventable, _avoided, _checked):
-        if make is not _checked or score.scenario in evaluation.checks:
-            yield replace(make(evaluation, about, score, cases), assumptions=assumptions)
+    makers = [_collisions, _preventable, _avoided]
+    if score.scenario in evaluation.checks:
+        makers.append(_checked)
+    for make in makers:
+        yield replace(make(evaluation, about, score, cases), assumptions=assumptions)
 
 
 def _claim(
@@ -166,7 +168,7 @@ def _collisions(
         score, "collisions",
         claim=f"The collision share of {about} is below "
               f"{_outward(share.high, ROUND_CEILING)} in this space under {under}.",
-        verdict=(
+        verdict=(  # a case that was not evaluated may have collided
             "not supported" if score.not_evaluated else "open" if share.high >= 1.0 else "supported"
         ),
         argument="Upper end of the two-sided interval of the weighted share: a bootstrap over the "
@@ -245,7 +247,7 @@ def _avoided(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
 
 
 def _outward(end: float, rounding: str) -> str:
-    """An end of an interval in three digits, which never claim more than it does."""
+    """An end of an interval in three digits, rounded outward: a claim never exceeds it."""
     return f"{float(Context(prec=3, rounding=rounding).create_decimal(repr(float(end)))):z.3g}"
 
 
@@ -273,7 +275,9 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
 def _assumptions(evaluation: Evaluation, score: ScenarioResult) -> Iterator[str]:
     """Conditions of the claims on a scenario that the run does not show."""
     entry, logical = next(
-        named for named in evaluation.resolved.entries if named[1].name == score.scenario
+        (entry, logical)
+        for entry, logical in evaluation.resolved.entries
+        if logical.name == score.scenario
     )
     zone = next(it for it in evaluation.zones if it.scenario == score.scenario)
     yield (

@@ -42,7 +42,7 @@ from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, Findings
 from sumo_eval.scoring.zones import star_distance
 from sumo_eval.text import point_words
 
-ROUNDING = 1e-9  # largest difference of a D_i that is computed again
+ROUNDING = 1e-9  # largest accepted difference of a recomputed D_i from the scored one
 
 
 def known_case(run: Path, key: str) -> Fact:
@@ -143,7 +143,7 @@ def _collision(
     capped = ", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else ""
     yield f"Eq. 17: the ideal vehicle {best}: {ratio} = {part.value:z.4f}{capped}"
     yield from _weight(case, zones)
-    points = worth(findings.settings.method.score)
+    points = worth(findings.settings.method.score)  # of S that C = 1 and D = 1 are worth
     yield (
         f"Eq. 17: of 1 - C = {1.0 - (findings.score.c or 0.0):z.4f} this case took "
         f"r (1 - {ratio}) / sum r = {number(case.weight, 4)} x {1.0 - part.value:z.4f} / "
@@ -194,10 +194,10 @@ def _likeness(
     if abs(index.value - case.index) > ROUNDING:
         yield f"WARNING: the score has D_i = {case.index:z.6f}, which this arithmetic does not give"
     part = findings.part(case, findings.indexed, findings.cases.exposure, findings.cases.index)
-    of = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
+    whole = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
     points = worth(findings.settings.method.score)
     yield (
-        f"Eq. 13: share of {of} p / sum p = {case.exposure:z.6g} / {part.total:z.6g} = "
+        f"Eq. 13: share of {whole} p / sum p = {case.exposure:z.6g} / {part.total:z.6g} = "
         f"{part.share:z.5f} ({count(part.cases, 'case')}); of D = {number(findings.score.d, 4)} "
         f"this case gives {part.gives:z.5f} and took {part.takes:z.5f}, "
         f"{points.d * part.takes:z.2f} points of S"

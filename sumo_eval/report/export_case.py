@@ -48,7 +48,9 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
         # a drive that did not start has no trajectories
         started = fact.simulated_time is not None and not store.is_discarded(case)
         driven = store.trajectories(case) if started else None
-    entry, logical = next(named for named in resolved.entries if named[1].name == fact.scenario)
+    entry, logical = next(
+        (entry, logical) for entry, logical in resolved.entries if logical.name == fact.scenario
+    )
     concrete = replace(logical.concrete(**fact.values), exposure=fact.exposure)
     stem = file_stem(case)
     alone = _evaluation(settings, fact, entry, source, f"{stem}.csv")
@@ -81,7 +83,7 @@ def _evaluation(
     ads = next(item for item in settings.ads if item.name == fact.driver)
     alone: EvaluationSettings = absolute(replace(settings, scenario=(entry,), ads=(ads,)), source)
     (scenario,) = alone.scenario
-    sampling = SamplingSettings(method="file", file=points)  # its column has the exposure
+    sampling = SamplingSettings(method="file", file=points)  # the file has the exposure, too
     return replace(
         alone,
         scenario=(replace(scenario, sampling=sampling, exposure=ExposureSettings()),),
@@ -89,21 +91,21 @@ def _evaluation(
     )
 
 
+# settings that are paths of files, and those that may hold one, as `my_ads.py:MyAds`
 _PATHS = ("file", "files", "recordings", "cases", "qualification")
 _LOCATORS = ("use", "method", "controller", "source", "severity")
-"""Settings that are paths of files, and those that may name a file in their own way."""
 
 
 def absolute(value: Any, source: Path, name: str = "") -> Any:
     """Settings, or the value of one, with the paths of files absolute, so that they hold in a file
     of any folder.
 
-    source: the folder where they start.
+    source: the folder that relative paths start from.
     name: of the setting.
     """
     if is_dataclass(value) and not isinstance(value, type):
         items = ((item.name, getattr(value, item.name)) for item in fields(value))
-        return replace(value, **{name: absolute(item, source, name) for name, item in items})
+        return replace(value, **{key: absolute(item, source, key) for key, item in items})
     if isinstance(value, tuple):
         return tuple(absolute(item, source, name) for item in value)
     if not isinstance(value, str) or not value:

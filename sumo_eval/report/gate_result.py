@@ -18,7 +18,7 @@ class CaseChange(NamedTuple):
     """A case that a limit names.
 
     point: in words.
-    before, after: the limit's quantity, or how the case ended.
+    before, after: in base and new run: the limit's quantity, or how the case ended; None: unknown.
     unit: of the quantity, after a space; "" without one.
     """
 
@@ -49,12 +49,12 @@ class GateResult(NamedTuple):
     scenarios".
 
     passed: None if the limit could not be evaluated; then the sentence has the reason.
-    reason: why it could not be evaluated: limits with equal reasons share a line; "": the sentence.
+    reason: why it could not be evaluated; equal reasons share a line. "": the sentence tells it.
     blind: the quantity in words, if the cases of this ADS cannot show a change of it; else "".
     threshold: the value of the new run at which it would fail, for drawing.
     cases: keys of the cases that a failed limit is about, at most `MOST_KEYS`.
     worst: the worst of them.
-    against: name of the accepted night, if the limit failed only beside that one; else "".
+    against: name of the accepted night, if the limit failed only in comparison with it; else "".
     own: whether it bounds a value of the new run alone, so that no base changes it.
     """
 

@@ -101,7 +101,7 @@ def _context(
         data = page_data(evaluation, partitions, embedded, sent.result)
     return {
         **shared,
-        # numbers of points: with trajectories in the page, with those of drivers too, in all
+        # numbers of points: with trajectories in the page, of these with drivers' too, in total
         "embedded": {
             "points": data["embedded"],
             "drivers": data["embeddedDrivers"],
@@ -168,7 +168,7 @@ def _shared(
 
 
 def write_comparison(evaluation: Evaluation, additions: Additions, path: Path) -> Path:
-    """Write a page of the comparison alone; its cases lead into the report of the newer run."""
+    """Write a page of the comparison alone; its cases link to the report of the new run."""
     folder = evaluation.folder
     title = evaluation.name
     change_title = ""
@@ -244,7 +244,7 @@ def _left_out(
     tables = {
         score.ads: evaluation.cases_behind(score) for score in evaluation.scores_in(logical.name)
     }
-    # an ADS with fewer cases than another lacks the last indices
+    # `shown` is the same for all ADSs: an index may be beyond the cases of one of them
     in_page = sum(np.count_nonzero(shown < len(cases)) for cases in tables.values())
     left_out = sum(map(len, tables.values())) - in_page
     if not left_out:
@@ -267,10 +267,8 @@ def _left_out(
 def _row(findings: Findings) -> dict[str, Any]:
     """One ADS in one logical scenario, in the words and digits of the page."""
     score, cases, likened = findings.score, findings.cases, findings.likened
-    hits, columns = (
-        findings.collisions,
-        (findings.terms.ratio, findings.lost_of_c, findings.share_lost),
-    )
+    hits = findings.collisions
+    columns = findings.terms.ratio, findings.lost_of_c, findings.share_lost
     # widths of the two parts of S+ in a bar of 100 %
     a_width = min(score.a_points, 100.0)
     means, likeness = findings.factor_means, findings.likeness_means

@@ -50,7 +50,7 @@ class Test(NamedTuple):
     """One JUnit test.
 
     kind: the machine-readable type of a failure or an error.
-    text: what a person reads of it.
+    text: details, for a reader.
     """
 
     name: str
@@ -64,8 +64,8 @@ class Test(NamedTuple):
 Suite = tuple[Iterable[Test], Mapping[str, str]]
 """Tests, and properties by name."""
 Suites = Mapping[tuple[str, str], Suite]
-"""By (name of the suite, class name)."""
-_HELD = 1 << 18  # bytes of a suite that wait in memory, more in a file
+"""Suites by (name of the suite, class name of its tests)."""
+_HELD = 1 << 18  # bytes of a suite that are held in memory; a larger suite goes to a file
 
 
 def run_suites(evaluation: Evaluation) -> Suites:
@@ -123,10 +123,10 @@ def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]
 def _change_tests(part: AdsComparison) -> Iterator[Test]:
     """A test for each pair of cases, in the order of the new run."""
     changed = part.changed
-    change_of_pair = {pair: i for i, pair in enumerate(changed.which.tolist())}
+    row_of_pair = {pair: row for row, pair in enumerate(changed.which.tolist())}
     for pair, case in enumerate(changed.paired.new):
-        change = changed[change_of_pair[pair]] if pair in change_of_pair else None
-        yield _change_test(case, change, part.units[1])
+        change = changed[row_of_pair[pair]] if pair in row_of_pair else None
+        yield _change_test(case, change, part.units[1])  # unit of U in the new run
 
 
 def write_junit(suites: Suites, path: Path) -> Path:
@@ -173,7 +173,7 @@ def _written(
     counts = Counter[str]()
     seconds = array("d")
     for test in tests:
-        counts.update(("tests", test.verdict))
+        counts.update(("tests", test.verdict))  # "tests" counts all of them
         seconds.append(test.seconds)
         element = etree.tostring(_element(test, classname), encoding="UTF-8", xml_declaration=False)
         body.write(b"\n    " + element)
@@ -204,7 +204,7 @@ def _element(test: Test, classname: str) -> etree._Element:
 def _case_test(case: CaseResult, missing: bool, report: ReportSettings, unit: str) -> Test:
     reason = placed(why_missing(case), case) if missing else ""
     result = partial(Test, point_words(case.values), seconds=case.wall_time or 0.0)
-    if not case.evaluated:  # so it is missing, and there is a reason
+    if not case.evaluated:  # then `missing` is true, so `reason` is not empty
         text = "\n".join([reason, *_task_and_harm(case, unit)])
         return result("error", case.status, _first_line(reason), text)
     # off_road: the centre left the road, which ends a drive; departed: a corner did
@@ -237,9 +237,7 @@ def _facts(case: CaseResult, unit: str) -> str:
 
 
 def _task_and_harm(case: CaseResult, unit: str) -> Iterator[str]:
-    """Lines on how the case changes T, A' and H: its departure, giving up, and its t and h; none
-    where it has none of them.
-    """
+    """Lines on the case's part in T, A' and H: departure, giving up, t and h, where it has them."""
     if case.departed:
         harm = severity_words(case.departure_severity, unit, 2)
         yield (

@@ -77,7 +77,8 @@ def unit_of(lever: Lever) -> str:
 def _bar(answer: Answer, hit: Collision | None) -> dict[str, Any]:
     """A lever on a rail of 100 units, its range from left to right.
 
-    at: place of the recorded value; to: of the nearest that changes the outcome, `at` without one.
+    at: position of the recorded value.
+    to: position of the nearest value that changes the outcome; without such a value: `at`.
     share: distance between both, % of the range. low, width: of the part between both.
     parts: those with a collision.
     """

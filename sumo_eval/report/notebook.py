@@ -60,7 +60,7 @@ def score_html(score: ScenarioResult) -> str:
 
 
 def case_html(case: CaseResult) -> str:
-    """One case: where it lies, how it ended, what it was worth."""
+    """One case: its point, its outcome and its scores."""
     return _column({
         "case": case.case, "ADS": case.ads, "scenario": case.scenario,
         "at": point_words(case.values),

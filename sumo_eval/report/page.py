@@ -50,7 +50,7 @@ def template(name: str) -> jinja2.Template:
 
 @functools.cache  # a template is compiled once a process
 def _environment() -> jinja2.Environment:
-    import jinja2  # not loaded where a page is found unchanged
+    import jinja2  # here, because an unchanged page is not written and needs no jinja2
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader(_TEMPLATES),

@@ -82,16 +82,16 @@ def embedded_cases(
     embedded: dict[str, list[EmbeddedCase]] = {zone.scenario: [] for zone in evaluation.zones}
     for findings in findings_of(evaluation):
         missing, judged = findings.missing, verdicts(evaluation, findings.score)
-        ratios, lost, losses = findings.terms.ratio, findings.lost_of_c, findings.share_lost
-        # an ADS with fewer cases than another lacks the last indices
+        ratios, lost_of_c, lost_of_a = findings.terms.ratio, findings.lost_of_c, findings.share_lost
+        # `shown` is the same for all ADSs: an index may be beyond the cases of one of them
         indices = shown[findings.score.scenario]
         for row in indices[indices < len(findings.cases)].tolist():
             case = findings.cases[row]
             details = {
                 "missing": why_missing(case) if missing[row] else None,
                 "avoided": finite(ratios[row]),
-                "lost": finite(lost[row]),
-                "aLost": finite(losses[row]) if case.collided else None,
+                "lost": finite(lost_of_c[row]),
+                "aLost": finite(lost_of_a[row]) if case.collided else None,
                 "verdict": str(judged[row]),
             }
             embedded[findings.score.scenario].append((case, details))
@@ -232,7 +232,9 @@ def lattice(zones: ZonePartition) -> dict[str, Any] | None:
     the space has no lattice.
     """
     points = lattice_points(zones.logical)
-    return points and {"size": points.size} | _packed(zones, points.rows)
+    if points is None:
+        return None
+    return {"size": points.size} | _packed(zones, points.rows)
 
 
 def _packed(zones: ZonePartition, points: FloatArray) -> dict[str, Any]:
@@ -270,6 +272,7 @@ def drawn_shape(road: Road) -> dict[str, Any]:
         outer, inner = (
             (middle - half, middle + half) if span.lane == 0 else (middle + half, middle - half)
         )
+        # from each end of the road: no lane up to `thin`, its full width from `wide` on
         for end, thin, wide in ((0.0, *opening), (last, *closing[::-1])):
             if math.isfinite(wide):
                 gone.append([[end, outer], [end, inner], [thin, inner], [wide, outer]])

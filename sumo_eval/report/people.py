@@ -15,7 +15,7 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scoring.driver_bands import below_drivers, driver_bands
 from sumo_eval.text import capitalised
 
-MOST_WORST = 10  # most cases in the table of the worst
+MOST_WORST = 10  # cases in the table of the worst, at most
 STUDY: Final = "study.json"
 """File beside the drives of a study, written by `extras/wheel/outcome.py`: number of participants,
 drives left out and why.
@@ -23,7 +23,7 @@ drives left out and why.
 
 
 def people_context(evaluation: Evaluation, _: Additions) -> dict[str, Any]:
-    """Content of templates/sections/people.html.j2. `_` is an argument of every section."""
+    """Content of templates/sections/people.html.j2. `_`: a page calls all sections alike."""
     return {
         "mode": evaluation.settings.method.anthropomorphic.mode,
         "rows": people_rows(evaluation),
@@ -74,8 +74,8 @@ def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     return [
         {
             "of": band,
-            # `band.drivers`, the fewest and the most of a case: `3–10 a case`, `10 a case` where
-            # both are equal, `no a case` where it is empty
+            # `band.drivers`: fewest and most of a case, or empty. Becomes `3–10`, `10` where both
+            # are equal (`dict.fromkeys` keeps one of them), `no` where empty
             "drivers": f"{'–'.join(dict.fromkeys(map(str, band.drivers))) or 'no'} a case, "
             f"{percent(band.recorded)} recorded",
             "warnings": [

@@ -53,7 +53,7 @@ def picture(logical: LogicalScenario, points: Sample) -> go.Figure:
     side = max(1, k - 1)
     figure = make_subplots(rows=side, cols=side, horizontal_spacing=0.08, vertical_spacing=0.1)
     size = 4.0 + 6.0 * np.sqrt(points.exposure / (points.exposure.max(initial=0.0) or 1.0))
-    pairs = [(i, j) for j in range(1, k) for i in range(j)] or [(0, 0)]
+    pairs = [(i, j) for j in range(1, k) for i in range(j)] or [(0, 0)]  # one parameter: alone
     for x, y in pairs:
         cell = {"row": max(y, 1), "col": x + 1}
         for name, rows, colour, symbol, sizes in (

@@ -13,7 +13,7 @@ from sumo_eval.results import Evaluation
 
 def differences(manifest: Mapping[str, Any]) -> list[str]:
     """Versions and properties of the machine that changed from the qualification to the run:
-    `libsumo 1.27.0 instead of 1.28.0`.
+    `libsumo 1.27.0 instead of 1.28.0`, the value of the qualification first.
 
     A name that only one of both has does not count.
     """

@@ -51,7 +51,7 @@ def setting_rows(settings: EvaluationSettings) -> dict[str, list[SettingRow]]:
 
 
 def _rows(settings: Any, kind: type, prefix: str) -> Iterator[SettingRow]:
-    # `kind()` has the defaults; the outermost settings have none, because their name has none
+    # `kind()` has the defaults; EvaluationSettings() fails, because its `name` has no default
     defaults = None if kind is EvaluationSettings else kind()
     for item in fields(settings):
         value = getattr(settings, item.name)

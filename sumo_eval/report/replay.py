@@ -26,7 +26,7 @@ from sumo_eval.text import point_words
 from sumo_eval.trajectory import Trajectory
 
 ROLES_BESIDE: Final[tuple[Role, ...]] = ("ads", "human", "ideal")
-"""Roles of drives that may be shown beside an ADS's."""
+"""Roles of drives that may be shown next to the drive of an ADS."""
 
 
 def write_replay(
@@ -61,8 +61,7 @@ def write_replay(
     }  # fmt: skip
     page = template("replay.html.j2").render(
         title=f"{fact.driver} in {fact.scenario}", point=point_words(fact.values), case=fact.case,
-              end=fact.end_reason or "",
-        status=fact.status, drivers=len(ghosts), data=packed_json(data),
+        end=fact.end_reason or "", status=fact.status, drivers=len(ghosts), data=packed_json(data),
         cause=cause_words(cause_of_contact(fact)) if fact.collision else "",
     )  # fmt: skip
     return write_page(path, page, "The replay")

@@ -56,8 +56,8 @@ class Section(NamedTuple):
 
     name: of its template, and of its anchor in the page.
     title: words in the navigation.
-    about: what a reader finds in it, beside its title while it is folded.
-    content: default: nothing of its own, in every report.
+    about: its content in a few words, next to its title while it is folded.
+    content: makes its data; default: no data of its own, so it is in every report.
     folded: whether it opens on demand.
     """
 
@@ -113,9 +113,10 @@ def change_content(evaluation: Evaluation, additions: Additions) -> Mapping[str,
 
 
 def _counts(part: AdsComparison, confidence: float) -> tuple[Any, ...]:
-    """One ADS in one scenario, for the template: the comparison; (kind, number of cases, whether
-    for the worse) of each kind of change; (name, words, class) of each moved quantity; names of
-    the unchanged ones.
+    """One ADS in one scenario, as four values for the template.
+
+    The comparison; (kind, number of cases, whether for the worse) of each kind of change; (name,
+    words, CSS class) of each moved quantity; names of the unchanged quantities.
     """
     kinds = [(kind, len(part.changed.of(kind)), kind in WORSE) for kind in (*WORSE, *BETTER)]
     values = part.quantities
@@ -129,7 +130,7 @@ def _counts(part: AdsComparison, confidence: float) -> tuple[Any, ...]:
 
 
 def _standing(name: str, value: QuantityChange) -> str:
-    """Whether a change is certain, and for better or for worse: the class of its word."""
+    """CSS class of a change: `good` or `bad`; "" where the change is not certain."""
     if not value.certain or value.difference is None:
         return ""
     return "good" if (value.difference > 0.0) == (name in HIGHER_IS_BETTER) else "bad"
@@ -153,15 +154,15 @@ def ledger_content(evaluation: Evaluation, additions: Additions) -> Mapping[str,
     }
 
 
-def _ledger(ledger: Ledger) -> dict[str, Any]:
+def _ledger(item: Ledger) -> dict[str, Any]:
     return {
-        "of": ledger,
-        "sentences": ledger_sentences(ledger),
+        "of": item,
+        "sentences": ledger_sentences(item),
         "lines": [
-            (line, cause_of(line, ledger.score), list(line.worst(MOST_LEDGER_CASES)))
-            for line in ledger.lines
+            (line, cause_of(line, item.score), list(line.worst(MOST_LEDGER_CASES)))
+            for line in item.lines
         ],
-        "words": ledger_words(ledger, 1),
+        "words": ledger_words(item, 1),
     }
 
 

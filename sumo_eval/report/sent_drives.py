@@ -52,7 +52,7 @@ class Embedded(NamedTuple):
 
 
 MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 10 MB at 5,000 cases
-BYTES_OF_A_RUN = 900  # of one trajectory, about: a first guess, before the chosen ones are packed
+BYTES_OF_A_RUN = 900  # first guess for one trajectory, before the chosen ones are packed
 BYTES_BEYOND = 40  # about, of an entry of `beyond` (`encode_trajectories`)
 
 
@@ -60,7 +60,7 @@ class Drives(NamedTuple):
     """The recorded drives that travel in a page of one scenario.
 
     trajectories: as the page reads them.
-    rows: what is said of them beside each case, in the order of the cases.
+    rows: point, vehicles, contact and number of drivers of each case, in the order of the cases.
     drivers: by point, the indices of its drivers' trajectories in `trajectories`.
     """
 
@@ -107,7 +107,7 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
             size = sum(drives.size for drives in scenarios.values())
             if size <= MOST_BYTES or not embedded.points:
                 return SentDrives(embedded, scenarios)
-            # too large: as many as fit by the size measured now, less 5 % so that the next ones do
+            # too large: scale by the size measured now, less 5 % so that the next choice fits
             most = int(most * 0.95 * MOST_BYTES / size)
 
 

@@ -29,7 +29,7 @@ def summary_content(evaluation: Evaluation, additions: Additions) -> Mapping[str
     first_words, comparison = headline(evaluation), additions.comparison
     order = [ads for ads, _ in first_words.order]
     scenarios = [zone.scenario for zone in evaluation.zones]
-    ends = [ads.interval or (0.0, np.inf) for ads in order]
+    ends = [ads.interval or (0.0, np.inf) for ads in order]  # no interval counts as wide
     digits = 0 if any(high - low > WIDE for low, high in ends) else 1
     bad = failed(additions.gates)
     worst = worst_case(evaluation, [ads.ads for ads in order])
@@ -100,6 +100,7 @@ def _row(
         "s_plus": number(ads.s_plus, digits),
         "interval": span(ads.interval, 0),
         "whisker": _whisker(ads.s_plus, ads.interval),
+        # a column for each scenario, only where there are several
         "scenarios": [number(points.get(name), 0) for name in scenarios if len(scenarios) > 1],
     }
 

@@ -47,6 +47,7 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
     Parameters have a column each under their own name; one that is called like another column is
     `parameter_<name>`. Text that a spreadsheet would run as a formula begins with `'`.
     """
+    # the first case of each ADS and scenario names the scenario's parameters
     firsts = [next(iter(evaluation.cases_behind(it)), None) for it in evaluation.scores]
     parameters = list(dict.fromkeys(name for case in firsts if case for name in case.values))
     taken = (*_FIRST, *_REST, *_ALSO)

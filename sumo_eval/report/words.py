@@ -115,7 +115,7 @@ GLOSSARY = {
     "interval": "a range that would hold the true number in 95 of 100 evaluations with other "
     "cases and drivers",
 }
-"""The terms of the report in plain words; what the page explains of a term stands here once."""
+"""The terms of the report in plain words; the page explains a term only in these words."""
 
 
 class VerdictStyle(NamedTuple):
@@ -283,11 +283,12 @@ def nobody_drove(evaluation: Evaluation) -> bool:
 
 def people_sentence(evaluation: Evaluation) -> str:
     """The drivers that D and H compare with, how many of them are recorded people, and how many
-    drives of these are left out by which limit.
+    drives of these each limit leaves out.
     """
     words, drivers = _people_words(evaluation), evaluation.settings.drivers
     if drivers.source != "recorded":
         return words
+    # columns of `left_out`; the row of zeros is for an empty one
     short, share, astray = zip((0, 0.0, 0), *evaluation.left_out, strict=True)
     if any(short):
         words += (

@@ -50,7 +50,7 @@ def find(use: str, folder: Path | None = None) -> LogicalScenario:
 
 
 def _reader_of(file: str) -> Callable[..., LogicalScenario] | None:
-    """Reader of a scenario file by its ending; None of another text."""
+    """Reader of a scenario file by its ending; None if it is not the name of a file."""
     if file.endswith(".toml"):
         return read_scenario
     form = format_of(file)
@@ -74,7 +74,8 @@ def load(name: str) -> LogicalScenario:
         if not dot or ending == "toml":  # `find` reads files
             raise unknown("logical scenario", plain, files)
         # OpenSCENARIO's reader ships: only an installation from before it lacks the entry point
-        again = " It is one of sumo_eval's own: `pip install -e .` once more." * (ending == "xosc")
+        own = " It is one of sumo_eval's own: `pip install -e .` once more."
+        again = own if ending == "xosc" else ""
         raise InputError(
             f"Unknown logical scenario `{plain}`: no installed package reads `.{ending}` files, "
             f"which the entry point `{ending}` of the group `{GROUP}` would do.{again}"
@@ -85,6 +86,7 @@ def load(name: str) -> LogicalScenario:
 def options_of(use: str) -> tuple[str, dict[str, str]]:
     """The part before the options of `cut_in?a=1&b=2`, and the options by name, as written."""
     plain, *texts = use.split("?", 1)
+    # [::2]: key and value without the "=" between them
     options = [option.partition("=")[::2] for text in texts for option in text.split("&")]
     for key, times in Counter(key for key, _ in options).items():
         if times > 1:

@@ -33,8 +33,8 @@ class NetworkFile:
     """A user's SUMO network.
 
     path: of the .net.xml, absolute.
-    edges: edges that the scenario uses, in driving order. A road keeps its network only where they
-        are straight together (`sumo_network.read_road`).
+    edges: edges that the scenario uses, in driving order. A road keeps its network only if they
+        form one straight line (`sumo_network.read_road`).
     sha256: of the file's content; a road of a changed file is not the same road.
     sections: of each edge begin and end, x in m, and SUMO's index of the road's lane 0 there:
         above 0 where a pavement lies to the right of it, -1 where the edge lacks that lane.
@@ -186,7 +186,7 @@ class Start:
     def x_after(self, distance: ArrayLike) -> FloatArray:
         """x after a distance along the ego's path (any shape), m.
 
-        The path through a lane change is longer than its road, by the detour, m.
+        A lane change makes the path longer than the road, by the detour, m.
         """
         driven = np.asarray(distance, float)
         if self.way is None:
@@ -285,7 +285,7 @@ def keeps_on(acts: Sequence[Act]) -> Act:
     """An act that changes no motion, but makes the vehicle `lively`: its script moves it, not SUMO,
     and it may start beside the lanes.
 
-    acts: the other acts of the vehicle. With any, this one begins at inf: never.
+    acts: the other acts of the vehicle; if there are any, this one never begins.
     """
     return Act(played.KEEP, math.inf if acts else 0.0)
 
@@ -330,8 +330,8 @@ class Model:
 class Actor:
     """An actor: keeps its speed along the road until one of its acts begins.
 
-    Positions and speeds by its methods hold unless it is `lively`. For a `lively` actor they ignore
-    its acts: they are those of a vehicle that keeps its first speed.
+    The methods give its positions and speeds unless it is `lively`. Then they ignore its acts, as
+    if it kept its first speed.
 
     length, width: m.
     slides: it keeps its heading while it moves across the road, as the rectangles behind UN R157's
@@ -526,7 +526,7 @@ class ConcreteScenario:
 
     def simulation(self, settings: SimulationSettings) -> SimulationSettings:
         """These settings with the changes, the ego's body and the limits of time of this case."""
-        # `plant`, an FMU in place of the vehicle model, has no hash: called without the cache then
+        # `plant` (an FMU instead of the vehicle model) cannot be hashed: bypass the cache
         changed = _changed.__wrapped__ if settings.plant else _changed
         return changed(settings, self.changes, self.ego_body, self.time_limit, self.standstill_time)
 

@@ -46,7 +46,7 @@ class Distribution:
             if shape not in arguments:
                 raise InputError(f"Distribution `{name}` of {owner} must be given `{shape}`.")
         checked = cls(name, tuple(sorted((key, float(value)) for key, value in arguments.items())))
-        if not np.isfinite(checked._frozen().ppf(0.5)):  # no median
+        if not np.isfinite(checked._frozen().ppf(0.5)):  # wrong arguments give no median
             raise InputError(
                 f"Distribution `{name}` of {owner} does not exist with {dict(checked.arguments)}."
             )

@@ -200,7 +200,7 @@ def check_variable(name: str, owner: str, also: Collection[str] = ()) -> None:
 
     also: further names that are allowed.
     """
-    # Python reads a name in this form: one with a micro sign (U+00B5) as one with a Greek mu
+    # Python reads names in the form NFKC: a micro sign (U+00B5) becomes a Greek mu
     plain = name.isidentifier() and unicodedata.is_normalized("NFKC", name)
     if (not plain or keyword.iskeyword(name)) and name not in also:
         allowed = "letters, digits and underscores in the form NFKC, and no keyword of Python"
@@ -240,7 +240,8 @@ def _check(node: ast.expr, text: str, *, condition: bool | None = None) -> None:
             f"functions {', '.join(ARITHMETIC)}."
         )
     _, count = _OPERATIONS[name]  # None: two or more
-    if len(parts) != count if count else len(parts) < 2:
+    is_wrong = len(parts) < 2 if count is None else len(parts) != count
+    if is_wrong:
         wanted = f"given {count or 'at least 2'} values"
         raise must_be(f"`{name[:-2]}`", f"expression `{text}`", wanted, len(parts))
     for index, part in enumerate(parts):

@@ -39,8 +39,8 @@ def scenario_from(
 ) -> LogicalScenario:
     """The logical scenario in a plain mapping.
 
-    where: how errors call it.
-    folder: where its paths start.
+    where: its name in errors.
+    folder: base of its relative paths.
     given: as in `read_scenario`.
     """
     table, options = _with_options(validated(content, ScenarioFile, where), given or {})
@@ -50,7 +50,7 @@ def scenario_from(
 def _with_options(
     table: ScenarioFile, given: Mapping[str, str]
 ) -> tuple[ScenarioFile, dict[str, float]]:
-    """The file as it is with the options that are given, and the value of every option by name."""
+    """The file as the given options change it, and the value of every option by name."""
     owner = f"scenario `{table.name}`"
     # an option without a default is infinite unless given
     values = {
@@ -69,9 +69,10 @@ def _with_options(
         changes = item.given  # what the file changes when this option is given
         # the value as a part of the scenario's name, which has no `-`, `.` and `+`
         word = f"{value:g}".replace("-", "minus_").replace(".", "_").replace("+", "")
+        suffix = (changes.suffix or item.name).replace("{value}", word)
         table = replace(
             table,
-            name=f"{table.name}_{(changes.suffix or item.name).replace('{value}', word)}",
+            name=f"{table.name}_{suffix}",
             about=table.about if changes.about is None else changes.about,
             road=changes.road or table.road,
             vehicle=(*table.vehicle, *changes.vehicle),
@@ -108,6 +109,7 @@ def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
     """A sentence for each vehicle whose script leads beyond the road at some of the points (n,
     k).
     """
+    # the run's own limit is not known here: the default
     limit = SimulationSettings().time_limit if logical.time_limit is None else logical.time_limit
     end = logical.road.end
     departures: dict[str, list[tuple[float, str]]] = {}

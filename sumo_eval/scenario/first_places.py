@@ -56,10 +56,11 @@ def misplaced(
     for item in actors:
         reach = _reach(item, furthest)
         paths = [act.table for act in item.acts if act.kind == played.PATH]
-        for x, y in itertools.chain(*paths if item.on_map is None else ()):
+        for x, y in itertools.chain(*(paths if item.on_map is None else ())):
             if not (0.0 <= x <= end and road.right_edge - reach <= y <= road.left_edge + reach):
                 what, position = f"The path of vehicle `{item.name}`", f"({x:g}, {y:g}) m"
                 yield Misplaced(what, item.name, "on the map", position)
+    # (name, start, half length, half width), m along and across the road
     boxes = [("ego", ego, *half_sizes(0.0, ego_body.length, ego_body.width))]
     boxes += [(it.name, it.start, *half_sizes(it.heading, it.length, it.width)) for it in actors]
     for (one, a, long, wide), (two, b, long2, wide2) in itertools.combinations(boxes, 2):
@@ -86,8 +87,10 @@ def _in_junctions(
 
 
 def _reach(actor: Actor, furthest: float) -> float:
-    """Largest distance of an actor from the lanes, m: 0 for one that SUMO drives and that no act
-    brings to a lane, and for a motor vehicle whose script depends on time alone.
+    """Largest allowed distance of an actor from the lanes at its start, m.
+
+    0 if SUMO drives it and no act brings it to a lane; 0 for a motor vehicle whose script depends
+    on time alone.
     """
     along = all(act.kind in (played.SPEED, played.KEEP, played.FOLLOW) for act in actor.acts)
     if actor.model is not None and actor.heading == 0.0 and along:

@@ -73,7 +73,7 @@ def expanded(entries: Entries, folder: Path) -> Entries:
 def _form_of(use: str) -> Format | None:
     """The format of an entry's file or catalogue; None for a shipped scenario, TOML and Python."""
     plain = use.partition("?")[0]  # without its options
-    # what cannot be a catalogue's name imports no package of another format
+    # a file or an object is no catalogue: do not import the packages of all formats for it
     if "." in plain or ":" in plain or plain in scenario_files():
         return format_of(plain)
     return next((form for form in formats() if plain in form.catalogues), None)

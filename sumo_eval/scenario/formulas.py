@@ -131,7 +131,7 @@ class LimitedFormula:
     limits: Limits = ANY
 
     def at(self, values: Mapping[str, float]) -> float:
-        """Its value where these names have these values.
+        """Its value at a point, which gives each name its value.
 
         Raises InputError for a value outside its limits.
         """
@@ -153,7 +153,7 @@ class LimitedFormulas:
     by_key: tuple[tuple[str, LimitedFormula], ...]
 
     def at(self, values: Mapping[str, float]) -> dict[str, Any]:
-        """Their values where these names have these values."""
+        """Their values at a point, which gives each name its value."""
         return {key: quantity.at(values) for key, quantity in self.by_key}
 
     def __getitem__(self, key: str) -> Expression:
@@ -210,7 +210,7 @@ class Names:
         )
 
     def distinct(self, names: Iterable[str], kind: str, owner: str = "") -> list[str]:
-        """The names, if none of them stands twice.
+        """The names as a list; raises InputError if one occurs twice.
 
         owner: of them; default: the file.
         """

@@ -31,7 +31,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 JointKind = Literal["kde", "copula"]
 GRID = 1025  # places at which a copula's one-dimensional densities are kept
-# draws that estimate the share of a KDE within its box; if as many have none there, none is assumed
+# draws that estimate the share of a KDE within its box; if none of as many lies there: an error
 MASS_DRAWS = 32_768
 LEAST_EIGENVALUE = 1e-9  # of a copula's correlation
 LEAST_SHARE = 1e-9  # of probability: normal scores lie within +-6
@@ -43,10 +43,10 @@ class Joint:
 
     names: parameters, in the order of the columns.
     events: rows of finite numbers.
-    weights: how much each counts, one a row; none: alike.
+    weights: one for each row; empty: equal.
     low, high: the box it is cut to.
-    bandwidth: kernel deviation over the data's own; None: Scott's n^(-1/(k+4)), where a copula's k
-        is 1.
+    bandwidth: kernel deviation / deviation of the data; None: Scott's n^(-1/(k+4)), with k = 1 for
+        a copula.
     narrow: whether it is the narrow form.
     source: the file it was read from, for sentences.
     """
@@ -67,19 +67,15 @@ class Joint:
         if n < k + 2:
             raise must_be("The events", owner, f"at least {k + 2}", n)
         rows = np.array(self.events)
-        if (
-            np.linalg.matrix_rank(
-                (rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-12), tol=1e-6
-            )
-            < k
-        ):
+        scaled = (rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-12)
+        if np.linalg.matrix_rank(scaled, tol=1e-6) < k:
             raise InputError(
                 f"The events of {owner} must vary in each of {', '.join(self.names)} on its own."
             )
 
     @property
     def factor(self) -> float:
-        """Kernel deviation over the data's own."""
+        """Kernel deviation / deviation of the data."""
         if self.bandwidth is not None:
             return self.bandwidth
         k = len(self.names) if self.kind == "kde" else 1
@@ -99,7 +95,7 @@ class Joint:
         return densities
 
     def mass(self) -> float:
-        """Share of this density that lies within the box: 1 of a copula, which is cut by itself."""
+        """Share of this density within the box: 1 for a copula, which is cut to the box already."""
         return 1.0 if self.kind == "copula" else _share_inside(self)
 
     def draw(self, count: int, stream: np.random.Generator) -> FloatArray:
@@ -115,7 +111,7 @@ class Joint:
             rows = prepared.draw(2 * count, stream)
             drawn += len(rows)
             rows = rows[self._inside(rows)]
-            if not have + len(rows) and drawn >= MASS_DRAWS:
+            if have + len(rows) == 0 and drawn >= MASS_DRAWS:
                 raise InputError(
                     f"No draw of the joint distribution {self.source} lies within the ranges."
                 )
@@ -146,8 +142,8 @@ class _Prepared(NamedTuple):
     rows: where the kernels of a KDE stand, or the events of a copula, (n, k).
     shares: weights of the rows, (n,), together 1.
     root: Cholesky factor of the kernel's covariance, or of the scores' correlation, (k, k).
-    grids, densities, distributions: of a copula, places of each parameter, and density and
-        distribution there, (k, GRID); of a KDE without places.
+    grids, densities, distributions: of a copula, values of each parameter, and density and
+        cumulative distribution there, (k, GRID); of a KDE empty, (k, 0).
     """
 
     rows: FloatArray
@@ -219,7 +215,8 @@ def _prepared(joint: Joint) -> _Prepared:
     root = np.asarray(np.linalg.cholesky(lifted), float)
     grids = np.linspace(joint.low, joint.high, GRID, axis=1)
     marginals = [_marginal(joint, *it, shares) for it in zip(grids, rows.T, strict=True)]
-    return _Prepared(rows, shares, root, grids, *map(np.array, zip(*marginals, strict=True)))
+    densities, distributions = map(np.array, zip(*marginals, strict=True))
+    return _Prepared(rows, shares, root, grids, densities, distributions)
 
 
 def _normal_scores(values: FloatArray) -> FloatArray:

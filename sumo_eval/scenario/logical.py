@@ -154,8 +154,8 @@ class Search:
     """A zone rule by search: simulates one actor's motion while the ego brakes ideally.
 
     obstacle: index of that actor.
-    delay: values by name -> s from the actor's first move to ideal braking. The time of an actor
-        that makes no move counts from t = 0.
+    delay: values by name -> s from the actor's first move to ideal braking; if the actor makes no
+        move, from t = 0.
     conflict: True: the time until both paths collide counts; False: the gap along the road.
     """
 
@@ -372,7 +372,7 @@ class LogicalScenario:
         return holds
 
     def exposures(self, points: FloatArray) -> FloatArray:
-        """Exposure of each of the points (n, k); a function of a user's may give one for all."""
+        """Exposure of each of the points (n, k); a user's function may give one number for all."""
         return np.broadcast_to(self.exposure(self.columns(points)), len(points))
 
     def concrete(self, **values: float) -> ConcreteScenario:

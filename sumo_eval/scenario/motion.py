@@ -50,7 +50,7 @@ def swing(move: Any, time: float) -> tuple[float, float, float]:
     rate = math.sqrt(2.0 * move.acceleration / abs(move.offset))
     phase = rate * since
     swings = math.floor(phase / (2.0 * math.pi))  # that are over
-    to_first_side = swings == 2.0 * math.floor(0.5 * swings)
+    to_first_side = swings == 2.0 * math.floor(0.5 * swings)  # an even number of swings is over
     half = 0.5 * (move.offset if to_first_side else -move.offset)
     c = math.cos(phase)
     return half * (1.0 - c), half * rate * math.sin(phase), half * rate * rate * c
@@ -77,7 +77,7 @@ def lateral_motion(move: Any, time: float) -> tuple[float, float, float]:
     half, w = 0.5 * move.offset, math.pi / move.duration
     offset = half * (1.0 - math.cos(math.pi * s))
     if not 0.0 <= since < move.duration:
-        # sin(pi) is above 0 here, and a vehicle that stops would turn by 90 degrees
+        # rounded, sin(pi) > 0: this lateral speed would turn a standing vehicle by 90 degrees
         return offset, 0.0, 0.0
     speed = 0.5 * math.pi * move.offset / move.duration * math.sin(math.pi * s)
     return offset, speed, half * w * w * math.cos(w * since)
@@ -126,7 +126,7 @@ def braked(brake: Any, speed: float, time: float) -> tuple[float, float]:
     t = min(max(since, 0.0), time_to_stand(brake, speed))
     rising, plateau = min(t, rise), max(t - rise, 0.0)
     share = rising / rise if rise > 0.0 else 0.0
-    # m that braking has cost so far; m driven since it began, below 0 before that
+    # lost: by braking so far, m; driven: since it began, m, below 0 before that
     lost = brake.acceleration * (
         rising * rising * share / 6.0 + rise * plateau / 2.0 + plateau * plateau / 2.0
     )

@@ -252,7 +252,7 @@ def driven(play: Any, pieces: Any, time: float) -> tuple[float, float, float]:
 def _put(
     pieces: Any, k: int, duration: float, acceleration: float, jerk: float, speed: float
 ) -> int:
-    """Write piece k, unless it takes no time; the number of pieces then."""
+    """Write piece k, unless it takes no time; return the number of pieces."""
     if duration <= 0.0:
         return k
     piece = pieces[k]
@@ -284,7 +284,7 @@ def _speed_up(pieces: Any, v: float, act: Any) -> int:
 @kernel
 def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> int:
     """Write the pieces of constant acceleration through the knots of a profile; their number."""
-    # last: the knot before, s since `begin` of a profile by time, x m of one by position
+    # last: the knot before; by time: s since `begin`, by position: x, m
     k = 0
     last = 0.0 if act.kind == BY_TIME else x
     for q in range(act.first, act.first + act.count):
@@ -502,7 +502,7 @@ def _joint_share(stack: Any, k: int, op: int) -> float:
     first, second = stack[k, SHARE], stack[k + 1, SHARE]
     if op == AND:
         return float(max(first, second))
-    # of a condition that does not hold the share does not count
+    # ignore the share of a condition that does not hold
     if stack[k + 1, NOW] == 0.0:
         return float(first)
     return float(min(first, second) if stack[k, NOW] > 0.0 else second)
@@ -558,7 +558,8 @@ def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
     act: a `FOLLOW`, whose rows of `table` are the positions of the recorded ego. Its `duration` is
         the time from one position to the next, s.
     """
-    position = min(max(time / act.duration, 0.0), act.count - 1.0)  # of the recording, in positions
+    # index in the recording, with its fraction
+    position = min(max(time / act.duration, 0.0), act.count - 1.0)
     first = min(int(position), act.count - 2)
     share = position - first
     one, two = table[act.first + first], table[act.first + first + 1]
@@ -842,7 +843,9 @@ def _play_of(actor: Any) -> tuple[Any, ...]:
     """A row of `PLAY` at the start, in the order of its fields."""
     start = actor.start
     pose = (start.x, start.y, actor.heading) if actor.on_map is None else actor.on_map
+    # line_s, line_time, since, s, v, first_begin
     driven_so_far = 0.0, 0.0, 0.0, 0.0, start.speed, math.inf
     model = AT_ONCE if actor.follows_at_once else 0
+    # acts, pieces, path, points, slides, model, on_map, match
     counts = len(actor.acts), 0, 0, 0, actor.slides, model, actor.on_map is not None, 0
     return *pose, *driven_so_far, *counts

@@ -14,7 +14,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.vehicle_tables import Placement
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings, VehicleSettings
 
-WHOLE = (1, 1)  # the only one of one shard: all points
+WHOLE = (1, 1)  # shard 1 of 1: all points
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Resolved:
 
     source: where its relative paths start.
     scenarios: by name, in the order of `settings.scenario`.
-    shard: number and count of the share of its points that is recorded.
+    shard: (i, n): part i of n, from 1, of its points is recorded.
     """
 
     settings: EvaluationSettings
@@ -35,8 +35,8 @@ class Resolved:
     def of(cls, settings: EvaluationSettings, source: Path) -> Resolved:
         """Look up its scenarios.
 
-        Raises InputError for an unknown one, for two of one name, and for axes of a map that it
-        does not have.
+        Raises InputError for an unknown one, for two of one name, and for axes of a map that are
+        not two of the scenario's parameters.
         """
         vehicle = settings.simulation.vehicle
         scenarios = [find_with(vehicle, entry.use, source) for entry in settings.scenario]
@@ -69,7 +69,7 @@ def find_with(vehicle: VehicleSettings, use: str, folder: Path) -> LogicalScenar
 
 
 def refuse_doubles(names: Sequence[str]) -> None:
-    """Raise InputError for two scenarios of one name, by which their cases are named."""
+    """Raise InputError for two scenarios of one name: keys of cases begin with it."""
     for name in names:
         if names.count(name) > 1:
             raise InputError(

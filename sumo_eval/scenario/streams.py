@@ -74,6 +74,7 @@ class StreamTable(Checked):
         Raises InputError for a stream that is denser than its lane holds, or too long.
         """
         owner, body, wanted = f"stream `{self.name}`", BODIES[self.body], numbers["speed"]
+        # mean: of the distances, front to front, m; `wanted` is the mean speed, m/s
         begin, end, mean = numbers["begin"], numbers["end"], 1000.0 / numbers["density"]
         if not begin < end:
             raise must_be("`begin`", owner, f"below `end` ({end:g} m)", begin)

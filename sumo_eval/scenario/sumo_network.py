@@ -49,7 +49,7 @@ STRAIGHT = 0.1  # m: largest distance of a lane from its straight line; netconve
 SPEED_LIMIT = 60.0
 _INDEX_DIGITS = 3  # of the index of a lane
 _DEFAULT_LANE_WIDTH = 3.2  # m, SUMO's
-_ONE_PLACE = 0.05  # m: of corners nearer to each other one is left, as they come from rounding
+_ONE_PLACE = 0.05  # m: of corners nearer to each other only one is kept: rounding makes them
 _LEAST_WAY = 0.1  # m; SUMO has no shorter lane through a junction
 PARALLEL = 0.3  # m: largest distance of a lane from its parallel of a curved road's line
 
@@ -109,11 +109,12 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     what = f"the road along {', '.join(edges)} of {owner}"
     line, places, along = straight or _along_curves(lanes, links, what, owner)
     spans = _spans(edges, places, along, owner)
+    # SUMO's index of the road's lane 0 on each edge
     first_lanes = [of_edge[0].index - min(it) for of_edge, it in zip(lanes, places, strict=True)]
     # an edge ends where its lanes through the junction begin, or else where the next edge does
     ends = [
-        min(end, begin - _LEAST_WAY) if any(link.ways.values()) else begin
-        for end, begin, link in zip(along[1::2], along[2::2], links, strict=False)
+        min(own_end, next_begin - _LEAST_WAY) if any(link.ways.values()) else next_begin
+        for own_end, next_begin, link in zip(along[1::2], along[2::2], links, strict=False)
     ]
     sections = tuple(zip(along[::2], [*ends, along[-1]], first_lanes, strict=True))
     if not 0.0 < end <= along[-1]:
@@ -286,6 +287,7 @@ def _along_curves(
     if left > 0.0:
         s = drawn_points(line, 0.0, length_of(line), 2.0)
         x, y, _ = map_places(line, s, -left)
+        # x, y and so `beside` are in the frame of `begins`
         line, beside = _line_along(np.column_stack([x, y]), what)
         begins = begins.moved(*beside)
     check_line(line, max(map(max, places)) + 1, width, what)
@@ -451,6 +453,7 @@ def laid_along_x(network: NetworkFile) -> str:
         itertools.pairwise(network.edges), itertools.pairwise(sections), strict=True
     ):
         for it in _connections(root, {"from": one, "to": other}):
+            # -1 on this side, None on the other: lanes that are not on the road are never equal
             place = places.get(f"{one}_{it.get('fromLane')}", -1)
             if place == places.get(f"{other}_{it.get('toLane')}"):
                 _straighten(_lanes_through(root, it.get("via")), place * width, before[1], after[0])

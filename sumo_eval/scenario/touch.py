@@ -70,7 +70,7 @@ def velocity(body: Any) -> tuple[float, float]:
 
 @kernel
 def within_a_turn(angle: float) -> float:
-    """An angle's direction as one within -pi..pi, rad."""
+    """The angle within -pi..pi that has the same direction, rad."""
     if -math.pi <= angle <= math.pi:
         return angle
     return angle - FULL_TURN * math.floor(angle / FULL_TURN + 0.5)

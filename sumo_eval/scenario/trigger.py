@@ -52,8 +52,9 @@ _NUMBERS = "of numbers, names, + - * /, min, max, abs, `time` and " + ", ".join(
 EGO_NAME = "ego"
 
 Step = tuple[int, int, int, Expression | None]
-"""An operation of `Act.program`, with an expression instead of its value: an operation of `played`,
-numbers of the vehicles that it is about, and the expression, None without one.
+"""An operation of `Act.program` without its value: (op, one, two, expression or None).
+
+The expression gives the value at a point.
 """
 
 
@@ -83,7 +84,7 @@ class _Writer:
         """Steps that leave one value on the stack: whether a condition holds, or a number.
 
         condition: whether the node must be a condition.
-        depth: of the node in the text: how many values at most wait on the stack meanwhile.
+        depth: of the node in the text; at most as many values wait on the stack meanwhile.
         """
         if depth >= played.DEEPEST - 2:
             raise InputError(f"Condition {self._place} is nested too deep.")

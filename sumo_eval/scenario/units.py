@@ -16,7 +16,7 @@ from sumo_eval.errors import InputError, unknown
 from sumo_eval.settings.checked import about
 
 KNOWN = ("1", "m", "s", "m/s", "m/s2", "m/s3", "deg", "rad", "1/s", "1/m", "1/km", "kg")
-"""Units of numbers as everything here takes them; `1` of a number without one."""
+"""Units of numbers as everything here takes them; `1` for a number without a unit."""
 _SPELT = {
     "m/s^2": "m/s2",
     "m/s²": "m/s2",
@@ -65,7 +65,7 @@ def si_factor(unit: str) -> float:
 
 
 def in_own_unit(value: float, factor: float) -> float:
-    """A number in another unit; one of few digits stays one.
+    """A number converted by a factor; the result of a short decimal is a short decimal.
 
     35 cm are 0.35 m, not the product 0.35000000000000003, which is beyond a bound of 0.35 m.
     """
@@ -108,7 +108,7 @@ def check_unit(unit: str, owner: str, numbers: Mapping[str, float | None]) -> No
 
 
 def check_uses(table: Any, units: Mapping[str, str], where: str) -> None:
-    """Refuse a key of a table, or of those below it, that is a parameter of another unit.
+    """Refuse a key of a table, or of a table in it, whose value is a parameter in a wrong unit.
 
     units: by name.
     """

@@ -150,7 +150,7 @@ class EgoTable(Checked):
                 f"below the ego's speed {ego.speed:g} m/s",
                 ego.lateral_speed,
             )
-        if self.goal_lane is None or self.change_from is None:  # `check`: neither or both
+        if self.goal_lane is None or self.change_from is None:  # after `check`: both are None
             return ego
         return replace(ego, way=self._way(self.goal_lane, self.change_from, ego.y, road, owner))
 

@@ -26,7 +26,7 @@ def read_xml(path: Path, what: str, largest: int = LARGEST) -> Element:
     Raises InputError for what cannot or must not be read.
     """
     content = read_input(Path(path), what, largest)
-    plain = content.replace(b"\0", b"")
+    plain = content.replace(b"\0", b"")  # so that a declaration in UTF-16 is found, too
     declares = _DECLARES.search(plain)
     if declares:
         line = plain.count(b"\n", 0, declares.start()) + 1

@@ -182,7 +182,7 @@ def missing_bounds(
 
     cases, terms: of an ADS.
     values: the scores as they are.
-    people: whether there are drivers to be like.
+    people: whether there are drivers to compare with.
 
     What is missing, and what stands for it at worst and at best:
     - T, A, A', regret, H, S+, a case that could not be evaluated: doing nothing, or the ideal
@@ -193,8 +193,8 @@ def missing_bounds(
     - The human-likeness of a safe case: 0; at best 1. After a collision of which it is unknown
       whether the ideal vehicle avoids it: 0; at best the case has no part in H.
     - C, a case: a collision of ratio 0, which never raises Eq. 17's mean; at best one of ratio 1,
-      which never lowers it. At best there is none where U in m/s is compared and the ideal vehicle
-      avoids, because a contact has a U above 0 (but its loss may be 0).
+      which never lowers it. Where U in m/s is compared and the ideal vehicle avoids, at best no
+      collision, because any contact has a U above 0 (a loss may be 0).
     - D, the D_i of a safe case without a collision: 0; at best 1.
     - S: as C and D. A missing safe case may have been a collision, after which there is no D.
     """
@@ -202,8 +202,8 @@ def missing_bounds(
     worst = _at_worst(cases, terms, missing, method)
     best = _at_best(terms, worst, missing, method)
     extremes = [
-        point_values(terms, method)
-        for terms in (worst, _without_what_lifts(worst, missing.unsure, method), best)
+        point_values(filled, method)
+        for filled in (worst, _without_what_lifts(worst, missing.unsure, method), best)
     ]
     ordering = (
         "task_share", "avoided_share", "avoided_share_exposure", "avoidance_grade", "regret",
@@ -222,7 +222,7 @@ def missing_bounds(
             np.array(bounds.get(name, (values[name], values[name])), dtype=float)
             for name in ("c", "d")
         )
-        if (cases.safe & ~terms.evaluated).any():
+        if (cases.safe & ~terms.evaluated).any():  # one may be a collision, after which D is void
             d[0] = np.nan
         low, high = np.nan_to_num(score_terms.paper_score(c, d, method.score))
         bounds["s"] = float(low), float(high)
@@ -272,7 +272,7 @@ def _at_worst(
     ideal = _filled(terms.ideal, 0.0)
     idle = np.maximum(_filled(terms.unreacting, _hardest(terms)), ideal)
     severity = np.where(missing.lost, idle, terms.severity)
-    # ratio of each case if the ideal vehicle avoids its collision; one not known is the severest
+    # ratio of each case if the ideal vehicle avoids its collision; an unknown one is the severest
     ratio = ratios(np.where(missing.gone, _SEVEREST, cases.severity), np.zeros(len(cases)), method)
     return replace(
         _with_shares(terms, missing, missing.unlike, 0.0),
@@ -340,7 +340,7 @@ def _without_what_lifts(terms: CaseTerms, unsure: BoolArray, method: MethodSetti
         if avoided is None:
             return terms
         lifts = unsure & (taken < (1.0 - avoided) * stake)
-        if np.array_equal(lifts, unsure & np.isnan(kept.ideal)):
+        if np.array_equal(lifts, unsure & np.isnan(kept.ideal)):  # as in the round before
             break
         kept = replace(terms, ideal=np.where(lifts, np.nan, terms.ideal))
     return kept

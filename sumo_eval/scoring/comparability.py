@@ -54,7 +54,7 @@ def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
 
 
 def refuse_unless_comparable(differing: tuple[Difference, ...]) -> None:
-    """Raise InputError when something decides, naming all of it."""
+    """Raise InputError that lists all deciding differences, if there are any."""
     deciding = [item.words for item in differing if item.decides]
     if deciding:
         raise InputError(
@@ -76,7 +76,7 @@ def _parts(evaluation: Evaluation) -> list[tuple[bool, dict[str, str]]]:
         for name, sha256 in manifest.get("sha256", {}).items()
         if name.startswith(INPUTS)
     }
-    # a user may have edited the file of a severity of the user's own
+    # the file of a user's own severity may have been edited
     severity = str(manifest.get("severity", {}).get("sha256", ""))
     # Earlier runs have no reference car: their T and S+ are not comparable with later ones. All
     # scores of a run have the same.

@@ -405,7 +405,9 @@ def _paired(base: CaseTable, new: CaseTable) -> Paired:
     # without cases, or with other parameters, nothing is paired
     if not (len(base) and len(new)) or base[0].values.keys() != new[0].values.keys():
         return Paired(base[no_rows], new[no_rows], no_rows, base, new)
-    (olds, _, last_old), (news, first_new, last_new) = map(_cases_at, point_numbers([base, new]))
+    base_points, new_points = point_numbers([base, new])
+    olds, _, last_old = _cases_at(base_points)
+    news, first_new, last_new = _cases_at(new_points)
     # positions of the common points in `olds` and in `news`
     in_old, in_new = np.intersect1d(olds, news, assume_unique=True, return_indices=True)[1:]
     order = np.argsort(first_new[in_new])
@@ -519,12 +521,12 @@ def _quantity_changes(
     runs: the base and the new run: terms of the paired cases, and settings of the scores.
     one_unit: whether the regret has the same unit in both.
     """
-    # scipy and libsumo: a look at kept results needs neither
+    # imported here: it loads scipy and libsumo, which a look at kept results does not need
     from sumo_eval.scoring.confidence.intervals import percentiles
 
     old, now = (point_values(*run) for run in runs)
     resampled = paired_differences(runs[0], runs[1], settings.resamples, settings.seed)
-    freedom = len(runs[0][0].collided) - 1 or 1
+    freedom = (len(runs[0][0].collided) - 1) or 1  # degrees of freedom, at least 1
     changes = {}
     for name, score in COMPARED.items():
         before, after = old[score], now[score]

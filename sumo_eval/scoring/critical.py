@@ -12,13 +12,13 @@ from scipy.spatial import KDTree
 from sumo_eval.results import Evaluation
 
 LEAST_HUMAN = 100
-"""Cases of an ADS in a scenario, the least human-like ones, whose points are critical."""
+"""Number of least human-like cases, of an ADS in a scenario, whose points are critical."""
 
 
 def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[tuple[str, int]]:
     """Scenario and number of every critical point.
 
-    numbers: number of each case's point, by case.
+    numbers: case -> number of its point.
 
     A point is critical if an ADS has a case there that
     - collided, left the road or could not be evaluated,
@@ -33,9 +33,11 @@ def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[t
         collided, likeness = cases.collided, cases.human_likeness
         critical = collided | cases.departed | (cases.status != "ok")
         likened = np.flatnonzero(np.isfinite(likeness))
-        critical[likened[np.lexsort((points[likened], likeness[likened]))[:LEAST_HUMAN]]] = True
+        least_first = likened[np.lexsort((points[likened], likeness[likened]))]  # ties by point
+        critical[least_first[:LEAST_HUMAN]] = True
         if len(points) > 1:
             places = logical.to_unit(cases.parameters(logical.names))
+            # the nearest of all is the point itself: take the second
             nearest = np.asarray(KDTree(places).query(places, k=2)[1])[:, 1]
             critical |= collided[nearest] != collided
         chosen |= {(name, number) for number in points[critical].tolist()}

@@ -68,7 +68,7 @@ class CaseDrives(NamedTuple):
 def index_again(
     evaluation: Evaluation, fact: Fact, road: Road, store: Store
 ) -> AnthropomorphicIndex:
-    """D_i of one case again from its trajectory and those of the drivers at its point."""
+    """D_i of one case, computed again from its trajectory and the drivers' at its point."""
     drives = store.driven_at(fact.scenario, fact.point, "human")
     job = PointJob(tuple(fact.case for fact in drives), road, (fact.case,))
     settings = evaluation.settings.method.anthropomorphic

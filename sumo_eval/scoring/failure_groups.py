@@ -2,7 +2,7 @@
 
 Failures of one ADS and one kind belong to one group if a chain of neighbours among the driven
 points joins them (single linkage in the unit box). A group is described by the narrowest ranges
-that hold all its cases, one for each parameter whose values it does not span, and by the share of
+that hold all its cases, for each parameter whose driven range it does not fill, and by the share of
 all cases in these ranges that fail in this way.
 """
 
@@ -17,11 +17,11 @@ from sumo_eval.cases import CaseTable, IntArray
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import FloatArray
 
-# beginnings of the kinds of failure; the first word tells them apart
+# kinds of failure by gravity; the first word of a kind decides its place
 GRAVEST_FIRST = ("caused", "avoidable", "collision", "not evaluated", "off road", "unavoidable")
 MOST_LINKED = 2_000  # failures of one kind that are compared pair by pair; more form one group
-# Failures of k parameters are neighbours up to this times sqrt(k) steps apart (`_step`): a diagonal
-# of one step each, and a margin.
+# Failures in k parameters are neighbours if their distance in steps (`_step`) is at most this times
+# sqrt(k): one step in every parameter is a distance of sqrt(k), the rest is a margin.
 NEIGHBOUR_DISTANCE = 1.6
 SPANNED = 0.999  # a group that covers this share of a parameter's driven range does not narrow it
 
@@ -47,9 +47,9 @@ class FailureGroup(NamedTuple):
 def failure_kinds(cases: CaseTable) -> tuple[IntArray, list[str]]:
     """The kind of failure of each case, (n,), as an index of the list of kinds, and this list.
 
-    The first kind is the empty word: the case did not fail. Of several kinds of one case the last
-    of the list counts: a contact, not a departure. A plain collision is one whose ideal vehicle
-    is not known.
+    The first kind is the empty word: the case did not fail. A case of several kinds gets the last
+    of them in the list: a contact outranks a departure. A case gets plain `collision` where it is
+    not known what the ideal vehicle does.
     """
     by_ideal = ("unavoidable", "avoidable", "caused")
     words = ["", "off road", "collision", *(f"{kind} collision" for kind in by_ideal)]
@@ -103,7 +103,7 @@ def _linked(logical: LogicalScenario, points: FloatArray, failed: IntArray) -> l
     points: all of the ADS, (n, k).
     failed: indices of those that fail in one way.
     """
-    if not 1 < len(failed) <= MOST_LINKED:
+    if len(failed) < 2 or len(failed) > MOST_LINKED:
         return [failed]
     # imported here: scipy's clustering takes half a second, and a replay never groups
     from scipy.cluster.hierarchy import fcluster, linkage

@@ -37,7 +37,7 @@ class KeptChunk:
 class Scores:
     """Results of scoring a run other than its rows.
 
-    chunks: where these are.
+    chunks: where the rows are.
     """
 
     zones: tuple[ZoneResult, ...]

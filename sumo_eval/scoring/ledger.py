@@ -188,7 +188,7 @@ def _avoided_lines(findings: Findings) -> _Lines:
         return
     lost = np.nan_to_num(findings.share_lost)
     groups = {
-        # given up after a departure with a larger U: below, in "left the road"
+        # one given up after a departure with a larger U counts below, in "left the road"
         "given up, which counts as doing nothing": cases.gave_up
         & (cases.incident_severity <= cases.no_reaction_severity),
         "collisions that the ADS caused: a vehicle that does nothing has none": cases.caused,

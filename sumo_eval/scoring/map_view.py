@@ -67,13 +67,13 @@ def choose_view(
     names, columns = logical.names, range(len(logical.parameters))
     if len(columns) < 3:
         x, *more = map(logical.column, axes or names)
-        return View(names, x, more[0] if more else None, None, (None,), {}, True)
+        return View(names, x, more[0] if more else None, None, (None,), {}, projected=True)
     if len(columns) == 3 and axes is None:
         panels = np.unique(cases.parameters(names[:1])).tolist()
         if gathered := len(panels) > MOST_PANELS:
             first = logical.parameters[0]
             panels = np.linspace(first.low, first.high, GATHERED_PANELS).tolist()
-        return View(names, 1, 2, 0, tuple(panels), {}, True, gathered)
+        return View(names, 1, 2, 0, tuple(panels), {}, projected=True, gathered=gathered)
     points = cases.parameters(names)
     number, common = zip(*map(_variety, points.T), strict=True)
     by_variety = sorted(columns, key=lambda column: -number[column])

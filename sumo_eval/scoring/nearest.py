@@ -30,6 +30,7 @@ def nearest(
     """
     scenarios = evaluation.scenarios
     having = [name for name, logical in scenarios.items() if values.keys() <= set(logical.names)]
+    # where none has them, the first one: the check of the parameters below then names the mistake
     name = scenario or next(iter((*having, *scenarios)))
     check_known("scenario of this run", scenarios, name)
     names = [score.ads for score in evaluation.scores_in(name)]

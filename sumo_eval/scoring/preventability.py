@@ -90,7 +90,7 @@ def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
 
 
 def _incident(cases: CaseTable) -> BoolArray:
-    """Cases with U > 0, (n,): those whose centre left the road among them, whatever the margin."""
+    """Cases with U > 0, (n,), also those whose centre left the road, whatever the margin."""
     return np.asarray(cases.incident | cases.off_road)
 
 

@@ -13,8 +13,8 @@ from sumo_eval.trajectory import FloatArray
 
 # cases that the page has, of all ADSs and scenarios together: with more it would be over 10 MB
 MOST_SHOWN = 5_000
-# weight in the choice of a named case, one that was not evaluated, and the least one of an incident
-# (at most HIT + 1); any other case weighs at most 1
+# weights in the choice: of a named case, of a case that was not evaluated, and the least weight of
+# an incident (its largest is HIT + 1); any other case weighs at most 1
 _NAMED, _LOST, HIT = 5.0, 4.0, 2.0
 
 

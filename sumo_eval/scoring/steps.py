@@ -58,7 +58,7 @@ POINTS_AT_ONCE = 512
 class Scoring(NamedTuple):
     """A run to be scored: its facts, its settings, and the means to compute.
 
-    exposures: what the recording of each scenario noted on its exposure, by scenario.
+    exposures: notes on the exposure of each scenario, made when it was recorded, by scenario.
     cache: earlier results.
     spread: `map`, or one that shares the work among processes.
     """

@@ -25,9 +25,11 @@ Levels = NDArray[np.int16]
 
 
 def zone_levels(zones: ZonePartition, points: FloatArray) -> list[Levels]:
-    """The zones at points (n, k), (n,) each: y of the GP, times 32000 (which 16 bits hold), of
-    which 0 is the boundary and more is safe; y of the criterion itself, in the same way; then the
-    room of each constraint (`rooms_of`), one of which is below 0 at an impossible point.
+    """The zones at points (n, k) as arrays (n,) of 16 bits.
+
+    First y of the GP times 32000: 0 is the boundary, more is safe. Then y of the criterion itself,
+    in the same way. Then the room of each constraint (`rooms_of`): at an impossible point one of
+    these is below 0.
     """
     exact = exact_target(zones.logical, points, zones.settings)
     learnt = _levels(zones.predicted(points))
@@ -48,7 +50,7 @@ def map_points(
         for name, column in (("x", view.x), ("y", view.y))
         if column is not None
     }
-    return {"y": [0.0]} | axes, points.reshape(-1, points.shape[-1])
+    return {"y": [0.0]} | axes, points.reshape(-1, points.shape[-1])  # [0.0]: a strip has no y
 
 
 class Lattice(NamedTuple):

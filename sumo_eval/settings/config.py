@@ -254,7 +254,8 @@ def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) ->
     if item["type"] == "string_too_short":
         return f"`{path}` in {where} must not be empty."
     if item["type"] == "value_error":
-        return f"{path and f'`{path}` in '}{where}: {item['ctx']['error']}"
+        place = f"`{path}` in " if path else ""
+        return f"{place}{where}: {item['ctx']['error']}"
     # `path` without indices, as the heading of a table
     table, value = re.sub(r"\[\d+\]", "", path), item["input"]
     if item["type"] in {"tuple_type", "list_type"} and isinstance(value, dict):

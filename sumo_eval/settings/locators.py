@@ -24,7 +24,7 @@ def load_object(locator: str, folder: Path | None, kind: str) -> Any:
 
     Raises InputError when there is no such file, module or name, or when importing it fails.
 
-    folder: where paths start and modules are looked for; None: the current one, and none.
+    folder: where paths start, and where modules may be too; None: the current folder, and nowhere.
     kind: of the object, for errors, e.g. `ADS`.
     """
     module, colon, name = locator.rpartition(":")
@@ -46,6 +46,7 @@ def _load_module(name: str, folder: Path | None, owner: str) -> ModuleType:
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
+        # the module itself is missing, or a package of it: not another one that it imports
         if error.name is not None and (name == error.name or name.startswith(error.name + ".")):
             instead = f" It was removed: {MODULES[name]}." if name in MODULES else ""
             raise InputError(f"{owner}: there is no module `{name}` to import.{instead}") from error

@@ -168,6 +168,7 @@ class WhatIf:
         """
         logical, locator = self._run.scenarios[fact.scenario], self._locators[fact.driver]
         revealed = self._setup.simulation.conditions.reveal_scenario
+        # `number` of the trial instead of the point's: it finds the outcome's place below
         cases = [
             Case(number, concrete, "ads", fact.driver, locator, seed=self._run.settings.seed)
             for number, (lever, value) in enumerate(trials)

@@ -91,8 +91,8 @@ def check_controller(
 
     InputError if it cannot be loaded, or without a case.
 
-    step_timeout, case_timeout: wall time that a step and a case may take in a run, s; what a run
-        would lose to them is estimated from the time that the drives took here.
+    step_timeout, case_timeout: wall time that a step and a case may take in a run, s; the losses of
+        a run to these limits are estimated from the wall time of the drives here.
     """
     if not cases:
         raise must_be("`cases`", "`check_controller`", "at least one concrete scenario", cases)
@@ -103,7 +103,7 @@ def check_controller(
     findings = [Finding("ok", "can be loaded")]
 
     def drive(some: Sequence[ConcreteScenario]) -> list[Recording]:
-        """The drives of as many of some cases as patience allows."""
+        """Drive cases until they took `_PATIENCE`; return their recordings."""
         drives: list[Recording] = []
         for case in some:
             if sum(recording.wall_time for recording in drives) <= _PATIENCE:
@@ -154,7 +154,7 @@ def _projected(
         loses = f"`run` would lose {late} of these {count} cases to step_timeout = "
         return [Finding("FAIL", f"{loses}{step_timeout:g} s", mend)]
     if any(recording.end_reason == "ads_error" for recording in recordings):
-        return []  # what a drive that broke off took says nothing of a whole one
+        return []  # the time of an aborted drive does not predict that of a whole one
     worst = max(recording.controller_latency.longest for recording in recordings)
     findings = []
     if worst > _MARGIN * step_timeout:
@@ -298,7 +298,7 @@ def _planned(recordings: Sequence[Recording]) -> list[Finding]:
 
 
 def _counted(findings: Sequence[Finding]) -> list[Finding]:
-    """Findings that hold case by case, and the first of those that do not, with their number."""
+    """All findings but the `FAIL`s, then the first `FAIL`, with the number of all."""
     wrong = [finding for finding in findings if finding.kind == "FAIL"]
     count = f"{len(wrong)} of {len(findings)} cases, e.g. " if len(wrong) > 1 else ""
     first = [finding._replace(text=count + finding.text) for finding in wrong[:1]]
@@ -306,7 +306,7 @@ def _counted(findings: Sequence[Finding]) -> list[Finding]:
 
 
 def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
-    """Whether two drives with one seed are one drive."""
+    """Finding on whether two drives with one seed are equal in every step."""
     where = f"{case.scenario} ({case.label})"
     n = min(len(one.ego), len(two.ego))
     rows = [np.column_stack([getattr(r.ego, name)[:n] for name in CHANNELS]) for r in (one, two)]

@@ -53,7 +53,7 @@ class Briefing:
     goal: the end of the road in the lane that it starts in or has to change to, x, y m.
     change: x from which it may change lanes and x by which it must have changed, m; None: it may
         stay.
-    way: the same lane change as an object; only baselines use it.
+    way: the lane change of `change` as an object; only baselines use it.
     scenario, values: the scenario's name and its parameters' values if `reveal_scenario` is set,
         else "" and None.
     """
@@ -98,7 +98,7 @@ class Adapter:
     """
 
     target: Any = None
-    is_policy = False  # whether it is asked by `act`, shown an Observation and nothing else
+    is_policy = False  # whether it is called by `act`, with an Observation and nothing else
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Pass on, when the object has one."""
@@ -166,8 +166,8 @@ def takes_arrays(policy: Any) -> bool:
 
 
 def as_command(action: Any) -> Wanted:
-    """Request of an action: a Command, pedals or a Plan as it is; else an acceleration in m/s2, or
-    a pair with the steering wheel angle in rad.
+    """An action of an ADS as a request: a Command, pedals or a Plan as it is; a number is an
+    acceleration in m/s2, a pair also has the steering wheel angle in rad.
     """
     if type(action) is float:  # the usual action, at once; the loop checks that it is finite
         return Command(action)
@@ -186,8 +186,8 @@ def as_command(action: Any) -> Wanted:
     return Command(*cast(list[float], numbers))
 
 
-# lane change mode, bits 0 and 9: strategic changes alone, with gaps that are safe for other
-# vehicles
+# SUMO's lane change mode, bits 0 and 9 (1 + 512): only strategic changes, with gaps that are safe
+# for other vehicles
 _WHERE_THE_ROUTE_ASKS = 513
 SUMO_ATTRIBUTES = (
     "accel", "decel", "apparentDecel", "emergencyDecel", "minGap", "tau", "sigma", "sigmaStep",
@@ -368,7 +368,7 @@ _BY_SCHEME = {
 
 
 def _other_way(locator: str) -> str | None:
-    """Hint at the locator that a text probably means; None: no hint."""
+    """Hint at the locator that the user probably meant; None: no hint."""
     scheme, colon, rest = locator.partition(":")
     plain = locator.partition("?")[0]
     suffix = Path(plain).suffix
@@ -535,12 +535,12 @@ def _foreign(found: Any, described: str) -> str | None:
     if any(base.__module__.partition(".")[0] == "smarts" for base in kind.__mro__):
         name, (whose, tool) = "act", _SMARTS
     else:
-        # one by one: a property that has the name of a later one may fail before the first case
+        # a generator: stop at the first, as a property with a later name may fail before a case
         methods = (it for it in ("act", "step", *FOREIGN) if callable(getattr(found, it, None)))
         name = next(methods, "")
         if isinstance(found, Adapter) or name not in FOREIGN:
             return None
-        # A callable with arguments is a function here; CARLA's agents are callable, without any.
+        # A callable with arguments counts as a function. CARLA's agents are callable without any.
         call = getattr(kind, "__call__", None)  # noqa: B004
         if inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1:
             return None

@@ -1,9 +1,9 @@
 """The rest of an `[[ads]]` entry: how often a controller is asked, and what its constructor is
 given.
 
-In one text with the locator: `my_ads.py:Planner?period=0.2&options.gain=2`. A class may load once
-in a process what its objects share (`LOAD_ONCE`). `made` calls this, and its time is counted apart
-from driving.
+In one text with the locator: `my_ads.py:Planner?period=0.2&options.gain=2`. A class may load data
+that its objects share once in a process (`LOAD_ONCE`). `made` calls this, and its time does not
+count as driving.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from urllib.parse import parse_qsl, unquote_plus
 from sumo_eval.errors import InputError, check_known, must_be, said, users_code
 
 _PERIOD, _BATCH, _OPTION = "period", "batch", "options."
-# The `?` that begins the entry: a key of the entry follows, at once or after other pairs and `&`. A
-# command, or a value, may hold another `?`.
+# The `?` that begins the entry: followed by a key of the entry, or by other pairs, each with `&`,
+# and then such a key. A command or a value may hold another `?`.
 _ENTRY = re.compile(rf"\?(?=([^?]*&)?({_PERIOD}=|{_BATCH}=|{re.escape(_OPTION)}))")
 LOAD_ONCE = "load_once"
 """The name of a class method that loads what all objects of the class share."""
@@ -81,7 +81,10 @@ def split_entry(locator: str) -> tuple[str, Entry]:
 
 
 def read_query(query: str, owner: str, form: str) -> dict[str, str]:
-    """The pairs behind the `?` of a locator, of the form `name=value&name=value`."""
+    """The pairs after the `?` of a locator, of the form `name=value&name=value`.
+
+    owner, form: for the error message.
+    """
     try:
         return dict(parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query)))
     except ValueError:
@@ -95,8 +98,8 @@ def made_absolute(locator: str, folder: Path) -> str:
     A program of `exec:` and `traci:` is run in `folder` by way of `env -C`.
     """
     bare = split_entry(locator)[0]
-    # A query, of `onnx:` or `sumo:`, may have pairs on both sides of the entry's. Without a query
-    # the entry is the end of the locator, and stays as it is.
+    # A query of `onnx:` or `sumo:` may have pairs before and after those of the entry. Without a
+    # query the entry ends the locator: only the part before it is made absolute.
     has_query = "?" in bare.partition(":")[2]
     if bare != locator and not has_query:
         return made_absolute(bare, folder) + locator[len(bare) :]
@@ -146,7 +149,7 @@ def steps_between(period: float, step: float, owner: str) -> int:
     Raises InputError for a period that is not a multiple of the step.
     """
     ratio = period / step
-    # above 0.5: a period near 0 is near 0 steps, which is a multiple, too
+    # above 0.5: else a period near 0 would pass as a multiple, of 0 steps
     if period and not (0.5 < ratio < math.inf and abs(ratio - round(ratio)) <= 1e-6):
         raise must_be("`period`", owner, f"a multiple of `simulation.step` ({step:g} s)", period)
     return max(round(ratio), 1)

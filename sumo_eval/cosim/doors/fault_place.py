@@ -26,16 +26,15 @@ def fault_place(error: BaseException | None, driver: Any, folder: Path | None) -
     """`my_ads.py:42 in act`: file, line and function of the user's code that an exception passed
     last.
 
-    That is the innermost frame in the file of the user's object `driver`, else the innermost in a
-    file that is neither this package's nor an installed library's, else the innermost outside this
-    package (unless a door has put the error in words), else nothing. The frames are the exception's
-    own, or those of the one that it was raised from. Paths within `folder` are relative to it. Of
-    an exception that passed none, because what the user's code returned is refused, it is where
-    that function is.
+    The innermost frame of the first kind that exists, in the exception, else in its cause: in the
+    file of the user's object `driver`; in a file that is neither this package's nor an installed
+    library's; outside this package (unless a door has put the error in words). Without one, as the
+    user's code returned a refused value, where that function begins; "" if it is not Python code.
+    Paths within `folder` are relative to it.
     """
     seen: set[int] = set()
     own = _file_of(driver)
-    worded = type(error) is ControllerError  # by a door, whatever a library of its own raised
+    worded = type(error) is ControllerError  # by a door, even if its library raised the cause
     while error is not None and id(error) not in seen:
         seen.add(id(error))
         frames = [(frame.f_code, line) for frame, line in walk_tb(error.__traceback__)]

@@ -323,10 +323,11 @@ def _of_vehicle(seen: Observations, frame: str, index: int, what: str) -> Floats
 
 
 def largest(scaled: Sequence[Feature | Action]) -> NDArray[np.float32]:
-    """The largest value of each as a network has it: 1 where it has a range."""
+    """The largest scaled value of each: 1 with a range, else inf."""
     return np.array([np.inf if it.low is None else 1.0 for it in scaled], np.float32)
 
 
 def _check_range(name: str, low: float | None, high: float | None) -> None:
-    if (low is None) != (high is None) or (low is not None and high is not None and not low < high):
+    one_missing = (low is None) != (high is None)
+    if one_missing or (low is not None and high is not None and not low < high):
         raise must_be("`low` and `high`", f"`{name}`", "both given, low < high", (low, high))

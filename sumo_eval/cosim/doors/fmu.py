@@ -63,11 +63,11 @@ _MAKERS: Mapping[str, Callable[[Any], Any]] = {
     "Real": float, "Float32": float, "Float64": float, "Boolean": bool, "String": str,
     "Binary": lambda value: str(value).encode(),
 }  # fmt: skip
-"""By type other than a whole number: the function that makes a value of it."""
+"""Types other than whole numbers -> function that makes a value of the type."""
 _WHOLE = {"Integer": 32, "Enumeration": 32} | {
     f"{sign}Int{bits}": bits for sign in ("", "U") for bits in (8, 16, 32, 64)
 }
-"""Number of bits by type of a whole number."""
+"""Types of whole numbers -> bits."""
 _TEXTS = ("String", "Binary")
 _TYPES = (*_MAKERS, *_WHOLE)
 _FATAL = 4  # fmi2Fatal, fmi3Fatal
@@ -98,8 +98,8 @@ class _Fmu:
     """One FMU file and how it is wired; `load` makes a fresh instance of it.
 
     signals: names of the signals that its inputs may take.
-    needed, optional: names of outputs of one number that it must and may have.
-    lists: names of outputs of many numbers.
+    needed, optional: names of outputs that are one number, which it must or may have.
+    lists: names of outputs that are many numbers.
     """
 
     def __init__(
@@ -210,7 +210,7 @@ class _Fmu:
         return variable, signal
 
     def _check_signal(self, variable: Any, signal: Any, signals: Sequence[str]) -> None:
-        """Refuse an unknown signal, and for one number that of each vehicle."""
+        """Refuse an unknown signal, and one of `OBJECTS` for a variable that is one number."""
         owner = f"FMU `{self.path.name}`"
         check_known(f"signal for {owner}", signals, signal)
         if _count(variable) is None and signal in OBJECTS:
@@ -243,7 +243,7 @@ class _Fmu:
         return wired
 
     def _wire_lists(self, wiring: FmuSettings, lists: Sequence[str]) -> dict[str, list[Any]]:
-        """Outputs that are many numbers: the array, or the scalars of its places in their order."""
+        """Outputs that are many numbers: an array, or scalars `NAME[1]`, `NAME[2]`, ..."""
         wired = {}
         for output in lists:
             name = wiring.outputs.get(output, output)
@@ -347,7 +347,7 @@ class _Fmu:
         """Terminate and free the instance."""
         if self._instance is not None:
             instance, self._instance = self._instance, None
-            if self.initialized:  # an FMU may crash that is told to terminate before it has begun
+            if self.initialized:  # an FMU may crash if terminated before its initialization
                 self.initialized = False
                 instance.terminate()
             instance.freeInstance()
@@ -358,7 +358,7 @@ class _Fmu:
         return self._factors.get(unit) or si_factor(str(unit))  # no BaseUnit: by its name
 
     def _kind(self, variable: Any) -> str:
-        """The type by which the FMU is asked."""
+        """Type of a variable in the names of the FMU's get and set functions."""
         if variable.type == "Enumeration":
             return "Integer" if self.description.fmiVersion == "2.0" else "Int64"
         return str(variable.type)
@@ -375,15 +375,16 @@ class _Fmu:
         count = _count(variable)
         size = 1 if count is None else count
         values = [value] * size
-        if isinstance(value, list):  # the last one stands in each place without a vehicle
+        if isinstance(value, list):  # the last value, of an empty place, fills the places left
             values = [*value, *(value[-1:] * size)][:size]
         plain = [self._plain(variable, it if factor == 1.0 else it / factor) for it in values]
         getattr(self._instance, f"set{self._kind(variable)}")([variable.valueReference], plain)
 
     @contextmanager
     def _in_words(self) -> Iterator[None]:
-        """Calls of the instance, whose errors are put in words. After an error it may only be
-        freed, after `fatal` not even that.
+        """Context for calls of the instance: turns their errors into ControllerErrors.
+
+        After an error the instance may only be freed, after a fatal one not even that.
         """
         try:
             yield
@@ -492,9 +493,9 @@ class FmuController(Adapter):
         return Command.pedals(**answer) if "throttle" in answer else Command(**answer)
 
     def _planned(self, answer: Mapping[str, float]) -> Any:
-        """The plan that the outputs hold; it continues while its number stays.
+        """The outputs as a Plan; None while `plan_number` stays: the last plan holds.
 
-        Without a number each one is new.
+        Without `plan_number` each answer is a new plan.
         """
         number = answer.get("plan_number")
         if number is not None and number == self._plan:
@@ -573,7 +574,7 @@ def _turned(outputs: Mapping[str, float], turn: float) -> complex:
 
 
 def _number(text: str | float) -> float | str:
-    """A number or a truth value, also as the text of a locator; else the name of a signal."""
+    """A number, or a truth value as 0 or 1, also from text; else the text, a signal's name."""
     if text in ("true", "false"):
         return float(text == "true")
     try:

@@ -45,8 +45,8 @@ class JsonLinesProgram(Adapter):
     _stdin: int = -1
     _stdout: int = -1
     _unread: bytes = b""
-    _deadline: float = START_TIMEOUT  # s of wall time for an answer
-    _until: float = 0.0  # of the monotonic clock, s
+    _deadline: float = START_TIMEOUT  # s of wall time allowed for an answer
+    _until: float = 0.0  # end of that time on the monotonic clock, s
     is_policy = True
 
     @classmethod
@@ -60,7 +60,7 @@ class JsonLinesProgram(Adapter):
         self._program = ChildProgram(self.command, self.folder, talks=True)
         process = self._program.process
         self._stdin, self._stdout = process.stdin.fileno(), process.stdout.fileno()
-        # a program that reads nothing leaves the pipe full
+        # a write must not block for ever if a program reads nothing and the pipe is full
         os.set_blocking(self._stdin, False)
         road = scenario.road
         described: dict[str, Any] = {
@@ -171,8 +171,8 @@ _ANSWERS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     "brake": (("throttle", "brake", "steer"), Command.pedals),
     "plan": (("plan",), _plan),
 }
-"""Kinds of answers, by the name that each must have: all names that it may have, and the function
-that makes a request of their values."""
+"""Required name of each kind of answer -> all names allowed in it, and the function that makes a
+request of the values."""
 
 
 def _refuse_other_names(answer: dict[str, Any], names: tuple[str, ...], what: str) -> None:

@@ -109,15 +109,15 @@ def first_change(before: dict[str, object], after: dict[str, object]) -> str | N
 
 
 def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> object:
-    """A comparable picture of a value, which later changes of the value do not reach.
+    """A comparable snapshot of a value, independent of later changes of the value.
 
-    depth: containers and objects around it.
-    seen: these containers and objects, by id: one that contains itself ends there.
+    depth: number of containers and objects around it.
+    seen: their ids, to end at one that contains itself.
     """
     if isinstance(value, _PLAIN):
         return "nan" if value != value else value
     contains = isinstance(value, _CONTAINERS)
-    # a container counts by its length, not its id: `_parts` makes some anew in each picture
+    # containers compare by length, not id: `_parts` makes new ones for each snapshot
     identity = len(value) if contains else id(value)
     if depth > _DEEPEST or id(value) in seen:
         return identity

@@ -153,7 +153,7 @@ class SeenVehicle(NamedTuple):
     number: 1, 2, ..., the same vehicle throughout a case.
     gap: free road along the road, m (ahead: from the ego's front to its rear; behind: from its
         front to the ego's rear; negative beside the ego).
-    ahead: whether its centre is.
+    ahead: whether its centre is ahead of the ego's.
     relative_speed: its speed along the road less the ego's, m/s (a lead that comes nearer:
         negative).
     offset: its centre to the left of the ego's, m.
@@ -398,7 +398,7 @@ class Observations:
     """One instant of n cases for a policy that takes arrays: what an `Observation` has, under the
     same names.
 
-    time: (n,) where cases begin one by one, as episodes do.
+    time: s; an array (n,) where cases begin one by one, as episodes do.
     number: of each case in its batch, (n,), the same at every step: a policy with memory finds a
         case by it.
     desired_speed: m/s, (n,).
@@ -531,7 +531,7 @@ class Perception:
         self._random = [
             random_stream(0, "perception", it) for it in streams if self._used[_CHANCE].any()
         ]
-        self._delays = self._limits[:, 0].max(), self._limits[:, 0].min()
+        self._delays = self._limits[:, 0].max(), self._limits[:, 0].min()  # longest, shortest, s
         self._steps = 0
         # time, egos and actors of the last steps, as far back as the longest delay
         self._memory: deque[tuple[float, FloatArray, FloatArray]] = deque()
@@ -599,7 +599,7 @@ class Perception:
         if len(memory) == 1 or memory[1][0] > time - shortest + 1e-9:
             return memory[0][1:]
         latest = time - self._limits[:, 0] + 1e-9
-        # the last step of the memory that each case sees; -1: none yet, so that the first serves
+        # index of the newest step that each case may see; -1: none yet, then the oldest serves
         places = np.searchsorted([it[0] for it in memory], latest, side="right") - 1
         egos, seen = egos.copy(), seen.copy()
         for place in np.unique(places).tolist():
@@ -647,6 +647,7 @@ def _hidden(me_x: FloatArray, x: FloatArray, y: FloatArray, width: FloatArray) -
     width, (n, m); lines of sight run along the road.
     """
     left, right = y + width / 2.0, y - width / 2.0
+    # `shared`, `nearer`: axes are the case, the nearer vehicle, the vehicle behind it
     shared = np.minimum(left[:, :, None], left[:, None]) - np.maximum(
         right[:, :, None], right[:, None]
     )

@@ -1,14 +1,13 @@
-"""`onnx:policy.onnx`: a learned policy as the ADS; what it is shown and what its answer means
-stands in `policy.toml`.
+"""`onnx:policy.onnx`: a learned policy as the ADS; `policy.toml` has its inputs and outputs.
 
-The table beside the model is `cosim.doors.features`'; a different one is named by
-`onnx:policy.onnx?features=table.toml`, an output other than the first by `output=NAME`. Needs the
-extra `onnx`.
+`cosim.doors.features` describes this table beside the model.
+`onnx:policy.onnx?features=table.toml` names a different one, `output=NAME` an output other than the
+first. Needs the extra `onnx`.
 
 A network's last bits may depend on how many rows it is given at once. So every model is given
 blocks of `BLOCK` rows (or as many as it is made for), filled up with zeros, on one thread, and a
-case's answer does not depend on its company as far as the runtime treats the rows of a block alike;
-tests hold it for dense networks.
+case's answer does not depend on the other rows as far as the runtime treats the rows of a block
+alike; tests check this for dense networks.
 """
 
 from __future__ import annotations
@@ -87,7 +86,7 @@ class OnnxPolicy:
         return output
 
     def reset(self, briefing: Briefing) -> None:
-        """Begin a batch: for how many of its steps an answer holds."""
+        """Begin a batch: find for how many of its steps an answer holds."""
         owner = f"the features table of {self._name}"
         self._every = steps_between(self.interface.period or 0.0, briefing.step, owner)
         self._step, self._held = briefing.step, np.zeros((0, 2))  # the last answers, by case

@@ -255,7 +255,7 @@ def _vehicle_writer(call: str, write: _Call) -> _Call:
     moves, ignored, hands_over = call in MOTION, call in IGNORED, call in HANDS_OVER
 
     def guarded(vehID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
-        # a vehicle that does not exist: SUMO refuses it, except if the call adds it
+        # not for a vehicle that does not exist: SUMO refuses that, unless the call adds it
         if vehID != EGO and (vehID in GUARD.others or call.startswith("add")):
             GUARD.note_touched("vehicle", call, vehID)
         if moves and vehID == EGO:
@@ -288,7 +288,7 @@ def _vehicle_writer(call: str, write: _Call) -> _Call:
             return direct(GUARD.names[vehID], speed)
         return guarded(vehID, speed)
 
-    set_speed.__qualname__ = write.__qualname__  # Python names it where an argument is missing
+    set_speed.__qualname__ = write.__qualname__  # Python's error for missing arguments names it
     return set_speed
 
 
@@ -331,7 +331,7 @@ def _gui_writer(call: str) -> _Call:
 
 
 def _step_clock(*args: Any, **kwargs: Any) -> None:
-    """Stand-in of a call that steps SUMO, which it never does."""
+    """Stand-in of a call that steps SUMO: notes it and steps nothing."""
     # the time to step to, s; without one, or with 0, TraCI makes one step
     until = next((value for value in (*args, *kwargs.values()) if value), None)
     ahead = GUARD.step
@@ -344,7 +344,7 @@ def _step_clock(*args: Any, **kwargs: Any) -> None:
 
 
 def _running_call(call: str) -> _Call:
-    """Stand-in of a call that starts, loads or closes SUMO, which it never does."""
+    """Stand-in of a call that starts, loads or closes SUMO: notes it and does nothing."""
     closes = call == "close"
     deed = "closed the simulation" if closes else f"called traci.{call}"
     why = "that is the harness's"

@@ -19,7 +19,7 @@ from sumo_eval import text
 from sumo_eval.cosim.sumo.insides import VehicleDomain, VehicleTypeDomain, libsumo
 
 shown = partial(text.shown, most=80)
-"""A value as a sentence of an ADS's mistake shows it."""
+"""A value as an error message about an ADS shows it."""
 LONGEST = 2.0**31
 """s, the longest duration that an ADS can mean: as far as a signed count of 32 bits goes, and
 TraCI's old default."""
@@ -28,7 +28,7 @@ _UNSAID = -1073741824
 _NO_NUMBER = re.compile(r"[+-]?(nan(\(\w*\))?|inf(inity)?)", re.IGNORECASE)  # as C++ reads them
 _WORDS = re.compile(r"[\s,;]+")
 
-# first letters of calls that read, or change nothing that drives
+# beginnings of names of calls that only read, or do not change how vehicles drive
 _READS = (
     "_", "get", "is", "subscribe", "unsubscribe", "addSubscriptionFilter", "could", "wants",
     "find", "convert", "has",
@@ -42,8 +42,8 @@ def writing_calls(domain: type) -> dict[str, Callable[..., Any]]:
     return {name: it for name, it in calls.items() if callable(it) and not isinstance(it, type)}
 
 
-# of each call: what follows the name of its vehicle. traci has the names, where libsumo's
-# overloaded functions take `*args`
+# Parameters of each call after the vehicle's name. They come from traci, as libsumo's overloaded
+# functions take `*args`.
 _PARAMETERS = {
     domain: {
         call: list(inspect.signature(getattr(of_traci, call)).parameters.values())[2:]
@@ -81,8 +81,8 @@ WHY_IGNORED = {
     "network": "this road has one way, no junction and no limit that the ego could heed",
     "window": "a case has no window",
 }
-"""Why SUMO ignores a call, by what would heed it. On a network of the user's own nothing is known
-of `network`.
+"""Why SUMO ignores a call, by what would heed it. On a user's own network, calls of `network` may
+have an effect.
 """
 IGNORED = {
     call: by
@@ -149,7 +149,7 @@ def breach(
 
 
 def _is_finite(value: object, *, in_text: bool) -> bool:
-    """Whether every number in a value is finite; what holds no number is."""
+    """Whether every number in a value is finite; True if it holds no number."""
     if isinstance(value, str):
         return not in_text or not any(map(_reads_as_no_number, _WORDS.split(value)))
     if hasattr(value, "tolist"):
@@ -171,8 +171,9 @@ def _reads_as_no_number(word: str) -> bool:
 
 
 def _no_such_lane(call: str, name: str, given: Mapping[str, object]) -> Breach | None:
-    """SUMO ignores a lane that is not there, and takes a vehicle away that is put beyond the end of
-    one.
+    """The argument of a call that names no lane, or a position beyond a lane's end; None: none.
+
+    SUMO ignores such a lane, and removes a vehicle that is put there.
     """
     try:
         if call in ("changeLane", "moveToXY"):
@@ -212,8 +213,9 @@ def _lanes(name: str) -> int:
 
 
 def finite_number(value: Any, *, truth: bool = False) -> float | None:
-    """A real number as a finite float; None where it is none, or a truth value, which only `truth`
-    lets pass.
+    """A real number as a finite float; None for any other value.
+
+    truth: accept a truth value as a number, too.
     """
     if not isinstance(value, numbers.Real) or (isinstance(value, bool) and not truth):
         return None

@@ -229,8 +229,8 @@ def _variables(port: int) -> dict[str, str]:
 
 
 def _hang_up(program: ChildProgram, relay: Relay) -> None:
-    """Stop listening when the program ends: SUMO would wait for ever for one that never connected,
-    and this process for SUMO.
+    """Stop the relay when the program ends: SUMO would wait for ever for a program that never
+    connected, and this process for SUMO.
     """
     program.process.wait()
     relay.end()
@@ -255,7 +255,7 @@ def _connect(server: PrivateServer, logs: tuple[Path, ...]) -> Any:
 def _traci_connection(connected: socket.socket) -> Any:
     """A TraCI connection over a connected socket.
 
-    The class only makes a socket of its own: it connects that to a listener here, then it is
+    The class takes no socket: it opens one of its own, connected to a listener here, which is then
     replaced.
     """
     import traci.connection

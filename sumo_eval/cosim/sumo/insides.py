@@ -23,7 +23,7 @@ from sumo_eval import kernels
 from sumo_eval.errors import NotInstalledError
 
 SYSTEM_LIBRARIES = ("libatomic1", "libexpat1", "libgl1", "libx11-6", "libxext6", "libxrender1")
-"""Packages of Debian and Ubuntu with what the wheel of libsumo links and does not hold."""
+"""Packages of Debian and Ubuntu with libraries that libsumo's wheel links but does not contain."""
 
 os.environ["LIBSUMO_AS_TRACI"] = "quiet"  # otherwise the import may print a notice to stdout
 try:

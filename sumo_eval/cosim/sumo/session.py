@@ -40,7 +40,7 @@ from sumo_eval.scenario.road.reference_line import frame_places, map_places, tig
 from sumo_eval.settings import SimulationSettings
 
 POSITION_TOLERANCE = 1e-3  # m
-# m, on a curve, which SUMO has as a polyline: twice the most that a chord of 1 m is off the arc
+# m, on a curve, a polyline in SUMO: twice the largest distance of a 1 m chord from its arc
 CHORD_TOLERANCE = 0.05
 SPEED_TOLERANCE = 1e-3  # m/s
 NOWHERE = -1e6  # m; SUMO shows a vehicle that is on no lane at an x far below this
@@ -111,7 +111,7 @@ def _start(arguments: list[str], files: _Files) -> None:
             libsumo.start(arguments)
             libsumo.simulationStep()  # inserts the vehicles, moves nothing
     except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-        libsumo.close()  # without a step: of what is loaded in part, it may write or crash
+        libsumo.close()  # no step before: in a partly loaded case it may write files or crash
         sentence = f"SUMO could not start the case: {quoted(error, files.log, files.console)}."
         # the files exist no longer when the message is read: name them plainly
         for path, name in zip(files, _NAMES, strict=True):
@@ -296,8 +296,7 @@ def quoted(error: Exception, *logs: Path) -> str:
 
 @contextmanager
 def _stderr_into(path: Path) -> Iterator[None]:
-    """Send stderr to a file, and back at the end; what a start that succeeded has printed is passed
-    on.
+    """Send stderr to a file, and back at the end; pass on what a successful start has printed.
 
     SUMO prints its errors there whatever its options say; they become part of the package's error.
     """
@@ -308,7 +307,7 @@ def _stderr_into(path: Path) -> Iterator[None]:
         with path.open("wb") as file:
             os.dup2(file.fileno(), 2)
         yield
-        # it has started: what it printed are no errors, and go to the user
+        # SUMO has started: its output holds no errors, and goes to the user
         os.write(console, path.read_bytes())
     finally:
         os.dup2(console, 2)

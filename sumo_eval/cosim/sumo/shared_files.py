@@ -153,8 +153,9 @@ def shared_routes_xml(
         for index, (kind, departure) in enumerate(described):
             name = names[case][index]
             type_name = kind.pop("id")
-            # switched off: the ego (index 0) unless its ADS asks SUMO, actors without a SUMO model
-            if concrete.actors[index - 1].model is None if index else not ads_asks:
+            # SUMO's driver model is on: the ego (index 0) if its ADS asks SUMO, actors with a model
+            is_on = concrete.actors[index - 1].model is not None if index else ads_asks
+            if not is_on:
                 kind["actionStepLength"] = str(_NEVER)
             if ads_asks:
                 kind["id"] = type_name = name

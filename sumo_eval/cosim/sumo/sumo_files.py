@@ -95,9 +95,9 @@ def vehicle_edges(
     """
     if road.network is not None:
         return road_edges(road)
-    lanes = lane_at(road, y), lane_at(road, y if goal is None else goal)
+    start, later = lane_at(road, y), lane_at(road, y if goal is None else goal)
     return tuple(
-        section.ramp_edge if section.ramp == lanes[number > first] else section.edge
+        section.ramp_edge if section.ramp == (later if number > first else start) else section.edge
         for number, section in enumerate(sections(road))
     )
 
@@ -465,8 +465,8 @@ def _departure(
     """The lane in which a vehicle departs on a road of several sections, and its attributes; none
     beyond the road's end.
 
-    wanted: the vehicle's own lane, whose edge it takes, and the lane in which it is to depart: of
-        that edge it gets the nearest one.
+    wanted: the vehicle's own lane, which decides its edge, and the lane to depart in: the vehicle
+        gets the nearest lane that the edge has.
     front: x of its front bumper, m.
     """
     own_lane, lane = wanted
@@ -489,7 +489,8 @@ def _lane_metres(road: Road, lane: int, x: tuple[float, float, float]) -> float:
 
     x: of the beginning of the section, of the position, and of the section's end, m.
     """
-    turn = map_places(road.line, np.array(x), 0.0)[2]
+    turn = map_places(road.line, np.array(x), 0.0)[2]  # direction of the line, rad
+    # m along the lane: x - offset * turn
     begin, position, end = (np.array(x) - road.lane_centre(lane) * turn).tolist()
     return float((x[2] - x[0]) * (position - begin) / (end - begin))
 

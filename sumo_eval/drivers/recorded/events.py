@@ -135,8 +135,8 @@ class RecordedTraffic:
         return target if part.start <= target < part.stop else None
 
     def onset_of(self, row: int, change: RecordedLaneChange) -> tuple[int, float]:
-        """Row of a vehicle at which another's lane change begins, and that time, s: a scenario's
-        t = 0.
+        """Row of a vehicle when another vehicle's lane change begins, and that time, s: a
+        scenario's t = 0.
 
         row: of the vehicle, when the other one crosses the lane line.
 
@@ -214,7 +214,7 @@ class RecordedLaneChange(NamedTuple):
     row: of the crossing in the traffic.
     origin, to: lanes.
     onset, end, duration: of the lateral motion, s.
-    middle: time from 10 to 90 % of the offset, s; None where 0.5 m of it or less were recorded.
+    middle: time from 10 to 90 % of the offset, s; None if at most 0.5 m of it was recorded.
     lateral_speed: the largest, m/s.
     complete: whether beginning and end were both recorded.
     """

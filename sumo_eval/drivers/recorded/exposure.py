@@ -22,7 +22,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 FOLDS = 5  # of cross-validation, as is usual: each fit has four fifths of the events
 _EVENTS_A_PARAMETER = 5  # fewer show no distribution
 _SAME = 1e-6  # SI units; events closer than this along a direction do not vary in it
-# bandwidths that cross-validation chooses from, over the data's own deviation
+# bandwidths that cross-validation chooses from, as multiples of the data's deviation
 FACTORS = np.geomspace(0.1, 1.5, 15)
 SUPPORT = 3.0  # kernel deviations; a point further from every event is outside the data's support
 SPACE_POINTS = 4096  # on which the share of the space without support is measured
@@ -31,8 +31,9 @@ SPACE_POINTS = 4096  # on which the share of the space without support is measur
 class RecordedExposure(NamedTuple):
     """A Gaussian KDE over the parameters of recorded events.
 
-    names: parameters, in the order of the columns of points (n, k).
-    factor: bandwidth over the data's deviation.
+    names: parameters, in the order of the columns of `points`.
+    points: the events, (n, k).
+    factor: bandwidth as a multiple of the data's deviation.
     held_out: mean log density of events that were left out of the fit (5 folds), nats, by fit:
         `scott`, `cross_validated`, `single_gaussian` or `uniform`.
     """
@@ -44,7 +45,7 @@ class RecordedExposure(NamedTuple):
 
     def density(self, values: Values) -> FloatArray:
         """p at values by name (arrays that broadcast)."""
-        places = np.stack(np.broadcast_arrays(*(values[name] for name in self.names)))
+        places = np.stack(np.broadcast_arrays(*(values[name] for name in self.names)))  # (k, ...)
         kde = _stats().gaussian_kde(self.points.T, bw_method=self.factor)
         return np.reshape(kde(places.reshape(len(places), -1)), places.shape[1:])
 
@@ -116,7 +117,7 @@ def exposure_of(
             f"The exposure of scenario `{logical.name}` must name recordings, in "
             "`scenario.exposure.recordings` or `drivers.recordings`, got none."
         )
-    if logical.recorded is None:  # before files are read
+    if logical.recorded is None:  # checked before any file is read
         raise InputError(
             f"There is no recorded event that corresponds to scenario `{logical.name}`: a scenario "
             "file names its event in [recorded]."
@@ -127,7 +128,7 @@ def exposure_of(
     from sumo_eval.drivers.recorded.reference import open_people
 
     people = open_people(DriverSettings(recordings=tuple(recordings)), source)
-    assert people.events is not None
+    assert people.events is not None  # there are recordings
     events = matching_events(people.events, logical.name, logical.recorded)
     model = fit_exposure(
         events[list(logical.names)].to_numpy(), logical.names, bandwidth=settings.bandwidth
@@ -160,7 +161,7 @@ def fit_exposure(
     if n < least:
         raise must_be("The number of recorded events", "an exposure", f"at least {least}", n)
     fold = np.arange(n) % FOLDS
-    # for each fold, which is every fifth event, the other events and its own
+    # for each fold (every fifth event): the events outside it, and those in it
     folds = [(events[fold != number], events[fold == number]) for number in range(FOLDS)]
     fits = [events, *(train for train, _ in folds)]  # events of each fit below
     if any(np.linalg.matrix_rank(part - part.mean(axis=0), tol=_SAME) < k for part in fits):
@@ -176,7 +177,7 @@ def fit_exposure(
         "scott": _held_out(folds, partial(_kde, factor=scott)),
         "cross_validated": likelihoods[best],
         "single_gaussian": _held_out(folds, _gaussian),
-        # over the box of all events: held-out ones are inside, in favour of this comparison
+        # over the box of all events: it contains held-out ones too, which favours this fit
         "uniform": -np.log(np.ptp(events, axis=0)).sum(),
     }
     return RecordedExposure(tuple(names), events, factor, held_out)
@@ -195,7 +196,7 @@ def unsupported_share(model: RecordedExposure, logical: LogicalScenario) -> floa
 def _held_out(folds: Sequence[tuple[FloatArray, FloatArray]], fit: Any) -> float:
     """Mean log density of each event under a fit without its fold.
 
-    folds: the other events and its own, of each.
+    folds: for each, the events outside it, and those in it.
     fit: takes events, gives a function for the log density at points.
     """
     return float(np.concatenate([fit(train)(test) for train, test in folds]).mean())

@@ -10,8 +10,8 @@ from sumo_eval.scenario.logical import Counterpart
 
 
 def matching_events(events: Events, scenario: str, recorded: Counterpart) -> pd.DataFrame:
-    """The events that correspond to a scenario, its parameters as columns of that name, complete
-    ones only.
+    """The complete events that correspond to a scenario, with a column for each parameter, under
+    its name.
 
     scenario: its name, for errors.
 

@@ -152,7 +152,7 @@ def write_csv(recordings: Recordings, path: Path) -> None:
     """Write a canonical table as CSV (or .csv.gz); the file appears whole or not at all."""
     with writing(f"The recordings in {path}"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        # in a temporary folder: a temporary file could be read by its owner alone, once moved, too
+        # in a temporary folder: a temporary file stays readable by its owner alone, even when moved
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
             partial = Path(folder) / path.name
             each_text(recordings.table.round(_DECIMALS), cell).to_csv(partial, index=False)

@@ -1,4 +1,4 @@
-"""Skilled human drivers as controllers: synthetic ones, whose drives the ADS's are compared with.
+"""Skilled synthetic drivers as controllers; drives of ADSs are compared with theirs.
 
 `human_controller` makes one for a case; the loop of `cosim` runs the kernels.
 """
@@ -280,8 +280,8 @@ class SyntheticDriver(Compiled):
         """
         count, step = len(together), scenario["step"][0]
         longest = max(it.driver.reaction_time for it in together)
-        # The longest reaction time is one before an alert. A look at each step within it and at its
-        # ends is kept, with two more in reserve.
+        # The longest reaction time is the one without an alert. Looks are kept at each step within
+        # it and at its ends, and two in reserve.
         mind = Mind(
             np.zeros((count, others, math.ceil(longest / step) + 3), LOOK),
             np.zeros((count, others), LOOKS),

@@ -74,8 +74,8 @@ LANE_OFFSET_BOUND = 0.45  # m
 AS_RECORDED = PopulationSettings()
 """As the recorded drivers: 77.1 % of those who come up to a slower lead in the right lane
 overtake it, and lane changes last 1.1 times as long as they are drawn below. Without that factor
-they would be a tenth too quick, where they are measured in drives as the recorded ones are. It was
-chosen on each half of the recording and holds on the other (docs/explanation/drivers.md).
+they would be a tenth too quick when measured in drives, as the recorded ones are. It was chosen on
+each half of the recording and holds on the other (docs/explanation/drivers.md).
 """
 
 ONSET_HEADWAY = LogNormal(0.866, 0.395, 1.0, 5.5)  # s, headway at which recorded lane changes begin
@@ -84,8 +84,8 @@ HEADWAY_LIMIT = LogNormal(0.680, 0.317, 0.98, 3.88)  # s
 TTC_LIMIT = LogNormal(2.366, 0.433, 4.27, 27.6)  # s
 """Limits of headway and TTC: a driver begins to pass below the first of the two.
 
-With these limits (those of maximum likelihood) drives begin to pass where recorded ones do. The two
-above are where recorded drivers begin; as limits they would make every driver begin too early.
+With these limits (those of maximum likelihood) drives begin to pass where recorded ones do. The
+`ONSET` values are where recorded drivers begin; as limits they would make all begin too early.
 """
 LANE_CHANGE_10_90 = LogNormal(1.628, 0.193, 3.3, 8.0)  # s, from 10 % to 90 % of the offset
 

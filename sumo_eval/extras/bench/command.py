@@ -9,7 +9,7 @@ import click
 from sumo_eval.cli.options import flag
 from sumo_eval.cli.sentences import tell
 
-# as `sumo_eval.extras.bench.costs.benchmark`, which is slow to import, has them
+# parts of `sumo_eval.extras.bench.costs.benchmark`, repeated: its import is slow
 PARTS = ("co-simulation", "field and D", "zones")
 
 

@@ -1,7 +1,7 @@
 """Costs on this machine, for `sumo-eval bench`: bare libsumo, the harness, the field, D, zones.
 
-Costs are processor time, not wall time, so that other programs disturb little. What is compared is
-measured once in each of several rounds, and the least cost counts. On other machines only the
+Costs are processor time, not wall time, so that other programs disturb little. Everything compared
+is measured once in each of several rounds, and the least cost counts. On other machines only the
 ratios hold.
 """
 

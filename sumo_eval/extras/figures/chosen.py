@@ -77,7 +77,7 @@ class FigureRequest(NamedTuple):
 
     @property
     def one_scenario(self) -> str:
-        """Name of the scenario for a figure that shows one: `place`, else the run's first."""
+        """Scenario of a figure that shows one: `chosen_scenario`, else the run's first."""
         return self.chosen_scenario or self.evaluation.zones[0].scenario
 
     @property

@@ -69,7 +69,7 @@ def refuse_without_matplotlib() -> None:
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Give all that is drawn within the appearance of `_SETTINGS`.
+    """Context that gives figures drawn in it the appearance of `_SETTINGS`.
 
     Raises InputError if matplotlib is not installed.
     """

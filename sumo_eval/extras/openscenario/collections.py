@@ -1,6 +1,6 @@
 """Public catalogues of OpenSCENARIO files: where they are in the user's own copy.
 
-`scenario.formats` makes entries of an evaluation of them (`entries_of`, through `format.py`), and
+`scenario.formats` turns them into entries of an evaluation (`entries_of`, through `format.py`), and
 the command `sumo-eval import` lists their files.
 """
 

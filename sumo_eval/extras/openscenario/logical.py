@@ -50,7 +50,7 @@ _LONGEST = 60.0  # s that a case lasts where no stop of the file is by time
 _SEARCHED = 3  # parameters of a space in which zones are searched, at most
 _ROUND = 10.0  # m: a road's end is a multiple of it
 _ALONG = 0.5  # cosine of the largest angle to the road at which an actor still drives along it
-# m that the ego's front is before the road's end when the case ends: at the end SUMO takes it out
+# m from the ego's front to the road's end when the case ends: at the end SUMO removes the ego
 _BEFORE_END = 5.0
 _OPTIONS = (
     Option("ego", "name", "the entity that the ADS drives (default: `Ego`, the only one with a "
@@ -408,7 +408,7 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
         samples=samples,
         default_sample=samples[0].name if samples else "grid",
         options=_OPTIONS,
-        # the synthetic drivers know leads alone, none that moves across
+        # synthetic drivers react to leads alone, not to an actor that moves across the road
         has_drivers=not any(
             _moves(actor) and math.cos(actor.heading) < _ALONG
             for _, case in scenes
@@ -442,6 +442,7 @@ def _parameter(axis: Axis, space: FileSpace) -> Parameter:
     about, others = f"of {space.file.name}", [name for name in axis.names if name != axis.name]
     if others:
         about += f", with {', '.join(others)}"
+    # where the axis has other numbers than the parameter, list what they stand for
     if any(dict(row)[axis.name] != value for value, row in axis.choices):
         listed = (
             f"{value:g}: " + ", ".join(f"{it}" for _, it in row) for value, row in axis.choices[:12]

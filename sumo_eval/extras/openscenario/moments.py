@@ -356,7 +356,7 @@ class Conditions:
             raise triggering.fault("it must name an entity")
         condition = element.child("EntityCondition").only()
         truths = [self._of_entity(condition, self.places.entity(it, triggering)) for it in names]
-        # all hold, or one fails; or one holds, or all fail
+        # if all must hold, it fails as soon as one does; if any may hold, it fails when all do
         op, opposite = (played.AND, played.OR) if every else (played.OR, played.AND)
         holds = _joined([it.holds for it in truths], op)
         fails = _joined([it.fails for it in truths], opposite)
@@ -393,6 +393,7 @@ class Conditions:
         if rule not in ("lessThan", "lessOrEqual", "greaterThan", "greaterOrEqual"):
             raise element.fault(f"`{rule}` between numbers of the drive is not supported")
         sides = (number.program, constant(limit).program)
+        # it holds where low < high, or low <= high; it fails where the reverse comparison is true
         low, high = sides if rule.startswith("less") else sides[::-1]
         strict, equal = operation(played.BELOW), operation(played.AT_MOST)
         first, second = (strict, equal) if rule.endswith("Than") else (equal, strict)
@@ -446,7 +447,7 @@ class Conditions:
         apart, free = abs(self._ahead(element, one, other, axis)), element.flag("freespace")
         bodies = constant(_half(one, axis) + _half(other, axis))
         if free and axis == played.X and isinstance(other, Entity):
-            # GAP takes the bodies as they point at that time; the larger one is that to the front
+            # GAP takes the bodies' headings at that time; the larger of both gaps is that in front
             a, b = self._number(one, element), self._number(other, element)
             gaps = (played.GAP, a, b, 0.0), (played.GAP, b, a, 0.0), operation(played.LARGER)
             apart = DriveNumber(gaps, apart.start - bodies.start)
@@ -508,7 +509,7 @@ class Conditions:
     def _along(self, element: Node, body: Entity, direction: str) -> DriveNumber:
         """The speed of a body along the road, m/s.
 
-        direction: the attribute that must ask for that direction.
+        direction: name of the attribute, which must be `longitudinal` or missing.
         """
         got = element.text(direction, "longitudinal")
         if got != "longitudinal":

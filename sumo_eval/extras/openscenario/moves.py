@@ -3,13 +3,13 @@ of the file.
 
 Readings, where the standard leaves a choice or this package supports less:
 
-- A speed relative to the ego's is relative to the ego's first speed, a lane or an offset relative
-  to the ego's to its first place: where an ADS will be is unknown before the drive.
+- What is relative to the ego is relative to its start, a speed to its first speed, a lane or an
+  offset to its first place: where an ADS will be is unknown before the drive.
 - SynchronizeAction is planned once, when it begins, for a master that keeps its speed
   (`synchronized`).
 - `sinusoidal` by `rate` has that peak lateral speed, by `maxLateralAcc` that peak lateral
   acceleration.
-- A `rate` is a size; the target gives the direction.
+- The sign of a `rate` is ignored; the target gives the direction.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ _DIMENSIONS = ("rate", "time", "distance")
 _SHAPES = ("linear", "step", "cubic", "sinusoidal")
 # kinds of acts that change a speed, and of those that move across
 _SPEEDS, _ACROSS = (played.SPEED, played.BY_TIME, played.MATCH), (played.COSINE, played.CONSTANT)
-# stands for a planned move that became no act: the ego has no moves, so no condition names it
+# in place of a move that became no act: the ego has no acts, so no condition can name it
 _NO_MOVE = played.EGO, 0
 _SHARES = np.arange(1, 33) / 32  # knots of a curved change of speed, as shares of its time
-_THERE = 0.05  # m and m/s: at less from a distance and from a speed, both are reached
+_THERE = 0.05  # m and m/s: a distance and a speed within this count as reached
 _MOST = 1e3  # m/s or m/s2: a limit that never acts, where the file has none
 _STEADY = "over the distance of a lateral move the speed must stay the same, above 0 m/s"
 
@@ -72,18 +72,19 @@ def synchronized(distance: float, time: float, speed: float, final: float, stead
         raise InputError(f"a final speed above 0 m/s is needed, got {final:g}")
     ahead, rest = distance - steady, time - steady / final
     only_steady = rest <= AT_ONCE or ahead <= ON  # only the steady part is left
+    # too short for the steady part, or what is left before it is too much to be skipped
     if ahead < -ON or rest < -SAME or (only_steady and max(ahead, speed * rest) > _THERE):
         raise InputError(
             f"{distance:.2f} m in {time:.2f} s leave no room for {steady:g} m at {final:g} m/s"
         )
     if only_steady:
-        step = (max(rest, 0.0) + AT_ONCE, final)
+        step = (max(rest, 0.0) + AT_ONCE, final)  # a jump to the final speed
         return ((rest, speed), step) if rest > 0.0 else (step,)
     mean = ahead / rest
     if abs(mean - final) <= SAME and abs(mean - speed) <= SAME:
         return ((rest, final),)
     if min(speed, final) + SAME < mean < max(speed, final) - SAME:
-        # one change, of `ramp` s. The mean speed is nearer to the first speed: it keeps that first
+        # one change, of `ramp` s: last if the mean speed is nearer to the first speed, else first
         if abs(mean - speed) < abs(mean - final):
             ramp = 2.0 * (ahead - speed * rest) / (final - speed)
             return _knots((rest - ramp, speed), (rest, final))
@@ -113,7 +114,7 @@ def _knots(*knots: tuple[float, float]) -> Pairs:
 
 
 def changes_nothing(act: Act) -> bool:
-    """Whether a move only keeps a speed, or remembers that a condition held (`latch`)."""
+    """Whether a move only keeps a speed, or moves by 0 m to remember that a condition held."""
     return act.kind == played.KEEP or (act.kind == played.COSINE and act.offset == 0.0)
 
 
@@ -129,7 +130,7 @@ class Moves:
     """Actions of a file made acts.
 
     ego: the entity that the ADS drives.
-    actors: by number.
+    actors: an actor's number is its index.
     """
 
     places: Places
@@ -138,7 +139,7 @@ class Moves:
     actors: list[Entity]
 
     def begin(self, element: Node, entity: Entity, moment: Moment) -> Span:
-        """Give an entity the act of an action; from when to when the action lasts."""
+        """Give an entity the act of an action; return when the action begins and ends."""
         if entity.deleted:
             return Span(moment, moment.time)
         if element.tag in ("LongitudinalAction", "LateralAction", "RoutingAction"):
@@ -150,8 +151,8 @@ class Moves:
         }  # fmt: skip
         move = entity.next_move
         span = element.chosen(known, "moves")(element, entity, moment)
-        # The action became no act, so a later act gets its number. Plans of actors that depend on
-        # this move (`it[3]` of `reads`) must not take that later act for it.
+        # The action became no act, so the next act gets its number. Plans of others that name this
+        # move (the last item of a row of `reads`) must name none, or they would mean that act.
         if entity.next_move == move:
             for other in self.places.entities.values():
                 if other is not entity:
@@ -161,7 +162,7 @@ class Moves:
         return span
 
     def _read(self, target: Node, mover: Entity, begin: Moment, kinds: tuple[int, ...]) -> Entity:
-        """The entity to which a move is relative.
+        """The entity to which a move is relative; notes that the move depends on it (`_plan`).
 
         kinds: kinds of that entity's moves on which the new move depends. Such moves further down
             in the file must not begin before the new one (`_plan`).
@@ -176,10 +177,10 @@ class Moves:
     def _plan(
         self, entity: Entity, begin: Moment, kinds: tuple[int, ...], element: Node, move: Move
     ) -> None:
-        """Note that a move was planned from the acts of some kinds that an entity has so far.
+        """Note that a move was planned from an entity's acts so far, of these kinds.
 
-        begin: of that move: `_add` refuses further acts of these kinds that may begin before.
-        element: names the fault.
+        begin: when the move begins: `_add` refuses later acts of these kinds that may begin before.
+        element: where a fault is reported.
         move: the planned move.
         """
         fault = element.fault(
@@ -189,13 +190,14 @@ class Moves:
         entity.reads.append((begin.time if begin.known else math.inf, kinds, fault, move))
 
     def _add(self, entity: Entity, begin: Moment, act: Act, lasts: float) -> Span:
-        """Add an act and return its span. Raises a fault if a move above it in the file was planned
-        without this act, which may begin before that move.
+        """Add an act and return its span. Raises a fault if the act may begin before a move that is
+        above it in the file and was planned without it.
 
-        lasts: duration, s, if it begins at a time.
+        lasts: duration, s; not used where it begins by a condition.
         """
         earliest, past = self._implied(begin)
         for until, kinds, fault, move in entity.reads:
+            # a plan of this act does not count, nor one whose move has ended when this act begins
             planned = act.kind in kinds and move not in (*past, entity.next_move)
             if planned and earliest < until and not changes_nothing(act):
                 raise fault
@@ -210,7 +212,7 @@ class Moves:
         """
         past = set[Fact]({0.0})
         programs = [begin.program]
-        # the list grows: where a move `it` has ended, the condition of its begin held, too
+        # the list grows in the loop: a move `it` that has ended has begun, so its condition held
         for program in programs:
             new = implied(program) - past
             programs += (
@@ -220,10 +222,11 @@ class Moves:
         return begin.time + max(it for it in past if isinstance(it, float)), past
 
     def follows(self, begin: Moment, span: Span) -> bool:
-        """Whether a moment cannot come before an element has ended."""
+        """Whether a moment certainly comes at or after the end of an element."""
         earliest, past = self._implied(begin)
         if span.begin.known:
             return span.end - SAME <= earliest
+        # what holds at the element's end must hold at the moment, too
         _, ends = self._implied(Moment(0.0, span.ended))
         return earliest == NEVER or (bool(span.ended) and ends <= past)
 
@@ -239,6 +242,7 @@ class Moves:
             entity.pace, value = speed, target.number("value")
             factor, added = (value, 0.0) if _by_factor(target) else (1.0, value)
             number = float(self.places.referred(target).number)
+            # as in `_distance`: 0 keeps a speed alone, so there is no position
             return self._relative(entity, begin, (number, factor), (added, 0.0), (0.0, 0.0))
         shape = dynamics.one_of("dynamicsShape", _SHAPES)
         # During an earlier change, the speed lies between its ends: assume the end from which this
@@ -251,12 +255,12 @@ class Moves:
             if self._unsure(other, begin, _SPEEDS) or _changes(other, begin):
                 raise target.fault(f"the speed of `{other.name}` when this begins is unknown")
         unsure = self._unsure(entity, begin, _SPEEDS)
-        # it has the speed: no act, but that must stay true (`_plan`)
+        # it has the speed already: no act, but no later act may change that (`_plan`)
         if change <= SAME and begin.known and not unsure:
             self._plan(entity, begin, _SPEEDS, dynamics, _NO_MOVE)
             return Span(begin, begin.time)
-        # it has the speed now, but an event further down in the file may change that before it
-        # begins by its condition
+        # the speed at the begin is unknown: this begins by a condition, and an event further down
+        # in the file may change the speed before
         if unsure or change <= SAME:
             return self._from_any_speed(dynamics, entity, begin, speed)
         step = is_step(dynamics)
@@ -275,7 +279,7 @@ class Moves:
             act = Act(played.BY_TIME, table=tuple(map(tuple, table)))
         entity.before, entity.pace = first, speed
         entity.steady = begin.time + lasts if begin.known else 0.0
-        # only a step and a linear change by rate hold for any speed at which they begin
+        # all but a step and a linear change by rate depend on the speed at which they begin
         if not step and (shape, dynamics.text("dynamicsDimension")) != ("linear", "rate"):
             self._plan(entity, begin, _SPEEDS, dynamics, entity.next_move)
         return self._add(entity, begin, act, lasts)
@@ -283,7 +287,7 @@ class Moves:
     def _unsure(self, entity: Entity, begin: Moment, kinds: tuple[int, ...]) -> Move | None:
         """The last earlier move of some kinds, if it may not have ended when another begins.
 
-        With times alone it has: `busy_until` and `steady` say when such moves end.
+        None where all begin at times: `busy_until` and `steady` say when such moves end.
         """
         earlier = [k for k, act in enumerate(entity.acts)
                    if act.kind in kinds and not changes_nothing(act)]  # fmt: skip
@@ -307,6 +311,7 @@ class Moves:
                 return Span(begin, NEVER)
             act = Act(played.SPEED, speed=speed, acceleration=rate)
         entity.pace = speed
+        # unlike the span of `_add`: ends by a condition even where it begins at a time
         self._add(entity, begin, act, NEVER)
         return Span(begin, NEVER, entity.ended())
 
@@ -322,7 +327,7 @@ class Moves:
         if kind == "rate":
             return abs(dynamics.number("value")) / _PEAKS[shape]
         change, value = abs(speed - entity.pace), dynamics.above_zero("value")
-        # over a distance: in every shape the mean speed is halfway
+        # over a distance: every shape is symmetric, so the mean speed is halfway
         return change / value * (1.0 if kind == "time" else 0.5 * (speed + entity.pace))
 
     def _relative(self, entity: Entity, begin: Moment, *table: tuple[float, float]) -> Span:
@@ -335,7 +340,7 @@ class Moves:
                 "a speed relative to another's is not supported of an oncoming vehicle on a curve"
             )
         span = self._add(entity, begin, Act(played.MATCH, table=table), NEVER)
-        # only acts with a condition are looked at after every step, so a time becomes one
+        # only acts with a condition are looked at after every step, so a time becomes a condition
         if begin.known:
             entity.acts[-1] = entity.acts[-1]._replace(begin=0.0, program=from_time(begin.time))
         return span
@@ -345,7 +350,7 @@ class Moves:
     def place_apart(self, element: Node, entity: Entity) -> None:
         """Put an entity at the distance of a LongitudinalDistanceAction at the start."""
         other, apart, gap = self._apart(element, entity)
-        # the time gap counts at the speed of the one behind; m over the ground, ahead
+        # m over the ground, ahead: the time gap at the speed of the one behind
         further = -gap * (other.speed if gap < 0.0 else entity.speed)
         x = other.frame.x + (apart + further / self.frame.ground(other.frame))
         entity.frame = entity.frame._replace(x=x)
@@ -353,9 +358,9 @@ class Moves:
     def _apart(self, element: Node, entity: Entity) -> tuple[Entity, float, float]:
         """The other entity of a LongitudinalDistanceAction, and where the entity must be.
 
-        Returns that entity; how far ahead of it the centre must be without a time gap, m along the
-        road's line; and the time gap, s, as in `played.PLAY` under `match`: below 0 where the
-        centre must be ahead.
+        Returns that entity; how far ahead of it the centre must be, m along the road's line; and
+        the time gap by which the centre must be behind it, s (`played.PLAY` under `match`). Both
+        may be below 0.
         """
         other = self.places.referred(element)
         if entity.on_map or other.on_map:
@@ -367,6 +372,7 @@ class Moves:
         free = element.flag("freespace")
         if free:
             apart += 0.5 * (entity.length + other.length)
+        # without `freespace` the distance is between reference points, not centres
         apart = (apart if ahead else -apart) + (0.0 if free else entity.centre - other.centre)
         gap = element.not_negative("timeGap", 0.0) * (-1.0 if ahead else 1.0)
         return other, apart / self.frame.ground(other.frame), gap
@@ -384,18 +390,17 @@ class Moves:
         other, apart, gap = self._apart(element, entity)
         if other is not self.ego:
             entity.pace = other.pace
-        # as in `played.PLAY` under `match`: whom it follows, factor 1; no speed added, what it
-        # keeps (1: a position, 2: within limits); the position
+        # pairs of `played.PLAY` under `match`: (whom it follows, factor), (speed added, what it
+        # keeps: 1 a position, 2 one within limits), (distance, time gap)
         keeps = (float(other.number), 1.0), (0.0, 1.0 if limits is None else 2.0), (apart, gap)
         if limits is None:
             return self._relative(entity, begin, *keeps)
         for name in ("maxAccelerationRate", "maxDecelerationRate"):
             if limits.get(name) is not None:
                 raise limits.fault(f"`{name}` is not supported")
-        fastest, *rates = (
-            limits.number(f"max{it}", _MOST) for it in ("Speed", "Acceleration", "Deceleration")
-        )
-        span = self._relative(entity, begin, *keeps, (rates[0], rates[1]), (fastest, 0.0))
+        fastest = limits.number("maxSpeed", _MOST)
+        rates = limits.number("maxAcceleration", _MOST), limits.number("maxDeceleration", _MOST)
+        span = self._relative(entity, begin, *keeps, rates, (fastest, 0.0))
         return self._until_there(entity, other, begin, apart, gap) if once else span
 
     def _until_there(
@@ -407,7 +412,7 @@ class Moves:
         apart, gap: as in `_apart`.
         """
         own, target_number = entity.number, other.number
-        # a move that changes nothing remembers that the action has begun
+        # a condition can read an act's end only: a move by 0 m shows that the action has begun
         self._add(entity, begin, Act(played.COSINE, 0.0, AT_ONCE), 0.0)
         follows = entity.ended()
 
@@ -428,7 +433,7 @@ class Moves:
         target = element.child("LaneChangeTarget").only()
         if target.tag == "RelativeTargetLane":
             other = self._read(target, entity, begin, _ACROSS)
-            # the lanes count to the left of where that entity drives
+            # `value` counts to the left as seen by that entity
             lanes = target.whole("value") * (other.placed().way or 1)
             lane = self.places.lane_beside(*self._lane_now(other, target), lanes, target)
         elif target.tag == "AbsoluteTargetLane":
@@ -442,7 +447,7 @@ class Moves:
         offset = self._y(t, element, entity) - entity.frame.y
         dynamics = element.child("LaneChangeActionDynamics")
         shape = self._shape(dynamics, "lateral move", *_PEAKS)
-        value = dynamics.above_zero("value")
+        value = dynamics.above_zero("value")  # m/s, s or m; made s below
         kind = dynamics.one_of("dynamicsDimension", _DIMENSIONS)
         if kind == "rate":
             value = abs(offset - entity.moved) / value * _PEAKS[shape]
@@ -486,8 +491,8 @@ class Moves:
         return shape
 
     def _lane_now(self, other: Entity, element: Node) -> tuple[MapRoad, Lane]:
-        """Road and lane of an entity when a move that is relative to it begins: of the mover itself
-        after its own lateral moves, of the ego where it starts.
+        """Road and lane of an entity when a move relative to it begins: of the mover itself, after
+        its lateral moves so far; of the ego, where it starts.
         """
         spot = other.placed()
         road, lane = spot.in_lane(element)
@@ -499,7 +504,7 @@ class Moves:
         return road, now
 
     def _y(self, t: float, element: Node, entity: Entity) -> float:
-        """y of a place t m left of the reference line of the ego's road."""
+        """y of a place `t` m to the left of the reference line of the ego's road."""
         road = entity.placed().road
         if road is None or road.name != self.frame.road:
             raise element.fault("a lateral move is supported on the ego's road only")
@@ -530,7 +535,7 @@ class Moves:
             offset = -offset
         entity.moved = to
         entity.busy_until = begin.time + lasts if begin.known else 0.0
-        act = Act(played.COSINE, 0.0, lasts, 0.0, offset)
+        act = Act(played.COSINE, 0.0, lasts, 0.0, offset)  # begin, duration, speed, offset
         if shape == "linear":
             act = Act(played.CONSTANT, 0.0, lasts, abs(offset) / lasts, offset)
         return self._add(entity, begin, act, lasts)
@@ -551,7 +556,7 @@ class Moves:
                 "a curved trajectory, or any on a curved road, is supported from the start, or of "
                 "a standing entity"
             )
-        # 2. its path: a straight one gives a heading; along any other the body's centre goes
+        # 2. its path: a straight one only gives a heading; any other the body's centre follows
         if straight:
             entity.path = pose[:2], course.points[-1]
         else:
@@ -575,7 +580,7 @@ class Moves:
         if not (lasts > 0.0).all():
             raise element.fault("the times of its trajectory must ascend")
         speeds = np.hypot(*np.diff(course.points, axis=0).T) / lasts
-        # the speed of a stretch from just after its begin to its end: steps between stretches
+        # a stretch has one speed, from just after its begin to its end
         at = np.column_stack([times[:-1] + AT_ONCE, times[1:]]).ravel().tolist()
         knots = tuple(zip(at, np.repeat(speeds, 2).tolist(), strict=True))
         entity.pace = knots[-1][1]
@@ -595,11 +600,11 @@ class Moves:
             self.places.spot(element.child("TargetPositionMaster")).pose,
             master.placed().pose,
         )
-        way = goal.seen_from(start).x
+        distance = goal.seen_from(start).x
         if self.frame.turns:  # along the path on which it turns
             at = in_frame(goal, self.frame.origin, self.frame.line)
-            way = at.x - start.seen_from(self.frame.origin).x
-        arrives = way / master.speed - begin.time
+            distance = at.x - start.seen_from(self.frame.origin).x
+        arrives = distance / master.speed - begin.time
         final, steady = self._final_speed(element, master, entity)
         target = self.places.spot(element.child("TargetPosition")).pose
         pose = entity.placed().pose._replace(heading=entity.heading)
@@ -627,16 +632,16 @@ class Moves:
             final = master.speed * final if _by_factor(kind) else master.speed + final
         elif kind.tag != "AbsoluteSpeed":
             raise kind.unsupported()
-        rest = kind.find("*")
-        if rest is None:
+        steady = kind.find("*")
+        if steady is None:
             return final, 0.0
-        if rest.tag == "TargetTimeSteadyState":
-            return final, rest.not_negative("time") * final
-        return final, rest.not_negative("distance")
+        if steady.tag == "TargetTimeSteadyState":
+            return final, steady.not_negative("time") * final
+        return final, steady.not_negative("distance")
 
 
 def _changes(entity: Entity, begin: Moment) -> bool:
-    """Whether an earlier change of speed by time is under way when a move begins."""
+    """Whether an earlier change of speed, begun at a time, still lasts when a move begins."""
     return begin.known and begin.time < entity.steady - SAME
 
 

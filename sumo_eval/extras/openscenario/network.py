@@ -197,8 +197,8 @@ def _road(element: Node, name: str) -> MapRoad:
         raise element.fault(f"it must have one <laneSection>, got {len(sections)}")
     heights, tilts = (cubics_of(element.all(it), "s", Node.number) for it in PROFILES)
     level = constant(heights, length) and constant([(0.0, 0.0), *tilts], length)
-    # with left-hand traffic too vehicles are in the lanes of the file, but the report must say so:
-    # an ADS here overtakes on the left
+    # vehicles are in the file's lanes with left-hand traffic, too, but the report must say so: an
+    # ADS here overtakes on the left
     kinds = {
         "elevation": not level,
         "left-hand traffic": element.get("rule") == "LHT",

@@ -61,7 +61,7 @@ _CHANGES: list[Path] = []
 
 
 def depends_on(path: Path) -> int:
-    """Note that scenes depend on a file or folder; the time of its last change (`changed_at`)."""
+    """Record that scenes depend on a file or folder; return its time of change (`changed_at`)."""
     now = changed_at(path)
     if _DEPENDS_ON.setdefault(path, now) != now:
         _DEPENDS_ON[path] = now
@@ -120,12 +120,12 @@ class Node:
         return InputError(f"{self.where}: {text}{'' if text.endswith('?') else '.'}")
 
     def unsupported(self, but: str = "") -> InputError:
-        """The message that it is not supported, but others are: `moves that are: SpeedAction`."""
+        """The error that it is not supported; but: what is, as `moves that are: SpeedAction`."""
         rest = f": {but}" if but else ""
         return self.fault(f"this is not supported{rest}, and nothing is guessed instead")
 
     def chosen(self, known: Mapping[str, Choice], what: str) -> Choice:
-        """The entry of `known` for its kind; refused without one, with the kinds of `what`."""
+        """The entry of `known` for its kind; else refused, naming the known kinds of `what`."""
         if self.tag not in known:
             raise self.unsupported(f"{what} that are: {', '.join(known)}")
         return known[self.tag]

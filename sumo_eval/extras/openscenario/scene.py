@@ -64,7 +64,7 @@ class FileOptions(NamedTuple):
 
     ego: the entity that the ADS drives; empty: `Ego`, else the only one with a controller, else the
         only one.
-    map: the OpenDRIVE file instead of the one that the file names; empty: the file's.
+    map: the OpenDRIVE file; empty: the one that the scenario file names.
     """
 
     ego: str = ""
@@ -125,12 +125,13 @@ def _awaited(root: Node) -> set[str]:
     names: set[str] = set()
     for state in root.element.iter("StoryboardElementStateCondition"):
         name = str(state.get("storyboardElementRef")).rpartition("::")[2]
-        # the event or act that waits; none in a stop of the whole storyboard
+        # the innermost event or act around it, which waits; none in a stop of the storyboard
         for holder in islice(state.iterancestors("Event", "Act"), 1):
             if _kinds(Node(holder)) or holder.find("ManeuverGroup/CatalogReference") is not None:
                 names.add(name)
             waits.append((name, _names_around(holder)))
-    for _ in waits:  # a chain has at most as many links as there are conditions
+    # what an awaited element waits for is awaited too; a chain has at most one link a condition
+    for _ in waits:
         names |= {name for name, around in waits if around & names}
     return names
 
@@ -141,7 +142,7 @@ def _names_around(element: Any) -> set[str]:
 
 
 def distinct(names: Iterable[str], *taken: str) -> list[str]:
-    """Names with a `_` behind those that stand before or are taken."""
+    """The names, each with `_` appended until it differs from earlier and taken names."""
     known = [*taken]
     for name in names:
         while name in known:
@@ -157,7 +158,7 @@ def _deletes(action: Node) -> bool:
 def _along_line(act: Act, ground: float) -> Act:
     """A move with its speeds along the road's line.
 
-    ground: m over the ground for a metre along that line.
+    ground: m that the actor drives for each metre along that line.
     """
     if act.kind == played.SPEED:
         return act._replace(speed=act.speed / ground, acceleration=act.acceleration / ground)
@@ -167,7 +168,7 @@ def _along_line(act: Act, ground: float) -> Act:
 
 
 def _map_of(root: Node, other: str) -> Path:
-    """The OpenDRIVE file that the user names by `other`, or else the scenario file."""
+    """The OpenDRIVE file: `other`, from the user, or if empty, the one in the scenario file."""
     if other:
         path = root.file.parent / other
         if not path.is_file():
@@ -191,7 +192,8 @@ class _Player:
     distances: LongitudinalDistanceActions of Init; they place an entity once the road is known.
     begun: actions of Init that are moves from 0 s on, with their entities.
     ends: time of the first stop by time, s.
-    route_end, turning: end of the ego's route or trajectory; that trajectory if it turns.
+    route_end: end of the ego's route or trajectory; None: it has neither.
+    turning: the ego's trajectory if it turns, else None.
     """
 
     def __init__(self, root: Node, given: Mapping[str, Value], options: FileOptions) -> None:
@@ -253,7 +255,7 @@ class _Player:
         roads = [entity.placed().road for entity in entities.values()]
         self.ignored |= dict.fromkeys(kind for road in roads if road for kind in road.left_out)
         self.frame = frame_of(self.ego, self.places.network, self.turning, self.route_end)
-        self.actors: list[Entity] = []
+        self.actors: list[Entity] = []  # filled in step 3; `moves` and `conditions` share the list
         self.moves = Moves(self.places, self.frame, self.ego, self.actors)
         for entity in entities.values():
             road = entity.placed().road
@@ -315,13 +317,13 @@ class _Player:
                 waiting += [(action.only(), entity) for action in part.all("PrivateAction")]
             else:
                 raise part.unsupported()
-        for element, entity in waiting:
+        for element, entity in waiting:  # `waits`: number of its speed actions still to do
             entity.waits += element.find("SpeedAction") is not None
         while waiting:
             waiting = self._resolved(waiting)
 
     def _resolved(self, waiting: list[tuple[Node, Entity]]) -> list[tuple[Node, Entity]]:
-        """Do those actions of Init that depend on no other one that waits; returns the rest.
+        """Do the actions of Init that depend on no waiting one; return the rest.
 
         Actions of different entities have no order between them.
         """
@@ -371,7 +373,7 @@ class _Player:
             raise element.unsupported()
 
     def _speed_at_start(self, element: Node, entity: Entity) -> None:
-        """A first speed; one that is reached in time, or kept relative, is a move from 0 s on."""
+        """Set a first speed; a gradual change to it, or a relative one kept, is a move from 0 s."""
         entity.waits -= 1  # a speed relative to the entity itself does not wait for this action
         try:
             speed = target_speed(element, self.places)
@@ -439,7 +441,7 @@ class _Player:
         stop = act.find("StopTrigger")
         if stop is None or stop.find("ConditionGroup") is None:
             return
-        if before == [len(entity.acts) for entity in self.actors]:
+        if before == [len(entity.acts) for entity in self.actors]:  # it has no moves to stop
             self._ignore(stop)
             return
         at = self.conditions.moment(stop, Moment(0.0))
@@ -451,10 +453,10 @@ class _Player:
     def _stopped(self, stop: Node, at: Moment, before: list[int]) -> None:
         """Let a condition stop an act: further moves do not begin, speeds stay as they are.
 
-        at: the condition.
+        at: when the condition holds.
         before: for each actor, how many moves it had before the act.
         """
-        # "the condition has held" is 0 or 1, and the stop is still to come where it is below 0.5
+        # appended to a move's condition, in postfix: and "the condition has held", 0 or 1, < 0.5
         stays = *self.conditions.latch(at.program, 0.0), (played.VALUE, 0, 0, 0.5)
         rest = (*stays, operation(played.BELOW), operation(played.AND))
         for entity, count in zip(self.actors, before, strict=True):
@@ -500,11 +502,13 @@ class _Player:
         """
         priority = event.text("priority")
         skips, kinds, others = priority == "skip", _kinds(event), _kinds(other)
+        # supported: parallel events, and to overwrite a move by one of the same kinds
         if not (kinds and others) or (not skips and (priority == "parallel" or kinds == others)):
             return
-        # of two changes of speed with a condition, the later act ends the earlier one here too
-        meets = skips or "LateralAction" in others or (span.begin.known and running.begin.known)
-        if meets and not (
+        # two speed changes, one with a condition, may overlap: the later ends the earlier here too
+        apart = skips or "LateralAction" in others or (span.begin.known and running.begin.known)
+        # required of these: the other event begins later, or ends before this one begins
+        if apart and not (
             self.moves.follows(running.begin, replace(span, end=span.begin.time))
             or self.moves.follows(span.begin, running)
         ):
@@ -514,7 +518,7 @@ class _Player:
             )
 
     def _event(self, event: Node, names: list[str], begin: Moment) -> Span:
-        """From when to when an event runs, after its actions were made moves.
+        """Make moves of an event's actions; return when it runs.
 
         Without an action that has a meaning here, and without a condition that waits for it, it
         counts as done at `begin`: its own trigger is not read.
@@ -546,7 +550,7 @@ class _Player:
         return span
 
     def _idle(self, action: Node, names: list[str]) -> bool:
-        """Whether an action has no meaning here, which is noted; refused if it moves the ego."""
+        """Whether an action has no meaning here; if so, note it. Refuses a move of the ego."""
         if action.tag == "UserDefinedAction":
             self._ignore(action)
             return True
@@ -577,19 +581,19 @@ class _Player:
                 "it must not drive along a curved road that is not the ego's"
             )
         heading = 0.0 if abs(frame.heading) < 1e-6 else frame.heading
-        across = self.frame.pose_on_map(entity) if entity.on_map else None
-        ground = 1.0 if across is not None else self.frame.ground(frame)
+        map_pose = self.frame.pose_on_map(entity) if entity.on_map else None
+        ground = 1.0 if map_pose is not None else self.frame.ground(frame)
         acts = [_along_line(act, ground) for act in acts]
         width = self.frame.lane_width
         on_lanes = -0.5 * width <= frame.y <= width * (self.frame.lanes - 0.5)
         # off the lanes, at an angle or on the map, the script must move it and not SUMO
-        plain = across is None and heading == 0.0 and on_lanes
+        plain = map_pose is None and heading == 0.0 and on_lanes
         if not plain and all(act.timed for act in acts):
             acts.append(keeps_on(acts))
         return Actor(
             name, Start(frame.x, frame.y, entity.speed / ground), tuple(acts), entity.length,
             entity.width, body=entity.body, heading=heading,
-            on_map=None if across is None else (*across,),
+            on_map=None if map_pose is None else (*map_pose,),
         )  # fmt: skip
 
     def _stop(self, trigger: Node | None) -> None:

@@ -33,7 +33,8 @@ Assignments = tuple[tuple[str, Value], ...]
 class Axis:
     """An axis of the space.
 
-    name: one of `names`, the parameters that it sets.
+    name: of the axis, one of `names`.
+    names: the parameters that it sets.
     low, high: its least and its largest value.
     step: of a range, otherwise 1.
     choices: listed values, each with what it sets; empty: a range of values of the parameter.
@@ -51,11 +52,13 @@ class Axis:
     weights: tuple[float, ...] = ()
 
     def assigned(self, value: float) -> Assignments:
-        """The assignments at a value. Between listed values, where only maps of the space look: the
-        value itself if the list has nothing but the parameter's own values, else those of the
-        nearest.
+        """The assignments at a value.
+
+        Maps of the space also ask between listed values: they get the value itself if the list
+        assigns its own values to one parameter, else the assignments of the nearest.
         """
-        if all(sets == ((self.name, listed),) for listed, sets in self.choices):  # or a range
+        # also true for a range, which has no choices
+        if all(sets == ((self.name, listed),) for listed, sets in self.choices):
             return ((self.name, value),)
         return min(self.choices, key=lambda choice: abs(choice[0] - value))[1]
 
@@ -119,10 +122,10 @@ class FileSpace:
         values = {axis.name: axis.values for axis in self.axes}
         rows = values.values()
         points = (
-            (*base[:k], it, *base[k + 1 :])
-            for base in zip(*((row[0], row[-1], row[len(row) // 2]) for row in rows), strict=True)
+            (*centre[:k], value, *centre[k + 1 :])
+            for centre in zip(*((row[0], row[-1], row[len(row) // 2]) for row in rows), strict=True)
             for k, row in enumerate(rows)
-            for it in row
+            for value in row
         )
         return [dict(zip(values, point, strict=True)) for point in dict.fromkeys(points)]
 
@@ -175,6 +178,7 @@ def read_space(path: Path, options: FileOptions) -> FileSpace:
             near = did_you_mean(name, known)
             raise distribution.fault(f"parameter `{name}` is not declared in {file.name}.{near}")
         names.append(name)
+    # `chosen` makes an axis with one value a fixed assignment
     return FileSpace(path.stem, about, file, (), axes, version, options).chosen({})
 
 
@@ -221,9 +225,9 @@ def _together(element: Node) -> Axis:
     # The axis is named by a parameter with a value in each row: best with different numbers, else
     # with different values, else by any. In a row without a value of another parameter, that one
     # keeps the value that the scenario file declares.
-    apart = [name for name in shared if len(set(columns[name])) == len(rows)]
-    numeric = [name for name in apart if all(isinstance(value, float) for value in columns[name])]
-    return _listed(element, (numeric or apart or shared)[0], names, rows)
+    unique = [name for name in shared if len(set(columns[name])) == len(rows)]
+    numeric = [name for name in unique if all(isinstance(value, float) for value in columns[name])]
+    return _listed(element, (numeric or unique or shared)[0], names, rows)
 
 
 def _values(element: Node, name: str, values: Sequence[Value]) -> Axis:
@@ -237,7 +241,7 @@ def _listed(element: Node, name: str, names: tuple[str, ...], rows: Sequence[Ass
         raise element.fault("it must list at least one value")
     pairs = itertools.chain(*rows)
     values = [value for it, value in pairs if it == name and isinstance(value, float)]
-    if len(set(values)) < len(rows):
+    if len(set(values)) < len(rows):  # texts or equal numbers: the index instead
         values = list(map(float, range(len(rows))))
     choices = sorted(zip(values, rows, strict=True))
     return Axis(name, names, choices[0][0], choices[-1][0], 1.0, tuple(choices))
@@ -260,7 +264,7 @@ def _drawn(element: Node) -> Axis:
         for part in kind.all("Element"):
             value = plain(part.attribute("value"))
             weight_of[value] = weight_of.get(value, 0.0) + part.number("weight")
-        weights = weight_of.values() or [1.0]
+        weights = weight_of.values() or [1.0]  # an empty set is refused by `_values`
         if min(weights) < 0.0 or max(weights) == 0.0:
             raise kind.fault("its weights must be at least 0, one of them above 0")
         axis = _values(kind, name, list(weight_of))

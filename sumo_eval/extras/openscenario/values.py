@@ -17,7 +17,7 @@ from sumo_eval.text import shown
 
 Value = float | str
 _LONGEST = 2_000  # characters of an expression
-_DEEPEST = 60
+_DEEPEST = 60  # levels of nested operations
 _REFERENCE = re.compile(r"\$([^\W\d]\w*)")
 
 FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
@@ -33,7 +33,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
 _OPERATIONS: dict[str, tuple[Callable[..., float], int]] = {
     "Add": (operator.add, 2), "Sub": (operator.sub, 2), "Mult": (operator.mul, 2),
     "Div": (operator.truediv, 2), "USub": (operator.neg, 1), "UAdd": (operator.pos, 1),
-    # the sign of the dividend, as in C; for 0, Python's own `%` raises ZeroDivisionError
+    # the dividend's sign, as in C; for divisor 0, `operator.mod` raises ZeroDivisionError
     "Mod": (lambda one, two: math.fmod(one, two) if two else operator.mod(one, two), 2),
     **{f"{name}()": known for name, known in FUNCTIONS.items()},
 }  # fmt: skip
@@ -134,7 +134,7 @@ def _evaluate(node: ast.expr, names: Mapping[str, float], depth: int) -> float:
     name, parts = operation(node)
     if name in _OPERATIONS:
         function, count = _OPERATIONS[name]
-        if len(parts) != count:  # of a function: its name without `()`
+        if len(parts) != count:  # only of a function, whose name ends with `()`
             raise WrongValueError(f"must give {count} values to `{name[:-2]}`, got {len(parts)}")
         return function(*(_evaluate(part, names, depth + 1) for part in parts))
     held = re.sub(r"\bp_(?=[^\W\d])", "$", ast.unparse(node))  # as the file has it

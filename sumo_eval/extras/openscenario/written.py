@@ -71,7 +71,7 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
         "default_sample": "the_case",
         "road": _road(case.road),
         "end": {key: value for key, value in ends.items() if value is not None},
-        # a number of the parameter, too, because a file must use each of its parameters
+        # `+ 0 *`: a file must use each of its parameters
         "ego": {"speed": f"{case.ego.speed!r} + 0 * {ONLY}", "x": case.ego.x, "y": case.ego.y}
                | ({} if body is None else {"length": body.length, "width": body.width}),
         "vehicle": [_vehicle(actor, name, names)
@@ -87,6 +87,7 @@ def _inexpressible(case: ConcreteScenario) -> dict[str, bool]:
     road, ego = case.road, case.ego
     return {
         "the lanes, which are not the same throughout,": road.shaped or road.network is not None,
+        # it has more than a position and a speed
         "the start of the ego": ego != Start(ego.x, ego.y, ego.speed),
         "actors that SUMO drives": any(actor.model for actor in case.actors),
         "the conditions": bool(case.changes),
@@ -104,14 +105,14 @@ def write_scenario(content: Mapping[str, Any], path: Path) -> None:
 
 
 def _names(actors: Sequence[Actor]) -> list[str]:
-    """Names that are words of conditions, in the order of the actors."""
+    """Names of the actors, in order, made identifiers, as conditions require."""
     names = (re.sub(r"\W", "_", actor.name) for actor in actors)
     return distinct(it if it.isidentifier() and it != "ego" else f"other_{it}" for it in names)
 
 
 def _road(road: Road) -> dict[str, Any]:
     name = road.name
-    # without the ending that tells the curves: reading the scenario file adds it again
+    # without the ending for the curves, in either form: reading the scenario file adds it again
     for named in (False, True):
         name = name.removesuffix(bend_name(road.line, named=named))
     return {
@@ -122,7 +123,8 @@ def _road(road: Road) -> dict[str, Any]:
 
 def _piece(piece: Piece) -> dict[str, float]:
     keys = ("radius",) if piece.begin == piece.end else ("begin_radius", "end_radius")
-    curvatures = zip(keys, (piece.begin, piece.end), strict=False)  # 1/m
+    # 1/m; of a constant curvature only the first
+    curvatures = zip(keys, (piece.begin, piece.end), strict=False)
     # a straight end has no radius
     return {"length": piece.length} | {key: 1.0 / value for key, value in curvatures if value}
 

@@ -121,7 +121,7 @@ class ScenarioRate(NamedTuple):
     draws: possible values of both rates, (2, 2, `DRAWS`). The first axis has collisions and loss;
         the second has the narrow form of the points' distribution (`scenario.joint`), and the form
         that was driven.
-    limit: upper limit of collisions per million km, wherever the collisions lie.
+    limit: upper limit of collisions per million km, valid wherever in the space they lie.
     stopped: why the drives ended, `width` or `budget`.
     not_evaluated: number of drives that could not be evaluated, by status.
     """
@@ -249,7 +249,7 @@ def _drive(
         estimate = search.estimate()
         _, low, high = estimate.probability
         narrow = low > 0.0 and high <= settings.width * low
-        # the interval of a single hit rests on no spread
+        # from a single hit no spread can be estimated, so its narrow interval does not count
         if narrow and estimate.hits > 1 and not search.exploring:
             stopped = "width"
             break
@@ -323,7 +323,7 @@ def _drawn_rates(
     errors = [
         stdtrit(degrees_of_freedom(row), (stream.permutation(DRAWS) + 0.5) / DRAWS) for row in terms
     ]
-    # 50: exp stays finite; `part_of` limits such draws
+    # (2, 1, `DRAWS`); 50: exp stays finite, `part_of` limits such draws
     noise = np.exp(np.minimum(sigma * np.stack(errors), 50.0))[:, None]
     return np.broadcast_to(MILLION * rates * noise / search.drawn, (2, 2, DRAWS))
 
@@ -356,8 +356,8 @@ def _summed_rates(
     driven = np.maximum(space.met.base_density(points), 1e-300)
     ratios = np.empty((2, len(resamples), len(points)))
     for number, (joint, _) in enumerate(resamples):
-        for row, form in enumerate((replace(joint, narrow=True), joint)):
-            ratios[row, number] = form.density(points) / form.mass() / driven
+        for k, form in enumerate((replace(joint, narrow=True), joint)):
+            ratios[k, number] = form.density(points) / form.mass() / driven
     # a resample with twice the events has twice the rate of encounters
     factors = np.array([factor for _, factor in resamples])
     chosen = stream.integers(len(resamples), size=DRAWS)  # resample of each draw
@@ -407,8 +407,8 @@ def _total(rates: Sequence[Limits], draws: FloatArray, limit: float) -> Limits:
 def recorded_drivers(spaces: Sequence[EncounterSpace]) -> list[tuple[str, float, float]]:
     """Drivers of each recording: its roads, km, and upper limit of collisions per million km.
 
-    The limit is that of no collision: none can be seen, as the gap of an event with a collision
-    makes it a ghost of the tracker (`drivers.recorded.events`), which is dropped.
+    The limit is that without a collision. None can be seen: an event with the gap of a collision
+    counts as a ghost of the tracker (`drivers.recorded.events`) and is dropped.
     """
     roads = {(it.counted.where, it.counted.vehicle_km) for it in spaces if it.counted is not None}
     return [(where, km, MILLION * -math.log(1.0 - LEVEL) / km) for where, km in sorted(roads)]

@@ -127,14 +127,15 @@ def lost_words(lost: Mapping[str, int]) -> str:
     """
     why = ", ".join(f"{status} {number}" for status, number in sorted(lost.items()))
     drives = sum(lost.values())
+    verb = "counts" if drives == 1 else "count"
     return (
-        f"{count(drives, 'drive')} could not be evaluated ({why}) and count{'s' * (drives == 1)} "
-        "as without a collision."
+        f"{count(drives, 'drive')} could not be evaluated ({why}) and {verb} as without a "
+        "collision."
     )
 
 
 def unseen_words(rate: AdsRate) -> str:
-    """A sentence on the scenarios without a collision; "" if there are none, or no others."""
+    """A sentence on the scenarios without a collision; "" if this is none or all of them."""
     unseen = [part for part in rate.parts if part.collisions[0] == 0.0]
     if not unseen or len(unseen) == len(rate.parts):
         return ""

@@ -49,7 +49,7 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
     from sumo_eval.extras.rates.learn_page import sentences, write_lesson
     from sumo_eval.extras.rates.learned import learn as learn_from
 
-    # now, not only when its turn to be read comes
+    # all before the first is read, which may take long
     for path in recordings:
         if not path.exists():
             raise InputError(f"Recordings {path} are not there.")

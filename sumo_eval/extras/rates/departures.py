@@ -19,7 +19,7 @@ from sumo_eval.text import point_words
 from sumo_eval.trajectory import FloatArray
 
 PAGE = "departure.html"
-# of the table, whose rows are `SceneDrive.cells`
+# columns of the table; its rows are `SceneDrive.cells`
 HEAD = (
     "ADS", "scene", "point", "most, m", "at, s", "at the end, m", "others react from, s",
     "how many", "end",
@@ -79,6 +79,7 @@ def departures_in(run: Path) -> list[SceneDrive]:
             drive = store.trajectories(fact.case).get(EGO) if recorded else None
             if drive is None:  # another scenario, or discarded trajectories
                 continue
+            # an actor that begins to react is handed over to SUMO
             reactions = ((it.first_time, it.count) for it in fact.clips if it.what == "handed_over")
             drives.append(
                 SceneDrive(

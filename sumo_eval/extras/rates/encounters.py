@@ -46,7 +46,7 @@ from sumo_eval.trajectory import FloatArray
 CLASSES = (
     "cut_in", "overtaken_and_cut_off", "merging", "cut_out", "braking", "approach", "lane_change",
 )  # fmt: skip
-OVERTOOK = 20.0  # s before its lane change within which an overtaking vehicle was behind
+OVERTOOK = 20.0  # s; at most so long before its lane change an overtaking vehicle was behind
 AROUND = 2.0  # s before and after a lane change that are fitted with it
 SPEEDS_EVERY = 10  # samples; quantiles of speeds use every tenth
 SHORTEST, LONGEST = 1.0, 15.0  # s; durations of a fitted lane change
@@ -303,7 +303,7 @@ def _events_that_count(traffic: RecordedTraffic) -> Iterator[Any]:
     of this function after the traffic and the event.
     """
     changes = find_lane_changes(traffic)
-    # an event names the vehicle that changes lane, and has the same time
+    # an event has the vehicle that changes lane under its kind's name, and the change's time
     crossings = {(change.vehicle, round(change.t, 3)): change for change in changes}
     events = encounters(traffic, changes)
     for kind, measure in (("cut_in", _cut_in), ("cut_out", _cut_out)):
@@ -318,6 +318,7 @@ def _events_that_count(traffic: RecordedTraffic) -> Iterator[Any]:
         if event["start_kind"] == "range_crossing":
             yield "approach", event, event["lead"], _approach
     for change in changes:
+        # to the left, and not from a ramp
         pair = _neighbours(traffic, change) if change.to > change.origin >= 0 else None
         if pair is not None:
             event = {

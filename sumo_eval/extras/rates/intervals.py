@@ -41,7 +41,7 @@ def end_interval(values: FloatArray, *, upper: bool, level: float = LEVEL) -> tu
     """Interval of the end of a range, from the k + 1 outermost values, k = `OUTERMOST`.
 
     values: within the range, (n,).
-    upper: whether its upper end; else its lower one.
+    upper: whether of the range's upper end; else of its lower one.
 
     The interval begins at the outermost value. Let e be the distance from there to the end, and g
     the distance from there to the value k further in. If the density is even over these values,

@@ -184,6 +184,7 @@ def measure(encounters: Encounters, survey: EncounterSurvey, folder: Path, sourc
         if len(column) > 1 and column.std() < SAME
     }
     free = [name for name in quantities if name not in constants]
+    # without a free parameter only the report uses it
     needed = LEAST_EVENTS * len(free or quantities)
     few = Measured(rate, needed, constants)
     # events that are all alike have no distribution
@@ -320,7 +321,7 @@ def _range(values: FloatArray, quantity: Quantity) -> tuple[float, float]:
     and then with the lowest value.
     """
     width = values.std(ddof=1) * len(values) ** -0.2  # Scott's, of one parameter
-    # unit of the third digit of the values' spread, at which the range is rounded
+    # the range is rounded at the third digit of the values' spread
     scale = 10.0 ** (math.floor(math.log10(max(np.ptp(values), 1e-6))) - 2)
     low = math.floor((values.min() - width) / scale) * scale
     high = math.ceil((values.max() + width) / scale) * scale
@@ -370,6 +371,7 @@ def choose_model(
         for bandwidth in bandwidths
         for kind in ("kde", "copula")
     ]
+    # the nearest first, all within `NEAR` alike; of these the likeliest
     fits.sort(key=lambda fit: (max(*fit.kolmogorov.values(), NEAR), -fit.log_likelihood))
     return (*fits, Fit("even", -math.log(np.prod(np.subtract(box[1], box[0]))), {}))
 
@@ -389,7 +391,7 @@ def _fit(
     logs, shares = [], []
     for fold in range(FOLDS):
         train, test = rows[folds != fold], rows[folds == fold]
-        # of `LEAST_EVENTS` for each parameter, one fold at least leaves enough for a `Joint`
+        # with `LEAST_EVENTS`, at least one fold leaves enough events for a `Joint`
         if len(test) and len(train) >= len(names) + 2:
             joint = Joint(kind, tuple(names), _tuples(train), box[0], box[1], bandwidth)
             logs.append(np.log(np.maximum(joint.density(test) / joint.mass(), 1e-300)))
@@ -439,6 +441,7 @@ def _replay_squares(
     number = [actor.name for actor in scene.actors].index(scene.replayed)
     body = CAR_LENGTH, 1.8  # of the ego, m
     until = max(motion.time[-1], STEP)
+    # a row each `STEP`: x, y and more
     driven = tracks([concrete], [body], STEP, until).others[0, number]
     clock = np.arange(len(driven)) * STEP
     side = -1.0 if scene.behind else 1.0  # the actor is behind the ego, or ahead of it

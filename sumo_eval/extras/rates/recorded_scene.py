@@ -387,7 +387,7 @@ def thinned(x: FloatArray, y: FloatArray, tolerance: float) -> list[int]:
         dx, dy = x[b] - x[a], y[b] - y[a]
         length = math.hypot(dx, dy)
         px, py = x[a + 1 : b] - x[a], y[a + 1 : b] - y[a]
-        # distances of the points between from the straight line, or from both ends in one place
+        # distances of the points between from the straight line; from its ends if these coincide
         off = np.abs(px * dy - py * dx) / length if length > 0.0 else np.hypot(px, py)
         if off.size and off.max() > tolerance:
             middle = a + 1 + int(off.argmax())
@@ -402,6 +402,7 @@ def _error(path: Path, ego: _Track, actors: list[_Track]) -> tuple[float, float]
     driven = tracks([concrete], [(ego.length, ego.width)], INTERVAL, ego.time[-1]).others[0]
     clock = np.arange(driven.shape[1]) * INTERVAL
     errors = []
+    # of each actor x, y and more, each over all steps
     for (x, y, *_), track in zip(driven.transpose(0, 2, 1), actors, strict=True):
         # the last recorded time may lie within half an interval after the end of the scene
         seen = track.time <= ego.time[-1] + 1e-6

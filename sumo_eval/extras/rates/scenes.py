@@ -308,7 +308,7 @@ def _parameters(
 
     ranges: as in `content_of`.
     """
-    # of each of at most 7 parameters, and so at least 2
+    # values of each parameter: at least 2, as there are at most 7 parameters
     levels = math.floor(GRID_POINTS ** (1.0 / len(ranges)))
     return [
         {

@@ -101,7 +101,7 @@ def compare_opinion(evaluation: Evaluation, ratings: pd.DataFrame) -> Opinion:
         # all scores, then all opinions
         correlations[name] = _known(rank_correlation(*zip(*pairs, strict=True))) if enough else None
 
-    # raters by what they rated, without those who left something out
+    # a row a rater, a column an ADS and scenario; without raters who left one out
     table = ratings.pivot_table(index="rater", columns=["ads", "scenario"], values="score").dropna()
     enough = min(table.shape) >= 2
     return Opinion(

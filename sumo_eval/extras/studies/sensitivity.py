@@ -64,8 +64,8 @@ class SensitivityRow(NamedTuple):
     index: score by which the ADSs are ranked, `H`, `D`, `S+` or `S`.
     scores: of the ADSs, in the order of `ads`; nan where not computed.
     ranking: names of the ADSs, best first.
-    tau: Kendall's tau-b between these scores and those of the run; 1 where no score changes; nan
-        where fewer than two ADSs can be ranked, or where all tie.
+    tau: Kendall's tau-b between these scores and those of the run; nan where fewer than two ADSs
+        can be ranked; else 1 where no score changes; else nan where all tie.
     """
 
     scenario: str
@@ -93,7 +93,7 @@ def sensitivity(
     base = score(run, [_COARSE_BANDS])
     chosen = constants or [name for name in known if name != "k3" or k3_counts(base.settings)]
     names = [name for name in chosen if name in _SETTING_OF]
-    # the run scored with each value of each constant, of which that of `base` comes first
+    # name, value and evaluation for each value of each constant, first the value of `base`
     variants = []
     for name in names:
         as_scored = float(operator.attrgetter(_SETTING_OF[name])(base.settings))
@@ -136,7 +136,7 @@ def _with_points(evaluation: Evaluation, scenario: str, a: float, index: str) ->
 
     index: `S` or `S+`.
     """
-    points = replace(evaluation.settings.method.score, a=a)
+    points = replace(evaluation.settings.method.score, a=a)  # b follows: 100 - a
 
     def term(field: str) -> FloatArray:
         return np.array([*_scores(evaluation, scenario, field).values()])
@@ -146,7 +146,7 @@ def _with_points(evaluation: Evaluation, scenario: str, a: float, index: str) ->
     else:
         task, grade = term("task_share"), term("avoidance_grade")
         totals = ordering_score(task, grade, term("human_likeness"), points)
-    names = _scores(evaluation, scenario, "c")  # its keys: every score has the same ADSs
+    names = _scores(evaluation, scenario, "c").keys()  # the same ADSs for every score
     return dict(zip(names, totals.tolist(), strict=True))
 
 
@@ -161,7 +161,7 @@ def _row(key: tuple[str, str, float, str], now: Scores, before: Scores) -> Sensi
     scores_before, scores_now = [before[ads] for ads in both], [now[ads] for ads in both]
     tau = math.nan
     if len(both) >= 2:
-        # unchanged scores agree even where all tie, of which kendalltau is nan
+        # kendalltau is nan where all tie; unchanged scores agree even then
         same = scores_before == scores_now
         tau = 1.0 if same else stats.kendalltau(scores_before, scores_now).statistic
     ranking = tuple(sorted(ranked, key=lambda ads: -now[ads]))

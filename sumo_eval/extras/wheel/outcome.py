@@ -173,7 +173,10 @@ def _write_answers(folder: Path, people: list[Participant], left: list[Discarded
 def _drive(
     plan: StudyPlan, person: Participant, case: StudyCase, entry: dict[str, Any]
 ) -> Trajectory | DiscardedDrive:
-    """A participant's drive of a case, or why it does not count."""
+    """A participant's drive of a case, or why it does not count.
+
+    entry: of this drive in the participant's journal.
+    """
     path = person.folder / entry["tape"]
     why = "the tape broke off"
     try:
@@ -205,7 +208,8 @@ def _unfinished(person: Participant) -> list[DiscardedDrive]:
                 why = "the drive broke off, and was rerun" if lost else "ended, and rerun"
             except InputError as error:
                 why = said(error)
-            left.append(DiscardedDrive(person.code, path.stem.rpartition("-")[0], path.name, why))
+            case = path.stem.rpartition("-")[0]  # a tape is named CASE-NUMBER by `trip.new_tape`
+            left.append(DiscardedDrive(person.code, case, path.name, why))
     return left
 
 

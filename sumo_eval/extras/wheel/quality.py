@@ -19,10 +19,10 @@ from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.settings.checked import About, Checked, Natural, NotNegativeFloat, Share
 from sumo_eval.trajectory import Recording
 
-# by how much a person who reacts brakes or steers harder than at the event
+# a reaction brakes or steers harder than at the event by more than this
 BRAKES = 0.5  # m/s2
 STEERS = 0.35  # m/s2 across the road
-SEEN, LATE = ROW.index("seen"), ROW.index("late")
+SEEN, LATE = ROW.index("seen"), ROW.index("late")  # columns of a tape's row
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +149,7 @@ def _quantile(values: Sequence[float], share: float) -> float | None:
 
 
 def _steps_behind(tape: Tape) -> list[int]:
-    """For each step, by how many steps the state that the driver had seen was older."""
+    """Age of the state that the driver had seen at each step, in steps."""
     return [step - row[SEEN] for step, row in enumerate(tape.rows)]
 
 
@@ -196,6 +196,7 @@ def reaction(recording: Recording, event: float, vehicle: VehicleSettings) -> fl
     across = (
         ego.speed**2 * np.tan(ego.steering_wheel_angle / vehicle.steering_ratio) / vehicle.wheelbase
     )
+    # row of the last sample not after the event
     at = max(int(np.searchsorted(ego.time, event + 1e-9, side="right")) - 1, 0)
     braked = ego.acceleration < min(ego.acceleration[at], 0.0) - BRAKES
     steered = np.abs(across - across[at]) > STEERS

@@ -76,8 +76,8 @@ class Desk:
 class Seat:
     """A person who controls the ego.
 
-    post: sends the page a message by key, and is called in the thread of the drive: each `state`,
-        and as `held` why the seat puts the drive on hold, `asleep` (the machine stood still) or
+    post: sends the page a message under a key; called in the thread of the drive. `state`: each
+        state. `held`: why the seat puts the drive on hold, `asleep` (the machine stood still) or
         `silent` (the window does not answer).
     left: why the drive was ended before its end; empty: it was not.
     """
@@ -110,7 +110,7 @@ class Seat:
         return command
 
     def _wait_until_due(self) -> float:
-        """Wait until the step is due; how late it is then, s."""
+        """Wait until the step is due; return how late it is then, s."""
         desk = self._desk
         while True:
             # on hold, held since the last look, or counted down
@@ -118,7 +118,7 @@ class Seat:
                 self._stay_on_hold()
             due = self._start + self._tick * self._step
             clock.sleep(max(due - clock.perf_counter(), 0.0))
-            unanswered = self._tick - max(desk.newest.seen, self._resumed)
+            unanswered = self._tick - max(desk.newest.seen, self._resumed)  # steps
             if awake() - self._awake > ASLEEP:
                 self._put_on_hold("asleep")
             elif unanswered * self._step > ASLEEP:
@@ -142,7 +142,7 @@ class Seat:
     def _stay_on_hold(self) -> None:
         """Wait until the drive may continue; nothing moves meanwhile."""
         desk, begun = self._desk, clock.perf_counter()
-        why = desk.was_held or desk.on_hold or "key"
+        why = desk.was_held or desk.on_hold or "key"  # "key": only the countdown is left
         self._awake = awake()
         while (desk.on_hold or clock.perf_counter() < desk.due) and not desk.end_reason:
             if clock.perf_counter() - begun > PATIENCE:

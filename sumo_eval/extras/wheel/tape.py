@@ -114,7 +114,7 @@ def read_tape(path: Path) -> Tape:
     notes = []
     end = None
     for number, value in enumerate(values, 2):
-        # a repetition needs the command only
+        # of a row only the command is checked: a repetition needs no more
         if (
             isinstance(value, list) and len(value) == len(ROW)
             and None not in map(finite_number, value[:2])
@@ -143,8 +143,10 @@ def settings_of(head: Mapping[str, Any]) -> SimulationSettings:
 def head_of(
     concrete: ConcreteScenario, settings: SimulationSettings, **more: Any
 ) -> dict[str, Any]:
-    """The head of a tape that begins now: all that a repetition needs."""
-    # all others have their defaults in a person's drive, or come from the scenario
+    """The head of a tape that begins now: with `use`, the scenario's locator, in `more`, all that a
+    repetition needs.
+    """
+    # settings that have no default in a person's drive and do not come from the scenario
     kept = (
         "step", "record_interval", "time_limit", "standstill_speed", "standstill_time",
         "lane_change_duration",

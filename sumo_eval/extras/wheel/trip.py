@@ -60,7 +60,7 @@ def concrete_of(logical: LogicalScenario, values: Mapping[str, float]) -> Concre
         points = sample(logical).points
         points[:, columns] = row[columns]
         away = np.linalg.norm(logical.to_unit(points) - logical.to_unit(row), axis=-1)
-        # one by one: of many points at once an OpenSCENARIO file checks its constraints alone
+        # one by one: only then an OpenSCENARIO file checks more than its constraints
         row = next(filter(logical.feasible, points[away.argsort(kind="stable")]), row)
     return logical.concrete(**dict(zip(logical.names, row.tolist(), strict=True)))
 

@@ -83,7 +83,7 @@ class Window:
         self._outbox: dict[str, Any] = {}
         self._outbox_filled = asyncio.Event()
         self._tellings: list[dict[str, Any]] = []
-        self.faults: list[str] = []  # error messages for what our page does not send
+        self.faults: list[str] = []  # what was wrong with messages that our page cannot have sent
 
     @property
     def address(self) -> str:
@@ -128,7 +128,7 @@ class Window:
         if request.path != "/":
             return _response(HTTPStatus.NOT_FOUND, "There is one page here, /.\n")
         nonce = secrets.token_urlsafe(16)
-        sockets = " ".join(f"ws://{host}" for host in self._hosts)
+        sockets = " ".join(f"ws://{own}" for own in self._hosts)
         policy = (
             f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; "
             f"img-src data:; connect-src {sockets}; base-uri 'none'; form-action 'none'; "
@@ -200,7 +200,7 @@ class Window:
 
     def _take(self, message: dict[str, Any]) -> None:
         """Act on a message; between drives only answers have an effect."""
-        ((kind, value),) = message.items()
+        ((kind, value),) = message.items()  # a message has exactly one key
         desk = self._desk
         if kind == "answers":
             if self._answers.full():

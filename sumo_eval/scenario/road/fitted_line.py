@@ -25,7 +25,7 @@ _ROUNDS = 12  # Gauss-Newton rounds, at most
 # curvature by less than this, rad, over the line's length.
 _SETTLED = 1e-3
 # Weight of smoothness in the least squares: a second difference of the curvatures counts like a
-# place that is off the line by so many m: _SMOOTH * square of the knots' distance * difference.
+# place that is off the line by _SMOOTH * (distance of the knots)^2 * difference, m.
 _SMOOTH = 0.05
 _DIGITS = 8  # of a curvature, 1/m; rounded, it is the same on all machines
 
@@ -34,11 +34,11 @@ Fit = tuple[Line, Pose, float]
 
 
 def fitted_line(polyline: FloatArray) -> Fit:
-    """The line along a polyline (n, 2) whose vertices all differ from the one before.
+    """The line along a polyline (n, 2) in which no two neighbouring vertices are equal.
 
     Least squares over the curvatures at knots and the pose at the beginning, with as few knots as
-    keep it within `WITHIN`; the nearest line where none does, as at corners. Without pieces and
-    infinitely far off where no fit succeeded.
+    keep it within `WITHIN`. Where no number of knots does, as at corners: the nearest line. Where
+    no fit succeeds: no pieces, at distance inf.
     """
     places = _resampled(polyline)
     best: Fit = ((), Pose(0.0, 0.0, 0.0), math.inf)
@@ -124,10 +124,10 @@ def _fitted(places: FloatArray, apart: float) -> Fit:
         # least squares by QR of rows and `wanted` side by side: R of the rows, and in the last
         # column Q' wanted
         triangle = np.asarray(np.linalg.qr(np.column_stack([rows, wanted]), mode="r"))
-        shift, turn, *bend = np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
+        shift, turn, *changes = np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
         first = first + np.array([*(shift * across), turn])
-        curvature = curvature + bend
-        if abs(shift) < _SETTLED and np.abs(bend).max() < _SETTLED / grid.length:
+        curvature = curvature + changes
+        if abs(shift) < _SETTLED and np.abs(changes).max() < _SETTLED / grid.length:
             break
     curvature = np.round(curvature, _DIGITS) + 0.0  # + 0.0 makes -0.0 positive
     return _line_of(grid.length, curvature.tolist(), Pose(*map(float, first)), places, s)
@@ -138,7 +138,7 @@ def _line_of(
 ) -> Fit:
     """The line of these curvatures at evenly spaced ends of pieces, and how far off it is.
 
-    near: s of the places' feet, about.
+    begins: pose at the line's beginning. near: s of the places' feet, about.
     """
     piece = length / (len(ends) - 1)
     pieces = tuple(Piece(piece, begin, end) for begin, end in itertools.pairwise(ends))

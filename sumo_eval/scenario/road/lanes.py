@@ -114,7 +114,7 @@ def spans_of(
     lanes: number of lanes of the road. length: of the road, m.
     where: the scenario, for messages.
 
-    Raises InputError for what no road can be.
+    Raises InputError for an impossible road.
     """
     spans: list[LaneSpan] = []
     for table in tables:

@@ -34,7 +34,7 @@ _JOINT = 0.01  # m and rad: largest distance of a geometry from the end of the o
 # m: a line parallel to a spiral is not a spiral, and is made of spirals of at most this length
 _PART = 2.0
 _SAME = 1e-6  # m: widths closer than this count as equal
-_MEETS = 0.05  # m and rad: the same of a road from the end of the one before it in a chain
+_MEETS = 0.05  # m and rad: largest distance of a road from the end of the one before, in a chain
 _MOST_ROADS = 8  # of a chain: several roads that are driven in order
 _Knots = list[tuple[float, float]]  # s, m, and a lane's width there, m
 _Ramps = list[tuple[float, float, str]]  # of each section with a lane: begin, end, the lane's type
@@ -103,7 +103,7 @@ def _chain(roads: Sequence[Element], owner: str) -> list[ReadRoad]:
             # only if the first does not meet: faults of lanes that are not driven do not matter.
             stretches = (_stretch_or_none(element, name, against) for against in directions)
             end = chain[-1].begin.along(chain[-1].line, chain[-1].length) if chain else None
-            # where none meets, the chain stays too short
+            # adds one or none; where none meets, the chain stays too short
             chain += itertools.islice(
                 (it for it in stretches if it and (not end or max(end.off(it.begin)) <= _MEETS)), 1
             )
@@ -143,7 +143,8 @@ def _stretch(road: Element, owner: str, *, against: bool) -> ReadRoad:
         begin, reference = begin.backward(reference)
     offset, lanes = _driving_lanes(road, owner, length_of(reference), against=against)
     line = beside(reference, offset, owner)
-    return ReadRoad(line, *lanes, length_of(line), begin.moved(0.0, offset))
+    number, width, spans = lanes
+    return ReadRoad(line, number, width, spans, length_of(line), begin.moved(0.0, offset))
 
 
 def _number(owner: str, element: Element, name: str, default: float | None = None) -> float:
@@ -175,7 +176,7 @@ def reference_line(road: Element, owner: str) -> tuple[Line, Pose]:
         s = length_of(pieces)
         what, off = f"The <geometry> at s = {s:g}", begin.along(pieces, s).off(pose)
         _check_near(what, owner, "where the one before it ends", *off)
-        # an empty <geometry> stands for its shape, and is refused below as none that is supported
+        # an empty <geometry> counts as its own shape: its tag is refused below
         shape = next(geometry.iterfind("*"), geometry)
         kind = str(shape.tag)
         length = _number(owner, geometry, "length")
@@ -218,7 +219,10 @@ PROFILES = ("elevationProfile/elevation", "lateralProfile/superelevation")
 
 
 def constant(cubics: Sequence[tuple[float, ...]], length: float) -> bool:
-    """Whether cubics (start s, a, b, c, d) have one value over a length, within `_SAME`."""
+    """Whether cubics (start s, a, b, c, d) have one value over a length, within `_SAME`.
+
+    By an upper bound: the absolute values of all terms at `length`.
+    """
     return all(
         abs(a - cubics[0][1]) + sum(abs(it) * length**power for power, it in enumerate(rest, 1))
         <= _SAME
@@ -251,7 +255,7 @@ def lane_offset(road: Element, owner: str, length: float, *, flat: bool = False)
         entries, tilt = list(road.iterfind(name)), name == PROFILES[1]
         cubics = cubics_of(entries, "s", partial(_number, owner))
         if tilt or all(cubic[0] > 0.0 for cubic in cubics):
-            # before the first entry, or throughout where there is none; and of each tilt
+            # 0 before the first entry, and where there is none; any tilt is compared with 0
             cubics.insert(0, (0.0, 0.0))
         if not constant(cubics, length):
             own = zip(entries, cubics[-len(entries) :], strict=True)
@@ -339,7 +343,7 @@ def _inner_lanes(
     outer: rank of the outermost driving lane. It has an inner edge, but no width here: that may
         change.
     """
-    begins: dict[int, float] = {}
+    begins: dict[int, float] = {}  # inner edges
     widths: dict[int, float] = {}
     for section in sections:
         offset = 0.0
@@ -480,7 +484,7 @@ def beside(reference: Line, offset: float, owner: str) -> Line:
             begin, end = (curvature / (1.0 - curvature * offset) for curvature in ends)
             length, mean = piece.length / count, 0.5 * (ends[0] + ends[1])
             own_length = length * (1.0 - mean * offset)
-            # to its curvature, so that the piece turns by the same angle as the reference line
+            # added to its curvatures, it turns the piece by the angle of the reference line
             correction = mean * length / own_length - 0.5 * (begin + end)
             pieces.append(Piece(own_length, begin + correction, end + correction))
     return tuple(pieces)

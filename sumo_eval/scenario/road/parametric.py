@@ -15,7 +15,7 @@ from sumo_eval.scenario.road.reference_line import Piece, map_places
 from sumo_eval.trajectory import FloatArray
 
 NEAR = 1e-4  # m that the pieces may lie beside the cubic
-_FIRST = 10.0  # m that pieces are long at most, before it is known how near they lie
+_FIRST = 10.0  # m: longest piece of the first try, which is then halved
 _MOST = 12  # times that they are halved
 # m that the cubic's length may differ from the file's; the pieces get the file's
 _BESIDE = 0.01

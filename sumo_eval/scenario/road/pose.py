@@ -31,10 +31,11 @@ class Pose(NamedTuple):
         """The place s m along a line that begins here, and t m to the left of it."""
         if not bends(line):
             return self.moved(s, t)
+        # x, y, heading on the map of a line that begins at the origin: ahead, left, turned here
         return self.moved(*(float(it) for it in map_places(tuple(line), s, t)))
 
     def backward(self, line: Line) -> tuple[Pose, Line]:
-        """Where a line that begins here begins when driven from its end, and that line.
+        """Pose at the end of a line that begins here, turned round, and the line driven from there.
 
         Driven backwards, a curve to the left is one to the right.
         """

@@ -362,4 +362,5 @@ def comes_back(pieces: Line, length: float, width: float) -> bool:
     near, s = width + 10.0, np.arange(0.0, length, 10.0)
     x, y, _ = map_places(pieces, s, 0.0)
     apart = np.abs(np.subtract.outer(x + 1j * y, x + 1j * y))
+    # two points near to each other on the map, but far apart along the road
     return bool((apart < near)[np.subtract.outer(s, s) > 4.0 * near].any())

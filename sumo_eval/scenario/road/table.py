@@ -85,7 +85,7 @@ def _curvature(radius: str | float | None, options: Mapping[str, float], owner: 
     metres = float(formula.at(options))
     if math.isnan(metres) or metres == 0.0:
         raise must_be("The radius", owner, "a number other than 0 m", metres)
-    return 1.0 / metres  # 0 where an option without a value is infinite
+    return 1.0 / metres  # 0: an infinite radius, as of an option without a value
 
 
 def check_line(

@@ -77,12 +77,14 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
     if (full := ends[-1] > capacity).any():
         must = f"at most {capacity[full][0]:g} points of a cell together"
         raise must_be("`rounds`", owner, must, int(ends[-1][full][0]))
+    # round by round, the next candidates of each cell
     chosen = [
         cells[cell][end - count : end]
         for row, cell_ends in zip(taken, ends, strict=True)
         for cell, (count, end) in enumerate(zip(row, cell_ends, strict=True))
     ]
     points = possible[np.concatenate(chosen)]
+    # m_k V_h / n_kh, (rounds, H), then for each point
     weight = taken.sum(axis=1, keepdims=True) * capacity / float(len(possible)) / taken
     weights = np.repeat(weight, taken.ravel())
     exposure = logical.exposures(points) * weights
@@ -90,6 +92,7 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
         points,
         exposure,
         stands_for=weights,
+        # one for each cell of each round
         stratum=np.repeat(np.arange(taken.size, dtype=np.intp), taken.ravel()),
     )
 
@@ -115,7 +118,7 @@ def cells_of_round(size: int) -> int:
     `LEAST_IN_CELL` points in every cell take at most half of a round.
     """
     # the power of 2 at or below size // (2 * LEAST_IN_CELL)
-    return min(1 << max(size // (2 * LEAST_IN_CELL), 1).bit_length() - 1, MOST_CELLS)
+    return min(1 << (max(size // (2 * LEAST_IN_CELL), 1).bit_length() - 1), MOST_CELLS)
 
 
 def size_of_next(budget: int, size: int, done: int) -> int:

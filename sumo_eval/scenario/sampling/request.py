@@ -42,11 +42,11 @@ class Request(SamplingSettings):
     @property
     def given(self) -> frozenset[str]:
         """The keys that are set."""
-        unset = {"method", "folder", "seed", "danger"}
+        no_keys = {"method", "folder", "seed", "danger"}
         return frozenset(
             item.name
             for item in fields(self)
-            if item.name not in unset and getattr(self, item.name) not in (None, (), {})
+            if item.name not in no_keys and getattr(self, item.name) not in (None, (), {})
         )
 
     def wanted(self, logical: LogicalScenario) -> int:

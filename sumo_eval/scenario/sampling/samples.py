@@ -102,9 +102,10 @@ def sample(
     """
     request = request or Request(levels=levels, steps=steps)
     keys = request.given
-    if method is None:
+    if method is None and keys & {"levels", "steps"}:
+        method = "grid"
+    elif method is None:
         method = "file" if "file" in keys else logical.default_sample
-        method = "grid" if keys & {"levels", "steps"} else method
     prescribed = {item.name: item for item in logical.samples}
     if method in prescribed:
         if keys:

@@ -126,7 +126,7 @@ def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
     """
     moved, whole = np.zeros(len(terms.exposure)), worth(method.score)
     hit = np.isfinite(terms.ratio) & np.isfinite(terms.weight)
-    # a void case leaves no D, which then no case moves
+    # a case that voids D leaves no D that a case could move
     counted = np.isfinite(terms.index) & ~terms.voids.any()
     for rows, points, weights, values in (
         (hit, whole.c, terms.weight, terms.ratio),
@@ -155,8 +155,8 @@ def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] 
     loss: L of Eq. 14, (n,), 0 without a collision.
     name: parts of the random stream's name.
 
-    Where no case with exposure collided, or each of them, all replicates are alike. Then the end of
-    the interval that is not the value is the exact binomial limit for n effective cases, at a
+    Where none or all of the cases with exposure collided, all replicates are alike. Then one end of
+    the interval is the value, and the other the exact binomial limit for n effective cases, at a
     distance of 1 - ((1 - level) / 2)^(1 / n).
     """
     n = len(exposure)

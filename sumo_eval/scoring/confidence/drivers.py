@@ -1,10 +1,10 @@
 """Effect of the choice of drivers on an ADS's D and H, for `intervals`: a jackknife that respects
 how drivers are drawn.
 
-The synthetic drivers are not a simple random sample: of any n, the recorded share overtakes,
+The synthetic drivers are not a simple random sample: of any n, n * `overtake_share` overtake,
 rounded down or up (`sumo_eval.drivers.synthetic.population`). So followers are compared with
-followers and overtakers with overtakers, and the rounding is an error of its own. Recorded people
-are one group.
+followers and overtakers with overtakers, and the rounding adds an error. Recorded people are one
+group.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from sumo_eval.record.store import RECORDED
 from sumo_eval.settings import DriverSettings, PopulationSettings
 from sumo_eval.trajectory import FloatArray
 
-INCLINATION = "share who overtake"  # name of the error by the rounding
+INCLINATION = "share who overtake"  # name of the rounding error, after the drivers' names
 _SYNTHETIC = re.compile(r"driver_(\d+)")
 
 
@@ -37,8 +37,8 @@ class DriverDeviations:
     The error of a score is the sum over the drivers of their deviations, each times a random number
     of the driver (`intervals.driver_deviates`).
 
-    names: of the drivers; none: the deviations are not known.
-    index: standard deviation of D by each driver, with its sign, (k,).
+    names: of the drivers, and `INCLINATION` last; none: the deviations are not known.
+    index: signed standard deviation of D by each name, (k,).
     likeness: the same of H, (k,).
     freedom: degrees of freedom.
     """
@@ -50,7 +50,7 @@ class DriverDeviations:
 
 
 _OfCase = tuple[float, Sequence[float], float]
-"""A score of a case by all its drivers, without each of them, and after exchanges."""
+"""Score of a case: with all its drivers, without each of them, and after exchanges."""
 NO_DEVIATIONS = DriverDeviations((), np.zeros(0), np.zeros(0), 1)
 
 
@@ -63,8 +63,8 @@ def driver_deviations(
     """The deviations of one ADS in one scenario.
 
     cases: of the ADS.
-    left_out: results of some of these cases without each of their drivers, and the drivers, by
-        case.
+    left_out: by case, for some of these: results without each driver, and the names of the
+        drivers.
 
     The same driver is left out of all cases at once, because it is the same person.
     """
@@ -88,7 +88,7 @@ def driver_deviations(
 
         factor: of each case, (cases,).
         """
-        # a row for each driver: every case without it; where a case does not have it, all drivers
+        # a row for each driver: every case without it, or with all where the case lacks it
         without = [
             [
                 fewer[drivers.index(name)] if name in drivers else everyone
@@ -101,9 +101,8 @@ def driver_deviations(
 
     likened = cases.safe & np.isfinite(cases.human_likeness)
     # exposure of the cases in H, and of those among them without an incident
-    whole, calm = (
-        sum(cases.exposure[part].tolist()) for part in (likened, likened & ~cases.incident)
-    )
+    whole = sum(cases.exposure[likened].tolist())
+    calm = sum(cases.exposure[likened & ~cases.incident].tolist())
     index = errors(
         [(case.everyone, case.without, case.exchanged) for case, _ in chosen], np.ones(len(chosen))
     )
@@ -120,15 +119,15 @@ def driver_deviations(
 def exchanges(
     names: Sequence[str], settings: DriverSettings, seed: int
 ) -> tuple[tuple[int, int], ...]:
-    """Exchanges of drivers that imitate the other result of rounding the number of overtakers: the
-    index of a driver that is left out, and of one of the other group that counts twice.
+    """Exchanges of drivers, each imitating the number of overtakers rounded the other way: index of
+    the driver left out, and of one of the other group that counts twice.
 
     names: of the drivers.
     settings: population of the synthetic drivers.
 
     If the overtakers were rounded up, each of them is left out once, else each follower. Those of
-    the other group count twice in order, again and again. Empty unless all drivers are synthetic,
-    and some overtake and some follow.
+    the other group count twice in turn. Empty unless all drivers are synthetic, and some overtake
+    and some follow.
     """
     groups = [_group(name, settings, seed) for name in names]
     if set(groups) != {True, False}:
@@ -151,16 +150,16 @@ def stratified_deviations(
     without: the value without each driver, (n,).
     groups: of each driver.
     share: of drivers who overtake (group True), before rounding.
-    change: of the value by one driver more of one group instead of the other (`exchanges`).
+    change: of the value if one driver changes from one group to the other (`exchanges`).
 
     By driver j in a group h of n_h drivers: sqrt(n_h/(n_h - 1)) (n - 1)/n (value without j - mean
     of these values in the group). The squares add up to the variance of a stratified sample; with
     one group to that of the plain jackknife.
 
-    By the rounding: n `share` is rounded at random, so the number of overtakers has the deviation
-    sqrt(f (1 - f)), f the fraction of n `share`; this times `change`. The values without a driver
-    cannot give `change`: with one of two followers left out and not replaced, they belong to a
-    population that is never drawn.
+    By the rounding: n * share is rounded at random, so the number of overtakers has the deviation
+    sqrt(f (1 - f)), f the fractional part of n * share; this times `change`. `without` cannot give
+    `change`: one of two followers left out and not replaced makes a population that is never
+    drawn.
     """
     n = len(without)
     errors = np.zeros(n + 1)

@@ -1,5 +1,5 @@
 """Proposed further cases: points where neighbouring cases differ much in their effect on S, so that
-one more case narrows its interval most. `assessment` proposes them.
+one more case narrows the interval of S most. `assessment` proposes them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.drawn_points import steadily
 from sumo_eval.trajectory import FloatArray
 
-NEIGHBOURS = 6  # cases beside each one by which the spread there is estimated
+NEIGHBOURS = 6  # nearest other cases from which the spread at a case is estimated
 CANDIDATES = 8_192  # evenly spread points among which further ones are chosen
 
 
@@ -22,8 +22,8 @@ class FurtherCases(NamedTuple):
     """Proposed cases.
 
     points: (N, k), the one that narrows the interval most first.
-    shrink: factor by which all of them would narrow the sampled cases' part of the interval of S,
-        0..1.
+    shrink: of the sampled cases' part of the interval of S, its width with all of them divided by
+        its width now, 0..1.
     """
 
     points: FloatArray
@@ -36,7 +36,7 @@ def further_cases(
     """At most `count` further points for the cases of an ADS.
 
     points: of the cases, (n, k).
-    influence: points of S by which each case moves it, (n,).
+    influence: change of S by each case, in points of S, (n,).
 
     Each case stands for its cell, the part of the space that is nearest to it. The spread s_i of
     its neighbours' influence gives the cell's error: with m cases in the cell its variance is
@@ -45,9 +45,10 @@ def further_cases(
     """
     unit = logical.to_unit(points)
     tree = KDTree(unit)
-    neighbours = np.arange(1, min(NEIGHBOURS + 1, len(points)) + 1)  # the first is the case itself
-    variance = np.var(influence[np.asarray(tree.query(unit, k=neighbours)[1])], axis=1)
-    candidates = logical.from_shares(steadily(len(logical.names), CANDIDATES))
+    ranks = np.arange(1, min(NEIGHBOURS + 1, len(points)) + 1)  # the first is the case itself
+    nearest = np.asarray(tree.query(unit, k=ranks)[1])  # indices of cases, (n, ranks)
+    variance = np.var(influence[nearest], axis=1)
+    candidates = logical.from_shares(steadily(len(logical.names), CANDIDATES))  # evenly spread
     candidates = candidates[logical.feasible(candidates)]
     where = logical.to_unit(candidates)
     distance, cell = (np.asarray(part) for part in tree.query(where))

@@ -4,8 +4,8 @@ compare with. `scoring.confidence.scored` puts them into the results.
 - Bootstrap. Each replicate draws the points again (`resamples`), the same ones for every ADS. To D
   and H it adds an error of the drivers, whose size a jackknife over drivers has measured
   (`sumo_eval.scoring.confidence.drivers`).
-- Balance. Some methods of sampling leave no part of the space out. Their points have the mean place
-  of the box, so a trend of a score's terms along a parameter makes no error. Their replicates are
+- Balance. Some methods of sampling leave no part of the space out. The mean of their points is the
+  centre, so a trend of a score's terms along a parameter makes no error. Their replicates are
   balanced in the same way (`Balance`). Cases that collided are few, no method spreads them, and
   they are drawn without balance: C is a mean over them, and D exists only in a replicate without a
   collision in the safe zone, and S with it.
@@ -13,9 +13,9 @@ compare with. `scoring.confidence.scored` puts them into the results.
   end of an interval on the bad side therefore has e unseen collisions, as hard as those of doing
   nothing, where e is exponential with mean 1. With the drawn ones this is a gamma distribution of
   shape k + 1, as in the exact interval of a Poisson count. Its 95 % point for k = 0 is 3.0, the
-  rule of three. A sum loses with each unseen collision. C, a mean over collisions, has lost all
-  that collisions can take with the first one, so it loses that with the probability that as many
-  points show any.
+  rule of three. A sum loses with each unseen collision. C, a mean over collisions, loses all that
+  it can lose by the first one, so it loses this with the probability that there is at least one
+  among the points.
 - One more case. T, A' and S+ fall steeply at their good end. Their lower ends have one more case
   instead, as bad as doing nothing (t = 0, lost = the mean at stake). It weighs e cases, where e is
   exponential with mean 0.5. Every ADS receives the same case, so in a difference of two ADSs it
@@ -78,7 +78,7 @@ class Interval:
 class Judged(NamedTuple):
     """The n cases of one ADS in one scenario.
 
-    points: which of the scenario's points each case is, (n,), none twice.
+    points: index of each case's point among the scenario's points, (n,), all different.
     hazardous: whether each is in a hazardous zone, (n,).
     drivers: errors of D and H by the choice of drivers.
     """
@@ -216,7 +216,7 @@ class _Sums:
         values = point_values(ads.terms, method)
         freedom = _freedom(ads, groups)
         limits = self._limits(values, worse, better, freedom)
-        # the scores themselves in every replicate: what varies then are the drivers alone
+        # the scores themselves in every replicate, so that only the drivers vary
         fixed = {
             name: np.full(m, np.nan if value is None else value) for name, value in values.items()
         }
@@ -304,8 +304,8 @@ def _with_one_more(
     better: the scores without it.
     weight: e, the weight of this case, in cases, (m,).
 
-    Its share of a mean over n cases is e / (n + e). T loses that share of itself. 1 - A moves by
-    that share of its distance towards 1, where anything is at stake.
+    Its share of a mean over n cases is e / (n + e). T loses that share of itself. 1 - A goes that
+    share of the way to 1, if anything is at stake.
     """
     comparable, stake = _stake(terms)
     timed = int(np.isfinite(terms.task).sum())

@@ -107,8 +107,8 @@ def further_round(
     points: of all rounds so far.
     evaluation: the scored run.
 
-    A cell gets the more points, the more its cases differ (Neyman's allocation): in how far they
-    move S+, or under the aim "boundary" in whether they collide.
+    A cell gets more points the more its cases differ (Neyman's allocation): in the amount by which
+    they move S+, or with the aim "boundary" in whether they collide.
     """
     assert points.stratum is not None
     assert points.stands_for is not None
@@ -205,8 +205,8 @@ def _collided_half_width(terms: CaseTerms, points: Sample, place: IntArray) -> f
     stratum, weight = points.stratum[place], points.stands_for[place] / len(points.points)
     number = np.maximum(np.bincount(stratum), 1)
     mean = np.bincount(stratum, hit) / number
-    # of a stratum: (weight n)^2 s^2 / n, with s^2 = sum((hit - mean)^2) / (n - 1); weight: of each
-    # of its n points, which all have the same
+    # of a stratum: (weight n)^2 s^2 / n, with s^2 = sum((hit - mean)^2) / (n - 1); its n points all
+    # have the same weight
     squares = np.bincount(stratum, (weight * (hit - mean[stratum])) ** 2)
     variance = float(np.sum(squares * number / np.maximum(number - 1, 1)))
     return float(ndtri(0.5 + LEVEL / 2.0)) * math.sqrt(variance)

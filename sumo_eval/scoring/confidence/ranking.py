@@ -68,7 +68,7 @@ def rank(
         if number and told_apart[ranked[number - 1], name]:
             place = number + 1
         weighted_results = [results_of[name][scenario] for scenario in means.weights]
-        # of a single scenario that of S+ there, so that ranking and scores agree
+        # with a single scenario the interval of S+ there, so that ranking and scores agree
         spread, ends = spreads[name], weighted_results[0].s_plus_interval
         if len(weighted_results) > 1:
             ends = None if spread is None else spread.interval(totals[name])

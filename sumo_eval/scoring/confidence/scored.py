@@ -50,7 +50,7 @@ def with_intervals(
     """The results of all ADSs in one scenario with the interval of every score, and what a ranking
     needs of them.
 
-    scores: the results; their intervals are what missing cases leave open.
+    scores: the results; their intervals so far are the bounds that missing cases leave open.
     rows: cases of each ADS.
     places: of each ADS the indices of its cases' points.
     drivers: of each ADS the errors by the choice of drivers.
@@ -100,7 +100,7 @@ def _joined(score: ScenarioResult, intervals: ScoreIntervals, most_of_s: float) 
         value = getattr(score, name)
         worst, best = getattr(score, f"{name}_interval") or (value, value)
         least, most = WITHIN.get(name, (0.0, most_of_s))
-        # a score that is out of its range by rounding bounds it
+        # where rounding has put the score out of its range, the score is the bound
         ends[f"{name}_interval"] = (
             float(max(worst - (value - low), min(least, worst))),
             float(min(best + (high - value), max(most, best))),

@@ -17,8 +17,8 @@ from typing import Any
 
 ORDER = 2  # the harness is the first client
 
-# without this module, the import finds the library (`sitecustomize`), and leaves it in
-# `sys.modules`, from where the script's own `import traci` takes it
+# With this module out of `sys.modules`, the import finds the library (see `sitecustomize`) and
+# leaves it there, from where the script's own `import traci` takes it.
 del sys.modules["traci"]
 real = importlib.import_module("traci")
 main = importlib.import_module("traci.main")
@@ -64,7 +64,7 @@ def _without_window(call: str) -> Any:
 def _quietly(
     kind: type[BaseException], error: BaseException, trace: Any, _usual: Any = sys.excepthook
 ) -> None:
-    """SUMO closes the connection when the case is over, which a script need not expect."""
+    """Hide the error of a script that does not expect SUMO to close the connection at the end."""
     if issubclass(kind, main.FatalTraCIError) and "closed by SUMO" in str(error):
         _say("the case is over")
     else:

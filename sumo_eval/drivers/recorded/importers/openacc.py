@@ -40,8 +40,8 @@ def read(path: Path) -> Samples:
     require(bool(places), path, "must have columns Speed1, Speed2, ..., got none")
     checked_numbers(rows, ["Time", *numbers], path, heading=_HEAD_ROWS + 1, gaps=numbers)
     parts = []
-    # A chain is a row of vehicles with known gaps. front: x of the next one's front bumper, m, plus
-    # half a length, as `x` is of centres.
+    # A chain is a row of vehicles with known gaps. front: half a length ahead of the next vehicle's
+    # front bumper, m, so that its centre is at front - LENGTH.
     chains = 0
     front: Any = np.nan
     for place in places:

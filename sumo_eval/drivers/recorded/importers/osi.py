@@ -1,7 +1,7 @@
 """ASAM Open Simulation Interface: `.osi` traces, MCAP files, and omega-prime's tables (`.parquet`).
 
-A trace (`.osi`, also `.osi.gz`, `.osi.xz`) holds messages in order, each after its length in four
-bytes, the lowest first. They are GroundTruth, or SensorView (`_sv_` in the file's name), which
+A trace (`.osi`, also `.osi.gz`, `.osi.xz`) holds messages in order, each preceded by its length
+(4 bytes, little-endian). They are GroundTruth, or SensorView (`_sv_` in the file's name), which
 holds a GroundTruth. An MCAP file names the kind of each message. Of a GroundTruth its time and its
 moving objects are read, by the field numbers of OSI 3, which no release of it may change. Positions
 are centres, angles counter-clockwise from x, as here. MCAP needs the extra `osi`, tables the extra
@@ -63,7 +63,8 @@ def read(path: Path) -> Samples:
     classes = kinds["subtype"].map(CLASSES).fillna("other")
     bodies["class"] = classes.where(kinds["type"] != PEDESTRIAN, "pedestrian")
     rows = rows[["t", "vehicle", "x", "y", "heading", "speed"]].join(bodies, on="vehicle")
-    rows["recording"] = path.name.removesuffix(next(filter(path.name.endswith, ENDINGS)))
+    ending = next(it for it in ENDINGS if path.name.endswith(it))
+    rows["recording"] = path.name.removesuffix(ending)
     return rows.astype({"vehicle": str}), notes
 
 
@@ -76,7 +77,8 @@ def _moving_objects(path: Path) -> pd.DataFrame:
     rows = _omega_prime(path) if is_table else pd.DataFrame(_objects(path), columns=_COLUMNS)
     if rows.empty:
         raise InputError(f"{path} must hold GroundTruth with moving objects, got none.")
-    checked_numbers(rows, ["t", *_COLUMNS[2:8]], path, rows=range(1, len(rows) + 1))
+    numbers = [name for name in _COLUMNS if name not in ("vehicle", "type", "subtype")]
+    checked_numbers(rows, numbers, path, rows=range(1, len(rows) + 1))
     return rows
 
 
@@ -122,6 +124,7 @@ def _trace(path: Path) -> Iterator[tuple[str, bytes]]:
     kind = _SENSOR_VIEW if "_sv_" in path.name else "GroundTruth"
     with opened(path, "rb") as file:
         while header := file.read(4):
+            # a length that is cut off or too large fails below, as a message that is cut off
             size = struct.unpack("<I", header)[0] if len(header) == 4 else _TRACE_LIMIT
             message = file.read(size) if size < _TRACE_LIMIT else b""
             if len(message) < size:
@@ -150,7 +153,7 @@ def _mcap(path: Path) -> Iterator[tuple[str, bytes]]:
 
 
 def _ground_truth(message: bytes) -> Iterator[Row]:
-    """The moving objects of a GroundTruth: its fields 2, timestamp, and 5, moving_object."""
+    """The moving objects of a GroundTruth: field 2 is timestamp, field 5 moving_object."""
     fields = list(_fields(message))
     stamp = dict(_fields(dict(fields).get(2, b"")))  # 1: s, 2: ns
     time = stamp.get(1, 0) + 1e-9 * stamp.get(2, 0)
@@ -168,9 +171,10 @@ def _moving_object(time: float, message: bytes) -> Row:
     x, y, _ = _numbers(base[2])
     *_, yaw = _numbers(base.get(3, b""))
     vx, vy, _ = _numbers(base.get(4, b""))
-    name, subtype = (int(dict(_fields(fields.get(number, b""))).get(1, 0)) for number in (1, 6))
+    # id and vehicle_classification have their value in field 1
+    vehicle, subtype = (int(dict(_fields(fields.get(it, b""))).get(1, 0)) for it in (1, 6))
     speed = math.sqrt(vx * vx + vy * vy)
-    return time, name, x, y, length, width, yaw, speed, int(fields.get(3, 0)), subtype
+    return time, vehicle, x, y, length, width, yaw, speed, int(fields.get(3, 0)), subtype
 
 
 def _numbers(message: bytes) -> list[float]:
@@ -180,8 +184,8 @@ def _numbers(message: bytes) -> list[float]:
 
 
 def _fields(message: bytes) -> Iterator[tuple[int, Any]]:
-    """Numbers and values of the fields of a message in the wire format of protocol buffers; of
-    several of one number the last counts.
+    """Number and value of each field of a message in the wire format of protocol buffers. In a
+    `dict` of them the last of a repeated field counts.
     """
     at = 0
     end = len(message)
@@ -222,7 +226,10 @@ def _omega_prime(path: Path) -> pd.DataFrame:
         duckdb: Any = importlib.import_module("duckdb")
     except ImportError:
         raise needs_extra(f"{path} is a Parquet table, which", "parquet") from None
-    wanted = ("total_nanos", "idx", *_COLUMNS[2:6], *_COLUMNS[8:], "yaw", "vel_x", "vel_y")
+    wanted = (
+        "total_nanos", "idx", "x", "y", "length", "width", "type", "subtype", "yaw", "vel_x",
+        "vel_y",
+    )  # fmt: skip
     try:
         with duckdb.connect() as database:
             rows: pd.DataFrame = database.read_parquet(str(path)).df()
@@ -233,7 +240,7 @@ def _omega_prime(path: Path) -> pd.DataFrame:
     clock = rows[["total_nanos", "vel_x", "vel_y"]].apply(pd.to_numeric, errors="coerce")
     rows["t"], rows["speed"] = clock["total_nanos"] * 1e-9, np.hypot(clock["vel_x"], clock["vel_y"])
     rows = rows.fillna({"type": 0, "subtype": 0})
-    # an id of 64 bits is a whole number already, and too large for a check of doubles
-    kinds = [name for name in ("vehicle", "type", "subtype") if rows[name].dtype.kind not in "iu"]
-    checked_numbers(rows, kinds, path, rows=range(1, len(rows) + 1))
-    return rows.astype(dict.fromkeys(kinds, int))[list(_COLUMNS)]
+    # columns of integers need no check, and a 64-bit id does not fit into the check's doubles
+    unchecked = [it for it in ("vehicle", "type", "subtype") if rows[it].dtype.kind not in "iu"]
+    checked_numbers(rows, unchecked, path, rows=range(1, len(rows) + 1))
+    return rows.astype(dict.fromkeys(unchecked, int))[list(_COLUMNS)]

@@ -1,8 +1,8 @@
 """SUMO's floating car data (--fcd-output), XML and CSV.
 
 Traps: x, y is the centre of the FRONT bumper; angles are degrees clockwise from north. The output
-    knows no bodies: a vehicle has SUMO's default size of its class, if its type is called as one of
-    `BODIES`, else a car's.
+    has no bodies: a vehicle gets SUMO's default size for the class that its type is named after
+    (`BODIES`), else a car's.
 """
 
 from __future__ import annotations

@@ -358,7 +358,7 @@ def _rest(ego: float, faster: float, gap: float) -> float:
 
     ego, faster: as in `_margin`.
     """
-    # to a lower speed it brakes; the acceleration has no sign
+    # `accelerate` to a lower speed brakes; its acceleration is a magnitude
     brakes = {"do": "accelerate", "when": "time >= 0", "begin": 0.4, "speed": ego,
         "acceleration": 3.0}  # fmt: skip
     content: dict[str, Any] = {
@@ -412,8 +412,8 @@ def eu_2022_1426() -> Rows:
     """
     source = "Annex III: avoided, 0.1 m + a tau^2 / 24 left"
     for brakes, values in TABLE:
-        # What is left: 0.1 m that the rule keeps, and a tau^2 / 24. The rule adds tau / 2 to the
-        # TTC for a build-up of tau to the braking a: a tau^2 / 24 of road more than needed.
+        # What is left: 0.1 m that the rule keeps, and a tau^2 / 24. The rule counts the build-up of
+        # the braking a over tau as a delay of tau / 2, which needs that much more road.
         margin = 0.1 + brakes.braking * brakes.build_up**2 / 24.0
         model = brakes.ads.removeprefix("eu_2022_")
         for kph, ttc in zip(range(10, 70, 10), values, strict=True):
