@@ -163,6 +163,8 @@ class Stage:
 
     def tell(self, world: World, count: int) -> None:
         """Hand the motion of this step to SUMO: `count` rows of `world.tell`."""
+        if not count:  # where an ADS calls TraCI, in most steps
+            return
         if self._on_lanes:
             self._tell_lanes(world, count)
             return
