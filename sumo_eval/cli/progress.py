@@ -109,7 +109,7 @@ class Progress:
         if self._bar is not None:
             if stage.task is None:
                 stage.task = self._bar.add_task(name, total=total, left="", failed="")
-            self._bar.update(stage.task, completed=done, left=left, failed=faults)
+            self._bar.update(stage.task, completed=done, total=total, left=left, failed=faults)
         elif done == total:
             if not stage.finished:
                 stage.finished = True

@@ -20,8 +20,6 @@ from sumo_eval.errors import InputError
 if TYPE_CHECKING:
     from sumo_eval.whatif.search import Answer, CaseLevers, WhatIf
 
-_BAR = 20  # characters for a change over the whole range
-
 
 @click.command(epilog="Example: sumo-eval whatif results/first cut_in-0007-idm --lever gap")
 @RUN
@@ -40,9 +38,14 @@ def whatif(
 
     if all_collisions == (case is not None):
         raise InputError("`whatif` needs either a CASE or --all-collisions.")
-    search = WhatIf(run)
+    with Progress() as progress:
+        search = WhatIf(run, progress)
+        levers = (
+            _of_all_collisions(search, run, lever)
+            if case is None
+            else [search.answers(known_case(run, case), lever)]
+        )
     if case is None:
-        levers = _of_all_collisions(search, run, lever)
         reasons = [it.why_not for it in levers if it.why_not]  # of collisions without answers
         levers = [it for it in levers if not it.why_not]
         if reasons and not levers:
@@ -52,7 +55,6 @@ def whatif(
             tell(words, err=True)
         lines = _table_of_all(levers)
     else:
-        levers = [search.answers(known_case(run, case), lever)]
         lines = _table(levers[0])
     if as_json:
         plain = {it.fact.case: list(map(_plain, it.answers)) for it in levers}
@@ -69,11 +71,10 @@ def _of_all_collisions(search: WhatIf, run: Path, lever: str | None) -> list[Cas
     with open_store(run / FACTS) as store:
         facts = [fact for fact in store.facts("ads") if fact.collision is not None]
     levers = []
-    with Progress() as progress:
-        for number, fact in enumerate(facts, start=1):
-            # `fine=False`: the values of the first round are enough for a count
-            levers.append(search.answers_or_why_not(fact, lever, fine=False))
-            progress("collisions", number, len(facts))
+    for number, fact in enumerate(facts, start=1):
+        # `fine=False`: the values of the first round are enough for a count
+        levers.append(search.answers_or_why_not(fact, lever, fine=False))
+        search.progress("collisions", number, len(facts))
     return levers
 
 
@@ -91,7 +92,7 @@ def _table(levers: CaseLevers) -> Iterator[str]:
     for answer in levers.answers:
         line = f"  {answer.lever.name:<28} {effect_words(answer, hit)}"
         if answer.flips:
-            bar = "█" * max(round(answer.share * _BAR), 1)
+            bar = "█" * max(round(20.0 * answer.share), 1)
             line += f"  {bar} {100.0 * answer.share:z.1f} % of its range"
         yield line
     yield f"{levers.drives} drives; a delay acts in whole steps of the simulation."

@@ -23,10 +23,8 @@ from sumo_eval.record.run_folder import resolved_run
 from sumo_eval.record.store import Fact
 from sumo_eval.whatif.levers import Lever, first_values, levers_of, moved
 
-_NOT_LIMITED = "perception_not_limited"
-"""Clip of an ADS that reads the simulation past the limits of its perception."""
 _OF_PERCEPTION = ("conditions.perception_delay", "conditions.sensor_range")
-"""Levers that have no effect on such an ADS."""
+"""Levers without effect on an ADS that reads the simulation past the limits of its perception."""
 
 Line = dict[float, bool]
 """Whether the ADS collides, by value of a lever."""
@@ -81,7 +79,7 @@ class WhatIf:
     """Recorded cases of a run, rerun with one lever moved."""
 
     def __init__(self, run: Path, progress: Progress = quiet) -> None:
-        self._progress = progress
+        self.progress = progress
         self._run = resolved_run(run)
         settings = self._run.settings
         # only contacts matter here: once the outcome is decided, the rest need not be driven
@@ -122,7 +120,7 @@ class WhatIf:
         if fine:
             self._locate(fact, lines)
         clips = {clip.what for it in outcomes if it and it.recording for clip in it.recording.clips}
-        unfelt = _OF_PERCEPTION if _NOT_LIMITED in clips else ()
+        unfelt = _OF_PERCEPTION if "perception_not_limited" in clips else ()
         answers = [
             Answer(lever, _flips(lever, line), len(line), lever.name not in unfelt)
             for lever, line in lines.items()
@@ -174,12 +172,13 @@ class WhatIf:
             for number, (lever, value) in enumerate(trials)
             if (concrete := moved(logical, fact.values, lever, value, revealed=revealed))
         ]
-        self._drives += len(cases)
+        total = self._drives + len(cases)
         evaluated: list[Outcome | None] = [None] * len(trials)
-        for done, outcome in enumerate(run_cases(cases, self._setup), start=1):
+        for outcome in run_cases(cases, self._setup):
+            self._drives += 1
             if outcome.status in EVALUATED:
                 evaluated[outcome.case.point] = outcome
-            self._progress("levers", done, len(cases))
+            self.progress("levers", self._drives, total)
         return evaluated
 
 
