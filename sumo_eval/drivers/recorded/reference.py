@@ -242,6 +242,8 @@ def _drives_in(path: Path, line: Line) -> Sequence[tuple[str, Trajectory]]:
     for name, rows in table.groupby("driver", sort=False, dropna=False):
         driver = path.stem if pd.isna(name) else str(name)
         try:
+            if len(rows) < 2:
+                raise InputError("a drive must have at least two samples, got one.")
             if "speed" in rows:
                 check_speeds(rows.assign(recording=path.name, vehicle=driver))
             elif line:
