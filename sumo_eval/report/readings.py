@@ -5,7 +5,7 @@ unit and equation.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, NamedTuple
 
 from sumo_eval.report.verdict import Additions
@@ -44,27 +44,27 @@ def settings_content(evaluation: Evaluation, _: Additions) -> dict[str, Any]:
 def setting_rows(settings: EvaluationSettings) -> dict[str, list[SettingRow]]:
     """Every setting that has one value, by the group of settings it belongs to."""
     groups: dict[str, list[SettingRow]] = {}
-    for row in _rows(settings, type(settings), ""):
+    for row in _rows(settings, ""):
         group = row.path.rpartition(".")[0] or "evaluation"
         groups.setdefault(group, []).append(row)
     return groups
 
 
-def _rows(settings: Any, kind: type, prefix: str) -> Iterator[SettingRow]:
-    # `kind()` has the defaults; EvaluationSettings() fails, because its `name` has no default
-    defaults = None if kind is EvaluationSettings else kind()
+def _rows(settings: Any, prefix: str) -> Iterator[SettingRow]:
     for item in fields(settings):
         value = getattr(settings, item.name)
         if is_dataclass(value):
-            yield from _rows(value, type(value), f"{prefix}{item.name}.")
+            yield from _rows(value, f"{prefix}{item.name}.")
         elif not isinstance(value, tuple):  # the scenarios and the ADSs have tables of their own
-            default = value if defaults is None else getattr(defaults, item.name)
+            default: Any = value if item.default is MISSING else item.default
+            if item.default_factory is not MISSING:
+                default = item.default_factory()
             yield SettingRow(
                 f"{prefix}{item.name}",
                 _word(value),
                 _word(default),
                 value != default,
-                about(kind, item.name),
+                about(type(settings), item.name),
             )
 
 
