@@ -197,15 +197,16 @@ def said(error: BaseException) -> str:
 
 
 @contextmanager
-def users_code(what: str) -> Iterator[None]:
+def users_code(what: str, *stay: type[Exception]) -> Iterator[None]:
     """A block that runs code of a user or of another package. Whatever it raises becomes an
     InputError; Ctrl-C stays.
 
     what: begins the sentence, ``Sampler `my.py:points` failed`` for example.
+    stay: errors that stay, too.
     """
     try:
         yield
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:
+        if isinstance(error, (KeyboardInterrupt, *stay)):
+            raise
         raise InputError(f"{what}: {said(error)}.") from error

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, SumoEvalError, unknown, users_code
 from sumo_eval.gone import refuse_use_case
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.formats import GROUP, format_of
@@ -37,11 +37,13 @@ def find(use: str, folder: Path | None = None) -> LogicalScenario:
     """
     plain, given = options_of(use)
     if reader := _reader_of(plain):
-        return reader((folder or Path.cwd()) / plain, given)
-    refuse_use_case(plain)
-    if ":" not in plain:
-        return load(use)
-    logical = load_object(use, folder, "Logical scenario")
+        with users_code(f"Logical scenario `{use}` cannot be read", SumoEvalError):
+            logical = reader((folder or Path.cwd()) / plain, given)
+    else:
+        refuse_use_case(plain)
+        if ":" not in plain:
+            return load(use)
+        logical = load_object(use, folder, "Logical scenario")
     if not isinstance(logical, LogicalScenario):
         raise InputError(
             f"Logical scenario `{use}` must be a LogicalScenario, got {type(logical).__name__}."

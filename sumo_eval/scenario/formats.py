@@ -13,7 +13,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Final
 
-from sumo_eval.errors import InputError, users_code
+from sumo_eval.errors import InputError, SumoEvalError, users_code
 from sumo_eval.gone import refuse_use_case
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.shipped_files import scenario_files
@@ -66,7 +66,8 @@ def expanded(entries: Entries, folder: Path) -> Entries:
         if entry.folder is not None and (form is None or entry.use not in form.catalogues):
             names = ", ".join(name for other in formats() for name in other.catalogues)
             raise InputError(f"`folder` of scenario `{entry.use}` is for catalogues: {names}.")
-        single += [entry] if form is None or form.expand is None else form.expand(entry, folder)
+        with users_code(f"Scenario `{entry.use}` cannot be read", SumoEvalError):
+            single += form.expand(entry, folder) if form and form.expand else [entry]
     return tuple(single)
 
 

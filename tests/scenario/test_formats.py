@@ -61,6 +61,14 @@ def test_a_format_that_cannot_be_loaded_is_refused(site):
         catalogue.find("slow.lead", site)
 
 
+@pytest.mark.parametrize("reader, words", [("1 / 0", "Zero"), ("3", "LogicalScenario, got int")])
+def test_a_reader_that_fails_is_refused(site, reader, words):
+    (site / "lead_format.py").write_text(f"read = lambda path, options: {reader}")
+    install(site, "lead = lead_format:read")
+    with refusal(f"Logical scenario `slow\\.lead` .*{words}"):
+        catalogue.find("slow.lead", site)
+
+
 def test_two_readers_of_one_ending_are_refused_by_name(site):
     install(site, "xosc = lead_format:read")
     with refusal(r"Files `\.xosc` must have one reader, got .*uninstall one"):
