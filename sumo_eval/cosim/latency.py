@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from array import array
+from functools import cached_property
 
 import numpy as np
 
@@ -40,13 +41,26 @@ class Latencies:
 
     def of(self, case: int) -> Latency:
         """Latency of one case, once all cases have ended."""
-        steps, work = _sorted(self.shared or self.own[case]), _sorted(self._reference)
+        return self._of_batch if self.shared else self._of(self.own[case])
+
+    @cached_property
+    def _of_batch(self) -> Latency:
+        return self._of(self.shared)
+
+    @cached_property
+    def _work(self) -> float:
+        """Median time of the fixed work, s."""
+        work = _sorted(self._reference)
+        return float(work[len(work) // 2])
+
+    def _of(self, times: array[float]) -> Latency:
+        steps = _sorted(times)
         return Latency(
             mean=float(steps.mean()),
             longest=float(steps[-1]),
             median=float(steps[len(steps) // 2]),
             late=float(steps[int(LATE * len(steps))]),
-            reference=float(work[len(work) // 2]),
+            reference=self._work,
         )
 
 

@@ -330,10 +330,9 @@ class Stage:
 
     def compare(self, world: World) -> None:
         """Fail the cases in which SUMO shows a vehicle elsewhere than it received it."""
-        egos, others = world.egos[self._live], world.others[self._live]
+        egos, others = world.egos, world.others
         y, front_x, front_y = (joined(egos, others, name) for name in ("y", "front_x", "front_y"))
-        received = np.nonzero(self._received(egos, others, front_y))
-        rows, columns = self._live[received[0]], received[1]
+        received = rows, columns = np.nonzero(self._received(egos, others, front_y))
         numbers = rows * self._width + columns
         shown = list(map(self.calls.getPosition, [self._flat[n] for n in numbers.tolist()]))
         meant = np.column_stack([front_x[received], front_y[received]])
@@ -353,7 +352,7 @@ class Stage:
         x, half = joined(egos, others, "x"), 0.5 * joined(egos, others, "length")
         actors = (others["told"] == 2) & (others["present"] == 1)  # 2: received in this step
         received = np.column_stack([egos["placed"] != SUMO, actors])
-        received &= (egos["reason"] == 0)[:, None]
+        received &= ((egos["live"] != 0) & (egos["reason"] == 0))[:, None]
         received &= (x - half >= 0.0) & (x + half < road.end - LOSS_MARGIN)
         reach = 0.5 * joined(egos, others, "width") - LOSS_MARGIN
         beside = (front_y <= road.right_edge - reach) | (front_y >= road.left_edge + reach)
