@@ -10,7 +10,7 @@ import json
 import zlib
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import lru_cache
 from itertools import accumulate, chain, groupby
 from typing import Any, Literal, overload
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.coded import decoded, encoded
+from sumo_eval.frozen import frozen
 from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.settings.locators import load_object
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -39,7 +40,7 @@ They were not evaluated, but count in T, A, A', H and S+. The one status that is
 """
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ThinReference:
     """Note on a case with fewer recorded drivers than the evaluation requires.
 
@@ -185,7 +186,7 @@ class CaseProperties:
         return self.safe & np.logical_not(self.collided | self.struck_from_behind)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class CaseResult(CaseProperties):
     """Result of one case: one ADS at one point. None: does not apply, or could not be evaluated.
 
@@ -368,7 +369,7 @@ _TEXT = np.dtypes.StringDType()
 _CACHED_CHUNKS = 32  # chunks whose records stay in memory
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Chunk:
     """Consecutive rows of a table: one ADS in one scenario, the same names of parameters.
 

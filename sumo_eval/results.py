@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from sumo_eval.cases import CaseResult, CaseTable, Zone
 from sumo_eval.errors import check_known
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import EvaluationSettings
@@ -24,7 +25,7 @@ Bounds = tuple[float, float]
 """Lower and upper end of an interval."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class NotComputed:
     """Reason why an ADS has no D or H in a scenario, i.e. no mean over its safe cases.
 
@@ -38,7 +39,7 @@ class NotComputed:
     collisions: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class DrivesLeftOut:
     """Note on drives of human drivers that did not end with status `ok`: D_i leaves them out.
 
@@ -52,14 +53,14 @@ class DrivesLeftOut:
     statuses: tuple[tuple[str, int], ...]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class DrivenAlone:
     """Note on drives that could not share a simulation and ran alone: (reason, number) of them."""
 
     reasons: tuple[tuple[Alone, int], ...]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class DrivenInBlocks:
     """Note on a policy over arrays: last bits of its results may depend on its fixed batches.
 
@@ -71,7 +72,7 @@ class DrivenInBlocks:
     sizes: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Counted:
     """Note that counts cases, collisions or points: `number` of `of` are of the kind `what`.
 
@@ -104,7 +105,7 @@ class Counted:
     of: int
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class BeyondRange:
     """Note on collisions outside the range for which a severity function is known.
 
@@ -116,7 +117,7 @@ class BeyondRange:
     reasons: tuple[tuple[str, int], ...]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ThinReferences:
     """Note on safe cases with too few recorded drivers.
 
@@ -130,7 +131,7 @@ class ThinReferences:
     left_out: int
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PlausibleTo:
     """Note on the drivers that plausibility compares with, where `plausibility.table` requests the
     recorded ones.
@@ -149,7 +150,7 @@ class PlausibleTo:
     instead: int | None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class CasesMissing:
     """Note on cases that could not be evaluated: (zone, number of cases in it)."""
 
@@ -161,7 +162,7 @@ class CasesMissing:
         return sum(number for _, number in self.zones)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ReferenceMissing:
     """Note on cases whose reference could not be evaluated, for one reason.
 
@@ -177,7 +178,7 @@ class ReferenceMissing:
     example: str
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class WorstAndBest:
     """Note on C, D and S with the missing cases counted as worst and as best; None: nothing is
     missing in that score.
@@ -188,7 +189,7 @@ class WorstAndBest:
     s: Bounds
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class RequirementMissed:
     """Note on a requirement of the scenario that some cases miss.
 
@@ -219,7 +220,7 @@ ScoreNote = (
 """A note on a score as numbers; `report/words.py` makes the sentences."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ScenarioResult:
     """Scores of one ADS in one logical scenario. A score is None where it could not be computed.
 
@@ -319,7 +320,7 @@ class ScenarioResult:
         return str(load_object("sumo_eval.report.notebook:score_html", None, "Score")(self))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ZoneResult:
     """Safe and hazardous zones of one logical scenario.
 
@@ -343,7 +344,7 @@ class ZoneResult:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class RankedAds:
     """An ADS in the ranking of an evaluation.
 
@@ -361,7 +362,7 @@ class RankedAds:
     h_points: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class RankedPair:
     """Two ADSs of a ranking.
 
@@ -383,7 +384,7 @@ class RankedPair:
         return self.interval == (0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Ranking:
     """ADSs in the order of S+ over all scenarios; neighbours that are not told apart share a place.
 
@@ -413,7 +414,7 @@ class Ranking:
         return next(pair for pair in self.pairs if (pair.above, pair.below) == (above, below))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Evaluation:
     """A scored run.
 

@@ -8,13 +8,14 @@ counter-clockwise positive). SI units throughout.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sumo_eval.errors import InputError
+from sumo_eval.frozen import frozen
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -39,7 +40,7 @@ CHANNELS = ("time", "x", "y", "heading", "speed", "acceleration", "steering_whee
 """Channels of a `Trajectory`, in the order of its block (7, n)."""
 
 
-@dataclass(frozen=True, slots=True, init=False, eq=False)
+@frozen(init=False, eq=False)
 class Trajectory:
     """One vehicle's motion: every channel is an (n,) array, `time` strictly increasing.
 
@@ -176,7 +177,7 @@ Trajectories = Mapping[str, Trajectory]
 """Trajectories of vehicles by name."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Collision:
     """First contact of the ego's body with another's, located within the step.
 
@@ -216,7 +217,7 @@ applied: time of the contact, s.
 NEVER, UNKNOWN = -1.0, -2.0
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Clip:
     """Note on a drive: requests that were changed by a limit, or another event to be known.
 
@@ -277,7 +278,7 @@ _WENT_WRONG = ("keeps_state", "together_failed", "pack_lost", "block_lost", "lat
 """Reasons that came up in a batch, after which its cases were driven once more."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Alone:
     """Reason why a case has to be driven alone.
 
@@ -312,7 +313,7 @@ class Latency(NamedTuple):
     reference: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Recording:
     """One simulated case: every vehicle's motion, the ego's contact, and why the drive ended.
 
@@ -335,7 +336,7 @@ class Recording:
     clips: tuple[Clip, ...] = ()
     error: str | None = None
     log: str = ""
-    controller_latency: Latency = Latency()  # noqa: RUF009 - frozen
+    controller_latency: Latency = Latency()
     wall_time: float = 0.0
     error_place: str = ""
     batched: str = ""

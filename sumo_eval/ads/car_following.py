@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from dataclasses import fields as fields_of
 from typing import Any, ClassVar
 
@@ -23,6 +22,7 @@ from sumo_eval.ads.perception import bumper_gap, coming_into_path, lead_in_path
 from sumo_eval.cosim.compiled import Compiled, decides, each_row
 from sumo_eval.cosim.records import fields, flags
 from sumo_eval.errors import must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.kernels import kernel
 from sumo_eval.scenario.concrete import LEAST_CHANGE
 
@@ -35,7 +35,7 @@ MIN_GAP = 0.1
 MIN_SPEED = 0.1  # m/s, least speed to divide by
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class IdmParameters:
     """Parameters of the IDM.
 

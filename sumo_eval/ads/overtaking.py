@@ -9,7 +9,6 @@ for the lead behind which it ends.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 from sumo_eval.ads.car_following import FOLLOWED, change_as_asked, follow
@@ -26,6 +25,7 @@ from sumo_eval.ads.lane_change import (
 from sumo_eval.ads.perception import bumper_gap, gap_behind, neighbours
 from sumo_eval.cosim.records import fields, flags
 from sumo_eval.errors import must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.kernels import kernel
 
 # m, free space across the road when the ego's front comes level with the lead's rear
@@ -59,7 +59,7 @@ REAR_DELAY = 0.4  # s
 REAR_HEADWAY = 1.0  # s, at the ego's speed: the vehicle behind has braked down to it by then
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class OvertakingHabits:
     """Conditions under which an ego overtakes.
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -19,6 +18,7 @@ import numpy as np
 from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
 from sumo_eval.cosim.vehicle_model import Command, Pedals
 from sumo_eval.errors import ControllerError, said
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.road.reference_line import Line, curvatures
 from sumo_eval.scenario.touch import within_a_turn
 from sumo_eval.settings import SimulationSettings
@@ -27,7 +27,7 @@ _SAME_PLACE = 1e-6  # m, points closer than this are one place
 _SAME_TIME = 1e-9  # s, rounding of sums of steps
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Plan:
     """Places of the ego's centre over time. It holds until another plan replaces it.
 

@@ -11,9 +11,9 @@ dynamic one has side slip and a yaw rate of its own (`move_dynamic`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from sumo_eval.frozen import frozen
 from sumo_eval.kernels import kernel
 
 GRAVITY = 9.81  # m/s2
@@ -25,7 +25,7 @@ _GRANTED = 1e-9  # m/s2, a request met as closely as this is granted
 _SAME = 1e-12  # m/s2, accelerations closer than this are one
 
 
-@dataclass(frozen=True, slots=True, init=False)
+@frozen(init=False)
 class Command:
     """Wish of an ADS for the next step: an acceleration, or instead a speed.
 
@@ -63,7 +63,7 @@ _SET_STEERING = vars(Command)["steering"].__set__
 _SET_SPEED = vars(Command)["speed"].__set__
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Pedals:
     """Positions of the pedals, 0..1, and of the steering wheel, -1..1 of its end stops, positive to
     the left.

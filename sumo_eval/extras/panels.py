@@ -6,11 +6,12 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from sumo_eval.frozen import frozen
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -40,7 +41,7 @@ _ON_PAGES: Final = {
 """matplotlib's style of a line or marker -> plotly's name; None: plotly's default, not drawn."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Marks:
     """Points of a panel, or a line through them.
 
@@ -63,7 +64,7 @@ class Marks:
     words: Sequence[str] | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Panel:
     """One chart.
 

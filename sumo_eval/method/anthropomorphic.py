@@ -24,7 +24,7 @@ Readings of the paper (docs/method.md) that this file is built on:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import Literal, NamedTuple
 
@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.method import score_terms
 from sumo_eval.method.checks import finite, not_negative, quotient
 from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, everyone, manoeuvre_of, spread
@@ -70,7 +71,7 @@ NoteKind = Literal[
 ]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class IndexNote:
     """A special rule that a D_i needed, and how often; `report.words` makes a sentence of it.
 
@@ -86,7 +87,7 @@ class IndexNote:
     manoeuvre: Manoeuvre = ()
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Likeness:
     """Factors of a safe case's part in H, 0..1 each; plausibility is one more (scoring.quantities).
 
@@ -105,7 +106,7 @@ class Likeness:
         return self.length_factor * self.operation_tolerance * self.similarity
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Ingredients:
     """Quantities behind the factors of a D_i, for `report.explain`.
 
@@ -130,7 +131,7 @@ class Ingredients:
     lowest_at: float
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class AnthropomorphicIndex:
     """D_i of one ADS in one concrete scenario, Eq. 12, and its ingredients.
 

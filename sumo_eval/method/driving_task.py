@@ -9,11 +9,11 @@ Users: `scoring/` (for every case), `drivers/`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from sumo_eval.frozen import frozen
 from sumo_eval.method.measures import STANDING
 from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.trajectory import (
@@ -34,7 +34,7 @@ EXCUSE_BESIDE = 3.5  # m, largest distance to its side (a lane)
 EXCUSE_SPEED = 1.0  # m/s, largest speed along the road
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Departure:
     """First recorded sample at which a corner of the ego's body is off the road.
 

@@ -9,11 +9,11 @@ sample. nan: not defined in this case. inf: unbounded.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from sumo_eval.frozen import frozen
 from sumo_eval.method.checks import quotient
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.road.reference_line import curvatures
@@ -41,7 +41,7 @@ STANDING = 0.1
 """Below this speed, m/s, a vehicle stands."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class CriticalityMeasures:
     """Criticality measures of a case: how close it came to a collision, and how hard the ego acted.
 
@@ -165,7 +165,7 @@ IN_THE_MIDDLE = 0.15
 """m from the lane's middle that count as in it (Autoware's UC-PLN-003-0001)."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class LaneKeeping:
     """Measures of how an ego kept the lane in which it began.
 

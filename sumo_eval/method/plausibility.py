@@ -18,12 +18,12 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from sumo_eval.errors import InputError
+from sumo_eval.frozen import frozen
 from sumo_eval.method.measures import Course, largest, least
 from sumo_eval.trajectory import FloatArray
 
@@ -46,7 +46,7 @@ LEVELS: Final = (0.01, 0.02, 0.03, 0.04, 0.05, 0.1, 0.25, 0.5)
 share."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Quantiles:
     """Table of how extreme people get: `values[name][k]` is reached by the share `shares[name][k]`
     of them.

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario import LogicalScenario
 from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import FloatArray
@@ -31,7 +31,7 @@ SIGNAL_BOUNDS, NOISE_BOUNDS = (1e-2, 1e2), (1e-6, 1.0)  # variances of a target 
 NUDGE = 1e-6  # unit-box lengths, for derivatives
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Surface:
     """Eqs. 7-8: the GP's posterior mean y(x) = sf^2 sum_i exp(-|(x - x_i)/sl|^2 / 2) weight_i, x in
     a unit box.

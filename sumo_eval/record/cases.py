@@ -5,10 +5,11 @@ these.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Literal
 
+from sumo_eval.frozen import frozen
 from sumo_eval.input_file import sha256
 from sumo_eval.record.kept import KeptRecording
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -38,7 +39,7 @@ IN_BLOCK = "in_block"
 """Name of the clip of a case that was driven in a block; the block's size is its `requested`."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Block:
     """The cases that a policy over arrays drives together.
 
@@ -59,7 +60,7 @@ class Block:
         return cls(first, sha256(repr(concretes)), tuple(concretes))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Case:
     """One drive to do.
 
@@ -81,7 +82,7 @@ class Case:
     driver_index: int = 0
     driver_count: int = 0
     seed: int = 0
-    population: PopulationSettings = PopulationSettings()  # noqa: RUF009 - frozen
+    population: PopulationSettings = PopulationSettings()
     fingerprint: str = ""
     block: Block | None = None
 
@@ -100,7 +101,7 @@ def on_its_own(cases: Sequence[Case]) -> bool:
     return len(cases) == 1 and cases[0].block is None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Outcome:
     """Outcome of a case.
 
@@ -131,7 +132,7 @@ class Outcome:
         object.__setattr__(self, "batched", self.batched if self.batched in BATCHED else "")
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Setup:
     """Values that all cases of a run share.
 

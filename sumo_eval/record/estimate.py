@@ -6,11 +6,12 @@ import math
 import time as clock
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain, islice, zip_longest
 from pathlib import Path
 from statistics import fmean
 
+from sumo_eval.frozen import frozen
 from sumo_eval.method.zone_partition import refuse_impossible_zones
 from sumo_eval.record.cases import Case, Role, Setup
 from sumo_eval.record.claims import NO_USER_CODE, affinity
@@ -37,7 +38,7 @@ ADSs all of one ADS.
 """
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Estimate:
     """Cost of an evaluation.
 

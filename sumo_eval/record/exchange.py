@@ -12,7 +12,7 @@ import shlex
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from html import escape
 from itertools import chain
 from pathlib import Path
@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError, check_known, needs_extra
+from sumo_eval.frozen import frozen
 from sumo_eval.input_file import taking_apart, writing
 from sumo_eval.record import run_folder
 from sumo_eval.record.cases import Role
@@ -52,7 +53,7 @@ _TYPES = {
 of numbers for text."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Run:
     """A run folder. Each property reads it when it is asked for. Quantities are in SI units."""
 

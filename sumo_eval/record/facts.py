@@ -10,7 +10,7 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from sumo_eval.cosim.doors.controller import find_controller
 from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.errors import InputError, StoppedError, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.method.point_criticality import exactly_hazardous
 from sumo_eval.method.severity import severity_of
 from sumo_eval.record import loops, run_folder
@@ -64,7 +65,7 @@ run's own when it is resumed, else the paper's.
 """
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Recorded:
     """Number of drives in a run folder, and of cases of ADSs that were not evaluated.
 

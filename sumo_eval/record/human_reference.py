@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from statistics import fmean
@@ -21,6 +21,7 @@ from typing import Any
 
 import sumo_eval.method
 from sumo_eval.coded import decoded, encoded
+from sumo_eval.frozen import frozen
 from sumo_eval.input_file import sha256
 from sumo_eval.method.anthropomorphic import (
     AnthropomorphicIndex,
@@ -44,7 +45,7 @@ _KEPT_AT_ONCE = 32  # new results that are written together; scoring that is sto
 _WORTH_PROCESSES = 160  # fewer drives of human drivers are done sooner than processes start
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PointJob:
     """Requested results at one point.
 
@@ -64,7 +65,7 @@ class PointJob:
     exchanges: tuple[tuple[int, int], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class LeftOut:
     """D_i of a case on coarse slices, compared with different sets of drivers.
 
@@ -97,7 +98,7 @@ class LeftOut:
         )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PointResult:
     """Results at one point, by case; D_i of each driver against all other drivers."""
 

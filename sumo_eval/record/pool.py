@@ -22,7 +22,6 @@ import tempfile
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from multiprocessing.connection import Connection
@@ -31,6 +30,7 @@ from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
 from sumo_eval.errors import InputError
+from sumo_eval.frozen import frozen
 from sumo_eval.record.children import child_context, started
 from sumo_eval.record.frames import FrameError, FrameReader, frame
 from sumo_eval.record.hygiene import (
@@ -69,7 +69,7 @@ _CLOSED = "closed its connection"
 _FULL = 0.8
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Ended(Generic[Item]):
     """Outcome of one item.
 
@@ -90,7 +90,7 @@ class Ended(Generic[Item]):
     idle: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Work(Generic[Item]):
     """Work to do with items.
 

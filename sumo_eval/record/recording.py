@@ -20,6 +20,7 @@ from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.errors import InputError, StoppedError, check_known, users_code
+from sumo_eval.frozen import frozen
 from sumo_eval.input_file import hash_of, sha256
 from sumo_eval.record.cases import Block, Case, Outcome, Role, Setup
 from sumo_eval.record.claims import NO_USER_CODE, affinity
@@ -51,7 +52,7 @@ REFERENCES: Mapping[Role, str] = {
 for the times of T."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Space:
     """The points of one logical scenario.
 
@@ -82,7 +83,7 @@ class Space:
         return [number for number in self.numbers if not self.hazardous[number]]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Planner:
     """Makes the cases of an evaluation, each with a fingerprint of all that its facts depend on.
 
@@ -252,7 +253,7 @@ def record(
         store.remove(case for case, point, name in cases if point not in safe or name not in names)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class _Stage:
     """Cases of one role in one logical scenario, with the name and total of their progress."""
 

@@ -18,13 +18,14 @@ import sqlite3
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from itertools import chain, groupby
 from pathlib import Path
 from sys import intern
 from typing import Any
 
 from sumo_eval.errors import InputError
+from sumo_eval.frozen import frozen
 from sumo_eval.input_file import sha256
 from sumo_eval.record.cases import Case, Outcome, Role, Status
 from sumo_eval.record.kept import EGO as EGO
@@ -96,7 +97,7 @@ _UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
 """Errors of reading a damaged file: SQLite's own words about it may hold its bytes."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Fact:
     """One recorded case, without its trajectories.
 

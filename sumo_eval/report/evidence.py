@@ -9,7 +9,7 @@ evaluated.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sumo_eval.cases import CaseTable
+from sumo_eval.frozen import frozen
 from sumo_eval.input_file import hash_of
 from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, FACTS, MANIFEST
 from sumo_eval.report.checks import FAILED, PASSED, checked_cases
@@ -34,7 +35,7 @@ MOST_CASES = 50  # that a claim names; cases.csv has all
 Support = Literal["supported", "not supported", "open"]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Claim:
     """One claim, its argument and its evidence.
 
@@ -55,7 +56,7 @@ class Claim:
     assumptions: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Evidence:
     """Evidence that a run gives.
 

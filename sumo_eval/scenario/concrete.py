@@ -12,12 +12,13 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import check_known, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario import motion, played
 from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.played import Act, Pairs
@@ -28,7 +29,7 @@ from sumo_eval.text import point_words
 from sumo_eval.trajectory import FloatArray
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class NetworkFile:
     """A user's SUMO network.
 
@@ -46,7 +47,7 @@ class NetworkFile:
     sections: tuple[tuple[float, float, int], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Road:
     """A road of parallel lanes.
 
@@ -132,7 +133,7 @@ RECORDED_EVERY = 0.1  # s between two positions of a recorded ego
 _PIECES = 64  # straight pieces by which the length of a lane change is computed
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Way:
     """The lane change that the ego has to make.
 
@@ -153,7 +154,7 @@ class Way:
         return min(max(CHANGE_TIME * speed, LEAST_CHANGE), self.by - self.begin)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Start:
     """Start of a vehicle.
 
@@ -311,7 +312,7 @@ def braked_distance(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) 
     return np.asarray(v0 * t - a * (np.square(np.maximum(t, 0.0)) / 2.0))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Model:
     """A car-following model of SUMO that drives a vehicle: it reacts to the ego and to all other
     vehicles.
@@ -326,7 +327,7 @@ class Model:
     numbers: tuple[tuple[str, float], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Actor:
     """An actor: keeps its speed along the road until one of its acts begins.
 
@@ -437,7 +438,7 @@ CHANGES = (
 """Settings of the simulation that can differ between the cases of a scenario."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class EgoBody:
     """The ego's body where a scenario prescribes it, m."""
 
@@ -445,7 +446,7 @@ class EgoBody:
     width: float
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ConcreteScenario:
     """One point of a logical scenario.
 

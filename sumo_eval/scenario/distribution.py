@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, check_known
+from sumo_eval.frozen import frozen
 from sumo_eval.trajectory import FloatArray
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Distribution:
     """A continuous distribution of scipy.stats.
 

@@ -16,7 +16,6 @@ import math
 import operator
 import unicodedata
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass
 from functools import lru_cache, reduce
 from typing import Any
 
@@ -24,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, check_known, must_be, unknown
+from sumo_eval.frozen import frozen
 from sumo_eval.text import clean, shown
 
 LONGEST = 1_000  # characters of an expression
@@ -52,7 +52,7 @@ ARITHMETIC = [name[:-2] for name in _OPERATIONS if name.endswith("()")]
 """Names of the functions, without brackets."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Expression:
     """A checked expression: only its text, so that it can be compared and sent to a worker."""
 
@@ -99,7 +99,7 @@ class Expression:
         return self.value(values).item()
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Definitions:
     """Named expressions, each of which may use those before it.
 

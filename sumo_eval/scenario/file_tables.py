@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from annotated_types import MinLen
 
 from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.input_file import sha256
 from sumo_eval.scenario.concrete import CHANGES, Road
 from sumo_eval.scenario.distribution import Distribution
@@ -63,7 +64,7 @@ from sumo_eval.settings.checked import (
 from sumo_eval.text import capitalised
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ParameterTable(Checked):
     """One axis of the space."""
 
@@ -132,7 +133,7 @@ class ParameterTable(Checked):
         return Distribution.of(name, arguments, owner)  # type: ignore[arg-type]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ConstraintTable(Checked):
     """Constraint on the points of the box."""
 
@@ -147,7 +148,7 @@ class ConstraintTable(Checked):
         return Constraint(self.about or f"one where {self.require}", holds, holds.room)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class RoadTable(Checked):
     """A road, written for the scenario, or found in a network of the user's."""
 
@@ -239,7 +240,7 @@ class RoadTable(Checked):
                     spans=shape.spans, crossings=crossings)  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class EndTable(Checked):
     """Further ends of a case, after contact, standstill and leaving the road."""
 
@@ -257,7 +258,7 @@ class EndTable(Checked):
     ] = None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class SampleTable(Checked):
     """Prescribed points: its rows, each repeated at the values in `each`, the rest computed by
     `set`.
@@ -323,7 +324,7 @@ class SampleTable(Checked):
         return NamedSample(self.name, self.about or self.name, tuple(points))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class GivenTable(Checked):
     """Changes to the scenario where an option is given."""
 
@@ -344,7 +345,7 @@ class GivenTable(Checked):
     ] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class OptionTable(Option):
     """A number that `use` may set: `use = "cut_in?lateral_acceleration=1.5"`."""
 
@@ -357,7 +358,7 @@ class OptionTable(Option):
     )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class JointTable(Checked):
     """Exposure of points from recorded events, with the dependence between parameters."""
 
@@ -399,7 +400,7 @@ class JointTable(Checked):
         )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class RecordedTable(Checked):
     """The events of recordings that are this scenario."""
 
@@ -444,7 +445,7 @@ class RecordedTable(Checked):
         )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class RequireTable(Checked):
     """A condition on every drive; cases that miss it are counted next to the scores."""
 
@@ -461,7 +462,7 @@ class RequireTable(Checked):
     about: Annotated[str, About("the same in words")] = ""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ScenarioFile(Checked):
     """A logical scenario file."""
 

@@ -7,13 +7,14 @@ files, e.g. `xosc`. Its object is a `Format`, or a function `(path, options) -> 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Final
 
 from sumo_eval.errors import InputError, SumoEvalError, users_code
+from sumo_eval.frozen import frozen
 from sumo_eval.gone import refuse_use_case
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.shipped_files import scenario_files
@@ -24,7 +25,7 @@ Entries = tuple[ScenarioSettings, ...]
 """The tables `[[scenario]]` of an evaluation."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Format:
     """A reader of the scenario files of one ending.
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, get_args
 
 import numpy as np
 
 from sumo_eval.errors import InputError, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.expression import Definitions, Expression, checked_names, number
 from sumo_eval.scenario.joint import Joint, of_values
 from sumo_eval.scenario.logical import Constraint, Parameter, Values
@@ -27,7 +28,7 @@ Formula = str | float
 """In a file: a number, or an expression of the parameters and definitions."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Limits:
     """Limits of a formula's values. A table annotates the formula's key with them.
 
@@ -42,7 +43,7 @@ class Limits:
 ANY, NOT_BELOW_0, ABOVE_0 = Limits(), Limits(at_least=0.0), Limits(above=0.0)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Formulas:
     """Expressions with the definitions that they need."""
 
@@ -63,7 +64,7 @@ class Formulas:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Value:
     """One number at every point, or whether a condition holds there."""
 
@@ -79,7 +80,7 @@ class Value:
         return np.asarray(self.formulas.expressions[0].room(extended), float)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ExposureDensity:
     """Density: the product of the parameters' distributions in their ranges, or a joint one (then
     no parameter has one of its own), times an expression.
@@ -118,7 +119,7 @@ class ExposureDensity:
         return density
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class LimitedFormula:
     """A number of a concrete scenario.
 
@@ -146,7 +147,7 @@ class LimitedFormula:
         raise must_be(what, self.owner, wanted, got)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class LimitedFormulas:
     """Numbers of a table by key."""
 
@@ -160,7 +161,7 @@ class LimitedFormulas:
         return dict(self.by_key)[key].expression
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Names:
     """The names that formulas and conditions of a file may use.
 

@@ -19,7 +19,6 @@ scipy is imported only once a density is asked for.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
@@ -27,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 JointKind = Literal["kde", "copula"]
@@ -37,7 +37,7 @@ LEAST_EIGENVALUE = 1e-9  # of a copula's correlation
 LEAST_SHARE = 1e-9  # of probability: normal scores lie within +-6
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Joint:
     """A density over parameters, from events.
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from html import escape
 from numbers import Real
 from typing import Annotated
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, check_known, check_name, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.concrete import CHANGES, Actor, ConcreteScenario, EgoBody, Road, Start
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.requirement import Requirements
@@ -32,7 +33,7 @@ ONLY = "only"
 """Name of the only parameter of a scenario that has none of its own; it changes nothing."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Parameter:
     """One axis of a space: low..high in `unit`, sampled every `step` by default.
 
@@ -98,7 +99,7 @@ class Parameter:
         return self.name if self.unit == "1" else f"{self.name} ({self.unit})"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Constraint:
     """A condition on the points of the box: those that violate it do not exist.
 
@@ -113,7 +114,7 @@ class Constraint:
     room: Callable[[Values], FloatArray] | None = field(default=None, compare=False)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Approach:
     """The quantities that decide a point's criticality: arrays that broadcast (Eqs. 1-6).
 
@@ -149,7 +150,7 @@ def at_once(values: Values) -> FloatArray:
     return np.zeros(())
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Search:
     """A zone rule by search: simulates one actor's motion while the ego brakes ideally.
 
@@ -164,7 +165,7 @@ class Search:
     conflict: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ZoneCoordinates:
     """Coordinates for the zones' Gaussian process, often fewer than the parameters, over which
     criticality is smooth.
@@ -180,7 +181,7 @@ class ZoneCoordinates:
     of: Callable[[Values], tuple[FloatArray, ...]]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Option(Checked):
     """A number that `use` may set: `cut_in?lateral_acceleration=1.5`."""
 
@@ -189,7 +190,7 @@ class Option(Checked):
     about: Annotated[str, About("what it is")] = ""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class NamedSample:
     """A list of prescribed points, rows in the order of `LogicalScenario.parameters`."""
 
@@ -198,7 +199,7 @@ class NamedSample:
     points: tuple[tuple[float, ...], ...]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Counterpart:
     """The events in recordings that correspond to this scenario.
 
@@ -216,7 +217,7 @@ class Counterpart:
     only: tuple[tuple[str, str], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Occurrence(Checked):
     """Frequency with which the scenario occurred on the road, over all values of its parameters."""
 
@@ -232,7 +233,7 @@ def uniform_exposure(values: Values) -> FloatArray:
     return np.ones(np.broadcast_shapes(*map(np.shape, values.values())))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class LogicalScenario:
     """A scenario type over a parameter space.
 

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.expression import (
     Definitions,
     Expression,
@@ -55,7 +55,7 @@ _OVER_TIME: dict[str, Callable[[FloatArray], Any]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Requirement:
     """A checked requirement.
 
@@ -97,7 +97,7 @@ class Requirement:
         return bool(self.outer.at(numbers))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Requirements:
     """All requirements of a scenario.
 

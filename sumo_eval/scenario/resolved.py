@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import EgoBody
 from sumo_eval.scenario.first_places import STANDARD_EGO
@@ -17,7 +18,7 @@ from sumo_eval.settings import EvaluationSettings, ScenarioSettings, VehicleSett
 WHOLE = (1, 1)  # shard 1 of 1: all points
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Resolved:
     """An evaluation whose scenarios have been looked up.
 

@@ -5,12 +5,12 @@ want to drive, drawn once from a declared seed.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
 
 from sumo_eval.errors import check_vehicle_name, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.bodies import BODIES
 from sumo_eval.scenario.concrete import Actor, Model, Road, Start
 from sumo_eval.scenario.formulas import ABOVE_0, Formula, LimitedFormulas, Names
@@ -19,7 +19,7 @@ from sumo_eval.settings.checked import About, Checked, FilledText, Natural, NotN
 MOST = 200  # vehicles of one stream
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class StreamTable(Checked):
     """Traffic of a given density: a lane of vehicles, each driven by a SUMO model."""
 

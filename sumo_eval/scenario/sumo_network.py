@@ -19,7 +19,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,6 +27,7 @@ import numpy as np
 from lxml import etree
 
 from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.input_file import LARGEST, hash_of
 from sumo_eval.scenario.concrete import NetworkFile, Road
 from sumo_eval.scenario.road.fitted_line import WITHIN, fitted_line
@@ -67,7 +68,7 @@ along: begin and end of the first edge along the line, m, begin and end of the n
 """
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class _Lane:
     """A lane of an edge.
 

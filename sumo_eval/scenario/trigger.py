@@ -10,9 +10,9 @@ time; and the functions below.
 from __future__ import annotations
 
 import ast
-from dataclasses import dataclass
 
 from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario import played
 from sumo_eval.scenario.expression import (
     ARITHMETIC,
@@ -71,7 +71,7 @@ def trigger(text: str, owner: str, names: Names, *, departs: bool) -> list[Step]
     return steps
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class _Writer:
     """Writes the steps of one condition; arguments as in `trigger`."""
 

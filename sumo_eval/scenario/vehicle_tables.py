@@ -7,13 +7,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import partial
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, MinLen, MultipleOf
 
 from sumo_eval.errors import InputError, check_vehicle_name, did_you_mean, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario import played
 from sumo_eval.scenario.bodies import BODIES
 from sumo_eval.scenario.concrete import (
@@ -71,7 +72,7 @@ _ENDLESS = Limits(above=0.0, endless=True)  # above 0, inf too
 _AHEAD = 0.1
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class EgoTable(Checked):
     """The vehicle under test."""
 
@@ -185,7 +186,7 @@ class EgoTable(Checked):
         return Way(road.lane_width * (goal - lane), begin, by, ends=math.isfinite(own.end))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ManoeuvreTable(Checked):
     """Manoeuvre of an actor, from `begin` on."""
 
@@ -348,7 +349,7 @@ class ManoeuvreTable(Checked):
                 yield names.quantity(x, f"path of {what}"), names.quantity(y, f"path of {what}")
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Move:
     """A manoeuvre as read from its table.
 
@@ -394,7 +395,7 @@ class Move:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class VehicleTable(Checked):
     """An actor: keeps its speed until one of its manoeuvres begins."""
 
@@ -508,7 +509,7 @@ class VehicleTable(Checked):
             raise InputError(f"{owner} has no {along[0]} beside `on_map`: that is along the road.")
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Vehicle:
     """An actor as read from its table.
 
@@ -583,7 +584,7 @@ class Vehicle:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Placement:
     """Function of a point's values that gives the ego's start and the actors.
 

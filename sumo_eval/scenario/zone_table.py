@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Annotated, Any
 
 from sumo_eval.errors import InputError, check_known
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.expression import Definitions, Expression
 from sumo_eval.scenario.formulas import Formula, Formulas, Names, Value
 from sumo_eval.scenario.logical import Approach, Search, Values, ZoneCoordinates
@@ -14,7 +15,7 @@ from sumo_eval.scenario.vehicle_tables import Placement
 from sumo_eval.settings.checked import About, Checked, PositiveOrNone
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ZoneTable(Checked):
     """The zone rule: the approach to one vehicle under ideal braking (Eqs. 1-6), or a margin."""
 
@@ -113,7 +114,7 @@ class ZoneTable(Checked):
                 raise InputError(f"[zone] of {where} has no `{key}`{why}.")
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ZoneRule:
     """Values by name (arrays) -> the approach that criticality is computed from."""
 

@@ -6,12 +6,13 @@ intervals, `scoring.comparison` the scores of paired cases.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from sumo_eval.cases import CaseResult, CaseTable, IntArray
+from sumo_eval.frozen import frozen
 from sumo_eval.method import score_terms
 from sumo_eval.method.collision_avoidance import collision_loss
 from sumo_eval.settings import MethodSettings
@@ -41,7 +42,7 @@ COMPUTED = (
 _SEVEREST = 100.0  # m/s, in the severest class of Eq. 14
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class CaseTerms:
     """The cases of one ADS in one logical scenario, arrays (n,); nan where a case has no part in a
     term.

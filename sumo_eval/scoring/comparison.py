@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Final, NamedTuple, get_args
 
@@ -20,6 +20,7 @@ import numpy as np
 
 from sumo_eval.cases import CaseResult, CaseTable, IntArray, counts, point_numbers
 from sumo_eval.errors import InputError, check_known
+from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import excess
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
@@ -96,7 +97,7 @@ class Unpaired(NamedTuple):
     examples: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Changes:
     """Changed cases, the worst first; a `ChangedCase` is made when it is read.
 

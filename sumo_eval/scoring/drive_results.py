@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, fields
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -21,6 +21,7 @@ import numpy as np
 
 from sumo_eval.cases import EVALUATED
 from sumo_eval.coded import decoded, encoded
+from sumo_eval.frozen import frozen
 from sumo_eval.method.conflict import conflicting
 from sumo_eval.method.driving_task import (
     Departure,
@@ -51,7 +52,7 @@ _CRITICALITY, _LANE = len(fields(CriticalityMeasures)), len(fields(LaneKeeping))
 _MEASURED = tuple(item.name for part in (CriticalityMeasures, LaneKeeping) for item in fields(part))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class DriveResult:
     """Result of one drive.
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from sumo_eval.cases import CaseResult, CaseTable, IntArray, point_numbers
+from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import (
     avoided_share_losses,
     excess,
@@ -236,7 +236,7 @@ def unevaluated(evaluation: Evaluation) -> list[CaseTable]:
     return [findings.cases[findings.missing] for findings in findings_of(evaluation)]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PeopleBehind:
     """Number of recorded drivers behind the D_i and H of a scenario.
 

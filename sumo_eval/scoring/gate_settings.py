@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -14,6 +14,7 @@ from annotated_types import Ge, Le
 
 from sumo_eval.cases import NUMBERS
 from sumo_eval.errors import InputError, unknown
+from sumo_eval.frozen import frozen
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.settings.checked import (
     About,
@@ -105,7 +106,7 @@ def change_of_u(setting: float | None, default: float, unit: str) -> float:
     return default if unit else LOSS_BY
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class LimitSettings(Checked):
     """One limit: it fails when any of its bounds is passed."""
 
@@ -138,7 +139,7 @@ class LimitSettings(Checked):
     ] = False
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class MeasureSettings(Checked):
     """A quantity of a case, and the least change that counts as worse or better."""
 
@@ -156,7 +157,7 @@ class MeasureSettings(Checked):
     higher_is_better: Annotated[bool, About("whether a rise is an improvement")] = True
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class OutcomeSettings(Checked):
     """Part one of the rule: single cases that ended worse.
 
@@ -184,7 +185,7 @@ class OutcomeSettings(Checked):
     ] = 3
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class NearMissSettings(Checked):
     """Part two of the rule: whether more cases lost than gained distance to an accident."""
 
@@ -200,7 +201,7 @@ class NearMissSettings(Checked):
     )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ShiftSettings(Checked):
     """Part three of the rule: whether many cases became a little worse."""
 
@@ -228,7 +229,7 @@ class ShiftSettings(Checked):
     )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class NoiseSettings(Checked):
     """Detection of ADSs that do not repeat bit for bit, and the tolerance for them."""
 
@@ -243,7 +244,7 @@ class NoiseSettings(Checked):
     chance: Annotated[InnerShare, About("P of all sign tests of a night together (Holm)")] = 0.02
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class GateSettings(Checked):
     """Comparison of two runs, and the changes that fail it."""
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, is_dataclass
+from dataclasses import is_dataclass
 
 from sumo_eval import results
 from sumo_eval.cases import COLUMNS, CaseResult, CaseTable, Chunk, encode_rows
 from sumo_eval.coded import decoded, encoded
 from sumo_eval.errors import InputError
+from sumo_eval.frozen import frozen
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.results import Ranking, ScenarioResult, ZoneResult
 from sumo_eval.trajectory import Alone
@@ -19,7 +20,7 @@ _MOST_OF_OTHERS = 256 << 20
 _in_use: set[bytes] = set()  # keys of scores that this process has handed out
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class KeptChunk:
     """Rows of one ADS in one scenario that are kept together.
 
@@ -33,7 +34,7 @@ class KeptChunk:
     place: int
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Scores:
     """Results of scoring a run other than its rows.
 

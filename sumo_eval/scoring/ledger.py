@@ -16,12 +16,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
 from sumo_eval.cases import CaseResult, CaseTable, IntArray
+from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import product_losses, worth
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, NOTICEABLE, Findings
@@ -35,7 +36,7 @@ NOT_COMPUTED = "not computed"  # cause of a line that takes a whole term
 Term = Literal["S+", "T", "A", "H", "C", "D"]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class LedgerLine:
     """One term of the ledger.
 

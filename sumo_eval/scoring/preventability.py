@@ -10,13 +10,13 @@ where the run has none. Users: `report/`, `extras/figures/`.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cases import CaseTable, point_numbers
+from sumo_eval.frozen import frozen
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray
@@ -24,7 +24,7 @@ from sumo_eval.trajectory import BoolArray
 Verdict = Literal["avoided", "better", "preventable", "unpreventable", "undecided", "not evaluated"]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Preventability:
     """One ADS in one logical scenario beside the reference, in numbers of cases.
 

@@ -11,7 +11,7 @@ import functools
 import math
 import operator
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from numbers import Integral, Real
 from types import UnionType
 from typing import (
@@ -29,9 +29,10 @@ from typing import (
 from annotated_types import Ge, Gt, Le, Lt, MinLen
 
 from sumo_eval.errors import must_be
+from sumo_eval.frozen import frozen
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class About:
     """Meaning of a setting, for the documentation, the schema and the report.
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
 
+from sumo_eval.frozen import frozen
 from sumo_eval.settings.checked import About, Checked, PositiveFloat, Share
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PopulationSettings(Checked):
     """How synthetic drivers differ from those drawn of the fitted distributions.
 
@@ -36,7 +37,7 @@ class PopulationSettings(Checked):
     ] = "recorded"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class DriverSettings(Checked):
     """The skilled human drivers that D compares with."""
 

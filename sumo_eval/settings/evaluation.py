@@ -5,13 +5,14 @@ exposures, its ADSs, and the tables of the other files of this folder.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
 from annotated_types import Ge
 
 from sumo_eval.errors import must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.settings.checked import (
     About,
     Checked,
@@ -30,7 +31,7 @@ from sumo_eval.text import clean
 _Levels = Annotated[int, Ge(2)]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class SamplingSettings(Checked):
     """Choice of the concrete scenarios of a space that are simulated."""
 
@@ -87,7 +88,7 @@ class SamplingSettings(Checked):
     ] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class DeclaredDistribution(Checked):
     """Declared distribution of one parameter on the road."""
 
@@ -112,7 +113,7 @@ class DeclaredDistribution(Checked):
             raise must_be("`second`", owner, f"greater than {words}", self.second)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ExposureSettings(Checked):
     """Frequency of the concrete scenarios of a space on the road: p_i of Eq. 13."""
 
@@ -136,7 +137,7 @@ class ExposureSettings(Checked):
     ] = None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ScenarioSettings(Checked):
     """One logical scenario of an evaluation."""
 
@@ -156,7 +157,7 @@ class ScenarioSettings(Checked):
     ] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class AdsSettings(Checked):
     """One ADS under test."""
 
@@ -223,7 +224,7 @@ class AdsSettings(Checked):
         return f"{self.controller}{'&' if '?' in self.controller else '?'}{urlencode(pairs)}"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class EvaluationSettings(Checked):
     """Everything an evaluation depends on: the content of evaluation.toml, defaults filled in."""
 

@@ -4,12 +4,13 @@ scores of recorded facts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
 
 from sumo_eval.errors import must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.settings.checked import (
     About,
     Checked,
@@ -23,7 +24,7 @@ from sumo_eval.settings.checked import (
 )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class FieldSettings(Checked):
     """Trajectory field, Eqs. 9-10.
 
@@ -52,7 +53,7 @@ class FieldSettings(Checked):
     ] = "magnitude"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class AnthropomorphicSettings(Checked):
     """Anthropomorphic index D, Eqs. 11-13."""
 
@@ -163,7 +164,7 @@ class AnthropomorphicSettings(Checked):
     ] = 0.1
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ZoneSettings(Checked):
     """Safe and hazardous zones, Eqs. 1-8."""
 
@@ -202,7 +203,7 @@ class ZoneSettings(Checked):
     ] = 60_000
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class CollisionSettings(Checked):
     """Collision avoidance index C, Eqs. 14-17, and the ideal vehicle it is relative to."""
 
@@ -272,7 +273,7 @@ class CollisionSettings(Checked):
         return self.unit if self.loss == "severity" else ""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PlausibilitySettings(Checked):
     """Plausibility, a factor of H: the share of drivers whose extremes are at least as large."""
 
@@ -285,7 +286,7 @@ class PlausibilitySettings(Checked):
     ] = "motorway"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ScoreSettings(Checked):
     """Combined score S, Eq. 18."""
 
@@ -303,7 +304,7 @@ class ScoreSettings(Checked):
         return 100.0 - self.a
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class TaskSettings(Checked):
     """The driving task: T, and the grade A' of avoided harm."""
 
@@ -330,7 +331,7 @@ class TaskSettings(Checked):
     ] = 0.01
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class RankingSettings(Checked):
     """The order of the ADSs of an evaluation by S+."""
 
@@ -342,7 +343,7 @@ class RankingSettings(Checked):
     ] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class MethodSettings(Checked):
     """Everything that turns recorded facts into scores."""
 

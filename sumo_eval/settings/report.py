@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Literal
 
 from annotated_types import Le
 
+from sumo_eval.frozen import frozen
 from sumo_eval.settings.checked import About, Checked, FilledText, PositiveInt
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ReportSettings(Checked):
     """Content of the report and the JUnit file. Scores do not depend on it."""
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
 
+from sumo_eval.frozen import frozen
 from sumo_eval.settings.checked import About, Checked, PositiveFloat, PositiveInt
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class RunSettings(Checked):
     """Execution of the cases."""
 

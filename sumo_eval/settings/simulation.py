@@ -4,11 +4,12 @@ commands, steps and end of a case. Used by `cosim/`; the texts of `About` stand 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Literal
 
 from annotated_types import Le, Lt
 
+from sumo_eval.frozen import frozen
 from sumo_eval.settings.checked import (
     About,
     Checked,
@@ -20,7 +21,7 @@ from sumo_eval.settings.checked import (
 )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class VehicleSettings(Checked):
     """The ego as a machine: a single-track model with limited steering, tyres, brakes and drive.
 
@@ -88,7 +89,7 @@ class VehicleSettings(Checked):
         return self.max_deceleration / self.brake_build_up
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ConditionSettings(Checked):
     """Conditions between the world and the ADS: limited perception, delays, late commands.
 
@@ -145,7 +146,7 @@ class ConditionSettings(Checked):
     ] = False
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class FmuSettings(Checked):
     """Mapping of an FMU's variables; one that is not mapped is connected by its name."""
 
@@ -162,7 +163,7 @@ class FmuSettings(Checked):
     ] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PlantSettings(FmuSettings):
     """An FMU as the ego's vehicle model, in place of the single-track model."""
 
@@ -170,7 +171,7 @@ class PlantSettings(FmuSettings):
     file: Annotated[FilledText, About("the FMU, relative to the evaluation file")] = ""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class TrackerSettings(Checked):
     """The controller that turns wanted speeds and positions into pedal and wheel commands."""
 
@@ -199,7 +200,7 @@ class TrackerSettings(Checked):
     ] = 1.0
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class SimulationSettings(Checked):
     """Simulation of a case: the steps of SUMO, and the end of the case."""
 

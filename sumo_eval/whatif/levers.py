@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from operator import attrgetter
 
 import numpy as np
 
 from sumo_eval.errors import InputError
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario
 from sumo_eval.scenario.logical import ONLY, LogicalScenario
 from sumo_eval.settings import SimulationSettings
@@ -32,7 +33,7 @@ A scenario's own parameter of that name replaces them.
 _FASTEST, _FARTHEST = 40.0, 100.0  # highest values of these levers, m/s and m
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Lever:
     """A quantity that is moved while all others stay as recorded.
 

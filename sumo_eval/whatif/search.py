@@ -9,13 +9,14 @@ are rerun: an ADS must repeat its outcome.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.cases import EVALUATED
 from sumo_eval.errors import InputError, unknown
+from sumo_eval.frozen import frozen
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import run_cases
 from sumo_eval.record.progress import Progress, quiet
@@ -30,7 +31,7 @@ Line = dict[float, bool]
 """Whether the ADS collides, by value of a lever."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Flip:
     """A change of outcome along a lever, away from the recorded value: the last value before the
     change and the first one after it.
@@ -40,7 +41,7 @@ class Flip:
     after: float
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Answer:
     """Effect of one lever on a case.
 

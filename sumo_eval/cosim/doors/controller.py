@@ -35,13 +35,14 @@ from sumo_eval.errors import (
     said,
     unknown,
 )
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.settings import VehicleSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.text import number_in
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Briefing:
     """Facts that a controller receives before a case.
 
@@ -219,7 +220,7 @@ PARAMETER = "carFollowModel."
 `carFollowModel.ccac=1`."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class NativeModel(Adapter):
     """The ego driven by one of SUMO's own car-following models: `sumo:MODEL?tau=1.2&minGap=2`.
 

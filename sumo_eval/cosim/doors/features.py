@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.observation import Observations, SeenEgo
 from sumo_eval.errors import InputError, check_known, must_be, unknown
+from sumo_eval.frozen import frozen
 from sumo_eval.settings.checked import Checked, PositiveOrNone
 from sumo_eval.settings.config import read_checked, to_toml
 
@@ -57,7 +58,7 @@ NAMES = (
 _WHERE_ABSENT = {"gap": 1000.0, "x": 1000.0, "kind": -1.0}
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Feature(Checked):
     """One input of a policy, and how it is scaled.
 
@@ -89,7 +90,7 @@ class Feature(Checked):
         _reader(self.name)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Action(Checked):
     """One output of a policy.
 
@@ -217,7 +218,7 @@ class Interface(Checked):
         )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class _File(Checked):
     """The table as a file has it."""
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +21,7 @@ import numpy as np
 from sumo_eval.ads.car_following import IdmParameters
 from sumo_eval.ads.lane_change import share_of_duration
 from sumo_eval.errors import must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.settings import PopulationSettings
 from sumo_eval.settings.random_streams import random_stream
 
@@ -90,7 +90,7 @@ With these limits (those of maximum likelihood) drives begin to pass where recor
 LANE_CHANGE_10_90 = LogNormal(1.628, 0.193, 3.3, 8.0)  # s, from 10 % to 90 % of the offset
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Driver:
     """One driver's own parameters.
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.errors import InputError, check_known, unknown
+from sumo_eval.frozen import frozen
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, open_store
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -16,7 +16,7 @@ from sumo_eval.text import point_words
 from sumo_eval.trajectory import Trajectories, Trajectory
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class DrivenPoint:
     """Trajectories of all drives through one concrete scenario of a run.
 

@@ -7,16 +7,17 @@ the command `sumo-eval import` lists their files.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.extras.openscenario.logical import Read, read_file
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.catalogue import options_of
 from sumo_eval.settings import ScenarioSettings
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Collection:
     """A public catalogue.
 

@@ -12,7 +12,7 @@ import os.path
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -26,6 +26,7 @@ from sumo_eval.extras.openscenario.reading import Node, changes, read_openscenar
 from sumo_eval.extras.openscenario.scene import FileCase, FileOptions, read_case
 from sumo_eval.extras.openscenario.space import Assignments, Axis, FileSpace, read_space
 from sumo_eval.extras.openscenario.values import Value
+from sumo_eval.frozen import frozen
 from sumo_eval.input_file import input_file
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.scenario.first_places import misplaced
@@ -66,7 +67,7 @@ _OPTIONS = (
 Scenes = Sequence[tuple[dict[str, float], FileCase]]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PlacedByFile:
     """Function of a point: the ego's start and the actors, as the file has them there."""
 
@@ -86,7 +87,7 @@ class PlacedByFile:
         return case.ego, case.actors
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Holds:
     """Function of points: whether the file's constraints hold and the scene there is supported.
 
@@ -120,7 +121,7 @@ class Holds:
         return holds
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Weighted:
     """Density of points: a density of continuous parameters, times the weights of listed values."""
 

@@ -17,6 +17,7 @@ from sumo_eval.extras.openscenario.network import in_frame
 from sumo_eval.extras.openscenario.places import Entity, Places
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.values import RULES
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario import played
 from sumo_eval.scenario.bodies import half_sizes
 from sumo_eval.scenario.played import Act, Program, Step
@@ -67,7 +68,7 @@ def implied(program: Program) -> set[Fact]:
     return stack[-1]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class DriveNumber:
     """A number that changes during the drive.
 
@@ -118,7 +119,7 @@ class Truth(NamedTuple):
     start: bool
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Moment:
     """A time, or a condition on the drive.
 

@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.errors import InputError, did_you_mean
 from sumo_eval.extras.openscenario.reading import Node, depends_on
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.road.opendrive import (
     DRIVEN,
     PROFILES,
@@ -56,7 +56,7 @@ def in_frame(pose: Pose, begin: Pose, line: Line, near: float | None = None) -> 
     return Pose(*(float(it) for it in frame_places(line, *at, near)))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class MapRoad:
     """A road of an OpenDRIVE file: where it begins and its reference line.
 
@@ -107,7 +107,7 @@ class MapRoad:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Network:
     """The roads of a file by id.
 

@@ -21,6 +21,7 @@ from sumo_eval.extras.openscenario.catalogs import Catalogs
 from sumo_eval.extras.openscenario.earth import on_map
 from sumo_eval.extras.openscenario.network import ON, Lane, MapRoad, Network
 from sumo_eval.extras.openscenario.reading import Node
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.played import EGO, ENDED, Act, Move, Pairs, Program
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Line, length_of, map_places, piece_of_file
@@ -34,7 +35,7 @@ _STRAIGHT = 0.05  # m that a straight route or trajectory may be off the line th
 NOWHERE = Pose(math.nan, math.nan, math.nan)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Spot:
     """A place: its pose on the map, and its road, lane, s and t where it lies on a road.
 
@@ -165,7 +166,7 @@ def _towards(begin: tuple[float, float], end: tuple[float, float]) -> Pose:
     return Pose(*begin, math.atan2(end[1] - begin[1], end[0] - begin[0]))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class MapPath:
     """A trajectory on the map.
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -30,6 +30,7 @@ from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.openscenario.reading import Node, read_openscenario
 from sumo_eval.extras.openscenario.space import axes_of, range_of
 from sumo_eval.extras.openscenario.values import Value, number_of, plain
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.expression import Expression, checked_names, number
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.request import MAX_POINTS, Drawn, Request
@@ -40,7 +41,7 @@ from sumo_eval.settings.random_streams import random_stream
 Combination = dict[str, Value]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class MappingTable(Checked):
     """A mapping file as it is written."""
 

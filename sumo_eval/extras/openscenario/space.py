@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +23,14 @@ from sumo_eval.extras.openscenario.catalogs import named_file
 from sumo_eval.extras.openscenario.reading import Node, read_openscenario
 from sumo_eval.extras.openscenario.scene import FileOptions
 from sumo_eval.extras.openscenario.values import Value, plain
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.sampling.grid import decimal
 
 Assignments = tuple[tuple[str, Value], ...]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Axis:
     """An axis of the space.
 
@@ -83,7 +84,7 @@ class Axis:
         return np.asarray(apart.argmin(axis=-1))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class FileSpace:
     """The space of a file.
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -37,6 +37,7 @@ from sumo_eval.extras.rates.importance import (
 )
 from sumo_eval.extras.rates.intervals import LEVEL, rate_interval
 from sumo_eval.extras.studies.boundary import outcomes_at
+from sumo_eval.frozen import frozen
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.record.cases import Outcome, Setup
 from sumo_eval.record.engines import identify
@@ -60,7 +61,7 @@ RESAMPLED = 60  # resamples of a scenario's events
 DRAWS = 4000  # of each rate: intervals of sums come from summed draws
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class CampaignScenario(Checked):
     """A scenario of the campaign."""
 
@@ -70,7 +71,7 @@ class CampaignScenario(Checked):
     ] = None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class CampaignSettings(Checked):
     """A campaign file."""
 

@@ -4,7 +4,7 @@ it out, `outcome` writes its results.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
@@ -12,6 +12,7 @@ from annotated_types import Le
 
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.wheel.quality import QualitySettings
+from sumo_eval.frozen import frozen
 from sumo_eval.record.run_folder import FACTS, resolved_run
 from sumo_eval.record.store import Fact, open_store
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -29,7 +30,7 @@ from sumo_eval.settings.random_streams import random_stream
 LOW, HIGH = 1, 10  # ends of a scale
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PracticeSettings(Checked):
     """Practice: a road without traffic, until the criterion is fulfilled."""
 
@@ -46,7 +47,7 @@ class PracticeSettings(Checked):
     most: Annotated[PositiveInt, About("most trials; who has not passed by then goes home")] = 6
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class QuestionSettings(Checked):
     """A question on a scale of 1 to 10."""
 
@@ -59,7 +60,7 @@ class QuestionSettings(Checked):
     most: Annotated[str, About("what 10 means")] = ""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class StudySettings(Checked):
     """A study: participants drive concrete scenarios of a run and rate how its ADSs drive there."""
 

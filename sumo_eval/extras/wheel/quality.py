@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from sumo_eval.extras.wheel.tape import ROW, Tape
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.settings.checked import About, Checked, Natural, NotNegativeFloat, Share
@@ -25,7 +26,7 @@ STEERS = 0.35  # m/s2 across the road
 SEEN, LATE = ROW.index("seen"), ROW.index("late")  # columns of a tape's row
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class QualitySettings(Checked):
     """Bounds of quality within which a drive counts."""
 

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.kernels import kernel
 from sumo_eval.scenario.road.reference_line import Line, curvatures
 from sumo_eval.settings.checked import About, Checked, PositiveFloat
@@ -24,7 +24,7 @@ from sumo_eval.text import capitalised
 from sumo_eval.trajectory import FloatArray
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class LaneSpan:
     """Part of the road on which the outermost lane of a side exists.
 
@@ -48,7 +48,7 @@ class LaneSpan:
         return self.begin - self.opening, self.begin, self.end, self.end + self.closing
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Crossing:
     """A straight road that crosses at a right angle.
 
@@ -66,7 +66,7 @@ class Crossing:
 EVERYWHERE = LaneSpan(-1)  # of any lane that exists throughout
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class LaneTable(Checked):
     """A lane that is not there throughout: the outermost one of its side."""
 
@@ -95,7 +95,7 @@ class LaneTable(Checked):
     ] = None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class CrossingTable(Checked):
     """A straight road that crosses this one at a right angle, on which others may start."""
 

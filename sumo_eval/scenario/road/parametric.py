@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from sumo_eval.errors import InputError, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 from sumo_eval.trajectory import FloatArray
 
@@ -22,7 +22,7 @@ _BESIDE = 0.01
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Cubic:
     """u = aU + bU p + cU p2 + dU p3 along, v likewise to the left, m, where p goes from 0 to
     `last`.

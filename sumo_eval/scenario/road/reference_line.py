@@ -16,13 +16,13 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sumo_eval.errors import InputError, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.touch import within_a_turn
 from sumo_eval.trajectory import FloatArray
@@ -72,7 +72,7 @@ KNOT = np.dtype([(name, "f8") for name in _Knot._fields])
 """A `_Knot` as a record, for kernels."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Piece:
     """A piece of a reference line, `length` m: its curvature goes linearly from `begin` to `end`,
     1/m, left positive.

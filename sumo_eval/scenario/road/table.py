@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated
 
 from sumo_eval.errors import InputError, must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.input_file import sha256
 from sumo_eval.scenario.expression import checked_names, number
 from sumo_eval.scenario.road.reference_line import (
@@ -25,7 +25,7 @@ from sumo_eval.text import capitalised
 _LEAST_EDGE = 1.0  # m from the centre of a curve to the road's inner edge, at least
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PieceTable(Checked):
     """A piece of the right lane's centre line: straight, an arc with `radius`, or a spiral between
     two radii.

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.errors import must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import SamplingSettings
 from sumo_eval.settings.random_streams import random_stream
@@ -22,7 +23,7 @@ Levels = int | dict[str, int] | None
 Steps = dict[str, float] | None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Request(SamplingSettings):
     """Request for points: the settings, of which each method takes some keys (`METHODS` of
     `sumo_eval.scenario.sampling.samples`), and three values that methods need with them.
@@ -66,7 +67,7 @@ def owner_of(logical: LogicalScenario) -> str:
     return f"the sampling of scenario `{logical.name}`"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Drawn:
     """Answer of a method: points (n, k), possible or not.
 

@@ -9,7 +9,6 @@ evaluation's seed.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.errors import InputError, check_known
+from sumo_eval.frozen import frozen
 from sumo_eval.scenario.formats import formats
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.adaptive import adaptive
@@ -29,7 +29,7 @@ from sumo_eval.text import capitalised
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Sample:
     """Chosen points of a space, one row each, columns in the order of `logical.parameters`.
 

@@ -5,13 +5,13 @@ scores and rows. `report.confidence_section` shows it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.errors import must_be
+from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import mean_shares, worth
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.progress import Progress, quiet
@@ -27,7 +27,7 @@ from sumo_eval.trajectory import FloatArray
 FURTHER = 20  # cases that are proposed
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Risk:
     """Exposure-weighted collision probability and expected loss L (Eq. 14) of an encounter.
 

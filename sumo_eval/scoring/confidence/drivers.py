@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain
 
@@ -21,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.drivers.synthetic.population import draw_driver
+from sumo_eval.frozen import frozen
 from sumo_eval.record.human_reference import LeftOut
 from sumo_eval.record.store import RECORDED
 from sumo_eval.settings import DriverSettings, PopulationSettings
@@ -30,7 +30,7 @@ INCLINATION = "share who overtake"  # name of the rounding error, after the driv
 _SYNTHETIC = re.compile(r"driver_(\d+)")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class DriverDeviations:
     """Errors of D and H by the choice of k drivers.
 

@@ -30,13 +30,13 @@ compare with. `scoring.confidence.scored` puts them into the results.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri, ndtr, stdtrit
 
 from sumo_eval.cases import IntArray
+from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import (
     AskedTerms,
     Counts,
@@ -65,7 +65,7 @@ SCORED = tuple(name for name in COMPUTED if name != "collision_probability")
 BAD_SIDE_UP = frozenset({"regret"})  # scores of which more is worse
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Interval:
     """A value and the limits between which it lies with the probability `level`."""
 
