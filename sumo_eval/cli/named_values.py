@@ -13,7 +13,7 @@ def named_values(texts: Iterable[str], option: str) -> dict[str, float]:
     """
     from sumo_eval.errors import InputError
 
-    values: dict[str, float] = {}
+    values = {}
     for text in texts:
         name, _, number = (part.strip() for part in text.partition("="))
         if name in values:

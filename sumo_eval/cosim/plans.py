@@ -298,7 +298,7 @@ def _directions(x: Sequence[float], y: Sequence[float], if_still: float) -> list
 
     if_still: of the points before the first movement.
     """
-    directions: list[float] = []
+    directions = []
     last = if_still
     for i in range(len(x)):
         a, b = max(i - 1, 0), min(i + 1, len(x) - 1)

@@ -55,7 +55,7 @@ def find_bases(
     the accepted one.
     """
     nights = database.nights()
-    notes: list[str] = []
+    notes = []
     accepted = {pin.night for pin in in_force(database.accepted())}
     good = [night for night in nights if night.good or night.night in accepted]
     kept = [night for night in good[::-1] if (history / night.folder).is_dir()]

@@ -448,7 +448,7 @@ def drive_again(cases: Sequence[Case], setup: Setup, store: Store) -> Iterator[t
 
 def _spaces(run: Resolved, progress: Progress = quiet, looked_at: int | None = None) -> list[Space]:
     """The points of every scenario, with their zones."""
-    spaces: list[Space] = []
+    spaces = []
     for number in range(len(run.scenarios)):
         spaces.append(space_of(run, number, looked_at))
         progress("zones", len(spaces), len(run.scenarios))

@@ -174,7 +174,7 @@ def named_files(locator: str, folder: Path) -> set[Path]:
         words = shlex.split(named) if scheme in _COMMANDS else [named.partition("?")[0]]
     except ValueError:  # an open quotation mark
         return set()
-    files: set[Path] = set()
+    files = set()
     # not Path.is_file, which raises for a word that is too long for a path
     new = {folder / word for word in words if os.path.isfile(folder / word)}
     homes = {file.parent for file in new}

@@ -239,7 +239,7 @@ class Pool:
         """
         away = clock.monotonic() - self._looked
         poll = select.poll()
-        child_of: dict[int, _Child] = {}
+        child_of = {}
         for child in busy:
             child.deadline += away
             for descriptor, events in child.watched():

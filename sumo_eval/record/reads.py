@@ -343,7 +343,7 @@ class OneVersion:
 
 def changed(read: Iterable[FileOfAds], folder: Path) -> dict[str, list[str]]:
     """Files whose content is not, or perhaps not, what the ADS has read, by the ADS's locator."""
-    now: dict[str, str] = {}
+    now = {}
     differing: dict[str, list[str]] = {}
     for locator, path, digest in read:
         if path not in now:

@@ -88,7 +88,7 @@ def _table(evaluation: Evaluation, scenario: str) -> dict[str, Any]:
     scores = evaluation.scores_in(scenario)
     names = [score.ads for score in scores]
     failed, passed = Counter[tuple[str, str]](), Counter[str]()
-    points: set[int] = set()
+    points = set()
     rows: dict[tuple[float, ...], dict[str, CheckedCase]] = {}
     for checked in checked_cases(evaluation, scores):
         ads, point = checked.case.ads, tuple(checked.case.values.values())

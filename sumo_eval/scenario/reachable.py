@@ -122,7 +122,7 @@ def _may_hold(
     ranges: of a value, by operation and vehicle; missing: any.
     endless: moves that never end, as (vehicle, index).
     """
-    stack: list[Range] = []
+    stack = []
     for op, one, two, value in program:  # one: a vehicle; two: another vehicle, or a move
         if op == played.VALUE:
             stack.append((value, value))

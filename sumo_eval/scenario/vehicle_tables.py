@@ -316,7 +316,7 @@ class ManoeuvreTable(Checked):
             raise InputError(
                 f"{owner} has no `begin` without a `when`: a vehicle follows from the start."
             )
-        when: list[Step] = []
+        when = []
         if self.when is not None:
             # only a `follow` may use `departed`, the ego's distance from the recorded ego
             when = trigger(self.when, owner, names, departs=names.departs and follows)

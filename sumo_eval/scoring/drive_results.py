@@ -132,9 +132,9 @@ def drive_results(
     for fact in references:
         if fact.status == "ok":
             references_at.setdefault(fact.point, []).append(fact.case)
-    results: dict[str, bytes] = {}
+    results = {}
     keys: dict[str, bytes] = {}  # of missing results
-    points: list[_Point] = []
+    points = []
     # a case without an end or with `sim_error` has no drive; one that gave up may leave the road
     driven = [fact for fact in drives if fact.end_reason not in (None, "sim_error")]
     driven.sort(key=lambda fact: fact.point)

@@ -32,7 +32,7 @@ def fault_place(error: BaseException | None, driver: Any, folder: Path | None) -
     user's code returned a refused value, where that function begins; "" if it is not Python code.
     Paths within `folder` are relative to it.
     """
-    seen: set[int] = set()
+    seen = set()
     own = _file_of(driver)
     worded = type(error) is ControllerError  # by a door, even if its library raised the cause
     while error is not None and id(error) not in seen:

@@ -136,7 +136,7 @@ def shared_routes_xml(
     """
     # names of types by their attributes: vehicles that differ in nothing share a type
     types: dict[tuple[tuple[str, str], ...], str] = {}
-    others: list[str] = []
+    others = []
     names, count = vehicle_names(cases, ads_asks=ads_asks), len(cases)
     own_lanes = own_lanes or ads_asks
     for case, concrete in enumerate(cases):

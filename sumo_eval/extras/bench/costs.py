@@ -134,7 +134,7 @@ def benchmark(
     parts: of `command.PARTS`.
     progress: receives each part before it is measured.
     """
-    rows: list[Row] = []
+    rows = []
     measure = {
         "co-simulation": lambda: cosimulation(cases, rounds),
         "field and D": lambda: field_and_index(rounds),

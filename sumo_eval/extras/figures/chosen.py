@@ -129,7 +129,7 @@ def driven_point(request: FigureRequest, ads: Sequence[str]) -> DrivenPoint:
         drives = list(store.names("ads", case.scenario))  # case, number of its point, ADS
         point = next(number for key, number, _ in drives if key == case.case)
         case_of = {driver: key for key, number, driver in drives if number == point}
-        runs: dict[str, Trajectory] = {}
+        runs = {}
         others: dict[str, Trajectory] = {}
         for name in ads:
             vehicles = store.trajectories(case_of[name]) if name in case_of else {}

@@ -105,8 +105,8 @@ def _of_collection(entry: ScenarioSettings, folder: Path) -> list[ScenarioSettin
         source = COLLECTIONS[entry.use].source
         raise InputError(f"Catalogue `{entry.use}` must have a `folder`: your copy of {source}.")
     copy = (folder / entry.folder).resolve()
-    entries: list[ScenarioSettings] = []
-    refused: dict[str, str] = {}
+    entries = []
+    refused = {}
     for file in COLLECTIONS[entry.use].files(copy):
         try:
             entries += [replace(entry, use=use, folder=None) for use, _ in uses_of(file, str(file))]

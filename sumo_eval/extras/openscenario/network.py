@@ -172,8 +172,8 @@ def _read(path: Path, changed: int) -> Network:
     root = Node(read_xml(path, "OpenDRIVE file"))
     if root.tag != "OpenDRIVE":
         raise root.fault("the root of an OpenDRIVE file must be <OpenDRIVE>")
-    roads: dict[str, MapRoad] = {}
-    unread: dict[str, InputError] = {}
+    roads = {}
+    unread = {}
     for element in root.all(".//road"):
         name = element.attribute("id")
         if name in roads or name in unread:

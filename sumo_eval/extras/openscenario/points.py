@@ -168,7 +168,7 @@ def read_variation(path: Path, count: int | None, seed: int) -> Variation:
     distribution = read_openscenario(path).find("ParameterValueDistribution")
     if distribution is None:
         raise InputError(f"{path.name} must hold a ParameterValueDistribution.")
-    notes: list[str] = []
+    notes = []
     named = distribution.find("ScenarioFile")
     scenario = None
     target = None if named is None else path.parent / str(named.get("filepath", ""))

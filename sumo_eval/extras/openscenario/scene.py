@@ -122,7 +122,7 @@ def _awaited(root: Node) -> set[str]:
     """Names of the elements whose states a move waits for, directly or by way of other events."""
     # for each condition on a state: the name it waits for, and the names around the condition
     waits: list[tuple[str, set[str]]] = []
-    names: set[str] = set()
+    names = set()
     for state in root.element.iter("StoryboardElementStateCondition"):
         name = str(state.get("storyboardElementRef")).rpartition("::")[2]
         # the innermost event or act around it, which waits; none in a stop of the storyboard
@@ -328,7 +328,7 @@ class _Player:
         Actions of different entities have no order between them.
         """
         rest: list[tuple[Node, Entity]] = []
-        faults: list[UnplacedError] = []
+        faults = []
         for element, entity in waiting:
             try:
                 self._private_at_start(element, entity)
@@ -532,7 +532,7 @@ class _Player:
         begin = self.conditions.moment(event.find("StartTrigger"), begin)
         if event.number("maximumExecutionCount", 1.0) != 1.0:
             raise event.fault("an event must run once")
-        parts: list[Span] = []
+        parts = []
         for (action, inner), ignored in zip(actions, idle, strict=True):
             if ignored:
                 span = Span(begin, begin.time)

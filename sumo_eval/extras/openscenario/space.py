@@ -171,7 +171,7 @@ def read_space(path: Path, options: FileOptions) -> FileSpace:
         )
     axes = tuple(axes_of(distribution))
     known = [part.attribute("name") for part in scenario.all("ParameterDeclarations/*")]
-    names: list[str] = []
+    names = []
     for name in itertools.chain.from_iterable(axis.names for axis in axes):
         if name in names:
             raise distribution.fault(f"parameter `{name}` is given by more than one distribution")

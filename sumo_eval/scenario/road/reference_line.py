@@ -136,7 +136,7 @@ def knots_of(pieces: Line) -> NDArray[Any]:
 
     Of a line without pieces there are none.
     """
-    knots: list[_Knot] = []
+    knots = []
     if pieces:
         knots.append(_Knot(-_FAR, -_FAR, 0.0, 0.0, 0.0, 0.0))
     s = x = y = heading = 0.0

@@ -90,7 +90,7 @@ def _complete(have: Numbers, candidates: Numbers, codes: Sequence[Numbers]) -> N
         wanted[code] = True
         wanted[code[np.searchsorted(candidates, have)]] = False
         missing.append(wanted)
-    added: list[int] = []
+    added = []
     while any(wanted.any() for wanted in missing):
         gain = sum(wanted[code] for code, wanted in zip(codes, missing, strict=True))
         best = int(np.argmax(gain))

@@ -53,7 +53,7 @@ def further_cases(
     where = logical.to_unit(candidates)
     distance, cell = (np.asarray(part) for part in tree.query(where))
     held = np.ones(len(points))  # number of cases in each cell, chosen candidates included
-    chosen: list[int] = []
+    chosen = []
     free = np.bincount(cell, minlength=len(points)) > 0  # cells with candidates
     for _ in range(min(count, len(candidates))):
         gain = np.where(free, variance * (1.0 / held - 1.0 / (held + 1.0)), -1.0)
