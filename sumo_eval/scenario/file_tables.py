@@ -60,6 +60,7 @@ from sumo_eval.settings.checked import (
     PositiveFloat,
     PositiveInt,
     PositiveOrNone,
+    setting,
 )
 from sumo_eval.text import capitalised
 
@@ -70,20 +71,18 @@ class ParameterTable(Checked):
 
     name: Annotated[FilledText, About("name, for expressions and tables")]
     unit: Annotated[FilledText, About("unit; `1` for a share")]
-    about: Annotated[str, About("what it is")] = ""
-    low: Annotated[float | None, About("lower end of the range")] = None
-    high: Annotated[float | None, About("upper end of the range")] = None
-    step: Annotated[float | None, About("step of the default grid")] = None
-    values: Annotated[
-        tuple[float, ...], About("instead of low, high and step: the only values there are")
-    ] = ()
-    distribution: Annotated[
-        dict[str, str | float] | None,
-        About(
-            "how often values occur: `name` of a continuous distribution of scipy.stats, and "
-            "its arguments"
-        ),
-    ] = None
+    about: str = setting("", "what it is")
+    low: float | None = setting(None, "lower end of the range")
+    high: float | None = setting(None, "upper end of the range")
+    step: float | None = setting(None, "step of the default grid")
+    values: tuple[float, ...] = setting(
+        (), "instead of low, high and step: the only values there are"
+    )
+    distribution: dict[str, str | float] | None = setting(
+        None,
+        "how often values occur: `name` of a continuous distribution of scipy.stats, and "
+        "its arguments",
+    )
 
     def read(self, where: str) -> Parameter:
         """The axis of the space.
@@ -138,7 +137,7 @@ class ConstraintTable(Checked):
     """Constraint on the points of the box."""
 
     require: Annotated[str, About("a condition on the parameters, e.g. `lead_speed < ego_speed`")]
-    about: Annotated[str, About("the same in words: the point must be ...")] = ""
+    about: str = setting("", "the same in words: the point must be ...")
 
     def read(self, names: Names, definitions: Definitions) -> Constraint:
         """The condition on points."""
@@ -152,38 +151,30 @@ class ConstraintTable(Checked):
 class RoadTable(Checked):
     """A road, written for the scenario, or found in a network of the user's."""
 
-    name: Annotated[str | None, About("name of its files; default: from its measures")] = None
-    lanes: Annotated[PositiveInt, About("number of lanes")] = 2
-    lane_width: Annotated[PositiveFloat, About("width of each lane", "m")] = 3.5
-    length: Annotated[
-        PositiveFloat, About("length of the road; the end of the case is in [end]", "m")
-    ] = 6000.0
-    network: Annotated[str | None, About("a .net.xml instead, relative to this file")] = None
-    edges: Annotated[
-        tuple[str, ...], About("the edges of that network to drive along, in order")
-    ] = ()
-    line: Annotated[
-        tuple[PieceTable, ...],
-        About(
-            "the right lane's centre line from x = 0 on, piece by piece; behind the last one it "
-            "is straight"
-        ),
-    ] = ()
-    opendrive: Annotated[
-        str | None,
-        About("an .xodr instead, relative to this file: its line, its lanes and its length"),
-    ] = None
-    opendrive_road: Annotated[
-        str | tuple[str, ...] | None,
-        About(
-            "id of the road in that file, where it has several; or of those to drive along, in "
-            "order"
-        ),
-    ] = None
-    lane: Annotated[
-        tuple[LaneTable, ...], About("lanes that open, end, or are ramps; `lanes` includes them")
-    ] = ()
-    crossing: Annotated[tuple[CrossingTable, ...], About("roads that cross this one")] = ()
+    name: str | None = setting(None, "name of its files; default: from its measures")
+    lanes: PositiveInt = setting(2, "number of lanes")
+    lane_width: PositiveFloat = setting(3.5, "width of each lane", "m")
+    length: PositiveFloat = setting(
+        6000.0, "length of the road; the end of the case is in [end]", "m"
+    )
+    network: str | None = setting(None, "a .net.xml instead, relative to this file")
+    edges: tuple[str, ...] = setting((), "the edges of that network to drive along, in order")
+    line: tuple[PieceTable, ...] = setting(
+        (),
+        "the right lane's centre line from x = 0 on, piece by piece; behind the last one it "
+        "is straight",
+    )
+    opendrive: str | None = setting(
+        None, "an .xodr instead, relative to this file: its line, its lanes and its length"
+    )
+    opendrive_road: str | tuple[str, ...] | None = setting(
+        None,
+        "id of the road in that file, where it has several; or of those to drive along, in order",
+    )
+    lane: tuple[LaneTable, ...] = setting(
+        (), "lanes that open, end, or are ramps; `lanes` includes them"
+    )
+    crossing: tuple[CrossingTable, ...] = setting((), "roads that cross this one")
 
     def read(
         self, end: float, options: Mapping[str, float], where: str, folder: Path, *, reacts: bool
@@ -244,18 +235,14 @@ class RoadTable(Checked):
 class EndTable(Checked):
     """Further ends of a case, after contact, standstill and leaving the road."""
 
-    x: Annotated[PositiveFloat, About("the ego's centre reaches this place", "m")] = 600.0
-    time: Annotated[PositiveOrNone, About("simulated time; default: the simulation's own", "s")] = (
-        None
+    x: PositiveFloat = setting(600.0, "the ego's centre reaches this place", "m")
+    time: PositiveOrNone = setting(None, "simulated time; default: the simulation's own", "s")
+    standstill: PositiveOrNone = setting(
+        None,
+        "how long the ego must stand, for scenes in which it has to drive off again; default: "
+        "the simulation's own",
+        "s",
     )
-    standstill: Annotated[
-        PositiveOrNone,
-        About(
-            "how long the ego must stand, for scenes in which it has to drive off again; default: "
-            "the simulation's own",
-            "s",
-        ),
-    ] = None
 
 
 @frozen
@@ -266,13 +253,10 @@ class SampleTable(Checked):
 
     name: Annotated[FilledText, About("name, for `method` of an evaluation's sampling")]
     points: Annotated[tuple[tuple[float, ...], ...], MinLen(1), About("the rows")]
-    about: Annotated[str, About("what they are")] = ""
-    columns: Annotated[
-        tuple[str, ...],
-        About(
-            "the parameters that a row holds; default: all that `each` and `set` do not, in order"
-        ),
-    ] = ()
+    about: str = setting("", "what they are")
+    columns: tuple[str, ...] = setting(
+        (), "the parameters that a row holds; default: all that `each` and `set` do not, in order"
+    )
     units: Annotated[
         dict[str, str], About("units of columns, where not the parameters': km/h instead of m/s")
     ] = field(default_factory=dict)
@@ -328,31 +312,24 @@ class SampleTable(Checked):
 class GivenTable(Checked):
     """Changes to the scenario where an option is given."""
 
-    suffix: Annotated[
-        str | None,
-        MinLen(1),
-        About(
-            "appended to the scenario's name after `_`, `{value}` in it is what is given; "
-            "default: the option's name"
-        ),
-    ] = None
-    about: Annotated[
-        str | None, About("what happens then, instead of the scenario's own `about`")
-    ] = None
-    road: Annotated[RoadTable | None, About("the road then, instead of the scenario's own")] = None
-    vehicle: Annotated[
-        tuple[VehicleTable, ...], About("further vehicles then, in addition to the scenario's own")
-    ] = ()
+    suffix: Annotated[str | None, MinLen(1)] = setting(
+        None,
+        "appended to the scenario's name after `_`, `{value}` in it is what is given; "
+        "default: the option's name",
+    )
+    about: str | None = setting(None, "what happens then, instead of the scenario's own `about`")
+    road: RoadTable | None = setting(None, "the road then, instead of the scenario's own")
+    vehicle: tuple[VehicleTable, ...] = setting(
+        (), "further vehicles then, in addition to the scenario's own"
+    )
 
 
 @frozen
 class OptionTable(Option):
     """A number that `use` may set: `use = "cut_in?lateral_acceleration=1.5"`."""
 
-    default: Annotated[
-        float | None, About("its value if `use` does not set it; default: infinite")
-    ] = None
-    above: Annotated[float | None, About("what is given must be greater than that")] = None
+    default: float | None = setting(None, "its value if `use` does not set it; default: infinite")
+    above: float | None = setting(None, "what is given must be greater than that")
     given: Annotated[GivenTable, About("what else is different where it is given")] = field(
         default_factory=GivenTable
     )
@@ -366,16 +343,14 @@ class JointTable(Checked):
         FilledText,
         About("CSV with a row an event and a column a parameter, relative to this file"),
     ]
-    kind: Annotated[
-        Literal["kde", "copula"],
-        About(
-            "kde: a Gaussian at each event; copula: each parameter by a KDE of its own, and their "
-            "correlation"
-        ),
-    ] = "kde"
-    bandwidth: Annotated[
-        PositiveOrNone, About("kernel deviation divided by the data's; default: Scott's")
-    ] = None
+    kind: Literal["kde", "copula"] = setting(
+        "kde",
+        "kde: a Gaussian at each event; copula: each parameter by a KDE of its own, and their "
+        "correlation",
+    )
+    bandwidth: PositiveOrNone = setting(
+        None, "kernel deviation divided by the data's; default: Scott's"
+    )
 
     def read(self, parameters: Sequence[Parameter], where: str, folder: Path) -> Joint:
         """The density.
@@ -416,9 +391,7 @@ class RecordedTable(Checked):
         dict[str, float],
         About("how far a parameter may be from the event's; default: a tenth of its range"),
     ] = field(default_factory=dict)
-    start: Annotated[
-        str, About("column with the time that is the scenario's t = 0; default by event")
-    ] = ""
+    start: str = setting("", "column with the time that is the scenario's t = 0; default by event")
     only: Annotated[dict[str, str], About("column = value that an event must have")] = field(
         default_factory=dict
     )
@@ -458,8 +431,8 @@ class RequireTable(Checked):
             "== 0`"
         ),
     ]
-    name: Annotated[str, About("name in tables; default: the check itself")] = ""
-    about: Annotated[str, About("the same in words")] = ""
+    name: str = setting("", "name in tables; default: the check itself")
+    about: str = setting("", "the same in words")
 
 
 @frozen
@@ -475,34 +448,33 @@ class ScenarioFile(Checked):
             "zone rule; `none`: no zone can be defined, everything is safe, C and A are by outcome"
         ),
     ]
-    vehicle: Annotated[tuple[VehicleTable, ...], About("the actors")] = ()
-    stream: Annotated[tuple[StreamTable, ...], About("traffic of a given density")] = ()
-    about: Annotated[str, About("what happens, a sentence")] = ""
-    source: Annotated[str, About("where it comes from")] = "a scenario file"
+    vehicle: tuple[VehicleTable, ...] = setting((), "the actors")
+    stream: tuple[StreamTable, ...] = setting((), "traffic of a given density")
+    about: str = setting("", "what happens, a sentence")
+    source: str = setting("a scenario file", "where it comes from")
     define: Annotated[
         dict[str, Formula], About("names for expressions, each may use those above it")
     ] = field(default_factory=dict)
-    option: Annotated[tuple[OptionTable, ...], About("numbers that `use` may set")] = ()
-    constraint: Annotated[tuple[ConstraintTable, ...], About("which points of the box exist")] = ()
-    exposure: Annotated[
-        str | None, About("density, an expression; multiplies the parameters' distributions")
-    ] = None
-    joint: Annotated[
-        JointTable | None, About("density by events, instead of the parameters' distributions")
-    ] = None
-    met: Annotated[Occurrence | None, About("how often it occurred on the road")] = None
-    recorded: Annotated[
-        RecordedTable | None, About("the events of recordings that are this scenario")
-    ] = None
+    option: tuple[OptionTable, ...] = setting((), "numbers that `use` may set")
+    constraint: tuple[ConstraintTable, ...] = setting((), "which points of the box exist")
+    exposure: str | None = setting(
+        None, "density, an expression; multiplies the parameters' distributions"
+    )
+    joint: JointTable | None = setting(
+        None, "density by events, instead of the parameters' distributions"
+    )
+    met: Occurrence | None = setting(None, "how often it occurred on the road")
+    recorded: RecordedTable | None = setting(
+        None, "the events of recordings that are this scenario"
+    )
     road: Annotated[RoadTable, About("the road")] = field(default_factory=RoadTable)
     end: Annotated[EndTable, About("when a case is over")] = field(default_factory=EndTable)
-    sample: Annotated[tuple[SampleTable, ...], About("prescribed points")] = ()
-    default_sample: Annotated[str, About("grid, or the name of a sample")] = "grid"
-    people: Annotated[
-        Literal["drivers", "none"],
-        About("none: no synthetic driver knows this scene, so D and H need recorded ones"),
-    ] = "drivers"
-    require: Annotated[tuple[RequireTable, ...], About("what must hold in every drive")] = ()
+    sample: tuple[SampleTable, ...] = setting((), "prescribed points")
+    default_sample: str = setting("grid", "grid, or the name of a sample")
+    people: Literal["drivers", "none"] = setting(
+        "drivers", "none: no synthetic driver knows this scene, so D and H need recorded ones"
+    )
+    require: tuple[RequireTable, ...] = setting((), "what must hold in every drive")
 
     def logical(self, options: Mapping[str, float], where: str, folder: Path) -> LogicalScenario:
         """The logical scenario.

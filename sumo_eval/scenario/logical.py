@@ -20,7 +20,7 @@ from sumo_eval.frozen import frozen
 from sumo_eval.scenario.concrete import CHANGES, Actor, ConcreteScenario, EgoBody, Road, Start
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.requirement import Requirements
-from sumo_eval.settings.checked import About, Checked, FilledText, Natural, PositiveFloat
+from sumo_eval.settings.checked import About, Checked, FilledText, Natural, PositiveFloat, setting
 from sumo_eval.text import point_words
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -187,7 +187,7 @@ class Option(Checked):
 
     name: Annotated[FilledText, About("name, for expressions and in `use`")]
     unit: Annotated[FilledText, About("unit; `1` for a share")]
-    about: Annotated[str, About("what it is")] = ""
+    about: str = setting("", "what it is")
 
 
 @frozen
@@ -225,7 +225,7 @@ class Occurrence(Checked):
     vehicle_km: Annotated[
         PositiveFloat, About("driven by all vehicles that might have met it", "km")
     ]
-    where: Annotated[str, About("on which roads, when")] = ""
+    where: str = setting("", "on which roads, when")
 
 
 def uniform_exposure(values: Values) -> FloatArray:

@@ -14,7 +14,14 @@ from sumo_eval.frozen import frozen
 from sumo_eval.scenario.bodies import BODIES
 from sumo_eval.scenario.concrete import Actor, Model, Road, Start
 from sumo_eval.scenario.formulas import ABOVE_0, Formula, LimitedFormulas, Names
-from sumo_eval.settings.checked import About, Checked, FilledText, Natural, NotNegativeFloat
+from sumo_eval.settings.checked import (
+    About,
+    Checked,
+    FilledText,
+    Natural,
+    NotNegativeFloat,
+    setting,
+)
 
 MOST = 200  # vehicles of one stream
 
@@ -35,22 +42,21 @@ class StreamTable(Checked):
     speed: Annotated[
         Formula, ABOVE_0, About("mean speed, which each keeps while its lane is free", "m/s")
     ]
-    speed_spread: Annotated[
-        NotNegativeFloat, About("speeds are spread evenly, up to this far from the mean", "m/s")
-    ] = 0.0
-    spacing_spread: Annotated[
-        NotNegativeFloat,
-        About("distances are spread evenly, up to this share of their mean from it"),
-    ] = 0.3
-    seed: Annotated[Natural, About("what speeds and distances are drawn from")] = 0
-    model: Annotated[
-        Literal["Krauss", "IDM", "EIDM"], About("SUMO's car-following model, without noise")
-    ] = "IDM"
-    headway: Annotated[Formula, ABOVE_0, About("time headway that each keeps", "s")] = 1.0
-    min_gap: Annotated[Formula, ABOVE_0, About("gap to a standing vehicle", "m")] = 2.5
-    acceleration: Annotated[Formula, ABOVE_0, About("largest acceleration", "m/s2")] = 2.6
-    deceleration: Annotated[Formula, ABOVE_0, About("comfortable deceleration", "m/s2")] = 4.5
-    body: Annotated[Literal["car", "van", "truck", "motorcycle"], About("what they are")] = "car"
+    speed_spread: NotNegativeFloat = setting(
+        0.0, "speeds are spread evenly, up to this far from the mean", "m/s"
+    )
+    spacing_spread: NotNegativeFloat = setting(
+        0.3, "distances are spread evenly, up to this share of their mean from it"
+    )
+    seed: Natural = setting(0, "what speeds and distances are drawn from")
+    model: Literal["Krauss", "IDM", "EIDM"] = setting(
+        "IDM", "SUMO's car-following model, without noise"
+    )
+    headway: Annotated[Formula, ABOVE_0] = setting(1.0, "time headway that each keeps", "s")
+    min_gap: Annotated[Formula, ABOVE_0] = setting(2.5, "gap to a standing vehicle", "m")
+    acceleration: Annotated[Formula, ABOVE_0] = setting(2.6, "largest acceleration", "m/s2")
+    deceleration: Annotated[Formula, ABOVE_0] = setting(4.5, "comfortable deceleration", "m/s2")
+    body: Literal["car", "van", "truck", "motorcycle"] = setting("car", "what they are")
 
     def read(self, names: Names, road: Road) -> LimitedFormulas:
         """The formulas of its numbers.

@@ -45,7 +45,7 @@ from sumo_eval.scenario.played import Act, Pairs, Program
 from sumo_eval.scenario.road.reference_line import frame_places
 from sumo_eval.scenario.streams import StreamTable, sumo_model
 from sumo_eval.scenario.trigger import Step, trigger
-from sumo_eval.settings.checked import About, Checked, FilledText, PositiveOrNone
+from sumo_eval.settings.checked import About, Checked, FilledText, PositiveOrNone, setting
 from sumo_eval.text import capitalised
 
 _MANOEUVRES: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Act]]] = {
@@ -77,40 +77,33 @@ class EgoTable(Checked):
     """The vehicle under test."""
 
     speed: Annotated[Formula, NOT_BELOW_0, About("speed at the start", "m/s")]
-    x: Annotated[Formula, About("centre along the road at the start", "m")] = 50.0
-    y: Annotated[
-        Formula, About("its centre's distance to the left of the right lane's centre line", "m")
-    ] = 0.0
-    lateral_speed: Annotated[
-        Formula,
-        About("speed to the left at the start, below `speed`; it heads where it moves", "m/s"),
-    ] = 0.0
-    length: Annotated[PositiveOrNone, About("body; default: as in the vehicle settings", "m")] = (
-        None
+    x: Formula = setting(50.0, "centre along the road at the start", "m")
+    y: Formula = setting(
+        0.0, "its centre's distance to the left of the right lane's centre line", "m"
     )
-    width: Annotated[PositiveOrNone, About("body; default: as in the vehicle settings", "m")] = None
-    goal_lane: Annotated[
-        int | None, Ge(0), About("number of the neighbouring lane that it must change to; 0: right")
-    ] = None
-    change_from: Annotated[
-        PositiveOrNone, About("with `goal_lane`: x of its centre where it may begin", "m")
-    ] = None
-    change_by: Annotated[
-        PositiveOrNone,
-        About(
-            "x of its centre by which it must have changed; default: where its lane or the other "
-            "one ends, or where the other becomes an exit ramp",
-            "m",
-        ),
-    ] = None
-    recorded: Annotated[
-        Pairs,
-        About(
-            "positions of a recorded ego: its centre along and across the road, every 0.1 s from "
-            "the start; `departed` in a condition is the ego's distance from it",
-            "m",
-        ),
-    ] = ()
+    lateral_speed: Formula = setting(
+        0.0, "speed to the left at the start, below `speed`; it heads where it moves", "m/s"
+    )
+    length: PositiveOrNone = setting(None, "body; default: as in the vehicle settings", "m")
+    width: PositiveOrNone = setting(None, "body; default: as in the vehicle settings", "m")
+    goal_lane: Annotated[int | None, Ge(0)] = setting(
+        None, "number of the neighbouring lane that it must change to; 0: right"
+    )
+    change_from: PositiveOrNone = setting(
+        None, "with `goal_lane`: x of its centre where it may begin", "m"
+    )
+    change_by: PositiveOrNone = setting(
+        None,
+        "x of its centre by which it must have changed; default: where its lane or the other "
+        "one ends, or where the other becomes an exit ramp",
+        "m",
+    )
+    recorded: Pairs = setting(
+        (),
+        "positions of a recorded ego: its centre along and across the road, every 0.1 s from "
+        "the start; `departed` in a condition is the ego's distance from it",
+        "m",
+    )
 
     def check(self, where: str, road: Road) -> None:
         """Refuse impossible combinations of keys.
@@ -212,75 +205,57 @@ class ManoeuvreTable(Checked):
             "reacts, from the start on or, as the last manoeuvre, from `when` on"
         ),
     ]
-    name: Annotated[str, About("name, for `ended(vehicle, name)` in a condition")] = ""
-    begin: Annotated[
-        Formula,
-        NOT_BELOW_0,
-        About("when it begins; with `when`: how long after its condition holds", "s"),
-    ] = 0.0
-    when: Annotated[
-        str | None,
-        MinLen(1),
-        About("it begins when this holds, e.g. `ttc(ego, child) < 2`; default: at `begin`"),
-    ] = None
-    deceleration: Annotated[
-        Formula | None, ABOVE_0, About("of `brake`; of `follow`: comfortable", "m/s2")
-    ] = None
-    jerk: Annotated[
-        Formula | None,
-        _ENDLESS,
-        About("of `brake`, `accelerate`: how fast it builds up; default: at once", "m/s3"),
-    ] = None
-    duration: Annotated[
-        Formula | None, ABOVE_0, About("of `change_lane`, `change_lane_cosine`", "s")
-    ] = None
-    speed: Annotated[
-        Formula | None,
-        NOT_BELOW_0,
-        About(
-            "of `move_sideways`: across; of `accelerate`: at its end; of `follow`: desired", "m/s"
-        ),
-    ] = None
-    acceleration: Annotated[
-        Formula | None,
-        ABOVE_0,
-        About(
-            "of `move_sideways`: how fast its speed builds up, default at once; of `accelerate`: "
-            "how fast its speed rises or falls; of `sinus`, `follow`: the largest",
-            "m/s2",
-        ),
-    ] = None
-    offset: Annotated[
-        Formula | None, About("of moves to a side: how far to the left, negative to the right", "m")
-    ] = None
-    cycles: Annotated[
-        PositiveOrNone, MultipleOf(1.0), About("of `sinus`: swings, each to one side and back")
-    ] = None
-    times: Annotated[tuple[Formula, ...], About("of `speed_profile`: since its start", "s")] = ()
-    places: Annotated[
-        tuple[Formula, ...], About("of `speed_profile`, `path`: of its centre along the road", "m")
-    ] = ()
-    speeds: Annotated[
-        tuple[Formula, ...], About("of `speed_profile`, at its times or places", "m/s")
-    ] = ()
-    points: Annotated[
-        tuple[tuple[Formula, Formula], ...],
-        About("of `path`: along and across the road, straight from one to the next", "m"),
-    ] = ()
-    lanes: Annotated[
-        tuple[int, ...],
-        About("of `path`, instead of points: lane in whose middle it is at each place; 0: right"),
-    ] = ()
-    model: Annotated[
-        Literal["Krauss", "IDM", "EIDM"] | None,
-        About("of `follow`: SUMO's car-following model, without noise"),
-    ] = None
-    headway: Annotated[
-        Formula | None, ABOVE_0, About("of `follow`: time headway that it keeps, default 1", "s")
-    ] = None
-    min_gap: Annotated[
-        Formula | None, ABOVE_0, About("of `follow`: gap to a standing vehicle, default 2.5", "m")
-    ] = None
+    name: str = setting("", "name, for `ended(vehicle, name)` in a condition")
+    begin: Annotated[Formula, NOT_BELOW_0] = setting(
+        0.0, "when it begins; with `when`: how long after its condition holds", "s"
+    )
+    when: Annotated[str | None, MinLen(1)] = setting(
+        None, "it begins when this holds, e.g. `ttc(ego, child) < 2`; default: at `begin`"
+    )
+    deceleration: Annotated[Formula | None, ABOVE_0] = setting(
+        None, "of `brake`; of `follow`: comfortable", "m/s2"
+    )
+    jerk: Annotated[Formula | None, _ENDLESS] = setting(
+        None, "of `brake`, `accelerate`: how fast it builds up; default: at once", "m/s3"
+    )
+    duration: Annotated[Formula | None, ABOVE_0] = setting(
+        None, "of `change_lane`, `change_lane_cosine`", "s"
+    )
+    speed: Annotated[Formula | None, NOT_BELOW_0] = setting(
+        None, "of `move_sideways`: across; of `accelerate`: at its end; of `follow`: desired", "m/s"
+    )
+    acceleration: Annotated[Formula | None, ABOVE_0] = setting(
+        None,
+        "of `move_sideways`: how fast its speed builds up, default at once; of `accelerate`: "
+        "how fast its speed rises or falls; of `sinus`, `follow`: the largest",
+        "m/s2",
+    )
+    offset: Formula | None = setting(
+        None, "of moves to a side: how far to the left, negative to the right", "m"
+    )
+    cycles: Annotated[PositiveOrNone, MultipleOf(1.0)] = setting(
+        None, "of `sinus`: swings, each to one side and back"
+    )
+    times: tuple[Formula, ...] = setting((), "of `speed_profile`: since its start", "s")
+    places: tuple[Formula, ...] = setting(
+        (), "of `speed_profile`, `path`: of its centre along the road", "m"
+    )
+    speeds: tuple[Formula, ...] = setting((), "of `speed_profile`, at its times or places", "m/s")
+    points: tuple[tuple[Formula, Formula], ...] = setting(
+        (), "of `path`: along and across the road, straight from one to the next", "m"
+    )
+    lanes: tuple[int, ...] = setting(
+        (), "of `path`, instead of points: lane in whose middle it is at each place; 0: right"
+    )
+    model: Literal["Krauss", "IDM", "EIDM"] | None = setting(
+        None, "of `follow`: SUMO's car-following model, without noise"
+    )
+    headway: Annotated[Formula | None, ABOVE_0] = setting(
+        None, "of `follow`: time headway that it keeps, default 1", "s"
+    )
+    min_gap: Annotated[Formula | None, ABOVE_0] = setting(
+        None, "of `follow`: gap to a standing vehicle, default 2.5", "m"
+    )
 
     @property
     def lively(self) -> bool:
@@ -401,48 +376,36 @@ class VehicleTable(Checked):
 
     name: Annotated[FilledText, About("name")]
     speed: Annotated[Formula, NOT_BELOW_0, About("speed at the start", "m/s")]
-    gap: Annotated[
-        Formula | None, About("from the ego's front bumper to its rear at the start", "m")
-    ] = None
-    gap_behind: Annotated[
-        Formula | None,
-        About("instead of gap: from its front bumper to the ego's rear at the start", "m"),
-    ] = None
-    x: Annotated[Formula | None, About("instead of gap: its centre along the road", "m")] = None
-    y: Annotated[
-        Formula, About("its centre's distance to the left of the right lane's centre line", "m")
-    ] = 0.0
-    heading: Annotated[
-        Formula | None,
-        About("direction in which it points and drives, left of the road's; default 0", "deg"),
-    ] = None
-    lateral_speed: Annotated[
-        Formula | None,
-        About(
-            "instead of heading: across the road at the start, to the left; `speed` is along", "m/s"
-        ),
-    ] = None
-    body: Annotated[
-        Literal["car", "van", "truck", "motorcycle", "bicycle", "pedestrian", "child"],
-        About("kind of road user: its size, its class in SUMO, its shape"),
-    ] = "car"
-    length: Annotated[
-        PositiveOrNone, About("body; default: as the body has it, 4.5 of a car", "m")
-    ] = None
-    width: Annotated[
-        PositiveOrNone, About("body; default: as the body has it, 1.8 of a car", "m")
-    ] = None
-    slides: Annotated[
-        bool, About("keeps its heading while it moves across, instead of pointing where it goes")
-    ] = False
-    on_map: Annotated[
-        bool,
-        About(
-            "x, y and heading are on the map of a curved road, from the line's beginning: it "
-            "drives straight there"
-        ),
-    ] = False
-    manoeuvre: Annotated[tuple[ManoeuvreTable, ...], About("its manoeuvres")] = ()
+    gap: Formula | None = setting(None, "from the ego's front bumper to its rear at the start", "m")
+    gap_behind: Formula | None = setting(
+        None, "instead of gap: from its front bumper to the ego's rear at the start", "m"
+    )
+    x: Formula | None = setting(None, "instead of gap: its centre along the road", "m")
+    y: Formula = setting(
+        0.0, "its centre's distance to the left of the right lane's centre line", "m"
+    )
+    heading: Formula | None = setting(
+        None, "direction in which it points and drives, left of the road's; default 0", "deg"
+    )
+    lateral_speed: Formula | None = setting(
+        None,
+        "instead of heading: across the road at the start, to the left; `speed` is along",
+        "m/s",
+    )
+    body: Literal["car", "van", "truck", "motorcycle", "bicycle", "pedestrian", "child"] = setting(
+        "car", "kind of road user: its size, its class in SUMO, its shape"
+    )
+    length: PositiveOrNone = setting(None, "body; default: as the body has it, 4.5 of a car", "m")
+    width: PositiveOrNone = setting(None, "body; default: as the body has it, 1.8 of a car", "m")
+    slides: bool = setting(
+        False, "keeps its heading while it moves across, instead of pointing where it goes"
+    )
+    on_map: bool = setting(
+        False,
+        "x, y and heading are on the map of a curved road, from the line's beginning: it "
+        "drives straight there",
+    )
+    manoeuvre: tuple[ManoeuvreTable, ...] = setting((), "its manoeuvres")
 
     @property
     def lively(self) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
-from typing import Annotated, Any
+from typing import Any
 
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.frozen import frozen
@@ -12,43 +12,33 @@ from sumo_eval.scenario.expression import Definitions, Expression
 from sumo_eval.scenario.formulas import Formula, Formulas, Names, Value
 from sumo_eval.scenario.logical import Approach, Search, Values, ZoneCoordinates
 from sumo_eval.scenario.vehicle_tables import Placement
-from sumo_eval.settings.checked import About, Checked, PositiveOrNone
+from sumo_eval.settings.checked import Checked, PositiveOrNone, setting
 
 
 @frozen
 class ZoneTable(Checked):
     """The zone rule: the approach to one vehicle under ideal braking (Eqs. 1-6), or a margin."""
 
-    obstacle: Annotated[str, About("the vehicle that is in the way")] = ""
-    margin: Annotated[
-        Formula | None,
-        About(
-            "instead of an obstacle: distance to a known limit, hazardous at 0 and below",
-            "m",
-        ),
-    ] = None
-    delay: Annotated[Formula, About("before ideal braking begins", "s")] = 0.0
-    gap: Annotated[
-        Formula | None, About("bumper to bumper at the start; default: the obstacle's", "m")
-    ] = None
-    conflict_begin: Annotated[
-        Formula, About("time from which the obstacle is in the ego's path", "s")
-    ] = 0.0
-    passing_length: Annotated[
-        PositiveOrNone,
-        About("an ego further ahead than this when the conflict begins has passed", "m"),
-    ] = None
-    conflict: Annotated[
-        bool,
-        About(
-            "criticality by the time until both paths collide, from any side; default: by the gap "
-            "along the road"
-        ),
-    ] = False
-    coordinates: Annotated[
-        dict[str, Formula] | None,
-        About("in words = expression: in which the criticality is smooth; default: the parameters"),
-    ] = None
+    obstacle: str = setting("", "the vehicle that is in the way")
+    margin: Formula | None = setting(
+        None, "instead of an obstacle: distance to a known limit, hazardous at 0 and below", "m"
+    )
+    delay: Formula = setting(0.0, "before ideal braking begins", "s")
+    gap: Formula | None = setting(
+        None, "bumper to bumper at the start; default: the obstacle's", "m"
+    )
+    conflict_begin: Formula = setting(0.0, "time from which the obstacle is in the ego's path", "s")
+    passing_length: PositiveOrNone = setting(
+        None, "an ego further ahead than this when the conflict begins has passed", "m"
+    )
+    conflict: bool = setting(
+        False,
+        "criticality by the time until both paths collide, from any side; default: by the gap "
+        "along the road",
+    )
+    coordinates: dict[str, Formula] | None = setting(
+        None, "in words = expression: in which the criticality is smooth; default: the parameters"
+    )
 
     def read(
         self, names: Names, definitions: Definitions, placement: Placement, *, searched: bool

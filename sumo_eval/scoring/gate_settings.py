@@ -25,6 +25,7 @@ from sumo_eval.settings.checked import (
     NotNegativeFloat,
     PositiveInt,
     Share,
+    setting,
 )
 from sumo_eval.settings.config import read_checked
 
@@ -113,30 +114,26 @@ class LimitSettings(Checked):
     quantity: Annotated[
         str, About("what is limited: a number of the ADS, or a column of cases.csv in every case")
     ]
-    ads: Annotated[str | None, About("only this ADS; default: each")] = None
-    scenario: Annotated[str | None, About("only this logical scenario; default: each")] = None
-    at_least: Annotated[float | None, About("smallest value of the new run")] = None
-    at_most: Annotated[float | None, About("largest value of the new run")] = None
-    worse_by: Annotated[
-        float | None, About("largest change for the worse, in the quantity's own unit")
-    ] = None
-    worse_by_percent: Annotated[
-        float | None, About("largest change for the worse, of the base's value", "%")
-    ] = None
-    tolerance: Annotated[
-        NotNegativeFloat,
-        About(
-            "what rounding may change beyond a bound, times the larger of 1 and the bound, or of "
-            "1 and the base's value for `worse_by` and `worse_by_percent`"
-        ),
-    ] = LAST_DIGIT
-    only_if_certain: Annotated[
-        bool,
-        About(
-            "`worse_by` and `worse_by_percent` count only where the interval of the difference "
-            "leaves out 0"
-        ),
-    ] = False
+    ads: str | None = setting(None, "only this ADS; default: each")
+    scenario: str | None = setting(None, "only this logical scenario; default: each")
+    at_least: float | None = setting(None, "smallest value of the new run")
+    at_most: float | None = setting(None, "largest value of the new run")
+    worse_by: float | None = setting(
+        None, "largest change for the worse, in the quantity's own unit"
+    )
+    worse_by_percent: float | None = setting(
+        None, "largest change for the worse, of the base's value", "%"
+    )
+    tolerance: NotNegativeFloat = setting(
+        LAST_DIGIT,
+        "what rounding may change beyond a bound, times the larger of 1 and the bound, or of "
+        "1 and the base's value for `worse_by` and `worse_by_percent`",
+    )
+    only_if_certain: bool = setting(
+        False,
+        "`worse_by` and `worse_by_percent` count only where the interval of the difference "
+        "leaves out 0",
+    )
 
 
 @frozen
@@ -147,14 +144,13 @@ class MeasureSettings(Checked):
     absolute: Annotated[
         NotNegativeFloat, About("least change that counts, in the quantity's own unit")
     ]
-    share: Annotated[
-        NotNegativeFloat, About("least change that counts, as a share of the base's value")
-    ] = 0.0
-    zone: Annotated[
-        float | None,
-        About("near misses only: a case counts if its value in one of the runs is worse than this"),
-    ] = None
-    higher_is_better: Annotated[bool, About("whether a rise is an improvement")] = True
+    share: NotNegativeFloat = setting(
+        0.0, "least change that counts, as a share of the base's value"
+    )
+    zone: float | None = setting(
+        None, "near misses only: a case counts if its value in one of the runs is worse than this"
+    )
+    higher_is_better: bool = setting(True, "whether a rise is an improvement")
 
 
 @frozen
@@ -164,40 +160,37 @@ class OutcomeSettings(Checked):
     floors, repeats and bad_of: for an ADS that does not repeat bit for bit.
     """
 
-    on: Annotated[bool, About("whether this part is evaluated")] = True
-    severity_by: Annotated[
-        float | None,
-        NotNegative,
-        About(
-            f"rise of U from which a case failed; default: {SEVERITY_BY}, {_OF_A_LOSS}",
-            "m/s",
-            "U",
-            "15",
-        ),
-    ] = None
-    floors: Annotated[
-        NotNegativeFloat,
-        About("least rise of U that counts, as a multiple of its floor (`noise.factor`)"),
-    ] = 2.0
-    repeats: Annotated[Natural, About("repetitions of a case that became bad")] = 4
-    bad_of: Annotated[
-        PositiveInt, About("how many of these drives, the first among them, must be bad")
-    ] = 3
+    on: bool = setting(True, "whether this part is evaluated")
+    severity_by: Annotated[float | None, NotNegative] = setting(
+        None,
+        f"rise of U from which a case failed; default: {SEVERITY_BY}, {_OF_A_LOSS}",
+        "m/s",
+        "U",
+        "15",
+    )
+    floors: NotNegativeFloat = setting(
+        2.0, "least rise of U that counts, as a multiple of its floor (`noise.factor`)"
+    )
+    repeats: Natural = setting(4, "repetitions of a case that became bad")
+    bad_of: PositiveInt = setting(3, "how many of these drives, the first among them, must be bad")
 
 
 @frozen
 class NearMissSettings(Checked):
     """Part two of the rule: whether more cases lost than gained distance to an accident."""
 
-    on: Annotated[bool, About("whether this part is evaluated")] = True
-    chance: Annotated[InnerShare, About("P of the sign test below which it fails")] = 0.1
-    kept_margin: Annotated[
-        NotNegativeFloat, About("share of its distance to an accident that a case must keep")
-    ] = 0.6
-    measure: Annotated[tuple[MeasureSettings, ...], About("what is watched")] = (
-        MeasureSettings("min_gap", absolute=0.1, share=0.1, zone=2.0),
-        MeasureSettings("min_ttc", absolute=0.1, share=0.1, zone=1.5),
-        MeasureSettings("max_drac", absolute=0.2, share=0.05, zone=3.4, higher_is_better=False),
+    on: bool = setting(True, "whether this part is evaluated")
+    chance: InnerShare = setting(0.1, "P of the sign test below which it fails")
+    kept_margin: NotNegativeFloat = setting(
+        0.6, "share of its distance to an accident that a case must keep"
+    )
+    measure: tuple[MeasureSettings, ...] = setting(
+        (
+            MeasureSettings("min_gap", absolute=0.1, share=0.1, zone=2.0),
+            MeasureSettings("min_ttc", absolute=0.1, share=0.1, zone=1.5),
+            MeasureSettings("max_drac", absolute=0.2, share=0.05, zone=3.4, higher_is_better=False),
+        ),
+        "what is watched",
     )
 
 
@@ -205,27 +198,28 @@ class NearMissSettings(Checked):
 class ShiftSettings(Checked):
     """Part three of the rule: whether many cases became a little worse."""
 
-    on: Annotated[bool, About("whether this part is evaluated")] = True
-    chance: Annotated[InnerShare, About("P of the sign test below which it fails")] = 0.02
-    cases: Annotated[PositiveInt, About("least number of worse cases")] = 3
-    share: Annotated[Share, About("least share of worse cases")] = 0.05
-    share_alone: Annotated[Share, About("share that fails if no case is better")] = 0.15
-    lost: Annotated[
-        Share,
-        About(
-            "loss of task in a case, or of likeness in one of `cases`, that fails if none is better"
+    on: bool = setting(True, "whether this part is evaluated")
+    chance: InnerShare = setting(0.02, "P of the sign test below which it fails")
+    cases: PositiveInt = setting(3, "least number of worse cases")
+    share: Share = setting(0.05, "least share of worse cases")
+    share_alone: Share = setting(0.15, "share that fails if no case is better")
+    lost: Share = setting(
+        0.3,
+        "loss of task in a case, or of likeness in one of `cases`, that fails if none is better",
+    )
+    measure: tuple[MeasureSettings, ...] = setting(
+        (
+            MeasureSettings("task_share", 0.01),
+            MeasureSettings("simulated_time", 0.25, 0.02, higher_is_better=False),
+            MeasureSettings("human_likeness", 0.01),
+            MeasureSettings("index", 0.01),
+            MeasureSettings("overshoot", 0.1, higher_is_better=False),
+            MeasureSettings("min_thw", 0.1, 0.1),
+            MeasureSettings("max_jerk", 2.0, 0.2, higher_is_better=False),
+            MeasureSettings("max_lateral_jerk", 5.0, 0.5, higher_is_better=False),
+            MeasureSettings("latency_relative", 2.0, 0.5, higher_is_better=False),
         ),
-    ] = 0.3
-    measure: Annotated[tuple[MeasureSettings, ...], About("what is watched")] = (
-        MeasureSettings("task_share", 0.01),
-        MeasureSettings("simulated_time", 0.25, 0.02, higher_is_better=False),
-        MeasureSettings("human_likeness", 0.01),
-        MeasureSettings("index", 0.01),
-        MeasureSettings("overshoot", 0.1, higher_is_better=False),
-        MeasureSettings("min_thw", 0.1, 0.1),
-        MeasureSettings("max_jerk", 2.0, 0.2, higher_is_better=False),
-        MeasureSettings("max_lateral_jerk", 5.0, 0.5, higher_is_better=False),
-        MeasureSettings("latency_relative", 2.0, 0.5, higher_is_better=False),
+        "what is watched",
     )
 
 
@@ -233,56 +227,47 @@ class ShiftSettings(Checked):
 class NoiseSettings(Checked):
     """Detection of ADSs that do not repeat bit for bit, and the tolerance for them."""
 
-    cases: Annotated[
-        Natural,
-        About("cases of an ADS that a night drives twice; 0: each ADS is taken to repeat"),
-    ] = 30
-    quantile: Annotated[InnerShare, About("of the differences between two drives")] = 0.95
-    factor: Annotated[
-        NotNegativeFloat, About("a floor, the least tolerance, is this times that quantile")
-    ] = 1.5
-    chance: Annotated[InnerShare, About("P of all sign tests of a night together (Holm)")] = 0.02
+    cases: Natural = setting(
+        30, "cases of an ADS that a night drives twice; 0: each ADS is taken to repeat"
+    )
+    quantile: InnerShare = setting(0.95, "of the differences between two drives")
+    factor: NotNegativeFloat = setting(
+        1.5, "a floor, the least tolerance, is this times that quantile"
+    )
+    chance: InnerShare = setting(0.02, "P of all sign tests of a night together (Holm)")
 
 
 @frozen
 class GateSettings(Checked):
     """Comparison of two runs, and the changes that fail it."""
 
-    confidence: Annotated[InnerShare, About("share that the intervals of differences cover")] = 0.95
-    resamples: Annotated[
-        int, Ge(100), Le(1_000_000), About("resamples of the paired bootstrap")
-    ] = 2000
-    seed: Annotated[Natural, About("of the resampling")] = 1
-    harsher_by: Annotated[
-        float | None,
-        NotNegative,
-        About(
-            f"change of U from which a collision is harsher or softer; default: {HARSHER_BY}, "
-            f"{_OF_A_LOSS}",
-            "m/s",
-            "U",
-            "15",
-        ),
-    ] = None
-    less_human_by: Annotated[
-        NotNegativeFloat,
-        About(
-            "change of a case's human-likeness, or of D_i, from which it is less or more human",
-            symbol="D_i",
-            equation="12",
-        ),
-    ] = 0.01
-    lost_share: Annotated[
-        Share,
-        About(
-            "share of the base's cases that a night may lose; a lost ADS or scenario always fails"
-        ),
-    ] = 0.1
+    confidence: InnerShare = setting(0.95, "share that the intervals of differences cover")
+    resamples: Annotated[int, Ge(100), Le(1_000_000)] = setting(
+        2000, "resamples of the paired bootstrap"
+    )
+    seed: Natural = setting(1, "of the resampling")
+    harsher_by: Annotated[float | None, NotNegative] = setting(
+        None,
+        f"change of U from which a collision is harsher or softer; default: {HARSHER_BY}, "
+        f"{_OF_A_LOSS}",
+        "m/s",
+        "U",
+        "15",
+    )
+    less_human_by: NotNegativeFloat = setting(
+        0.01,
+        "change of a case's human-likeness, or of D_i, from which it is less or more human",
+        symbol="D_i",
+        equation="12",
+    )
+    lost_share: Share = setting(
+        0.1, "share of the base's cases that a night may lose; a lost ADS or scenario always fails"
+    )
     outcome: OutcomeSettings = field(default_factory=OutcomeSettings)
     near_miss: NearMissSettings = field(default_factory=NearMissSettings)
     shift: ShiftSettings = field(default_factory=ShiftSettings)
     noise: NoiseSettings = field(default_factory=NoiseSettings)
-    limit: Annotated[tuple[LimitSettings, ...], About("further limits")] = ()
+    limit: tuple[LimitSettings, ...] = setting((), "further limits")
 
     @property
     def watched(self) -> tuple[MeasureSettings, ...]:

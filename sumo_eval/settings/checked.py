@@ -1,8 +1,8 @@
 """The base of all settings: their meaning, unit and bounds, and the refusal of other values.
 
-The `Annotated` bounds of a setting are the only place where a limit is written. A table of settings
-that is made in Python checks them here; `sumo_eval.settings.config` has pydantic check the same
-annotations in evaluation.toml.
+The bounds in a setting's annotation are the only place where a limit is written. A table of
+settings that is made in Python checks them here; `sumo_eval.settings.config` has pydantic check the
+same annotations in evaluation.toml.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import functools
 import math
 import operator
 from collections.abc import Callable, Mapping
-from dataclasses import fields
+from dataclasses import field, fields
 from numbers import Integral, Real
 from types import UnionType
 from typing import (
@@ -20,6 +20,7 @@ from typing import (
     ClassVar,
     Literal,
     NamedTuple,
+    TypeVar,
     Union,
     get_args,
     get_origin,
@@ -44,10 +45,25 @@ class About:
     symbol: str = ""
     equation: str = ""
 
+    @property
+    def description(self) -> str:
+        """The meaning and the unit."""
+        return f"{self.text} ({self.unit})" if self.unit else self.text
+
     def __get_pydantic_json_schema__(self, core: Any, handler: Callable[[Any], Any]) -> Any:
-        """The meaning and the unit of a key in a JSON schema."""
-        unit = f" ({self.unit})" if self.unit else ""
-        return {**handler(core), "description": self.text + unit}
+        """A key without a default in a JSON schema."""
+        return {**handler(core), "description": self.description}
+
+
+Default = TypeVar("Default")
+
+
+def setting(
+    default: Default, text: str, unit: str = "", symbol: str = "", equation: str = ""
+) -> Default:
+    """A key with a default, and its meaning; one without names its `About` in its annotation."""
+    meaning = About(text, unit, symbol, equation)
+    return field(default=default, metadata={"about": meaning, "description": meaning.description})
 
 
 Positive = Gt(0.0)
@@ -68,12 +84,11 @@ def hints_of(cls: Any) -> dict[str, Any]:
     return get_type_hints(cls, include_extras=True)
 
 
-def about(cls: type, name: str) -> About:
+def about(cls: Any, name: str) -> About:
     """The `About` of a setting; an empty one if it has none."""
-    for extra in getattr(hints_of(cls)[name], "__metadata__", ()):
-        if isinstance(extra, About):
-            return extra
-    return About("")
+    of_default = cls.__dataclass_fields__[name].metadata.get("about", About(""))
+    marks = getattr(hints_of(cls)[name], "__metadata__", ())
+    return next((mark for mark in marks if isinstance(mark, About)), of_default)
 
 
 # annotation: (accepted type, words for it). A union or a Literal accepts any type here: the rule's

@@ -20,6 +20,7 @@ from sumo_eval.settings.checked import (
     Natural,
     PositiveFloat,
     PositiveOrNone,
+    setting,
 )
 from sumo_eval.settings.drivers import DriverSettings
 from sumo_eval.settings.method import MethodSettings
@@ -35,57 +36,42 @@ _Levels = Annotated[int, Ge(2)]
 class SamplingSettings(Checked):
     """Choice of the concrete scenarios of a space that are simulated."""
 
-    method: Annotated[
-        str | None,
-        About(
-            "how points are chosen: grid, pairwise, combinations, latin_hypercube, sobol, halton, "
-            "exposure, exposure_danger, adaptive, file, openscenario, module:name, or a sample "
-            "that the scenario names; default: the scenario's own"
-        ),
-    ] = None
-    levels: Annotated[
-        _Levels | dict[str, _Levels] | None,
-        About("points on each axis, one number or by parameter; default: the space's steps"),
-    ] = None
-    steps: Annotated[
-        dict[str, PositiveFloat] | None,
-        About("step by parameter name; others keep the space's own"),
-    ] = None
-    count: Annotated[
-        int | None,
-        Ge(1),
-        About("number of points, for methods that draw them; the most points of `adaptive`"),
-    ] = None
-    strength: Annotated[
-        int | None,
-        Ge(1),
-        About("of `combinations`: t; for any t parameters, all combinations of values occur"),
-    ] = None
-    file: Annotated[str | None, About("CSV of points, or mapping of an OpenSCENARIO variation")] = (
-        None
+    method: str | None = setting(
+        None,
+        "how points are chosen: grid, pairwise, combinations, latin_hypercube, sobol, halton, "
+        "exposure, exposure_danger, adaptive, file, openscenario, module:name, or a sample "
+        "that the scenario names; default: the scenario's own",
     )
-    round: Annotated[
-        int | None, Ge(1), About("of `adaptive`: points of a round; default: a fifth of `count`")
-    ] = None
-    aim: Annotated[
-        Literal["s_plus", "boundary"] | None,
-        About(
-            "of `adaptive`: what new points make more certain: S+ (default), or the boundary "
-            "between collisions and none, i.e. the share of the space that collides"
-        ),
-    ] = None
-    until: Annotated[
-        PositiveOrNone,
-        About(
-            "of `adaptive`: no further round once half the width of every ADS's 95 % interval, of "
-            "what `aim` names, is at most this; default: all of `count`",
-            "points of S+, or share of the space",
-        ),
-    ] = None
-    rounds: Annotated[
-        tuple[tuple[int, ...], ...],
-        About("filled in by `adaptive`: for each round, numbers of points from each cell"),
-    ] = ()
+    levels: _Levels | dict[str, _Levels] | None = setting(
+        None, "points on each axis, one number or by parameter; default: the space's steps"
+    )
+    steps: dict[str, PositiveFloat] | None = setting(
+        None, "step by parameter name; others keep the space's own"
+    )
+    count: Annotated[int | None, Ge(1)] = setting(
+        None, "number of points, for methods that draw them; the most points of `adaptive`"
+    )
+    strength: Annotated[int | None, Ge(1)] = setting(
+        None, "of `combinations`: t; for any t parameters, all combinations of values occur"
+    )
+    file: str | None = setting(None, "CSV of points, or mapping of an OpenSCENARIO variation")
+    round: Annotated[int | None, Ge(1)] = setting(
+        None, "of `adaptive`: points of a round; default: a fifth of `count`"
+    )
+    aim: Literal["s_plus", "boundary"] | None = setting(
+        None,
+        "of `adaptive`: what new points make more certain: S+ (default), or the boundary "
+        "between collisions and none, i.e. the share of the space that collides",
+    )
+    until: PositiveOrNone = setting(
+        None,
+        "of `adaptive`: no further round once half the width of every ADS's 95 % interval, of "
+        "what `aim` names, is at most this; default: all of `count`",
+        "points of S+, or share of the space",
+    )
+    rounds: tuple[tuple[int, ...], ...] = setting(
+        (), "filled in by `adaptive`: for each round, numbers of points from each cell"
+    )
 
 
 @frozen
@@ -117,24 +103,21 @@ class DeclaredDistribution(Checked):
 class ExposureSettings(Checked):
     """Frequency of the concrete scenarios of a space on the road: p_i of Eq. 13."""
 
-    kind: Annotated[
-        Literal["scenario", "uniform", "recorded", "declared"],
-        About(
-            "the scenario's own, uniform, from recorded events, or declared",
-            symbol="p_i",
-            equation="13",
-        ),
-    ] = "scenario"
-    recordings: Annotated[
-        tuple[str, ...], About("canonical tables of recorded driving; none: those of the drivers")
-    ] = ()
-    bandwidth: Annotated[
-        Literal["scott", "cross_validated"], About("bandwidth of the KDE over recorded events")
-    ] = "scott"
-    declared: Annotated[
-        dict[str, DeclaredDistribution] | None,
-        About("distribution by parameter; others are uniform"),
-    ] = None
+    kind: Literal["scenario", "uniform", "recorded", "declared"] = setting(
+        "scenario",
+        "the scenario's own, uniform, from recorded events, or declared",
+        symbol="p_i",
+        equation="13",
+    )
+    recordings: tuple[str, ...] = setting(
+        (), "canonical tables of recorded driving; none: those of the drivers"
+    )
+    bandwidth: Literal["scott", "cross_validated"] = setting(
+        "scott", "bandwidth of the KDE over recorded events"
+    )
+    declared: dict[str, DeclaredDistribution] | None = setting(
+        None, "distribution by parameter; others are uniform"
+    )
 
 
 @frozen
@@ -150,7 +133,7 @@ class ScenarioSettings(Checked):
     ]
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     exposure: ExposureSettings = field(default_factory=ExposureSettings)
-    folder: Annotated[str | None, About("of a catalogue: where your copy of it is")] = None
+    folder: str | None = setting(None, "of a catalogue: where your copy of it is")
     not_played: Annotated[
         dict[str, str],
         About("filled in for a catalogue: its files that are not supported, and why"),
@@ -169,32 +152,26 @@ class AdsSettings(Checked):
             "fmu:FILE or onnx:FILE"
         ),
     ]
-    fmu: Annotated[
-        FmuSettings | None, About("variables of the FMU, where the controller is one")
-    ] = None
+    fmu: FmuSettings | None = setting(None, "variables of the FMU, where the controller is one")
 
-    period: Annotated[
-        PositiveOrNone,
-        About(
-            "time between calls, in which the last answer stays in force; default: a time step", "s"
-        ),
-    ] = None
-    batch: Annotated[
-        bool,
-        About("whether its cases may share a simulation; false: its objects share state"),
-    ] = True
+    period: PositiveOrNone = setting(
+        None,
+        "time between calls, in which the last answer stays in force; default: a time step",
+        "s",
+    )
+    batch: bool = setting(
+        True, "whether its cases may share a simulation; false: its objects share state"
+    )
     options: Annotated[
         dict[str, Any],
         About("keyword arguments of the class; an `exec:` program receives them in its reset"),
     ] = field(default_factory=dict)
-    files: Annotated[
-        tuple[str, ...],
-        About("files that it depends on, such as weights; if one changes, its cases are rerun"),
-    ] = ()
-    build: Annotated[
-        str,
-        About("which build it is, for readers; default: the Git commit of its folder"),
-    ] = ""
+    files: tuple[str, ...] = setting(
+        (), "files that it depends on, such as weights; if one changes, its cases are rerun"
+    )
+    build: str = setting(
+        "", "which build it is, for readers; default: the Git commit of its folder"
+    )
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
@@ -230,10 +207,8 @@ class EvaluationSettings(Checked):
 
     name: Annotated[FilledText, About("name of the evaluation")]
     scenario: Annotated[tuple[ScenarioSettings, ...], About("logical scenarios")]
-    ads: Annotated[
-        tuple[AdsSettings, ...], About("ADSs under test; none where `--ads` names them")
-    ] = ()
-    seed: Annotated[Natural, About("the only source of randomness")] = 1
+    ads: tuple[AdsSettings, ...] = setting((), "ADSs under test; none where `--ads` names them")
+    seed: Natural = setting(1, "the only source of randomness")
     drivers: DriverSettings = field(default_factory=DriverSettings)
     run: RunSettings = field(default_factory=RunSettings)
     simulation: SimulationSettings = field(default_factory=SimulationSettings)

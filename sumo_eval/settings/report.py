@@ -8,31 +8,28 @@ from typing import Annotated, Literal
 from annotated_types import Le
 
 from sumo_eval.frozen import frozen
-from sumo_eval.settings.checked import About, Checked, FilledText, PositiveInt
+from sumo_eval.settings.checked import About, Checked, FilledText, PositiveInt, setting
 
 
 @frozen
 class ReportSettings(Checked):
     """Content of the report and the JUnit file. Scores do not depend on it."""
 
-    reference: Annotated[
-        FilledText,
-        About(
-            "name or controller of the ADS that decides what was preventable; the ideal vehicle "
-            "if none is so called"
-        ),
-    ] = "careful_driver"
-    junit: Annotated[
-        Literal["case", "cell"],
-        About("a JUnit test for each concrete scenario, or for each cell of the space"),
-    ] = "case"
-    junit_cells: Annotated[
-        PositiveInt, Le(100), About("cells on each axis of the space, for JUnit tests by cell")
-    ] = 4
-    junit_failures: Annotated[
-        Literal["any", "avoidable"],
-        About("which collisions are JUnit failures: those that the ideal vehicle avoids, or any"),
-    ] = "avoidable"
+    reference: FilledText = setting(
+        "careful_driver",
+        "name or controller of the ADS that decides what was preventable; the ideal vehicle "
+        "if none is so called",
+    )
+    junit: Literal["case", "cell"] = setting(
+        "case", "a JUnit test for each concrete scenario, or for each cell of the space"
+    )
+    junit_cells: Annotated[PositiveInt, Le(100)] = setting(
+        4, "cells on each axis of the space, for JUnit tests by cell"
+    )
+    junit_failures: Literal["any", "avoidable"] = setting(
+        "avoidable",
+        "which collisions are JUnit failures: those that the ideal vehicle avoids, or any",
+    )
     axes: Annotated[
         dict[str, tuple[str, str]],
         About(

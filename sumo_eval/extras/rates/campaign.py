@@ -51,6 +51,7 @@ from sumo_eval.settings.checked import (
     Natural,
     PositiveFloat,
     PositiveOrNone,
+    setting,
 )
 from sumo_eval.settings.config import read_checked
 from sumo_eval.settings.random_streams import random_stream
@@ -66,9 +67,9 @@ class CampaignScenario(Checked):
     """A scenario of the campaign."""
 
     use: Annotated[str, About("a scenario file or a shipped name")]
-    per_km: Annotated[
-        PositiveOrNone, About("how often it occurs; default: [met] of its file", "1/km")
-    ] = None
+    per_km: PositiveOrNone = setting(
+        None, "how often it occurs; default: [met] of its file", "1/km"
+    )
 
 
 @frozen
@@ -78,14 +79,13 @@ class CampaignSettings(Checked):
     name: Annotated[FilledText, About("name")]
     scenario: Annotated[tuple[CampaignScenario, ...], About("where the ADSs drive")]
     ads: Annotated[tuple[AdsSettings, ...], About("the ADSs, and drivers to compare with them")]
-    seed: Annotated[Natural, About("source of randomness")] = 1
-    budget: Annotated[
-        int, Ge(BUDGET[0]), Le(BUDGET[1]), About("drives of an ADS in a scenario, at most")
-    ] = 400
-    width: Annotated[
-        PositiveFloat,
-        About("stop where the interval's upper end is at most that many times its lower end"),
-    ] = 1.5
+    seed: Natural = setting(1, "source of randomness")
+    budget: Annotated[int, Ge(BUDGET[0]), Le(BUDGET[1])] = setting(
+        400, "drives of an ADS in a scenario, at most"
+    )
+    width: PositiveFloat = setting(
+        1.5, "stop where the interval's upper end is at most that many times its lower end"
+    )
     simulation: SimulationSettings = field(
         default_factory=lambda: SimulationSettings(end_when_decided=True)
     )

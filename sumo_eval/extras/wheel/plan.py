@@ -23,6 +23,7 @@ from sumo_eval.settings.checked import (
     Natural,
     PositiveFloat,
     PositiveInt,
+    setting,
 )
 from sumo_eval.settings.config import read_checked
 from sumo_eval.settings.random_streams import random_stream
@@ -34,17 +35,15 @@ LOW, HIGH = 1, 10  # ends of a scale
 class PracticeSettings(Checked):
     """Practice: a road without traffic, until the criterion is fulfilled."""
 
-    speed: Annotated[PositiveFloat, About("speed to keep", "m/s")] = 20.0
-    seconds: Annotated[PositiveFloat, Le(120.0), About("length of a trial", "s")] = 15.0
-    offset: Annotated[PositiveFloat, About("greatest distance from the lane's centre", "m")] = 0.6
-    within: Annotated[PositiveFloat, About("greatest difference from the speed to keep", "m/s")] = (
-        3.0
+    speed: PositiveFloat = setting(20.0, "speed to keep", "m/s")
+    seconds: Annotated[PositiveFloat, Le(120.0)] = setting(15.0, "length of a trial", "s")
+    offset: PositiveFloat = setting(0.6, "greatest distance from the lane's centre", "m")
+    within: PositiveFloat = setting(3.0, "greatest difference from the speed to keep", "m/s")
+    share: Annotated[PositiveFloat, Le(1.0)] = setting(
+        0.8, "share of the trial within `offset` and `within`"
     )
-    share: Annotated[
-        PositiveFloat, Le(1.0), About("share of the trial within `offset` and `within`")
-    ] = 0.8
-    passes: Annotated[Natural, About("trials that must be passed; 0: no practice")] = 1
-    most: Annotated[PositiveInt, About("most trials; who has not passed by then goes home")] = 6
+    passes: Natural = setting(1, "trials that must be passed; 0: no practice")
+    most: PositiveInt = setting(6, "most trials; who has not passed by then goes home")
 
 
 @frozen
@@ -53,11 +52,11 @@ class QuestionSettings(Checked):
 
     key: Annotated[FilledText, About("its column in answers.csv")]
     text: Annotated[FilledText, About("what is asked")]
-    after: Annotated[
-        Literal["drive", "replay"], About("asked after one's own drive, or after a replay")
-    ] = "drive"
-    least: Annotated[str, About("what 1 means")] = ""
-    most: Annotated[str, About("what 10 means")] = ""
+    after: Literal["drive", "replay"] = setting(
+        "drive", "asked after one's own drive, or after a replay"
+    )
+    least: str = setting("", "what 1 means")
+    most: str = setting("", "what 10 means")
 
 
 @frozen
@@ -67,25 +66,22 @@ class StudySettings(Checked):
     name: Annotated[FilledText, About("name of the study, shown to the team only")]
     run: Annotated[FilledText, About("folder of the run, relative to this file")]
     consent: Annotated[FilledText, About("text that a participant agrees to, by the team")]
-    seed: Annotated[
-        Natural, About("source of randomness: which replays are shown, and their order")
-    ] = 1
-    out: Annotated[
-        str, About("folder of the study, relative to this file; empty: next to it, under its name")
-    ] = ""
-    cases: Annotated[
-        tuple[str, ...],
-        About("what is driven: SCENARIO-POINT of the run; empty: `count` of its safe points"),
-    ] = ()
-    count: Annotated[
-        PositiveInt, Le(100), About("number of safe points driven if `cases` is empty")
-    ] = 8
-    ads: Annotated[tuple[str, ...], About("whose drives are rated; empty: all of the run")] = ()
-    replays: Annotated[Natural, Le(20), About("drives to rate per ADS and logical scenario")] = 1
-    rate: Annotated[Literal[20, 50, 100], About("steps a second")] = 50
-    break_after: Annotated[PositiveInt, About("drives after which a break is offered")] = 8
+    seed: Natural = setting(1, "source of randomness: which replays are shown, and their order")
+    out: str = setting(
+        "", "folder of the study, relative to this file; empty: next to it, under its name"
+    )
+    cases: tuple[str, ...] = setting(
+        (), "what is driven: SCENARIO-POINT of the run; empty: `count` of its safe points"
+    )
+    count: Annotated[PositiveInt, Le(100)] = setting(
+        8, "number of safe points driven if `cases` is empty"
+    )
+    ads: tuple[str, ...] = setting((), "whose drives are rated; empty: all of the run")
+    replays: Annotated[Natural, Le(20)] = setting(1, "drives to rate per ADS and logical scenario")
+    rate: Literal[20, 50, 100] = setting(50, "steps a second")
+    break_after: PositiveInt = setting(8, "drives after which a break is offered")
     practice: PracticeSettings = field(default_factory=PracticeSettings)
-    question: Annotated[tuple[QuestionSettings, ...], About("further questions")] = ()
+    question: tuple[QuestionSettings, ...] = setting((), "further questions")
     quality: QualitySettings = field(default_factory=QualitySettings)
 
 

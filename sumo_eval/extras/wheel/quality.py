@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from sumo_eval.extras.wheel.tape import ROW, Tape
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings, VehicleSettings
-from sumo_eval.settings.checked import About, Checked, Natural, NotNegativeFloat, Share
+from sumo_eval.settings.checked import Checked, Natural, NotNegativeFloat, Share, setting
 from sumo_eval.trajectory import Recording
 
 # a reaction brakes or steers harder than at the event by more than this
@@ -30,21 +30,17 @@ SEEN, LATE = ROW.index("seen"), ROW.index("late")  # columns of a tape's row
 class QualitySettings(Checked):
     """Bounds of quality within which a drive counts."""
 
-    dropped: Annotated[Share, About("largest share of pictures that came late")] = 0.2
-    latency_ms: Annotated[
-        NotNegativeFloat, About("largest 95th percentile from input to picture", "ms")
-    ] = 150.0
-    stalls: Annotated[Natural, About("most steps so late that the clock was reset")] = 2
-    pauses: Annotated[Natural, About("most times that the drive was held")] = 1
-    unanswered: Annotated[
-        NotNegativeFloat, About("longest that the window did not answer", "s")
-    ] = 1.0
-    stepped_down: Annotated[
-        Natural, About("most changes to a cheaper drawing during the drive")
-    ] = 0
-    off_road: Annotated[bool, About("a drive that left the road counts")] = False
-    quit: Annotated[bool, About("a drive that was ended before its end counts")] = False
-    contact: Annotated[bool, About("a drive with a contact counts")] = False
+    dropped: Share = setting(0.2, "largest share of pictures that came late")
+    latency_ms: NotNegativeFloat = setting(
+        150.0, "largest 95th percentile from input to picture", "ms"
+    )
+    stalls: Natural = setting(2, "most steps so late that the clock was reset")
+    pauses: Natural = setting(1, "most times that the drive was held")
+    unanswered: NotNegativeFloat = setting(1.0, "longest that the window did not answer", "s")
+    stepped_down: Natural = setting(0, "most changes to a cheaper drawing during the drive")
+    off_road: bool = setting(False, "a drive that left the road counts")
+    quit: bool = setting(False, "a drive that was ended before its end counts")
+    contact: bool = setting(False, "a drive with a contact counts")
 
 
 @dataclass(frozen=True)

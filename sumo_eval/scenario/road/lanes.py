@@ -19,7 +19,7 @@ from sumo_eval.errors import InputError, must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.kernels import kernel
 from sumo_eval.scenario.road.reference_line import Line, curvatures
-from sumo_eval.settings.checked import About, Checked, PositiveFloat
+from sumo_eval.settings.checked import About, Checked, PositiveFloat, setting
 from sumo_eval.text import capitalised
 from sumo_eval.trajectory import FloatArray
 
@@ -71,28 +71,23 @@ class LaneTable(Checked):
     """A lane that is not there throughout: the outermost one of its side."""
 
     lane: Annotated[int, About("its number; 0: the right-hand one")]
-    begin: Annotated[
-        float | None,
-        About("from there on it has its full width; default: from the road's start", "m"),
-    ] = None
-    end: Annotated[
-        float | None, About("to there it has its full width; default: to the road's end", "m")
-    ] = None
-    taper: Annotated[PositiveFloat, About("length over which it opens and narrows", "m")] = 50.0
-    ramp_until: Annotated[
-        float | None,
-        About(
-            "an on-ramp until there: its line must not be crossed; behind it an acceleration lane",
-            "m",
-        ),
-    ] = None
-    ramp_from: Annotated[
-        float | None,
-        About(
-            "an exit ramp from there: its line must not be crossed; before it a deceleration lane",
-            "m",
-        ),
-    ] = None
+    begin: float | None = setting(
+        None, "from there on it has its full width; default: from the road's start", "m"
+    )
+    end: float | None = setting(
+        None, "to there it has its full width; default: to the road's end", "m"
+    )
+    taper: PositiveFloat = setting(50.0, "length over which it opens and narrows", "m")
+    ramp_until: float | None = setting(
+        None,
+        "an on-ramp until there: its line must not be crossed; behind it an acceleration lane",
+        "m",
+    )
+    ramp_from: float | None = setting(
+        None,
+        "an exit ramp from there: its line must not be crossed; before it a deceleration lane",
+        "m",
+    )
 
 
 @frozen
@@ -100,10 +95,10 @@ class CrossingTable(Checked):
     """A straight road that crosses this one at a right angle, on which others may start."""
 
     x: Annotated[PositiveFloat, About("its middle along this road", "m")]
-    width: Annotated[PositiveFloat, About("its width", "m")] = 7.0
-    reach: Annotated[
-        PositiveFloat, About("how far it goes to both sides of the right lane's centre line", "m")
-    ] = 100.0
+    width: PositiveFloat = setting(7.0, "its width", "m")
+    reach: PositiveFloat = setting(
+        100.0, "how far it goes to both sides of the right lane's centre line", "m"
+    )
 
 
 def spans_of(

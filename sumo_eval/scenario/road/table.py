@@ -19,7 +19,7 @@ from sumo_eval.scenario.road.reference_line import (
     tightest,
 )
 from sumo_eval.settings import VehicleSettings
-from sumo_eval.settings.checked import About, Checked, PositiveFloat
+from sumo_eval.settings.checked import About, Checked, PositiveFloat, setting
 from sumo_eval.text import capitalised
 
 _LEAST_EDGE = 1.0  # m from the centre of a curve to the road's inner edge, at least
@@ -32,16 +32,15 @@ class PieceTable(Checked):
     """
 
     length: Annotated[PositiveFloat, About("length of the piece", "m")]
-    radius: Annotated[
-        str | float | None,
-        About("of an arc, positive to the left; a number or an expression of the options", "m"),
-    ] = None
-    begin_radius: Annotated[
-        str | float | None, About("of a spiral, at its beginning; default: straight there", "m")
-    ] = None
-    end_radius: Annotated[
-        str | float | None, About("of a spiral, at its end; default: straight there", "m")
-    ] = None
+    radius: str | float | None = setting(
+        None, "of an arc, positive to the left; a number or an expression of the options", "m"
+    )
+    begin_radius: str | float | None = setting(
+        None, "of a spiral, at its beginning; default: straight there", "m"
+    )
+    end_radius: str | float | None = setting(
+        None, "of a spiral, at its end; default: straight there", "m"
+    )
 
 
 def line_of(
