@@ -100,13 +100,12 @@ def _table(levers: CaseLevers) -> Iterator[str]:
 
 def _table_of_all(levers: Sequence[CaseLevers]) -> Iterator[str]:
     """A line for each lever of each ADS and scenario: how many collisions it avoids."""
+    from sumo_eval.groups import grouped
     from sumo_eval.report.words import count
 
     if not levers:
         yield "The run has no collision."
-    groups: dict[tuple[str, str], list[CaseLevers]] = {}
-    for lever in levers:
-        groups.setdefault((lever.fact.driver, lever.fact.scenario), []).append(lever)
+    groups = grouped(((lever.fact.driver, lever.fact.scenario), lever) for lever in levers)
     for (ads, scenario), cases in groups.items():
         yield f"{ads} in {scenario}: {count(len(cases), 'collision')}"
         # of each lever, the change of each collision that it avoids

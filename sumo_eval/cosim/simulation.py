@@ -71,6 +71,7 @@ from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_
 from sumo_eval.cosim.traffic import Traffic
 from sumo_eval.cosim.world import World, kind_of
 from sumo_eval.errors import ControllerError, InputError, SimulationError, must_be, said
+from sumo_eval.groups import grouped
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.road.reference_line import comes_back
 from sumo_eval.settings import SimulationSettings
@@ -312,10 +313,8 @@ def simulate_together(
 
     for window in _chunks(range(len(cases)), SORTED_AT_ONCE):
         drives: dict[int, Recording | Alone] = {}
-        by_kind: dict[tuple[object, ...] | None, list[int]] = {}  # indices of the cases
-        for index in window:
-            kind = _kind(cases[index], manners[index], basis)
-            by_kind.setdefault(kind, []).append(index)
+        # indices of the cases
+        by_kind = grouped((_kind(cases[index], manners[index], basis), index) for index in window)
         for kind, members in by_kind.items():
             if kind is None:
                 drives.update({index: manners[index].alone or NOT_TOGETHER for index in members})

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from typing import Any
 
 from sumo_eval.cases import CaseResult, CaseTable, IntArray
+from sumo_eval.groups import grouped
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report.packing import packed_bytes
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, SentDrives
@@ -147,9 +148,7 @@ def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> dict[
     keys: of the cases that the page has. A group names only these, but its size counts all.
     """
     groups, names = failure_groups(logical, cases), cases.case
-    of_ads: dict[str, list[FailureGroup]] = {}
-    for group in groups:
-        of_ads.setdefault(group.ads, []).append(group)
+    of_ads = grouped((group.ads, group) for group in groups)
     listed = [group for own in of_ads.values() for group in own[:MOST_GROUPS]]
     entries = [
         {

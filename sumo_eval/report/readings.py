@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, NamedTuple
 
+from sumo_eval.groups import grouped
 from sumo_eval.report.verdict import Additions
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import About, EvaluationSettings, about
@@ -43,11 +44,8 @@ def settings_content(evaluation: Evaluation, _: Additions) -> dict[str, Any]:
 
 def setting_rows(settings: EvaluationSettings) -> dict[str, list[SettingRow]]:
     """Every setting that has one value, by the group of settings it belongs to."""
-    groups: dict[str, list[SettingRow]] = {}
-    for row in _rows(settings, ""):
-        group = row.path.rpartition(".")[0] or "evaluation"
-        groups.setdefault(group, []).append(row)
-    return groups
+    rows = _rows(settings, "")
+    return grouped((row.path.rpartition(".")[0] or "evaluation", row) for row in rows)
 
 
 def _rows(settings: Any, prefix: str) -> Iterator[SettingRow]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import shlex
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, islice
 from pathlib import Path
 
+from sumo_eval.groups import grouped
 from sumo_eval.report.checks import check_lines
 from sumo_eval.report.gate_result import GateResult, LimitName, failed
 from sumo_eval.report.page import REPORT, case_key
@@ -124,11 +125,12 @@ def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
 
 def _note_lines(scores: Sequence[ScenarioResult]) -> list[str]:
     """Notes on scores; ADSs that share a note are on one line."""
-    owners: dict[tuple[str, str], list[str]] = {}
-    for score in scores:
-        for note in score.notes:
-            if not isinstance(note, CasesMissing | ReferenceMissing):  # above, with the cases
-                owners.setdefault((score.scenario, score_note(note)), []).append(score.ads)
+    owners = grouped(
+        ((score.scenario, score_note(note)), score.ads)
+        for score in scores
+        for note in score.notes
+        if not isinstance(note, CasesMissing | ReferenceMissing)  # above, with the cases
+    )
     return [f"{', '.join(ads)} in {name}: {text}" for (name, text), ads in owners.items()]
 
 
@@ -306,11 +308,11 @@ def ways_to(run: Path, case: str) -> dict[str, str]:
 def _unjudged_lines(gates: Sequence[GateResult]) -> Iterator[str]:
     """Limits that could not be evaluated, those with one reason on one line."""
     # by the ADS, if its cases cannot show a change (else ""), and by the reason
-    unjudged: defaultdict[tuple[str, str], list[GateResult]] = defaultdict(list)
-    for gate in gates:
-        if gate.passed is None:
-            unjudged[gate.ads if gate.blind else "", gate.reason or gate.sentence].append(gate)
-
+    unjudged = grouped(
+        ((gate.ads if gate.blind else "", gate.reason or gate.sentence), gate)
+        for gate in gates
+        if gate.passed is None
+    )
     for (ads, reason), alike in unjudged.items():
         first = alike[0]
         if ads:

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_eval.cases import CaseResult
+from sumo_eval.groups import grouped
 from sumo_eval.method.anthropomorphic import IndexNote, NoteKind
-from sumo_eval.method.manoeuvres import Manoeuvre
 from sumo_eval.method.manoeuvres import words as manoeuvre_words
 from sumo_eval.results import (
     BeyondRange,
@@ -779,9 +779,7 @@ def index_notes(evaluation: Evaluation) -> list[GatheredNote]:
         # each different note -> number of cases
         often = Counter(note for notes in findings.cases.index_note for note in notes)
         # the same notes by kind and manoeuvre
-        alike: dict[tuple[NoteKind, Manoeuvre], list[IndexNote]] = {}
-        for note in often:
-            alike.setdefault((note.kind, note.manoeuvre), []).append(note)
+        alike = grouped(((note.kind, note.manoeuvre), note) for note in often)
         cases = {key: sum(often[note] for note in notes) for key, notes in alike.items()}
         gathered += [
             GatheredNote(

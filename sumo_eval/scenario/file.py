@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.groups import grouped
 from sumo_eval.scenario.file_tables import ScenarioFile
 from sumo_eval.scenario.first_places import STANDARD_EGO, misplaced
 from sumo_eval.scenario.logical import LogicalScenario
@@ -112,10 +113,11 @@ def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
     # the run's own limit is not known here: the default
     limit = SimulationSettings().time_limit if logical.time_limit is None else logical.time_limit
     end = logical.road.end
-    departures: dict[str, list[tuple[float, str]]] = {}
-    for concrete in logical.concretes(points):
-        for name, time in leaves_at(concrete, limit):
-            departures.setdefault(name, []).append((time, concrete.label))
+    departures = grouped(
+        (name, (time, concrete.label))
+        for concrete in logical.concretes(points)
+        for name, time in leaves_at(concrete, limit)
+    )
     for name, times in departures.items():
         time, where = min(times)
         yield (

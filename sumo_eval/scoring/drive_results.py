@@ -22,6 +22,7 @@ import numpy as np
 from sumo_eval.cases import EVALUATED
 from sumo_eval.coded import decoded, encoded
 from sumo_eval.frozen import frozen
+from sumo_eval.groups import grouped
 from sumo_eval.method.conflict import conflicting
 from sumo_eval.method.driving_task import (
     Departure,
@@ -128,10 +129,7 @@ def drive_results(
     road, margin = logical.road, space.method.task.road_margin
     # all files on which the way of an actor that conflicts with the ego may depend
     files = space.entry.use, space_key(space.entry, space.source), sources("scenario", "settings")
-    references_at: dict[int, list[str]] = {}
-    for fact in references:
-        if fact.status == "ok":
-            references_at.setdefault(fact.point, []).append(fact.case)
+    references_at = grouped((fact.point, fact.case) for fact in references if fact.status == "ok")
     results = {}
     keys: dict[str, bytes] = {}  # of missing results
     points = []

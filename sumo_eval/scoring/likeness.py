@@ -16,6 +16,7 @@ import numpy as np
 
 from sumo_eval.cases import EVALUATED, CaseTable, IntArray, ThinReference, Zone
 from sumo_eval.errors import InputError
+from sumo_eval.groups import grouped
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.manoeuvres import words
@@ -59,10 +60,7 @@ def references(drives: Iterable[Fact], settings: DriverSettings) -> dict[int, Po
 
     drives: of all drivers.
     """
-    by_point: dict[int, list[Fact]] = defaultdict(list)
-    for fact in drives:
-        if fact.status == "ok":
-            by_point[fact.point].append(fact)
+    by_point = grouped((fact.point, fact) for fact in drives if fact.status == "ok")
     result = {}
     for point, facts in by_point.items():
         recorded = sum(fact.controller == RECORDED for fact in facts)

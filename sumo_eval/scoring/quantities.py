@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, CaseTable, Zone, counts
+from sumo_eval.groups import grouped
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.method.conflict import conflict_at
 from sumo_eval.method.driving_task import Departure, roadside_contact
@@ -372,9 +373,8 @@ def _references_missing(cases: CaseTable) -> Iterator[ReferenceMissing]:
     """Notes on cases whose references could not be evaluated, the most frequent reason first."""
     for reference in ("ideal", "no_reaction"):
         reasons = getattr(cases, f"{reference}_error")
-        alike: dict[str, list[int]] = {}
-        for row in np.flatnonzero(reasons != "").tolist():
-            alike.setdefault(without_numbers(str(reasons[row])), []).append(row)
+        failed = np.flatnonzero(reasons != "").tolist()
+        alike = grouped((without_numbers(str(reasons[row])), row) for row in failed)
         for first, *more in sorted(alike.values(), key=len, reverse=True):
             yield ReferenceMissing(reference, str(reasons[first]), 1 + len(more), cases[first].case)
 

@@ -19,6 +19,7 @@ import tomli_w
 from pydantic import TypeAdapter, ValidationError
 
 from sumo_eval.errors import InputError, check_known, did_you_mean, nearest
+from sumo_eval.groups import grouped
 from sumo_eval.input_file import read_input_text
 from sumo_eval.settings import Checked, EvaluationSettings, ScenarioSettings
 from sumo_eval.settings.toml_file import line_of, read_toml, toml_from
@@ -215,9 +216,7 @@ def mistakes(error: ValidationError, where: str, root: type, file: Path | None) 
     file: source of the line numbers.
     """
     text = "" if file is None else read_input_text(file, "file")
-    findings: dict[tuple[Any, ...], list[Any]] = {}
-    for item in error.errors():
-        findings.setdefault(_place(item), []).append(item)
+    findings = grouped((_place(item), item) for item in error.errors())
     return "\n".join(
         _sentence(items, where, root, line_of(text, place))
         for place, items in findings.items()

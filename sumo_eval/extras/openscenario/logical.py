@@ -27,6 +27,7 @@ from sumo_eval.extras.openscenario.scene import FileCase, FileOptions, read_case
 from sumo_eval.extras.openscenario.space import Assignments, Axis, FileSpace, read_space
 from sumo_eval.extras.openscenario.values import Value
 from sumo_eval.frozen import frozen
+from sumo_eval.groups import grouped
 from sumo_eval.input_file import input_file
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.scenario.first_places import misplaced
@@ -364,10 +365,13 @@ def _without_doubles(space: FileSpace, scenes: Scenes) -> tuple[FileSpace, tuple
     dropped: list[str] = []
     kept = {}
     for axis in space.axes:
-        drives: dict[tuple[object, ...], list[object]] = {}
-        for point, case in scenes:
-            rest = tuple(value for name, value in point.items() if name != axis.name)
-            drives.setdefault(rest, []).append((case.ego, case.actors, case.ego_body))
+        drives = grouped(
+            (
+                tuple(value for name, value in point.items() if name != axis.name),
+                (case.ego, case.actors, case.ego_body),
+            )
+            for point, case in scenes
+        )
         compared = [group for group in drives.values() if len(group) > 1]
         if compared and all(len(set(group)) == 1 for group in compared):
             dropped += axis.names

@@ -18,6 +18,7 @@ from sumo_eval.extras.wheel.plan import StudyCase, StudyPlan
 from sumo_eval.extras.wheel.quality import Quality
 from sumo_eval.extras.wheel.study import Participant, participants
 from sumo_eval.extras.wheel.tape import digest, drive_again, read_tape
+from sumo_eval.groups import grouped
 from sumo_eval.input_file import taking_apart
 from sumo_eval.record.run_folder import read_manifest, read_settings
 from sumo_eval.report.export_case import absolute
@@ -145,11 +146,11 @@ def _write_answers(folder: Path, people: list[Participant], left: list[Discarded
     """
     entries = [(person.code, step, entry) for person in people
         for step, entry in person.done.items()]  # fmt: skip
-    scores: dict[tuple[str, str, str], list[float]] = {}
-    for code, step, entry in entries:
-        if step.startswith("rate:") and "score" in entry["answers"]:
-            rated = code, entry["ads"], entry["scenario"]
-            scores.setdefault(rated, []).append(entry["answers"]["score"])
+    scores = grouped(
+        ((code, entry["ads"], entry["scenario"]), entry["answers"]["score"])
+        for code, step, entry in entries
+        if step.startswith("rate:") and "score" in entry["answers"]
+    )
     ratings = [[*rated, sum(each) / len(each)] for rated, each in scores.items()]
     write_csv(folder / "ratings.csv", ("rater", "ads", "scenario", "score"), ratings)
     answers = [
