@@ -568,6 +568,7 @@ def test_only_roads_in_use_must_be_readable(tmp_path):
             find("poly.xosc", tmp_path)
 
 
+WIDER = '<lane id="-2" type="driving"><width sOffset="0" a="3.9" b="0" c="0" d="0"/></lane></right>'
 SLOPE = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevationProfile>'
 
 
@@ -576,6 +577,7 @@ SLOPE = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevati
     [
         ("</planView>", "</planView>" + SLOPE, "elevation"),
         ('<road id="0"', '<road rule="LHT" id="0"', "left-hand traffic"),
+        ("</right>", WIDER, "lanes of another width"),
     ],
 )
 def test_what_a_road_file_says_in_vain_is_noted(tmp_path, old, new, kind):

@@ -35,8 +35,8 @@ def described(read: Read) -> Iterator[str]:
         yield f"  parameter {item.name} = {values}{item.unit_suffix} {item.about}".rstrip()
     road = logical.road
     yield (
-        f"  road {read.frame.name}: {road.lanes} lanes of {road.lane_width:g} m, evaluated to "
-        f"{road.length:g} m"
+        f"  road {read.frame.name}: {road.lanes} lane{'s'[: road.lanes - 1]} of "
+        f"{road.lane_width:g} m, evaluated to {road.length:g} m"
     )
     if len(read.roads) > 1:
         yield (
@@ -114,16 +114,14 @@ def _of(actor: Actor) -> Iterator[str]:
     for act in actor.acts:
         if changes_nothing(act):
             continue
-        when = (
-            f"{act.begin:.3f} s after its condition holds"
-            if act.program
-            else f"at {act.begin:.3f} s"
-        )
-        how = ""
+        when = f"{act.begin:.3f} s after its condition holds"
+        when, how = when if act.program else f"at {act.begin:.3f} s", ""
         if act.kind <= played.COSINE:  # a move across
             how = f" by {act.offset:.3f} m in {act.duration:.3f} s"
         elif act.kind == played.SPEED:
-            how = f" to {act.speed:.3f} m/s at {act.acceleration:.3g} m/s2"
+            # 1e3: a step takes AT_ONCE
+            rate = f"{act.acceleration:.3g} m/s2" if act.acceleration < 1e3 else "once"
+            how = f" to {act.speed:.3f} m/s at {rate}"
         elif act.kind == played.BY_TIME:
             how = ": " + ", ".join(f"{speed:.3f} m/s at {time:.3f} s" for time, speed in act.table)
         yield f"      {_WHAT[act.kind]} {when}{how}"

@@ -211,7 +211,7 @@ def _impossible(path: Path, case: FileCase) -> Iterator[InputError]:
 class Read(NamedTuple):
     """A file that was read: its logical scenario for one road, and notes on it.
 
-    roads: names of the roads of the file.
+    roads: short names of the roads of the file.
     road: number of this one among them, from 0 on.
     notes: what of the file has no effect here.
     refused: number of the points that are not supported, by reason.
@@ -266,10 +266,8 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     frame = frames[number]
     scenes = [(point, case) for point, case in tried if case.frame.shape == frame.shape]
     space, dropped = _without_doubles(_without_roads(whole, frame, tried), scenes)
-    names: tuple[str, ...] = (frame.name,)
-    name = whole.name
+    name, names = whole.name, _road_names(frames)
     if len(frames) > 1:
-        names = _road_names(frames)
         name += f"_{names[number]}"
     if chosen.ego:
         name = f"{name}_{re.sub(r'[^A-Za-z0-9]+', '_', chosen.ego)}"

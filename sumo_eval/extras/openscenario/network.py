@@ -61,7 +61,7 @@ class MapRoad:
     """A road of an OpenDRIVE file: where it begins and its reference line.
 
     lanes: by number; float, because files also write `-1.0`.
-    left_out: properties in the file that are ignored: `elevation`, `left-hand traffic`.
+    left_out: properties in the file that are ignored (`_road`).
     """
 
     name: str
@@ -197,11 +197,13 @@ def _road(element: Node, name: str) -> MapRoad:
         raise element.fault(f"it must have one <laneSection>, got {len(sections)}")
     heights, tilts = (cubics_of(element.all(it), "s", Node.number) for it in PROFILES)
     level = constant(heights, length) and constant([(0.0, 0.0), *tilts], length)
-    # vehicles are in the file's lanes with left-hand traffic, too, but the report must say so: an
-    # ADS here overtakes on the left
+    widths = {it.width for it in lanes[0].values() if it.kind in DRIVEN}
+    # the report must say what an ADS cannot know: with left-hand traffic it overtakes on the left,
+    # and it leaves the road in a lane of another width
     kinds = {
         "elevation": not level,
         "left-hand traffic": element.get("rule") == "LHT",
+        "lanes of another width than the ego's": len(widths) > 1,
     }
     return MapRoad(name, begin, line, lanes[0], tuple(kind for kind, has in kinds.items() if has))
 
