@@ -468,8 +468,8 @@ def _move(element: Element, axis: Pose) -> None:
     if points := _points(element.get("shape", "")):
         element.set("shape", _text(onto_the_line(points, axis)))
     if element.tag == "junction" and element.get("x"):
-        place = Pose(float(element.get("x", "0")), float(element.get("y", "0")), 0.0)
-        for key, value in zip("xy", place.seen_from(axis), strict=False):
+        x, y = (_number(element.get(key, "0"), f"{key} of a junction") for key in "xy")
+        for key, value in zip("xy", Pose(x, y, 0.0).seen_from(axis), strict=False):
             element.set(key, f"{value:.4f}")
 
 

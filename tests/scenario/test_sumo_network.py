@@ -231,7 +231,10 @@ def test_a_lane_index_must_be_a_small_number(tmp_path, index):
 
 
 @pytest.mark.parametrize("text", ["wide", "nan"])
-def test_lengths_of_a_network_must_be_numbers(tmp_path, text):
+def test_lengths_of_a_network_must_be_numbers(tmp_path, network, text):
+    network.write_text(network.read_text().replace(' x="0.00"', f' x="{text}"'))
+    with refusal("x of a junction of the network must be a finite number"):
+        laid_along_x(read_road(network, ["road"], 600.0).network)
     path = edge_of(tmp_path / "own.net.xml", CAR, CAR)
     for old, new in (('width="3.2"', f'width="{text}"'), (' shape="0', f' shape="{text}')):
         assert old in path.read_text()
