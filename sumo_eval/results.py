@@ -511,6 +511,10 @@ class Evaluation:
         check_known(f"ADS of scenario `{scenario}`", by_ads, ads)
         return by_ads[ads]
 
+    def __repr__(self) -> str:
+        """The table for a terminal."""
+        return str(load_object("sumo_eval.report.notebook:text_table", None, "Table")(self))
+
     def _repr_html_(self) -> str:
         """The table for a notebook."""
         return str(load_object("sumo_eval.report.notebook:html_table", None, "Table")(self))

@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
+from click import unstyle
+
 from sumo_eval.cases import CaseResult
 from sumo_eval.errors import needs_extra
 from sumo_eval.report.citation import citation
 from sumo_eval.report.headline import headline
 from sumo_eval.report.page import REPORT
-from sumo_eval.report.score_table import FIRST, MORE, WORDS, cells_of
+from sumo_eval.report.score_table import FIRST, MORE, WORDS, cells_of, score_lines
 from sumo_eval.report.terminal import closing_lines
 from sumo_eval.report.words import number
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -39,6 +41,11 @@ def html_table(evaluation: Evaluation) -> str:
     lines = "<br>".join(map(escape, (*words, f"The report is {evaluation.folder / REPORT}")))
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
     return f"<p>{above}{alarms}</p>{table}<p><small>{lines}</small></p>"
+
+
+def text_table(evaluation: Evaluation) -> str:
+    """The scores as `sumo-eval run` prints them, without colours."""
+    return unstyle("\n".join(score_lines(evaluation)))
 
 
 def _cells(score: ScenarioResult) -> dict[str, str]:

@@ -52,6 +52,7 @@ def test_a_dict_is_an_evaluation_and_a_class_of_a_cell_an_ads(tmp_path, engine):
         case.error for case in found.cases
     ]
     assert sumo_eval.evaluate(None, tmp_path / "run", resume=True).scores == found.scores
+    assert str(found).count("\n") == len(found.scores) + 2  # three lines of headings
     html = found._repr_html_()
     assert html.count("<tr>") == 1 + len(found.scores)
     assert "<td>cell</td>" in html
