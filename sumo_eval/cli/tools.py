@@ -54,7 +54,7 @@ def check(what: str, step_timeout: float | None, case_timeout: float | None, see
     from sumo_eval.gone import refuse_use_case
     from sumo_eval.scenario.shipped_files import scenario_files
 
-    # each check ends the command
+    # each `_check_...` ends the command: nothing below it is done
     file, mark, options = what.partition("?")
     if file in scenario_files():
         _check_scenario(f"{scenario_files()[file]}{mark}{options}")
@@ -162,7 +162,8 @@ def _check_scenario(use: str) -> NoReturn:
 
     file, options = options_of(use)
     path = Path(file)
-    alone = EvaluationSettings("check", (ScenarioSettings(path.name + use.removeprefix(file)),))
+    entry = ScenarioSettings(path.name + use.removeprefix(file))  # its name, then the options
+    alone = EvaluationSettings("check", (entry,))
     # `check_file` below checks all points of the sample
     space = space_of(Resolved.of(alone, path.parent.resolve()), 0, looked_at=_MOST_POINTS)
     logical = space.logical
@@ -197,8 +198,8 @@ def _check_controller(
         for name in ("front_vehicle_low_speed", "front_vehicle_cut_out")
         for case in edge_cases(catalogue.load(name), seed)
     ]
-    alone = {"ego_speed": cases[0].ego.speed}
-    cases.append(replace(cases[0], scenario="empty_road", values=alone, actors=()))
+    values = {"ego_speed": cases[0].ego.speed}
+    cases.append(replace(cases[0], scenario="empty_road", values=values, actors=()))
     if WORLD not in compiled():
         # what cannot be loaded is refused before anything is compiled
         check_apart(locator, (), run)
@@ -207,6 +208,7 @@ def _check_controller(
     findings, printed = check_apart(locator, cases, run)
     if printed:
         tell(f"It printed:\n{last_lines(printed, _MOST_LINES)}", err=True)
+    # there is always a finding; after the last one follows None
     for finding, following in zip(findings, [*findings[1:], None], strict=True):
         tell(f"{finding.kind:4}  {finding.text}")
         # findings in a row with one remedy share its line
@@ -231,7 +233,7 @@ def _check_evaluation(path: Path) -> None:
         settings = narrowed(Resolved.of(settings, source)).settings
     tell(f"ok    {path}: the settings are valid")
 
-    spaces: list[Space] = []
+    spaces: list[Space] = []  # filled while the parts below are checked
     mistakes = _count_mistakes(_scenario_parts(settings, source, spaces))
     mistakes += _count_mistakes(_planned_parts(settings, source))
     # recorded drivers need valid settings and all spaces

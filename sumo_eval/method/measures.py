@@ -32,11 +32,11 @@ contact, means nothing."""
 CLOCK = 0.1
 """Time between two samples of `smooth_motion`, s, whatever the recording's own rate."""
 SLOPE_SAMPLES = 11
-"""Samples of the line whose slope is a derivative in `smooth_motion`: 1 s, so that a tracker's
-noise of a few centimetres adds less than 0.1 m/s and 0.2 m/s2."""
+"""Samples through which `smooth_motion` lays a line, its slope being the derivative: 1 s, so that a
+tracker's noise of a few centimetres adds less than 0.1 m/s and 0.2 m/s2."""
 UNREST_SAMPLES, UNREST_CHANGES = 7, 20
-"""Unrest is the sum of 20 changes (2 s) of the slope over 7 samples (0.6 s): noise of 0.05 m/s adds
-less than 2 m/s2."""
+"""Unrest is the sum of the sizes of 20 changes (2 s) of the slope over 7 samples (0.6 s): noise of
+0.05 m/s adds less than 2 m/s2."""
 STANDING = 0.1
 """Below this speed, m/s, a vehicle stands."""
 
@@ -56,9 +56,9 @@ class CriticalityMeasures:
     delta_v: m/s, nan without a collision.
     max_lateral_jerk: m/s3.
 
-    A frontal contact has min_ttc, min_thw, min_gap and pet 0, max_ittc and max_drac inf if the ego
-    was closing. An ego that never closes on the lead vehicle has min_ttc inf, max_ittc and max_drac
-    0. Without a lead vehicle in the path these are nan.
+    A frontal contact has min_thw, min_gap and pet 0; if the ego was closing also min_ttc 0, and
+    max_ittc and max_drac inf. An ego that never closes on the lead vehicle has min_ttc inf,
+    max_ittc and max_drac 0. Without a lead vehicle in the path these are nan.
     """
 
     min_ttc: float
@@ -145,7 +145,7 @@ def measures(
     seen: the drive's `course_of`.
     """
     ttc, steps = least(seen.ttc), np.diff(ego.time)
-    across = ego.speed[1:] * np.diff(np.unwrap(ego.heading)) / steps  # m/s2
+    across = ego.speed[1:] * np.diff(np.unwrap(ego.heading)) / steps  # lateral acceleration, m/s2
     return CriticalityMeasures(
         min_ttc=ttc,
         max_ittc=1.0 / ttc if ttc else np.inf,  # nan stays nan
@@ -156,13 +156,13 @@ def measures(
         max_deceleration=max(0.0, -float(ego.acceleration.min())),
         max_jerk=largest(np.abs(np.diff(ego.acceleration) / steps)),
         delta_v=np.nan if collision is None else velocity_change(collision),
-        # the sample of a contact may come right after another: it counts as CLOCK later
+        # steps below CLOCK count as CLOCK: the sample of a contact may come right after another
         max_lateral_jerk=largest(np.abs(np.diff(across) / np.maximum(steps[1:], CLOCK))),
     )
 
 
 IN_THE_MIDDLE = 0.15
-"""m from the lane's middle that count as in it (Autoware's UC-PLN-003-0001)."""
+"""An offset from the lane's middle up to this, m, counts as none (Autoware's UC-PLN-003-0001)."""
 
 
 @frozen
@@ -170,8 +170,8 @@ class LaneKeeping:
     """Measures of how an ego kept the lane in which it began.
 
     largest_offset: m from the lane's middle, to either side.
-    overshoot: m beyond the middle, on the other side than the first offset beyond 0.15 m; 0 if it
-        never left the middle by more.
+    overshoot: m from the middle, to the side opposite to its first offset beyond 0.15 m; 0 if it
+        had no such offset.
     over_line_time: s during which its body reached over a line of the lane.
     settling_time: s after which it stayed within 0.15 m of the middle; inf where it never settled.
     """
@@ -189,7 +189,8 @@ def lane_keeping(ego: Trajectory, lane_width: float) -> LaneKeeping:
     lane_width: m.
     """
     offset = ego.y - lane_width * np.round(ego.y[0] / lane_width)
-    reach = np.abs(offset) + half_extents(ego.heading, ego.length, ego.width)[1]
+    _, across = half_extents(ego.heading, ego.length, ego.width)
+    reach = np.abs(offset) + across
     steps = np.diff(ego.time, append=ego.time[-1])
     away = np.flatnonzero(np.abs(offset) > IN_THE_MIDDLE)
     overshoot, settling = 0.0, 0.0
@@ -225,7 +226,8 @@ def smooth_motion(drive: Trajectory) -> SmoothMotion:
     def moving(values: FloatArray) -> FloatArray:
         """Those of the derivatives in whose window the vehicle stands at no sample."""
         window = clock.size - values.size + 1
-        return np.asarray(values[stood[window:] == stood[: values.size]])
+        before, after = stood[: values.size], stood[window:]
+        return np.asarray(values[after == before])
 
     return SmoothMotion(
         moving(acceleration), moving(jerk), lateral_speed, lateral_acceleration, moving(unrest)
@@ -243,8 +245,8 @@ def _unrest(speed: FloatArray) -> FloatArray:
 
 
 def _slopes(values: FloatArray, samples: int = SLOPE_SAMPLES) -> FloatArray:
-    """Slope of the least-squares line through every `samples` neighbours CLOCK apart, (n - samples
-    + 1,), 1/s.
+    """Slope per second of the least-squares line through every `samples` neighbours CLOCK apart,
+    (n - samples + 1,).
     """
     if values.size < samples:
         return np.zeros(0)
@@ -303,8 +305,8 @@ def time_to_collision(gap: FloatArray, closing: FloatArray) -> FloatArray:
 
     inf where the ego is not closing, 0 where it touches, nan without a gap.
     """
-    apart = quotient(gap, closing, closing > 0.0)
-    return np.where(np.isnan(gap), np.nan, np.where((gap < TOUCH) & (closing > 0.0), 0.0, apart))
+    ttc = np.where((gap < TOUCH) & (closing > 0.0), 0.0, quotient(gap, closing, closing > 0.0))
+    return np.where(np.isnan(gap), np.nan, ttc)
 
 
 def time_headway(gap: FloatArray, ego_speed: FloatArray) -> FloatArray:
@@ -343,8 +345,9 @@ def post_encroachment_time(
     collision: the ego's first contact if any; 0 for a frontal one.
 
     The places are where the ego's front bumper is at its samples. A place counts where the other's
-    rear bumper passed it before, within the recording, and the body then overlapped across the road
-    with the ego's now. nan: there is no such place, as behind a vehicle that never moves.
+    rear bumper passed it earlier, within the recording, with its body as it passed overlapping
+    across the road with the ego's at that sample. nan: there is no such place, as behind a vehicle
+    that never moves.
     """
     if collision is not None and collision.side == "front":
         return 0.0
@@ -388,7 +391,7 @@ def conflict_pet(ego: Trajectory, other: Trajectory, collision: Collision | None
     if not touching.any():
         return float("nan")
     i, j = np.unravel_index(int(np.argmin(np.where(touching, apart, np.inf))), apart.shape)
-    first, second = (_around(trajectory.time, int(k)) for trajectory, k in ((ego, i), (other, j)))
+    first, second = _around(ego.time, int(i)), _around(other.time, int(j))
     touching = _overlap(ego, first, other, second)
     return float(np.abs(first[:, None] - second[None, :])[touching].min(initial=float(apart[i, j])))
 
@@ -400,20 +403,20 @@ def _around(time: FloatArray, at: int) -> FloatArray:
 
 
 def _overlap(
-    one: Trajectory, times: FloatArray, other: Trajectory, others: FloatArray
+    one: Trajectory, times: FloatArray, other: Trajectory, other_times: FloatArray
 ) -> BoolArray:
     """Whether two bodies overlap, (n, m).
 
     times: of `one`'s poses, (n,), s, within its recording.
-    others: of `other`'s poses, (m,), s, within its recording.
+    other_times: of `other`'s poses, (m,), s, within its recording.
     """
     x, y, heading = (it[:, None] for it in _pose(one, times))
-    other_x, other_y, other_heading = _pose(other, others)
+    other_x, other_y, other_heading = _pose(other, other_times)
     dx, dy, turned = other_x - x, other_y - y, other_heading - heading
     c, s = np.abs(np.cos(turned)), np.abs(np.sin(turned))
     apart = np.full(turned.shape, -np.inf)
     for direction, own, far in ((heading, one, other), (other_heading, other, one)):
-        # along and across the own sides: distance of the centres less half of both reaches
+        # separating axes, along and across `own`: distance of the centres less half of both reaches
         ahead, aside = np.cos(direction), np.sin(direction)
         along = np.abs(dx * ahead + dy * aside) - 0.5 * (
             own.length + far.length * c + far.width * s

@@ -83,7 +83,7 @@ def results_of(answer: Any, cases: Sequence[Case]) -> Results:
         if isinstance(row, Alone):
             results.append(row)
         else:
-            status, recording, *texts = row  # texts: error, log, error_place, batched
+            status, recording, *rest = row  # rest: error, log, error_place, batched (`as_plain`)
             kept = recording and KeptRecording(*recording)
-            results.append(replace(Outcome(case, status, kept, *texts), reads=reads))
+            results.append(replace(Outcome(case, status, kept, *rest), reads=reads))
     return results

@@ -60,6 +60,7 @@ def watched(controller: Adapter, limits: RunSettings) -> Adapter:
     """
     if isinstance(controller, NativeModel | JsonLinesProgram | TraciProgram):
         return controller
+    # a baseline's compiled rule
     if isinstance(controller, ObjectController) and Compiled.rides(controller.target):
         return controller
     return WatchedController(controller, limits)

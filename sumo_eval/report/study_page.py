@@ -74,7 +74,8 @@ def write_study(
 ) -> Path:
     """Write a page of charts and their table, and return its path.
 
-    figures: plotly figures by title; each stays whole on paper where a sheet has room for it.
+    kicker: the small line above the title.
+    figures: plotly figures by title; in print none is split over two sheets if it fits on one.
     rows: the table below them, its head first.
     least_width: of a chart, px; it scrolls on narrower screens.
     """

@@ -101,7 +101,7 @@ def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
     the first case of a kind is kept in memory: a million may be missing.
     """
     first: dict[tuple[str, str, str], tuple[str, str]] = {}
-    # number of further cases of each kind that is listed; None: of all that are not
+    # number of further cases: of each listed kind, and under None of all kinds that are not listed
     more: Counter[tuple[str, str, str] | None] = Counter()
     for case in chain.from_iterable(unevaluated(evaluation)):
         sentence = why_missing(case)
@@ -175,11 +175,11 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
         interval = f" ({interval_words(ads.interval, 1)})" if ads.interval else ""
         words = f"  {ads.place}. {one_line(ads.ads)}  {number(ads.s_plus, 1)}{interval}"
         if above:
-            pair = ranking.pair(above, ads.ads)  # the ADS above less this one: shown turned round
+            pair = ranking.pair(above, ads.ads)  # S+ of the ADS above minus that of this one
             low, high = pair.interval or (0.0, 0.0)
             ends = f" ({interval_words((-high, -low), 1)})" if pair.interval else ""
             words += f"  {number(-pair.difference, 1)}{ends} to {one_line(above)}"
-            # two ADSs with S+ = 0 have it in every resample, however their cases differ
+            # two ADSs with S+ = 0 in every resample are `scored_alike`, however their cases differ
             alike = pair.scored_alike and ads.s_plus != 0.0
             why = "scored alike in every case" if alike else "not told apart"
             words += "" if pair.told_apart else f": {why}, the place is shared"
@@ -223,7 +223,8 @@ def change_lines(comparison: Comparison) -> list[str]:
                 continue
             lines.append(f"  {kind}: {len(cases)}")
             for item in islice(cases, MOST_CHANGES):
-                by = "".join(f", {words}" for words in moved_words(item, part.units[1]))
+                unit = part.units[1]  # of U
+                by = "".join(f", {words}" for words in moved_words(item, unit))
                 lines.append(
                     f"    {one_line(item.new.case)}: {one_line(point_words(item.new.values))}{by}"
                 )
@@ -307,7 +308,7 @@ def ways_to(run: Path, case: str) -> dict[str, str]:
 
 def _unjudged_lines(gates: Sequence[GateResult]) -> Iterator[str]:
     """Limits that could not be evaluated, those with one reason on one line."""
-    # by the ADS, if its cases cannot show a change (else ""), and by the reason
+    # key: the ADS where a gate is `blind` (its cases cannot show a change), else ""; the reason
     unjudged = grouped(
         ((gate.ads if gate.blind else "", gate.reason or gate.sentence), gate)
         for gate in gates
@@ -378,12 +379,12 @@ def ledger_sentences(account: Ledger) -> list[str]:
     """The lines that cost points, the costliest first: `H lost 6.1 of 100 points: plausibility in
     14 cases.`
     """
-    # In the ledger of S each term has a line without cases: all the points that the term can give.
-    # That of S+ has none: there each term can lose all 100.
+    # The ledger of S has for each term a line without cases: all the points that the term can give.
+    # The ledger of S+ has no such line: there each term can lose all 100.
     whole = {
         line.term: line.points for line in account.lines if line.index > 0.0 and not line.entries
     }
-    # less would print as 0.0
+    # a smaller loss would print as 0.0
     losses = [line for line in account.lines if line.points <= -0.05]
     return [
         f"{line.term} lost {-line.points:z.1f} of {whole.get(line.term, FULL):g} points: "

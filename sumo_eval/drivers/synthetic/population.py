@@ -6,8 +6,8 @@ reaction time is the literature value given below. The IDM parameters come from 
 (233 followers), because it is the only free-flowing motorway among the five sources: NGSIM I-80 is
 stop-and-go at 6 m/s, and OpenACC is a test track behind a lead with ACC.
 
-Every distribution is cut off at bounds, so that no driver among ten is extreme; a value outside is
-drawn again.
+Every distribution is cut off at bounds, so that in a population of ten no driver is extreme; a
+value outside is drawn again.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ The upper bound (88 % of the distribution) stands for skill.
 """
 
 ALERTED_SHARE = 0.56
-"""Reaction time of a driver who is alerted over that of one who is not: 0.7 s over 1.25 s (Green
+"""Ratio of the reaction times of an alerted driver and of one who is not: 0.7 s / 1.25 s (Green
 2000)."""
 
 LANE_OFFSET_DEVIATION = 0.19  # m, between drivers, of the mean position in the lane
@@ -74,7 +74,7 @@ LANE_OFFSET_BOUND = 0.45  # m
 AS_RECORDED = PopulationSettings()
 """As the recorded drivers: 77.1 % of those who come up to a slower lead in the right lane
 overtake it, and lane changes last 1.1 times as long as they are drawn below. Without that factor
-they would be a tenth too quick when measured in drives, as the recorded ones are. It was chosen on
+lane changes in drives, measured like recorded ones, would be a tenth too quick. It was chosen on
 each half of the recording and holds on the other (docs/explanation/drivers.md).
 """
 
@@ -82,7 +82,7 @@ ONSET_HEADWAY = LogNormal(0.866, 0.395, 1.0, 5.5)  # s, headway at which recorde
 ONSET_TTC = LogNormal(2.345, 0.399, 4.5, 25.0)  # s, TTC at which these begin
 HEADWAY_LIMIT = LogNormal(0.680, 0.317, 0.98, 3.88)  # s
 TTC_LIMIT = LogNormal(2.366, 0.433, 4.27, 27.6)  # s
-"""Limits of headway and TTC: a driver begins to pass below the first of the two.
+"""Limits of headway and TTC: a driver begins to pass once either is below its limit.
 
 With these limits (those of maximum likelihood) drives begin to pass where recorded ones do. The
 `ONSET` values are where recorded drivers begin; as limits they would make all begin too early.
@@ -125,8 +125,8 @@ class Driver:
 
     @property
     def gain(self) -> float:
-        """Settled speed over the speed at which a case begins: faster drivers gain, slower ones
-        lose.
+        """Ratio of the settled speed to the speed at which a case begins: faster drivers gain,
+        slower ones lose.
         """
         return 1.0 + SPEED_SPREAD * (self.free_speed - FREE_SPEED_MEAN) / FREE_SPEED_DEVIATION
 
@@ -161,14 +161,14 @@ def draw_driver(index: int, seed: int, settings: PopulationSettings = AS_RECORDE
 def _overtakes(index: int, seed: int, share: float) -> bool:
     """Whether a driver is one of those who overtake, drawn by systematic sampling.
 
-    Over all seeds each driver overtakes with probability `share`. Within a population, of any n
-    drivers in a row that share overtakes, rounded down or up: ten have two followers or three.
-    Drawn one by one, every third population of ten would have none, one, five or more, and that
-    would change what counts as human: a single follower among ten drivers lies 2.8 deviations from
+    Over all seeds each driver overtakes with probability `share`. Of any n drivers in a row of one
+    population n * share overtake, rounded down or up: of ten, two or three follow. Drawn one by
+    one, every third population of ten would have no follower, one, five or more, and that would
+    change what counts as human: a single follower among ten drivers lies 2.8 deviations from
     their mean line, beyond what D tolerates (2), and each of two followers 1.9.
     """
     phase = random_stream(seed, "inclination").uniform()
-    return share >= 1.0 or bool((phase + index * share) % 1.0 < share)
+    return bool((phase + index * share) % 1.0 < share)
 
 
 def _limit(
@@ -176,7 +176,7 @@ def _limit(
 ) -> float:
     """A headway or TTC at which a driver passes: `drawn`, or the limit of the same quantile.
 
-    drawn: from the distribution `recorded`, so that no setting changes later draws.
+    drawn: from the distribution `recorded` in both cases, so that no setting changes later draws.
     """
     if settings.onset == "recorded":
         return drawn

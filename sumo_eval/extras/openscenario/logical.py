@@ -92,9 +92,9 @@ class PlacedByFile:
 class Holds:
     """Function of points: whether the file's constraints hold and the scene there is supported.
 
-    allowed: the answer at every grid point, a byte each, the first axis slowest, where all of them
-        were tried. Otherwise it is empty: then each point is tried, or, of more than `_LOOKED_AT`
-        points at once, the file's constraints alone.
+    allowed: the answer at every grid point, a byte each, the last axis fastest, if all of them were
+        tried. Otherwise it is empty: then each point is tried, or, if over `_LOOKED_AT` points are
+        asked at once, the file's constraints alone.
     """
 
     space: FileSpace
@@ -102,8 +102,8 @@ class Holds:
     allowed: bytes
 
     def __call__(self, values: Values) -> BoolArray:
-        """The answers at points; between grid points, where only maps of the space look, that of
-        the nearest.
+        """The answers at points. Only maps of the space ask between grid points: they get the
+        answer at the nearest.
         """
         axes = self.space.axes
         rows = np.broadcast_arrays(*(values[axis.name] for axis in axes))
@@ -116,7 +116,8 @@ class Holds:
         for index in np.ndindex(holds.shape):
             point = {axis.name: float(row[index]) for axis, row in zip(axes, rows, strict=True)}
             if holds.size > _LOOKED_AT:
-                holds[index] = not declared(self.space.given(point))[1]
+                _, broken = declared(self.space.given(point))
+                holds[index] = not broken
             else:
                 holds[index] = refusal(self.space, self.road, point) is None
         return holds
@@ -153,21 +154,22 @@ def _looked_at(space: FileSpace, point: Mapping[str, float]) -> FileCase | str:
     return _case_or_why(space.file, changes(space.file), given, space.options)
 
 
-# more than `_LOOKED_AT`: each road of a file asks for the same points again
+# maxsize: above `_LOOKED_AT`, because each road of a file asks for the same points again
 @lru_cache(maxsize=8_192)
 def _case_or_why(
     path: Path, changed: int, given: Assignments, options: FileOptions
 ) -> FileCase | str:
-    """`_looked_at`, once for each number `changed` of changes of files."""
+    """`_looked_at`, cached: again only once files have changed (`changed` counts their changes)."""
     values: dict[str, Value] = dict(given)
     try:
         _, broken = read_openscenario(path).declared(values)
         if broken:
             return f"= {broken[0]}"
         case = read_case(path, values, options)
-        if case.whole is not None:
+        if case.whole is not None:  # an exported case
             return case
-        return next((str(fault) for fault in _impossible(path, case)), case)
+        fault = next(_impossible(path, case), None)
+        return case if fault is None else str(fault)
     except InputError as error:
         return str(error)
 
@@ -229,7 +231,7 @@ class Read(NamedTuple):
 def read_file(path: Path, given: Mapping[str, str] | None = None) -> Read:
     """An OpenSCENARIO file, read and tried at points of its space.
 
-    given: options by name, as written: `road`.
+    given: options by name (`road` and others of `_OPTIONS`), their values as written in text.
 
     Raises InputError with file, line and element for what is not supported.
     """
@@ -260,7 +262,7 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     for _, case in tried:
         roads.setdefault(case.frame.shape, case.frame)
     frames = list(roads.values())
-    for name in ("flat", "zones"):  # 1, or not there at all
+    for name in ("flat", "zones"):  # checked only: 1, or not there at all
         number_of(name, 1)
     number = number_of("road", len(frames)) - 1
     frame = frames[number]
@@ -418,7 +420,8 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
             for actor in case.actors
         ),
     )
-    # an exported case: its road and body as they were, its parameters as numbers without a choice
+    # An exported case: its road and body as they were, its parameters as numbers without a choice.
+    # Such a file has no axes, so ONLY is the first parameter (0.0). Each needs a range of its own.
     whole = scenes[0][1].whole
     if whole is not None:
         parts += [Parameter(name, value, value + 1.0, 1.0, "1", "as exported", (value, value + 1.0))
@@ -442,10 +445,11 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
 
 
 def _parameter(axis: Axis, space: FileSpace) -> Parameter:
-    about, others = f"of {space.file.name}", [name for name in axis.names if name != axis.name]
+    about = f"of {space.file.name}"
+    others = [name for name in axis.names if name != axis.name]
     if others:
         about += f", with {', '.join(others)}"
-    # where the axis has other numbers than the parameter, list what they stand for
+    # where the axis only numbers the values of its parameter, list what each number stands for
     if any(dict(row)[axis.name] != value for value, row in axis.choices):
         listed = (
             f"{value:g}: " + ", ".join(f"{it}" for _, it in row) for value, row in axis.choices[:12]
@@ -510,7 +514,7 @@ def concrete_points(read: Read) -> Iterator[tuple[dict[str, float], str | None]]
 
 
 def concrete(read: Read, point: Mapping[str, float]) -> ConcreteScenario:
-    """The concrete scenario of a file at a point."""
+    """The concrete scenario of a file at a point, empty for the one case of a file without axes."""
     logical = read.logical
     if not point:
         point = dict(zip(logical.names, logical.samples[0].points[0], strict=True))

@@ -3,8 +3,8 @@ of the file.
 
 Readings, where the standard leaves a choice or this package supports less:
 
-- What is relative to the ego is relative to its start, a speed to its first speed, a lane or an
-  offset to its first place: where an ADS will be is unknown before the drive.
+- What is relative to the ego is relative to its start: a speed to its first speed, a lane or an
+  offset to its first place, because where an ADS will be is unknown before the drive.
 - SynchronizeAction is planned once, when it begins, for a master that keeps its speed
   (`synchronized`).
 - `sinusoidal` by `rate` has that peak lateral speed, by `maxLateralAcc` that peak lateral
@@ -48,7 +48,7 @@ _DIMENSIONS = ("rate", "time", "distance")
 _SHAPES = ("linear", "step", "cubic", "sinusoidal")
 # kinds of acts that change a speed, and of those that move across
 _SPEEDS, _ACROSS = (played.SPEED, played.BY_TIME, played.MATCH), (played.COSINE, played.CONSTANT)
-# in place of a move that became no act: the ego has no acts, so no condition can name it
+# for no act: a move (actor's number, act's index) that is none, since the ego has no acts
 _NO_MOVE = played.EGO, 0
 _SHARES = np.arange(1, 33) / 32  # knots of a curved change of speed, as shares of its time
 _THERE = 0.05  # m and m/s: a distance and a speed within this count as reached
@@ -70,9 +70,9 @@ def synchronized(distance: float, time: float, speed: float, final: float, stead
     """
     if final <= 0.0:
         raise InputError(f"a final speed above 0 m/s is needed, got {final:g}")
-    ahead, rest = distance - steady, time - steady / final
-    only_steady = rest <= AT_ONCE or ahead <= ON  # only the steady part is left
-    # too short for the steady part, or what is left before it is too much to be skipped
+    ahead, rest = distance - steady, time - steady / final  # m and s before the steady part
+    only_steady = rest <= AT_ONCE or ahead <= ON  # almost nothing is before the steady part
+    # the steady part is too long, or what is before it is too much to be left out
     if ahead < -ON or rest < -SAME or (only_steady and max(ahead, speed * rest) > _THERE):
         raise InputError(
             f"{distance:.2f} m in {time:.2f} s leave no room for {steady:g} m at {final:g} m/s"
@@ -151,8 +151,8 @@ class Moves:
         }  # fmt: skip
         move = entity.next_move
         span = element.chosen(known, "moves")(element, entity, moment)
-        # The action became no act, so the next act gets its number. Plans of others that name this
-        # move (the last item of a row of `reads`) must name none, or they would mean that act.
+        # The action became no act, so the next act gets its number. In rows of `reads` of others,
+        # a move with this number (the last item) becomes none, or it would mean that act.
         if entity.next_move == move:
             for other in self.places.entities.values():
                 if other is not entity:
@@ -242,7 +242,7 @@ class Moves:
             entity.pace, value = speed, target.number("value")
             factor, added = (value, 0.0) if _by_factor(target) else (1.0, value)
             number = float(self.places.referred(target).number)
-            # as in `_distance`: 0 keeps a speed alone, so there is no position
+            # pairs as in `_distance`: what it keeps is 0, a speed alone, so the last pair is unused
             return self._relative(entity, begin, (number, factor), (added, 0.0), (0.0, 0.0))
         shape = dynamics.one_of("dynamicsShape", _SHAPES)
         # During an earlier change, the speed lies between its ends: assume the end from which this
@@ -255,12 +255,12 @@ class Moves:
             if self._unsure(other, begin, _SPEEDS) or _changes(other, begin):
                 raise target.fault(f"the speed of `{other.name}` when this begins is unknown")
         unsure = self._unsure(entity, begin, _SPEEDS)
-        # it has the speed already: no act, but no later act may change that (`_plan`)
+        # it has the speed already: no act, but none further down may change it before (`_plan`)
         if change <= SAME and begin.known and not unsure:
             self._plan(entity, begin, _SPEEDS, dynamics, _NO_MOVE)
             return Span(begin, begin.time)
-        # the speed at the begin is unknown: this begins by a condition, and an event further down
-        # in the file may change the speed before
+        # unsure: the speed at the begin is unknown; else it begins by a condition, and an event
+        # further down in the file may change the speed before
         if unsure or change <= SAME:
             return self._from_any_speed(dynamics, entity, begin, speed)
         step = is_step(dynamics)
@@ -350,7 +350,7 @@ class Moves:
     def place_apart(self, element: Node, entity: Entity) -> None:
         """Put an entity at the distance of a LongitudinalDistanceAction at the start."""
         other, apart, gap = self._apart(element, entity)
-        # m over the ground, ahead: the time gap at the speed of the one behind
+        # m over the ground, ahead: the time gap (below 0 if ahead) at the speed of the one behind
         further = -gap * (other.speed if gap < 0.0 else entity.speed)
         x = other.frame.x + (apart + further / self.frame.ground(other.frame))
         entity.frame = entity.frame._replace(x=x)
@@ -388,7 +388,7 @@ class Moves:
             self.place_apart(element, entity)
             return Span(begin, begin.time)
         other, apart, gap = self._apart(element, entity)
-        if other is not self.ego:
+        if other is not self.ego:  # the ego's speed during the drive is unknown
             entity.pace = other.pace
         # pairs of `played.PLAY` under `match`: (whom it follows, factor), (speed added, what it
         # keeps: 1 a position, 2 one within limits), (distance, time gap)
@@ -418,6 +418,7 @@ class Moves:
 
         x, ahead = of_vehicle(played.X, own), of_vehicle(played.X, target_number) + constant(apart)
         speed, target = (of_vehicle(played.ALONG, it) for it in (own, target_number))
+        # m that the time gap puts it behind, at the speed of the one behind
         behind = constant(gap / self.frame.ground(entity.frame)) * (target if gap < 0.0 else speed)
         # the larger of both differences must be below `_THERE`
         off = abs(ahead - behind - x).joined(played.LARGER, abs(target - speed))
@@ -556,7 +557,7 @@ class Moves:
                 "a curved trajectory, or any on a curved road, is supported from the start, or of "
                 "a standing entity"
             )
-        # 2. its path: a straight one only gives a heading; any other the body's centre follows
+        # 2. its path: a straight one only gives a heading; the body's centre follows any other
         if straight:
             entity.path = pose[:2], course.points[-1]
         else:
@@ -566,7 +567,7 @@ class Moves:
             path = (Pose(*it, 0.0).seen_from(self.frame.origin)[:2] for it in entity.path[1:])
             self._add(entity, begin, Act(played.PATH, table=tuple(path)), NEVER)
         entity.spot = replace(spot, pose=pose)
-        entity.on_map = bool(self.frame.line)
+        entity.on_map = bool(self.frame.line)  # on a curved road it leaves the road's coordinates
         entity.frame = in_frame(self.frame.pose_on_map(entity), ORIGIN, self.frame.line)
         # 3. its speeds, where the trajectory has times
         if not course.times:

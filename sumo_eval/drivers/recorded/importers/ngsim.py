@@ -60,7 +60,7 @@ def read(path: Path) -> Samples:
             "lane": MAIN_LANES - rows["Lane_ID"].astype(np.int64),
         }
     )
-    # y = 0 in the lane nearest to lane 0 that a recording has
+    # y = 0: where a recording's vehicles drive (median) in that lane of it nearest to lane 0
     lanes_off = table["lane"].abs()
     right = table["y"].where(lanes_off == lanes_off.groupby(table["recording"]).transform("min"))
     table["y"] -= right.groupby(table["recording"]).transform("median")
@@ -82,7 +82,8 @@ def _rows(path: Path) -> pd.DataFrame:
     """The file's samples, with a column `place`, sorted by place, vehicle and time."""
     with input_file(path, "file").open("rb") as file:
         first = file.readline().lstrip()
-    # a title, maybe behind a quote, a byte order mark, or the comma of a column of row numbers
+    # a head row begins with a title, maybe behind a quote, a byte order mark, or the comma of a
+    # column of row numbers
     has_head_row = first[:1] not in b"+-.0123456789"
     if has_head_row:
         spelling = {name.lower(): name for name in (*_NEEDED, "Location")}
