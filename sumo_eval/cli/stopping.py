@@ -56,6 +56,8 @@ def stop_on_signal() -> Iterator[Callable[[], bool]]:
             yield lambda: bool(signals)
         finally:
             last_signal.cancel()
+    if signals:  # it came while the last cases ran: what follows may take as long as they did
+        raise KeyboardInterrupt
 
 
 @contextmanager

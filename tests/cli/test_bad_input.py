@@ -3,6 +3,7 @@ finished work lost."""
 
 import os
 import shlex
+import signal
 import subprocess
 import sys
 from functools import partial
@@ -12,6 +13,7 @@ import pytest
 from commands import in_a_process, sumo_eval
 from tables import rows_of
 
+from sumo_eval.cli.stopping import stop_on_signal
 from sumo_eval.text import LOG
 
 HEAD = """name = "bad input"
@@ -127,3 +129,8 @@ sys.exit(subprocess.call({child}))"""
     words = [sys.executable, "-c", script]
     done = subprocess.run(f"{shlex.join(words)} {closed}", shell=True, check=False)
     assert done.returncode == 0, "children have the streams"
+
+
+def test_a_signal_amid_the_last_cases_stops_what_follows():
+    with pytest.raises(KeyboardInterrupt), stop_on_signal():
+        signal.raise_signal(signal.SIGINT)
