@@ -43,7 +43,7 @@ COLOURS = ("var(--c)", "var(--actor)", "var(--d)", "var(--off)", "var(--muted)",
 DASHES = ("", "7 3", "2 3", "9 3 2 3", "4 4")
 # size and margins of a chart, in units of the SVG
 WIDTH, HEIGHT = 560, 210
-LEFT, RIGHT = 68, 12
+LEFT, RIGHT = 68, 36  # half a date reaches past the last night
 TOP, BOTTOM = 12, 40
 _AXIS = WIDTH - LEFT - RIGHT  # length of the axis of nights
 MOST_LABELS = 3  # dates under a chart

@@ -14,7 +14,16 @@ from refusals import refusal
 from tables import values_of
 
 from sumo_eval.nightly.history import HISTORY, REGRET_OF_LOSSES, open_history
-from sumo_eval.nightly.trend import HEIGHT, TOP, _ticks, charts, failed_nights, write_trend
+from sumo_eval.nightly.trend import (
+    HEIGHT,
+    TOP,
+    WIDTH,
+    _dates,
+    _ticks,
+    charts,
+    failed_nights,
+    write_trend,
+)
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.settings.method import CollisionSettings
 
@@ -100,6 +109,7 @@ def test_a_quantity_that_was_not_computed_breaks_the_line_and_a_gate_is_a_stroke
         if one.title == "Score S of the paper"
     )
     assert [len(part) for part in chart.lines[0].parts] == [1, 1]
+    assert _dates(nights * 30)[0][0] + 33 <= WIDTH, "half of the last date"
     assert len(chart.gates) == 3
     two = [*gates, *(gate._replace(threshold=50.0) for gate in gates)]
     twice = charts(builders.SCENARIOS[0], nights, gap, two)
