@@ -19,10 +19,10 @@ from pathlib import Path
 
 import numpy as np
 from click.testing import CliRunner
+from loaded import ROOT
 
 from sumo_eval.cli import main
 
-ROOT = Path(__file__).parents[1]
 INSTALLED = (
     *map(sysconfig.get_path, ("stdlib", "purelib", "platlib")),
     str(ROOT / "sumo_eval"),

@@ -5,12 +5,9 @@ import os
 import subprocess
 import sys
 import zipfile
-from pathlib import Path
 
 import pytest
-from commands import python
-
-ROOT = Path(__file__).parents[1]
+from commands import ROOT, python
 
 CALLS = """
 import math, sys

@@ -2,14 +2,14 @@
 be run again."""
 
 import json
-from pathlib import Path
 
 import pytest
+from loaded import ROOT
 
 import sumo_eval
 from sumo_eval.cosim.doors.controller import SHIPPED
 
-BOARD = Path(__file__).parents[2] / "docs" / "leaderboard"
+BOARD = ROOT / "docs" / "leaderboard"
 
 
 @pytest.mark.campaign

@@ -3,10 +3,9 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from commands import sumo_eval
+from commands import ROOT, sumo_eval
 
 
 def check(what, folder, *options, status=0):
@@ -195,7 +194,7 @@ def test_a_path_beyond_ascii_works_in_the_locale_c(tmp_path):
     }
     done = subprocess.run(
         [sys.executable, "-m", "sumo_eval", "check", os.fsencode(file)],
-        cwd=Path(__file__).parents[2], check=False,
+        cwd=ROOT, check=False,
         env={**plain, "LC_ALL": "C", "LANG": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"},
         capture_output=True,
     )  # fmt: skip

@@ -3,12 +3,11 @@
 import shlex
 import subprocess
 from importlib.metadata import version
-from pathlib import Path
 
 import pytest
-from commands import sumo_eval
+from commands import ROOT, sumo_eval
 
-NIGHTS = Path(__file__).parents[2] / "docs" / "examples" / "nights"
+NIGHTS = ROOT / "docs" / "examples" / "nights"
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,10 @@ import shutil
 import textwrap
 import zipfile
 from dataclasses import replace
-from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
+from loaded import ROOT
 from refusals import refusal
 from road_scenes import HALF_SECOND, case, clips_of, lead
 
@@ -25,7 +25,7 @@ from sumo_eval.settings import PlantSettings, SimulationSettings
 from sumo_eval.settings.config import settings_from, to_plain
 
 pytest.importorskip("fmpy")
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+EXAMPLES = ROOT / "docs" / "examples"
 MAPPED = "fmu:Acc.fmu?inputs.v=ego_speed&inputs.gap=lead_gap&outputs.acceleration=a_cmd"
 
 

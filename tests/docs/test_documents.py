@@ -6,8 +6,8 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from loaded import ROOT
 
-ROOT = Path(__file__).parents[2]
 DECISIONS = tuple(
     f"docs/decisions/{path.name}" for path in sorted((ROOT / "docs" / "decisions").glob("*.md"))
 )

@@ -4,16 +4,15 @@ else."""
 import dataclasses
 import importlib
 import re
-from pathlib import Path
 
 import pytest
+from loaded import ROOT
 
 from sumo_eval import settings
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.tables import cases_csv
 from sumo_eval.results import Evaluation, ScenarioResult
 
-ROOT = Path(__file__).parents[2]
 PAGES = [(ROOT / page).read_text() for page in ("GLOSSARY.md", "docs/reference/outputs.md")]
 
 

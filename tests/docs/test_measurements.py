@@ -3,12 +3,11 @@ docs/trust.md repeats."""
 
 import json
 import re
-from pathlib import Path
 
 import pytest
-from loaded import load
+from loaded import ROOT, load
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = ROOT / "docs"
 FILES = sorted((DOCS / "measurements").glob("*.json"))
 
 

@@ -3,11 +3,10 @@ docs/formulas.md."""
 
 import importlib
 import re
-from pathlib import Path
 
 import pytest
+from loaded import ROOT
 
-ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 
 

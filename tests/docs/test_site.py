@@ -13,7 +13,7 @@ from typing import get_args, get_type_hints
 
 import click
 import pytest
-from commands import python
+from commands import ROOT, python
 from loaded import load
 
 import sumo_eval
@@ -24,7 +24,6 @@ from sumo_eval.scenario.catalogue import SCENARIOS, find
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.config import SUITES
 
-ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted({*DOCS.rglob("*.md"), *ROOT.glob("*.md")} - {ROOT / "CHANGELOG.md"})
 NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]

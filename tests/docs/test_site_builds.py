@@ -8,9 +8,9 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
+from loaded import ROOT
 from lxml import html
 
-ROOT = Path(__file__).parents[2]
 SITE = ROOT / "build" / "site"
 
 pytestmark = pytest.mark.campaign

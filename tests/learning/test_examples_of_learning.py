@@ -4,17 +4,17 @@ pages say."""
 import runpy
 import sys
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
+from loaded import ROOT
 
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
 
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+EXAMPLES = ROOT / "docs" / "examples"
 POINT = {"ego_speed": 25.0, "obstacle_speed": 10.0, "gap": 60.0}
 
 

@@ -3,12 +3,12 @@
 import csv
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
+from loaded import ROOT
 from refusals import refusal
 from tables import rows_of
 from twins.criticality import braked
@@ -25,7 +25,7 @@ from sumo_eval.method.criticality import (
     time_to_collision,
 )
 
-TABLES = Path(__file__).parents[2].parent / "shared" / "data" / "r157"
+TABLES = ROOT.parent / "shared" / "data" / "r157"
 CAREFUL = {"deceleration": 7.593, "delay": 1.15, "build_up": 0.6}
 speeds = st.floats(0.0, 40.0)
 gaps = st.floats(0.1, 200.0)

@@ -1,9 +1,9 @@
 """The scenarios of UN R157 as the reference tables have them, one concrete scenario a row."""
 
 import csv
-from pathlib import Path
 
 import pytest
+from loaded import ROOT
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
@@ -11,7 +11,7 @@ from sumo_eval.scenario.catalogue import load
 from sumo_eval.scenario.concrete import brake_to_stop, constant_lateral
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
-TABLES = Path(__file__).parents[2].parent / "shared" / "data" / "r157"
+TABLES = ROOT.parent / "shared" / "data" / "r157"
 G = 9.81  # m/s2
 LENGTH, WIDTH = 4.3, 1.9  # m
 LANE = 3.5  # m: 1.6 m from edge to edge of bodies in the middle of their lanes

@@ -3,16 +3,16 @@ steady target."""
 
 import csv
 import math
-from pathlib import Path
 
 import pytest
+from loaded import ROOT
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
-TABLE = Path(__file__).parents[2].parent / "shared" / "data" / "r157" / "analytic_approach.csv"
+TABLE = ROOT.parent / "shared" / "data" / "r157" / "analytic_approach.csv"
 ROAD = Road("oracle_road", length=1500.0, lanes=2, lane_width=3.5, run_out=1000.0)
 LENGTH = 4.5  # m, ego and target
 STEP_BRAKING = 1e-6  # s, the build-up that stands for none

@@ -6,14 +6,14 @@ import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from loaded import ROOT
 from record.runs import command, digest, write_evaluation
 from record.test_cluster import started
 
 pytest.importorskip("distributed")
-PAGE = Path(__file__).parents[2] / "docs" / "clusters.md"
+PAGE = ROOT / "docs" / "clusters.md"
 
 pytestmark = [
     pytest.mark.skipif(

@@ -5,9 +5,9 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from loaded import ROOT
 
 from sumo_eval import kernels
 from sumo_eval.cosim.doors.controller import SHIPPED
@@ -16,7 +16,6 @@ from sumo_eval.record.cases import Case
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.settings.config import PAPER_EVALUATION, read_evaluation
 
-ROOT = Path(__file__).parents[2]
 LEAD = Actor("lead", Start(50.0, 0.0, 5.0))
 CONCRETE = ConcreteScenario(
     "none", {}, 1.0, Road("road", 100.0, 2, 3.5, 0.0), Start(10.0, 0.0, 10.0), (LEAD,)

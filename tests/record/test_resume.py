@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
-from commands import in_a_shell, python
+from commands import ROOT, in_a_shell, python
 from evaluations import small
 from record.edited_store import edit
 from record.runs import MY_ADS, command, digest, rows, sumo_eval_cli, write_evaluation
@@ -27,7 +27,7 @@ from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import DriverSettings
 from sumo_eval.settings.config import read_evaluation
 
-CLUSTERS = Path(__file__).parents[2] / "docs" / "clusters.md"
+CLUSTERS = ROOT / "docs" / "clusters.md"
 HANGS = "def MyAds(traci, ego, time):\n    sum(range(10**18))\n"
 
 

@@ -5,10 +5,10 @@ import subprocess
 import sys
 from contextlib import closing, nullcontext
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from loaded import ROOT
 from record.edited_store import edit
 from refusals import refusal
 
@@ -335,8 +335,7 @@ def test_an_interrupted_write_leaves_whole_cases_and_a_log_that_is_read(tmp_path
         "'road_end')))\n"
         "    os._exit(9)\n"
     )
-    root = Path(__file__).parents[2]
-    done = subprocess.run([sys.executable, "-c", program], cwd=root, check=False)
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=False)
     log = path.with_name("facts.sqlite-wal")
     assert done.returncode == 9
     assert log.is_file()

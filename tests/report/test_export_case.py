@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import python
+from commands import ROOT, python
 from commands import sumo_eval as sumo_eval_cli
 from laid import lay
 from lxml import etree
@@ -25,7 +25,6 @@ from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Trajectory
 
-ROOT = Path(__file__).parents[2]
 FILE_PAGE = (ROOT / "docs" / "reference" / "scenario_file.md").read_text()
 SLOW_TRUCK = re.findall(r"```toml\n(name = .*?)```", FILE_PAGE, re.DOTALL)[0]
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from loaded import ROOT
 from refusals import refusal
 
 import sumo_eval
@@ -14,7 +15,6 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, scenario_from
 from sumo_eval.settings import DriverSettings, ExposureSettings
 
-ROOT = Path(__file__).parents[2]
 SHIPPED = ROOT / "sumo_eval" / "scenario" / "files" / "cut_in.toml"
 EXAMPLE = ROOT / "docs" / "examples" / "cut_in_perceived.toml"
 POLICY = """

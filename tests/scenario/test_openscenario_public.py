@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from loaded import ROOT
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
@@ -28,7 +29,7 @@ PLAYS = {
 }  # fmt: skip
 """Files of a folder that run, of all."""
 WITHIN = 0.5  # m
-MEASURED = Path(__file__).parents[2] / "docs" / "measurements" / "openscenario.json"
+MEASURED = ROOT / "docs" / "measurements" / "openscenario.json"
 TABLE = json.loads(MEASURED.read_text())["tables"][-1]["rows"]
 LATE = 0.05  # s: a step of the simulation
 SECOND = json.loads(Path(__file__).with_name("second_reader.json").read_text())

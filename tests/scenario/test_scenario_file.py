@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from loaded import ROOT
 from refusals import refusal
 from scipy import stats
 from tables import rows_of
@@ -20,7 +21,7 @@ from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scenario.schema import evaluation_schema, scenario_schema
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "scenario_file.md"
+DOCUMENT = ROOT / "docs" / "reference" / "scenario_file.md"
 EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(), re.DOTALL)[0]
 
 

@@ -8,14 +8,12 @@ import re
 import subprocess
 from contextlib import redirect_stdout
 from itertools import dropwhile
-from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 from laid import lay
-from loaded import load
+from loaded import ROOT, load
 
-ROOT = Path(__file__).parents[2]
 HOUSE_CHECK = load("tools/house_check.py")
 
 

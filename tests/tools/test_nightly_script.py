@@ -3,11 +3,11 @@ good night."""
 
 import os
 import subprocess
-from pathlib import Path
 
 import pytest
+from loaded import ROOT
 
-SCRIPT = Path(__file__).parents[2] / "tools" / "nightly.sh"
+SCRIPT = ROOT / "tools" / "nightly.sh"
 
 
 def night(tmp_path, *arguments, status=0):

@@ -7,13 +7,11 @@ import sys
 import tarfile
 import tomllib
 import zipfile
-from pathlib import Path
 
 import pytest
 from laid import lay
-from loaded import load
+from loaded import ROOT, load
 
-ROOT = Path(__file__).parents[2]
 CHANGELOG = (
     "# Changelog\n\n## [0.2.0] - 2026-02-01\n\n### Added\n- A thing.\n\n## [0.1.0] - "
     "2026-01-01\n- The first.\n"
