@@ -8,8 +8,8 @@ speed over the step, not the path's value at some instant of it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
+from math import inf, sqrt
 from typing import Any, NamedTuple
 
 from sumo_eval.cosim.records import fields, flags
@@ -81,7 +81,7 @@ def switched(level: float, target: float, wait: float, rate: float, step: float)
         return target
     longest = abs(target - level) / rate
     both = step + longest
-    change = 0.5 * rate * (both - math.sqrt(both * both - 4.0 * longest * (step - wait)))
+    change = 0.5 * rate * (both - sqrt(both * both - 4.0 * longest * (step - wait)))
     return level + change if target > level else level - change
 
 
@@ -95,7 +95,7 @@ def mean_level(level: float, mean: float, rate: float, step: float) -> float:
         return level
     # 0 or less: the fastest change does not reach the mean
     square = step * step - 2.0 * change * step / rate
-    change = rate * (step - math.sqrt(square)) if square > 0.0 else rate * step
+    change = rate * (step - sqrt(square)) if square > 0.0 else rate * step
     return level + change if mean > level else level - change
 
 
@@ -119,7 +119,7 @@ def released_level(level: float, lost: float, rate: float, step: float, most: fl
         return min(harder, level + rate * step, max(most, level))  # above `most`: stays there
     spare = step - level / rate
     inside = spare * spare + 4.0 * (lost - 0.5 * square) / rate
-    command = 0.5 * rate * (math.sqrt(inside) - spare) if inside > 0.0 else 0.0
+    command = 0.5 * rate * (sqrt(inside) - spare) if inside > 0.0 else 0.0
     return min(max(command, 0.0), level)
 
 
@@ -243,7 +243,7 @@ def follow_demand(
         braking.is_alarmed = 1
         braking.alarmed = time + began
     braking.looks += 1
-    wait = max(braking.alarmed + brakes.response - time, 0.0) if braking.is_alarmed else math.inf
+    wait = max(braking.alarmed + brakes.response - time, 0.0) if braking.is_alarmed else inf
     if wait >= step:
         return path_command(
             path, path_towards(path, 0.0, step, jerk, vehicle), True, brakes, vehicle, step

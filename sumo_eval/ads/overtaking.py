@@ -8,7 +8,7 @@ for the lead behind which it ends.
 
 from __future__ import annotations
 
-import math
+from math import inf, isfinite
 from typing import Any
 
 from sumo_eval.ads.car_following import FOLLOWED, change_as_asked, follow
@@ -80,7 +80,7 @@ class OvertakingHabits:
             raise must_be("`inclined`", "`OvertakingHabits`", "true or false", self.inclined)
         for name in ("onset_headway", "onset_ttc", "duration", "worth"):
             value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
+            if not (isfinite(value) and value > 0.0):
                 raise must_be(
                     f"`{name}`", "`OvertakingHabits`", "a finite number greater than 0", value
                 )
@@ -133,7 +133,7 @@ def overtake(
         memory.cruising_speed = me.speed
         keep_lane(memory.path, me, scenario.road)
         memory.curvature = curvature_kept(memory.path, me)
-    allowed = math.inf  # strongest acceleration during the asked lane change, m/s2
+    allowed = inf  # strongest acceleration during the asked lane change, m/s2
     if way.asked:
         allowed = change_as_asked(
             memory.path, way, me, others, memory.desired_speed, p.idm, scenario
@@ -178,7 +178,7 @@ def _has_left_lane(memory: Any, me: Any, road: Any) -> bool:
         return False
     if road.shaped == 0:
         return True
-    begin, end = -math.inf, math.inf  # x between which both lanes are there, side by side, m
+    begin, end = -inf, inf  # x between which both lanes are there, side by side, m
     if lane == 0:
         begin, end = road.right_parted_until, road.right_parted_from
     if lane + 2 == road.lanes:  # of the lanes to change to, only the leftmost may open or end
@@ -320,7 +320,7 @@ def _needed_braking(lead: Any) -> float:
     if lead.closing <= 0.0:
         return 0.0
     room = lead.gap - BRAKE_BUILD_UP * lead.closing
-    return float(lead.closing * lead.closing / (2.0 * room)) if room > 0.0 else math.inf
+    return float(lead.closing * lead.closing / (2.0 * room)) if room > 0.0 else inf
 
 
 @kernel

@@ -147,8 +147,7 @@ def safe_gap(speed: float, lead_speed: float, deceleration: float, response: flo
     response: rho, s.
     """
     squares = speed * speed - lead_speed * abs(lead_speed)
-    rolled = speed * response + squares / (2.0 * deceleration)
-    return max(rolled, 0.0) + LEAST_GAP
+    return max(speed * response + squares / (2.0 * deceleration), 0.0) + LEAST_GAP
 
 
 @kernel

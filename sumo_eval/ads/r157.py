@@ -4,8 +4,8 @@ up, headways along and across, sight, foresight.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
+from math import inf, isnan
 from typing import Any, NamedTuple
 
 from sumo_eval.ads.braking import SAFETY_BRAKING, follow_demand
@@ -51,13 +51,13 @@ def time_to_collision(me: Any, other: Any) -> float:
     closing, 0 or less where the bodies overlap along the road.
     """
     closing = me.along - other.along
-    return bumper_gap(me, other) / closing if closing > 0.0 else math.inf
+    return bumper_gap(me, other) / closing if closing > 0.0 else inf
 
 
 @kernel
 def time_headway(me: Any, other: Any) -> float:
     """THW = d / v, s: bumper gap over the ego's own speed; inf at standstill."""
-    return bumper_gap(me, other) / me.along if me.along > 0.0 else math.inf
+    return bumper_gap(me, other) / me.along if me.along > 0.0 else inf
 
 
 @kernel
@@ -126,17 +126,17 @@ def sight(sighting: Any, other: Any, step: float) -> None:
     """
     mover = sighting.mover
     take(mover, other)
-    if math.isnan(other.x):  # not on the road yet, or no longer
+    if isnan(other.x):  # not on the road yet, or no longer
         return
-    last_speed = other.along if math.isnan(sighting.last_speed) else sighting.last_speed
+    last_speed = other.along if isnan(sighting.last_speed) else sighting.last_speed
     last_y = sighting.last_y
-    before = 0.0 if math.isnan(sighting.across) else sighting.across
+    before = 0.0 if isnan(sighting.across) else sighting.across
     # `along` of an oncoming vehicle is below 0 and falls as it speeds up, which is no braking
     mover.braking = max((last_speed - other.along) / step, 0.0) if last_speed > 0.0 else 0.0
     sighting.last_speed = other.along
     sighting.last_y = other.y
     sighting.gain = 0.0
-    if math.isnan(last_y):
+    if isnan(last_y):
         return
     across = (other.y - last_y) / step
     mover.across = sighting.across = across
@@ -151,7 +151,7 @@ def foresee(then: Any, sighting: Any, time: float, step: float) -> None:
     """
     take(then, sighting.mover)
     carry_on(then, time)
-    if sighting.gain != 0.0 and not math.isnan(sighting.gain):
+    if sighting.gain != 0.0 and not isnan(sighting.gain):
         # `across` is the speed in the middle of the last step: later it stays, earlier it changed
         # by `gain` a second
         middle = -0.5 * step

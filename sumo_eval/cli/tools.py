@@ -17,6 +17,10 @@ from sumo_eval.cli.exit_status import DONE, GATE_FAILED, INPUT_WRONG
 from sumo_eval.cli.options import POSITIVE, SEED
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
+from sumo_eval.errors import InputError
+from sumo_eval.gone import refuse_use_case
+from sumo_eval.input_file import read_input
+from sumo_eval.text import last_lines, shown
 
 if TYPE_CHECKING:
     from sumo_eval.record.recording import Space
@@ -51,7 +55,6 @@ def check(what: str, step_timeout: float | None, case_timeout: float | None, see
     Exit status: 0 all is well, 1 the ADS breaks the contract or a run would lose cases of it to the
     clock, 2 it cannot be loaded or the file is wrong.
     """
-    from sumo_eval.gone import refuse_use_case
     from sumo_eval.scenario.shipped_files import scenario_files
 
     # each `_check_...` ends the command: nothing below it is done
@@ -71,9 +74,6 @@ def check(what: str, step_timeout: float | None, case_timeout: float | None, see
 
 def _refuse_a_folder(named: str) -> None:
     """Refuse a folder, and name files in it that can be checked."""
-    from sumo_eval.errors import InputError
-    from sumo_eval.text import shown
-
     folder = Path(named)
     if not folder.is_dir():
         return
@@ -92,10 +92,6 @@ def _refuse_a_folder(named: str) -> None:
 def refuse_a_bare_file(locator: str) -> None:
     """Refuse a Python file without the name of an ADS, and name the ADSs that it offers."""
     import ast
-
-    from sumo_eval.errors import InputError
-    from sumo_eval.input_file import read_input
-    from sumo_eval.text import shown
 
     file = Path(locator)
     if file.suffix != ".py" or _has_scheme(locator):
@@ -135,8 +131,6 @@ def _is_scenario(path: Path) -> bool:
     In invalid TOML, `[[parameter]]` decides. For an unreadable file, False: the evaluation's
     reader reports why.
     """
-    from sumo_eval.errors import InputError
-    from sumo_eval.input_file import read_input
     from sumo_eval.settings.toml_file import read_toml
 
     try:
@@ -185,7 +179,6 @@ def _check_controller(
     from sumo_eval.record.loops import WORLD, compiled, ready
     from sumo_eval.scenario import catalogue
     from sumo_eval.settings import RunSettings
-    from sumo_eval.text import last_lines
 
     run = RunSettings()
     run = replace(
@@ -278,7 +271,6 @@ def _points(settings: EvaluationSettings, source: Path, spaces: list[Space]) -> 
 
 def _planned_parts(settings: EvaluationSettings, source: Path) -> Iterator[Part]:
     """ADSs, vehicle model and drivers, each checked by the planner, as a run does."""
-    from sumo_eval.errors import InputError
     from sumo_eval.settings import DriverSettings
 
     plant, drivers = settings.simulation.plant, settings.drivers
@@ -344,8 +336,6 @@ def _axes(settings: EvaluationSettings, names: Sequence[str]) -> str:
 
 def _count_mistakes(parts: Iterable[Part]) -> int:
     """Check parts of a file, print a line for each, and return how many are wrong."""
-    from sumo_eval.errors import InputError
-
     mistakes = 0
     for described, check_part in parts:
         try:

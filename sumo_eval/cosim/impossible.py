@@ -6,7 +6,7 @@ The loop, its kernels, world, stages, traffic, `OnTraci` and `ads/foresight.py` 
 
 from __future__ import annotations
 
-import math
+from math import cos, sin
 from typing import Any
 
 from sumo_eval.errors import SimulationError
@@ -34,7 +34,7 @@ class LeftTheRoadError(Exception):
 def front(body: Body) -> tuple[float, float]:
     """Centre of the front bumper, m."""
     half = 0.5 * body.length
-    return body.x + half * math.cos(body.heading), body.y + half * math.sin(body.heading)
+    return body.x + half * cos(body.heading), body.y + half * sin(body.heading)
 
 
 def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
@@ -44,9 +44,7 @@ def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
     half a width off the road or beyond its ends.
     """
     ahead = ego.speed * step
-    coming = ego._replace(
-        x=ego.x + ahead * math.cos(ego.heading), y=ego.y + ahead * math.sin(ego.heading)
-    )
+    coming = ego._replace(x=ego.x + ahead * cos(ego.heading), y=ego.y + ahead * sin(ego.heading))
     reach = 0.5 * ego.width - LOSS_MARGIN
     for body in (ego, coming):
         x, y = front(body)

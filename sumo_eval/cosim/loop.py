@@ -9,11 +9,11 @@ TraCI).
 
 from __future__ import annotations
 
-import math
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from math import hypot, inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -71,7 +71,7 @@ class Terms(NamedTuple):
     every: the ADS is called every n-th step.
     """
 
-    step_timeout: float = math.inf
+    step_timeout: float = inf
     plant: FmuPlant | None = None
     folder: Path | None = None
     every: int = 1
@@ -354,7 +354,7 @@ def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
     ego = world.egos[0]
     before = EgoState(*ego["map"].tolist(), *ego[["speed", "acceleration", "steering"]].tolist())
     state = plant.advance(before, command, world.settings.step)
-    moved = math.hypot(state.x - before.x, state.y - before.y)
+    moved = hypot(state.x - before.x, state.y - before.y)
     if not (moved < FASTEST * world.settings.step and LOWEST_SPEED < state.speed < FASTEST):
         raise SimulationError(
             f"The vehicle model moved `{EGO}` {moved:g} m in the step after {world.time:.2f} s, "
@@ -571,7 +571,7 @@ class OneEach(Policies):
                 self._fail(world, [case], error, "in reset", policy.target)
         self._check(world, 0.0)
         # whether a number as answer can be used at once: it need not be held for a later step
-        self._brief = self._terms.every == 1 and self.actuation.budget == math.inf
+        self._brief = self._terms.every == 1 and self.actuation.budget == inf
         self._settled = [
             getattr(policy.target, "settled", None) if world.settings.end_when_decided else None
             for policy in self._ads
@@ -608,7 +608,7 @@ class OneEach(Policies):
                     )
                 )
                 # nearly every answer of nearly every policy: an acceleration, m/s2
-                if self._brief and type(action) is float and -math.inf < action < math.inf:
+                if self._brief and type(action) is float and -inf < action < inf:
                     executor.release()
                     answer = action, 0.0
                 else:
@@ -738,8 +738,7 @@ class OverArrays(Policies):
         """Call the policy; an error fails all rows. Return whether there was none."""
         error = self._error_of(call, *arguments)
         if error is not None:
-            rows = world.live.tolist()
-            self._fail(world, rows, error, when, self._policy.target)
+            self._fail(world, world.live.tolist(), error, when, self._policy.target)
         return error is None
 
     def release(self, world: World, row: int) -> None:

@@ -17,7 +17,6 @@ from __future__ import annotations
 import gc
 import inspect
 import logging
-import math
 import sys
 import time as clock
 from collections import Counter
@@ -25,6 +24,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import partial
+from math import inf, pi
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -106,7 +106,7 @@ def simulate(
     settings: SimulationSettings | None = None,
     *,
     folder: Path | None = None,
-    step_timeout: float = math.inf,
+    step_timeout: float = inf,
     seed: int = 0,
     period: float | None = None,
 ) -> Recording:
@@ -363,7 +363,7 @@ def _kind(
     # what a batch does not show in SUMO, where a hook may ask for it: lanes that end or cross,
     # vehicles placed on the map, vehicles against the road's direction
     not_shown = road.shaped or any(
-        abs(it.heading) > 0.5 * math.pi or it.on_map is not None for it in concrete.actors
+        abs(it.heading) > 0.5 * pi or it.on_map is not None for it in concrete.actors
     )
     if manner.hook is not None and (not_shown or comes_back(road.line, road.end, road.left_edge)):
         return None
@@ -524,8 +524,8 @@ def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
             for start in starts
             if start.x > ego.x and ego.speed > start.speed
         ]
-        return min(times, default=math.inf)
-    slowest = min((it.speed for it in (ego, *starts) if it.speed > 0.0), default=math.inf)
+        return min(times, default=inf)
+    slowest = min((it.speed for it in (ego, *starts) if it.speed > 0.0), default=inf)
     return (concrete.road.length - ego.x) / slowest
 
 

@@ -11,8 +11,8 @@ allowed, so each run gives the same bytes on the same machine.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
+from math import inf, sqrt
 from typing import Any, TypeVar, cast
 
 import numba
@@ -37,7 +37,7 @@ EXP = tuple(
 )
 QUICK_DISTANCE = 1e15  # m; its square is far within single precision
 QUARTER = np.float32(0.25)  # in single precision, so that the guess is, too
-ROOT_OF_TWO = math.sqrt(2.0)
+ROOT_OF_TWO = sqrt(2.0)
 
 
 def compiled(loops: Loops) -> Loops:
@@ -72,8 +72,8 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
         n = min(POINTS_AT_ONCE, points.shape[0] - first)
         filled = (n + LANES - 1) // LANES * LANES
         # the block's points, the last one repeated, and its bounds
-        west, east = math.inf, -math.inf
-        south, north = math.inf, -math.inf
+        west, east = inf, -inf
+        south, north = inf, -inf
         for i in range(filled):
             x, y = points[first + min(i, n - 1), 0], points[first + min(i, n - 1), 1]
             west, east = min(west, x), max(east, x)
@@ -104,7 +104,7 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
                 dx = px[i] - x
                 dy = py[i] - y
                 square[i] = dx * dx + dy * dy
-                guess[i] = math.sqrt(math.sqrt(QUARTER / np.float32(square[i])))
+                guess[i] = sqrt(sqrt(QUARTER / np.float32(square[i])))
             for j in range(count):
                 row = quick[j]
                 x, y, weight = samples[row, 0], samples[row, 1], samples[row, 5] * ROOT_OF_TWO
@@ -118,7 +118,7 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
                     next_dx = px[i] - next_x
                     next_dy = py[i] - next_y
                     next_square = next_dx * next_dx + next_dy * next_dy
-                    next_guess = math.sqrt(math.sqrt(QUARTER / np.float32(next_square)))
+                    next_guess = sqrt(sqrt(QUARTER / np.float32(next_square)))
                     u = np.float64(guess[i])
                     u2 = u * u
                     u += u * (0.25 - square[i] * (u2 * u2))  # Newton's step
@@ -167,7 +167,7 @@ def _add_terms(
         dy = py[i] - y
         square = dx * dx + dy * dy
         apart = square > COINCIDENT * COINCIDENT
-        inverse = 1.0 / math.sqrt(square if apart else 1.0)
+        inverse = 1.0 / sqrt(square if apart else 1.0)
         f = (along_x * dx + along_y * dy) * inverse if apart else ahead
         e = 1.0 / 3628800.0 + f * (1.0 / 39916800.0 + f * (1.0 / 479001600.0))
         e = 1.0 / 40320.0 + f * (1.0 / 362880.0 + f * e)
@@ -181,7 +181,7 @@ def _add_terms(
             growth[i] *= growth[i]
     if k1 == 0.5:
         for i in range(filled):
-            total[i] += weight * growth[i] * math.sqrt(nearness[i])
+            total[i] += weight * growth[i] * sqrt(nearness[i])
     else:
         for i in range(filled):
             total[i] += weight * growth[i] * nearness[i] ** k1

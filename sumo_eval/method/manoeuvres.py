@@ -68,8 +68,7 @@ def chosen(own: Manoeuvre, theirs: Sequence[Manoeuvre]) -> Choice:
 
 def everyone(drivers: int) -> Choice:
     """All drivers without regard to their manoeuvres, as gaussian mode compares with them."""
-    flags = np.ones(drivers, dtype=bool)
-    return Choice((), flags, np.zeros(drivers), 1.0, 1.0)
+    return Choice((), np.ones(drivers, dtype=bool), np.zeros(drivers), 1.0, 1.0)
 
 
 def spread(

@@ -259,8 +259,7 @@ def _boxes(stretch: Stretch) -> tuple[Grid, FloatArray, FloatArray]:
     # each box's length, number within its level and begin, level after level
     boxes = 2 ** np.arange(len(lengths))
     length = np.repeat(lengths, boxes)
-    number = np.arange(boxes.sum()) - np.repeat(boxes - 1, boxes)
-    begin = bounds[0] + length * number
+    begin = bounds[0] + length * (np.arange(boxes.sum()) - np.repeat(boxes - 1, boxes))
     grid = Grid(bounds, *_nodes()[:2], counts, across, finer)
     return grid, begin - REACH * length, begin + (1.0 + REACH) * length
 

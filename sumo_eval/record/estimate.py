@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import time as clock
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import chain, islice, zip_longest
+from math import ceil
 from pathlib import Path
 from statistics import fmean
 
@@ -104,7 +104,7 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     settings, workers = replace(run.settings, scenario=entries), run.settings.run.workers
     run = replace(run, settings=settings)
     # each n-th ADS is loaded; all where `run.only` names cases, as a case's name has its ADS's
-    step = 1 if settings.run.only else math.ceil(len(settings.ads) / _KINDS)
+    step = 1 if settings.run.only else ceil(len(settings.ads) / _KINDS)
     loaded = settings.ads[::step]
     plan, spaces = planned(
         replace(run, settings=replace(settings, ads=loaded)), looked_at=_LOOKED_AT
@@ -155,8 +155,7 @@ def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
     """Cases of each kind to time. The sorts alternate, so that each is timed before time is up."""
     # with at most `_TIMED` of the points to drive, evenly spread
     few = [
-        replace(it, numbers=it.numbers[:: max(math.ceil(len(it.numbers) / _TIMED), 1)])
-        for it in spaces
+        replace(it, numbers=it.numbers[:: max(ceil(len(it.numbers) / _TIMED), 1)]) for it in spaces
     ]
     kinds = {sort: list[Iterable[Case]]() for sort in _SORTS}
     # each scenario begins with another ADS: else every n-th pair might be of one and the same ADS
@@ -166,7 +165,7 @@ def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
         for first, space in enumerate(few)
         for number in range(len(ads))
     ]
-    for space, entry in pairs[:: math.ceil(len(pairs) / _KINDS)]:
+    for space, entry in pairs[:: ceil(len(pairs) / _KINDS)]:
         run = replace(plan.run, settings=replace(plan.run.settings, ads=(entry,)))
         kinds["ads"].append(replace(plan, run=run).ads(space))
     for stage in chain.from_iterable(stages(space, plan) for space in few):

@@ -258,7 +258,6 @@ def _to_parquet(tables: list[Path], folder: Path) -> list[Path]:
             # a Python dict is a valid struct in DuckDB's SQL; -1: types are found from all rows
             options = f"header = true, sample_size = -1, types = {types}"
             rows = f"SELECT * FROM read_csv(?, {options})"  # noqa: S608 - our own names
-            copy = f"COPY ({rows}) TO '{quoted}' (FORMAT parquet)"
-            database.execute(copy, [str(table)])
+            database.execute(f"COPY ({rows}) TO '{quoted}' (FORMAT parquet)", [str(table)])
             written.append(target)
     return written

@@ -12,7 +12,6 @@ from __future__ import annotations
 import hashlib
 import json
 import marshal
-import math
 import os
 import sqlite3
 import zlib
@@ -20,6 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import fields
 from itertools import chain, groupby
+from math import isnan, nan
 from pathlib import Path
 from sys import intern
 from typing import Any
@@ -734,12 +734,12 @@ def _hash(fact: Row, circumstance: Row, drives: Iterable[tuple[str, bytes]]) -> 
 
 def _real(value: float) -> float | None:
     """A number as SQLite returns it: of its own type, without the sign of a zero, None for nan."""
-    return None if math.isnan(value) else float(value) + 0.0
+    return None if isnan(value) else float(value) + 0.0
 
 
 # the record of a case without a recording; `_NONE`: no end reason, whatever the field's type
 _NONE: Any = None
-_NO_RECORDING = KeptRecording({}, None, _NONE, (), Latency(*(5 * [math.nan])), math.nan, math.nan)
+_NO_RECORDING = KeptRecording({}, None, _NONE, (), Latency(*(5 * [nan])), nan, nan)
 
 
 def _rows(outcome: Outcome) -> tuple[Sequence[Row], ...]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from math import isfinite
 from typing import Any
 
 from sumo_eval.cases import CaseResult, CaseTable, IntArray
@@ -273,11 +273,11 @@ def drawn_shape(road: Road) -> dict[str, Any]:
         )
         # from each end of the road: no lane up to `thin`, its full width from `wide` on
         for end, thin, wide in ((0.0, *opening), (last, *closing[::-1])):
-            if math.isfinite(wide):
+            if isfinite(wide):
                 gone.append([[end, outer], [end, inner], [thin, inner], [wide, outer]])
-        if math.isfinite(span.parted_until):
+        if isfinite(span.parted_until):
             solid.append([0.0, span.parted_until, inner])
-        if math.isfinite(span.parted_from):
+        if isfinite(span.parted_from):
             solid.append([span.parted_from, last, inner])
     return {
         "gone": gone,

@@ -198,8 +198,7 @@ class Start:
         pieces = np.hypot(np.diff(x), np.diff(self.y_at(x)))
         along = begin - self.x + np.append(0.0, np.cumsum(pieces))
         # 0 before the lane change, that of the whole lane change after it
-        detour = np.interp(driven, along, along - (x - self.x))
-        return np.asarray(self.x + driven - detour)
+        return np.asarray(self.x + driven - np.interp(driven, along, along - (x - self.x)))
 
     @property
     def heading(self) -> float:

@@ -7,9 +7,9 @@ one file are equal, and all of it can be sent to another process.
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import field
+from math import inf
 from typing import Any, get_args
 
 import numpy as np
@@ -35,8 +35,8 @@ class Limits:
     endless: whether inf is allowed.
     """
 
-    at_least: float = -math.inf
-    above: float = -math.inf
+    at_least: float = -inf
+    above: float = -inf
     endless: bool = False
 
 
@@ -138,11 +138,11 @@ class LimitedFormula:
         """
         value: float = self.expression.at(values)
         least, above, endless = self.limits.at_least, self.limits.above, self.limits.endless
-        if least <= value and above < value and (value < math.inf or endless):
+        if least <= value and above < value and (value < inf or endless):
             return value
         wanted = "a number" if endless else "finite"
-        wanted += f" and at least {least:g}" if least > -math.inf else ""
-        wanted += f" and above {above:g}" if above > -math.inf else ""
+        wanted += f" and at least {least:g}" if least > -inf else ""
+        wanted += f" and above {above:g}" if above > -inf else ""
         what, got = f"{self.what} = `{self.expression.text}`", f"{value:g} at {point_words(values)}"
         raise must_be(what, self.owner, wanted, got)
 

@@ -11,8 +11,8 @@ condition that is false for all of these values never holds. Any other may: the 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
+from math import inf, isnan
 
 import numpy as np
 
@@ -21,8 +21,8 @@ from sumo_eval.scenario.concrete import Actor, ConcreteScenario
 from sumo_eval.scenario.undisturbed import tracks
 
 Range = tuple[float, float]
-_ANY: Range = (-math.inf, math.inf)
-_NOT_NEGATIVE: Range = (0.0, math.inf)
+_ANY: Range = (-inf, inf)
+_NOT_NEGATIVE: Range = (0.0, inf)
 _LOOKS = 600  # times at which a script is sampled, from the start to the time limit
 _HEADWAY = 2.0  # s, of an ego behind a slower vehicle
 _CREEPS = 0.1  # m/s, lower bound of the ego's speed
@@ -42,7 +42,7 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
         (played.Y, played.EGO): (road.right_edge, road.left_edge),
     }
     for number, actor in enumerate(concrete.actors):
-        fastest = math.inf if road.bent else _fastest(actor)
+        fastest = inf if road.bent else _fastest(actor)
         ranges[played.ALONG, number] = (-fastest, fastest)
 
     acts = {
@@ -100,12 +100,12 @@ def _fastest(actor: Actor) -> float:
     of another.
     """
     if actor.start.lateral_speed != 0.0 or actor.model is not None:
-        return math.inf
+        return inf
     speeds = [actor.start.speed, 0.0]
     for act in actor.acts:
         # up to COSINE: moves across the road
         if act.kind <= played.COSINE or act.kind in (played.FOLLOW, played.MATCH):
-            return math.inf
+            return inf
         profiled = act.kind in (played.BY_TIME, played.BY_PLACE)
         speeds += [speed for _, speed in act.table] if profiled else [act.speed]
     return max(speeds)
@@ -160,5 +160,5 @@ def _joined(op: int, first: Range, second: Range) -> Range:
         return _ANY
     # the extremes are at ends of the ranges; with infinite ends, some results are undefined
     corners = [played.arithmetic(op, x, y) for x in first for y in second]
-    defined = [corner for corner in corners if not math.isnan(corner)]
+    defined = [corner for corner in corners if not isnan(corner)]
     return (min(defined), max(defined)) if defined else _ANY

@@ -286,8 +286,7 @@ def _along_curves(
     # of the path's lane, `left` m to the right of it
     left = min(common) * width
     if left > 0.0:
-        s = drawn_points(line, 0.0, length_of(line), 2.0)
-        x, y, _ = map_places(line, s, -left)
+        x, y, _ = map_places(line, drawn_points(line, 0.0, length_of(line), 2.0), -left)
         # x, y and so `beside` are in the frame of `begins`
         line, beside = _line_along(np.column_stack([x, y]), what)
         begins = begins.moved(*beside)

@@ -315,8 +315,7 @@ def side_by_side(
     compared = []
     for score in new.scores:
         if (old := partners.get(score.ads)) is not None:
-            cases = base.cases_of(old, score.scenario), new.cases_behind(score)
-            paired = _paired(*cases)
+            paired = _paired(base.cases_of(old, score.scenario), new.cases_behind(score))
             if len(paired.new_rows):
                 compared.append(_compare_ads(base, new, paired, settings))
     return Comparison(

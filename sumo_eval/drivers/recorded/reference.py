@@ -235,8 +235,7 @@ def _drives_in(path: Path, line: Line) -> Sequence[tuple[str, Trajectory]]:
     line: the road's; along it, a speed that is not known is that on the map.
     """
     table = read_table(path, _PLACES)
-    names = [*_PLACES, *table.filter(_KNOWN)]
-    checked_numbers(table, names, path, gaps=["steering"])
+    checked_numbers(table, [*_PLACES, *table.filter(_KNOWN)], path, gaps=["steering"])
     table["driver"] = table.get("driver")  # without such a column no driver is named
     drives = []
     for name, rows in table.groupby("driver", sort=False, dropna=False):

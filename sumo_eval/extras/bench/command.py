@@ -52,8 +52,7 @@ def bench(small: bool, only: tuple[str, ...], cases: int, file: Path | None) -> 
     if file is not None:
         plain = {**results, "rows": [row._asdict() for row in results["rows"]]}
         write_json(file, plain, "The figures")
-    machine = ", ".join(f"{name} {value}" for name, value in results["machine"].items())
-    tell(machine)
+    tell(", ".join(f"{name} {value}" for name, value in results["machine"].items()))
     for row in results["rows"]:
         ratio = "" if row.ratio is None else f"  {row.ratio:z.2f} x {row.ratio_of}"
         tell(f"{row.group:<14} {row.what:<62} {row.value:z10.3g} {row.unit:<8}{ratio}")

@@ -101,8 +101,7 @@ def new_figure(width: str, height: float, rows: int, columns: int = 1) -> tuple[
     across = width_of(width)
     figure = Drawing(figsize=(across, across * height), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = figure.subplots(rows, columns, squeeze=False)
-    return figure, list(panels.flat)
+    return figure, list(figure.subplots(rows, columns, squeeze=False).flat)
 
 
 def on_paper(

@@ -321,8 +321,7 @@ class Conditions:
                 )
             wanted = element.worked_out(element.attribute("value"))
             present = element.worked_out(f"${name}")
-            holds = element.compared(present, wanted)
-            return Moment(0.0 if holds else NEVER)
+            return Moment(0.0 if element.compared(present, wanted) else NEVER)
         if element.tag == "StoryboardElementStateCondition":
             return self._state(element)
         raise element.unsupported(

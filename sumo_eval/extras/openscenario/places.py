@@ -246,8 +246,7 @@ class Places:
             "WorldPosition": self._world, "RelativeWorldPosition": self._relative_world,
             "GeoPosition": self._geo,
         }  # fmt: skip
-        read = kind.chosen(known, "positions")
-        spot = read(kind)
+        spot = kind.chosen(known, "positions")(kind)
         turn = kind.find("Orientation")
         if turn is None:
             return spot

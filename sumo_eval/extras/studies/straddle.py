@@ -87,8 +87,7 @@ class BoundarySearch:
         untried = np.array([row for row in self._pool.tolist() if tuple(row) not in tried])
         if self._model is None or not len(untried):
             return untried[:n]
-        unit = self.logical.to_unit(untried)
-        mean, variance, covariance = self._latent(unit)
+        mean, variance, covariance = self._latent(self.logical.to_unit(untried))
         chosen: list[int] = []
         for number in range(min(n, len(untried))):
             deviation = np.sqrt(np.maximum(variance, 0.0))

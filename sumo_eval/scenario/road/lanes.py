@@ -8,8 +8,8 @@ not be crossed separates it from the adjacent lane.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from math import inf
 from typing import Annotated, Any
 
 import numpy as np
@@ -35,12 +35,12 @@ class LaneSpan:
     """
 
     lane: int
-    begin: float = -math.inf
-    end: float = math.inf
+    begin: float = -inf
+    end: float = inf
     opening: float = 0.0
     closing: float = 0.0
-    parted_until: float = -math.inf
-    parted_from: float = math.inf
+    parted_until: float = -inf
+    parted_from: float = inf
 
     @property
     def places(self) -> tuple[float, float, float, float]:
@@ -128,8 +128,8 @@ def spans_of(
             )
 
         # without `begin` it exists from the road's start, without `end` to the road's end: no taper
-        begin = -math.inf if table.begin is None else table.begin
-        end = math.inf if table.end is None else table.end
+        begin = -inf if table.begin is None else table.begin
+        end = inf if table.end is None else table.end
         opening = 0.0 if table.begin is None else table.taper
         closing = 0.0 if table.end is None else table.taper
         first = 0.0 if table.begin is None else begin - opening
@@ -160,8 +160,8 @@ def spans_of(
                     f"within {first:g}..{min(end, length):g} m, where the lane is",
                     x,
                 )
-        until = -math.inf if table.ramp_until is None else table.ramp_until
-        onwards = math.inf if table.ramp_from is None else table.ramp_from
+        until = -inf if table.ramp_until is None else table.ramp_until
+        onwards = inf if table.ramp_from is None else table.ramp_from
         spans.append(LaneSpan(table.lane, begin, end, opening, closing, until, onwards))
     if len(spans) == lanes:
         raise InputError(f"The road of {where} must have a lane that is there throughout.")

@@ -87,8 +87,7 @@ def assess(
 def _points(evaluation: Evaluation, zones: ZonePartition) -> FloatArray:
     """The points of all cases in a scenario, each once, ascending, (n, k)."""
     logical = zones.logical
-    rows = evaluation.cases_in(logical.name).parameters(logical.names)
-    return np.unique(rows, axis=0)
+    return np.unique(evaluation.cases_in(logical.name).parameters(logical.names), axis=0)
 
 
 def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition) -> Assessment:
