@@ -5,8 +5,6 @@ The names that users' code imports from here are looked up at first use: what on
 recording, or writes one for another simulator, does not wait for SUMO to load.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from sumo_eval.first_use import first_use

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -61,6 +61,7 @@ from sumo_eval.settings.checked import (
     PositiveInt,
     PositiveOrNone,
     setting,
+    setting_made_by,
 )
 from sumo_eval.text import capitalised
 
@@ -257,15 +258,15 @@ class SampleTable(Checked):
     columns: tuple[str, ...] = setting(
         (), "the parameters that a row holds; default: all that `each` and `set` do not, in order"
     )
-    units: Annotated[
-        dict[str, str], About("units of columns, where not the parameters': km/h instead of m/s")
-    ] = field(default_factory=dict)
-    each: Annotated[
-        dict[str, tuple[float, ...]], About("parameter = values: every row with each of them")
-    ] = field(default_factory=dict)
-    set: Annotated[
-        dict[str, Formula], About("parameter = expression of those that rows and `each` hold")
-    ] = field(default_factory=dict)
+    units: dict[str, str] = setting_made_by(
+        dict, "units of columns, where not the parameters': km/h instead of m/s"
+    )
+    each: dict[str, tuple[float, ...]] = setting_made_by(
+        dict, "parameter = values: every row with each of them"
+    )
+    set: dict[str, Formula] = setting_made_by(
+        dict, "parameter = expression of those that rows and `each` hold"
+    )
 
     def read(self, names: Names, units: Mapping[str, str]) -> NamedSample:
         """The points, each in the order of the parameters.
@@ -330,9 +331,7 @@ class OptionTable(Option):
 
     default: float | None = setting(None, "its value if `use` does not set it; default: infinite")
     above: float | None = setting(None, "what is given must be greater than that")
-    given: Annotated[GivenTable, About("what else is different where it is given")] = field(
-        default_factory=GivenTable
-    )
+    given: GivenTable = setting_made_by(GivenTable, "what else is different where it is given")
 
 
 @frozen
@@ -383,18 +382,14 @@ class RecordedTable(Checked):
         Literal["approach", "cut_out", "cut_in", "lead_braking"],
         About("kind of event, as `humans events` finds them"),
     ]
-    columns: Annotated[
-        dict[str, str],
-        About("parameter = column of the events; default: the column of the parameter's name"),
-    ] = field(default_factory=dict)
-    tolerance: Annotated[
-        dict[str, float],
-        About("how far a parameter may be from the event's; default: a tenth of its range"),
-    ] = field(default_factory=dict)
-    start: str = setting("", "column with the time that is the scenario's t = 0; default by event")
-    only: Annotated[dict[str, str], About("column = value that an event must have")] = field(
-        default_factory=dict
+    columns: dict[str, str] = setting_made_by(
+        dict, "parameter = column of the events; default: the column of the parameter's name"
     )
+    tolerance: dict[str, float] = setting_made_by(
+        dict, "how far a parameter may be from the event's; default: a tenth of its range"
+    )
+    start: str = setting("", "column with the time that is the scenario's t = 0; default by event")
+    only: dict[str, str] = setting_made_by(dict, "column = value that an event must have")
 
     def read(self, parameters: Sequence[Parameter], where: str) -> Counterpart:
         """The events that correspond to the scenario, by its parameters except settings of a case
@@ -452,9 +447,9 @@ class ScenarioFile(Checked):
     stream: tuple[StreamTable, ...] = setting((), "traffic of a given density")
     about: str = setting("", "what happens, a sentence")
     source: str = setting("a scenario file", "where it comes from")
-    define: Annotated[
-        dict[str, Formula], About("names for expressions, each may use those above it")
-    ] = field(default_factory=dict)
+    define: dict[str, Formula] = setting_made_by(
+        dict, "names for expressions, each may use those above it"
+    )
     option: tuple[OptionTable, ...] = setting((), "numbers that `use` may set")
     constraint: tuple[ConstraintTable, ...] = setting((), "which points of the box exist")
     exposure: str | None = setting(
@@ -467,8 +462,8 @@ class ScenarioFile(Checked):
     recorded: RecordedTable | None = setting(
         None, "the events of recordings that are this scenario"
     )
-    road: Annotated[RoadTable, About("the road")] = field(default_factory=RoadTable)
-    end: Annotated[EndTable, About("when a case is over")] = field(default_factory=EndTable)
+    road: RoadTable = setting_made_by(RoadTable, "the road")
+    end: EndTable = setting_made_by(EndTable, "when a case is over")
     sample: tuple[SampleTable, ...] = setting((), "prescribed points")
     default_sample: str = setting("grid", "grid, or the name of a sample")
     people: Literal["drivers", "none"] = setting(

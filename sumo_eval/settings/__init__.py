@@ -4,8 +4,6 @@ bounds.
 One file a subject; all names can be imported from here.
 """
 
-from __future__ import annotations
-
 from sumo_eval.settings.checked import About, Checked, NotNegative, Positive, about
 from sumo_eval.settings.drivers import DriverSettings, PopulationSettings
 from sumo_eval.settings.evaluation import (

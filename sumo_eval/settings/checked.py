@@ -50,6 +50,11 @@ class About:
         """The meaning and the unit."""
         return f"{self.text} ({self.unit})" if self.unit else self.text
 
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """Of a dataclass's field: for `about`, and for pydantic's schema."""
+        return {"about": self, "description": self.description}
+
     def __get_pydantic_json_schema__(self, core: Any, handler: Callable[[Any], Any]) -> Any:
         """A key without a default in a JSON schema."""
         return {**handler(core), "description": self.description}
@@ -62,8 +67,12 @@ def setting(
     default: Default, text: str, unit: str = "", symbol: str = "", equation: str = ""
 ) -> Default:
     """A key with a default, and its meaning; one without names its `About` in its annotation."""
-    meaning = About(text, unit, symbol, equation)
-    return field(default=default, metadata={"about": meaning, "description": meaning.description})
+    return field(default=default, metadata=About(text, unit, symbol, equation).metadata)
+
+
+def setting_made_by(make: Callable[[], Default], text: str) -> Default:
+    """A key whose default `make` makes for each table, and its meaning."""
+    return field(default_factory=make, metadata=About(text).metadata)
 
 
 Positive = Gt(0.0)

@@ -21,6 +21,7 @@ from sumo_eval.settings.checked import (
     PositiveFloat,
     PositiveOrNone,
     setting,
+    setting_made_by,
 )
 from sumo_eval.settings.drivers import DriverSettings
 from sumo_eval.settings.method import MethodSettings
@@ -134,10 +135,9 @@ class ScenarioSettings(Checked):
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     exposure: ExposureSettings = field(default_factory=ExposureSettings)
     folder: str | None = setting(None, "of a catalogue: where your copy of it is")
-    not_played: Annotated[
-        dict[str, str],
-        About("filled in for a catalogue: its files that are not supported, and why"),
-    ] = field(default_factory=dict)
+    not_played: dict[str, str] = setting_made_by(
+        dict, "filled in for a catalogue: its files that are not supported, and why"
+    )
 
 
 @frozen
@@ -162,10 +162,9 @@ class AdsSettings(Checked):
     batch: bool = setting(
         True, "whether its cases may share a simulation; false: its objects share state"
     )
-    options: Annotated[
-        dict[str, Any],
-        About("keyword arguments of the class; an `exec:` program receives them in its reset"),
-    ] = field(default_factory=dict)
+    options: dict[str, Any] = setting_made_by(
+        dict, "keyword arguments of the class; an `exec:` program receives them in its reset"
+    )
     files: tuple[str, ...] = setting(
         (), "files that it depends on, such as weights; if one changes, its cases are rerun"
     )

@@ -12,7 +12,6 @@ from annotated_types import Ge, Le
 from sumo_eval.errors import must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.settings.checked import (
-    About,
     Checked,
     FilledText,
     Natural,
@@ -22,6 +21,7 @@ from sumo_eval.settings.checked import (
     PositiveOrNone,
     Share,
     setting,
+    setting_made_by,
 )
 
 
@@ -272,12 +272,9 @@ class TaskSettings(Checked):
 class RankingSettings(Checked):
     """The order of the ADSs of an evaluation by S+."""
 
-    weights: Annotated[
-        dict[str, NotNegativeFloat],
-        About(
-            "weight of a scenario in the mean S+ that ADSs are ranked by, by name; others weigh 1"
-        ),
-    ] = field(default_factory=dict)
+    weights: dict[str, NotNegativeFloat] = setting_made_by(
+        dict, "weight of a scenario in the mean S+ that ADSs are ranked by, by name; others weigh 1"
+    )
 
 
 @frozen

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import field
 from typing import Annotated, Literal
 
 from annotated_types import Le
 
 from sumo_eval.frozen import frozen
-from sumo_eval.settings.checked import About, Checked, FilledText, PositiveInt, setting
+from sumo_eval.settings.checked import (
+    Checked,
+    FilledText,
+    PositiveInt,
+    setting,
+    setting_made_by,
+)
 
 
 @frozen
@@ -30,10 +35,8 @@ class ReportSettings(Checked):
         "avoidable",
         "which collisions are JUnit failures: those that the ideal vehicle avoids, or any",
     )
-    axes: Annotated[
-        dict[str, tuple[str, str]],
-        About(
-            "the two parameters that a scenario's maps show, by scenario; others: the two with "
-            "most values"
-        ),
-    ] = field(default_factory=dict)
+    axes: dict[str, tuple[str, str]] = setting_made_by(
+        dict,
+        "the two parameters that a scenario's maps show, by scenario; others: the two with "
+        "most values",
+    )

@@ -11,7 +11,6 @@ from annotated_types import Le, Lt
 
 from sumo_eval.frozen import frozen
 from sumo_eval.settings.checked import (
-    About,
     Checked,
     FilledText,
     NotNegativeFloat,
@@ -19,6 +18,7 @@ from sumo_eval.settings.checked import (
     PositiveOrNone,
     Share,
     setting,
+    setting_made_by,
 )
 
 
@@ -133,17 +133,13 @@ class ConditionSettings(Checked):
 class FmuSettings(Checked):
     """Mapping of an FMU's variables; one that is not mapped is connected by its name."""
 
-    inputs: Annotated[
-        dict[str, str | float],
-        About("input of the FMU = its signal, a number, or `start`: it keeps its start value"),
-    ] = field(default_factory=dict)
-    outputs: Annotated[dict[str, str], About("quantity that is read = output of the FMU")] = field(
-        default_factory=dict
+    inputs: dict[str, str | float] = setting_made_by(
+        dict, "input of the FMU = its signal, a number, or `start`: it keeps its start value"
     )
-    parameters: Annotated[
-        dict[str, float | int | bool | str],
-        About("parameter of the FMU = its value, or the signal whose value at the start it takes"),
-    ] = field(default_factory=dict)
+    outputs: dict[str, str] = setting_made_by(dict, "quantity that is read = output of the FMU")
+    parameters: dict[str, float | int | bool | str] = setting_made_by(
+        dict, "parameter of the FMU = its value, or the signal whose value at the start it takes"
+    )
 
 
 @frozen

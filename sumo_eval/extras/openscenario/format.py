@@ -1,7 +1,5 @@
 """Entry point `xosc` of `sumo_eval.scenarios`: OpenSCENARIO files, catalogues and points."""
 
-from __future__ import annotations
-
 from sumo_eval.extras.openscenario.collections import COLLECTIONS, entries_of
 from sumo_eval.extras.openscenario.logical import read_file
 from sumo_eval.extras.openscenario.points import from_openscenario

@@ -20,7 +20,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import field
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -35,6 +34,7 @@ from sumo_eval.scenario.expression import Expression, checked_names, number
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.request import MAX_POINTS, Drawn, Request
 from sumo_eval.settings import About, Checked
+from sumo_eval.settings.checked import setting_made_by
 from sumo_eval.settings.config import read_checked
 from sumo_eval.settings.random_streams import random_stream
 
@@ -47,9 +47,9 @@ class MappingTable(Checked):
 
     distribution: Annotated[str, About("the .xosc of the variation, relative to this file")]
     parameters: Annotated[dict[str, str | float], About("our parameter = expression of theirs")]
-    only: Annotated[
-        dict[str, str | float | bool], About("their parameter = its only value that is kept")
-    ] = field(default_factory=dict)
+    only: dict[str, str | float | bool] = setting_made_by(
+        dict, "their parameter = its only value that is kept"
+    )
 
 
 class SpaceMapping(NamedTuple):
