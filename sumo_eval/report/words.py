@@ -684,7 +684,8 @@ _COUNTED = {
     "ratio 1.",
     "references_collide": "The space is called safe at {of_points}, yet drivers or the reference "
     "car collide at {number} of them: a scripted actor does not react and may strike an ego that "
-    "slows down. If another actor is struck, check `zone.obstacle` of the scenario.",
+    "slows down. If another actor is struck, check `zone.obstacle` of the scenario. Synthetic "
+    'drivers do not see actors that cross: such a scenario needs `people = "none"`.',
     "ideal_collides_too": "The ideal vehicle has {number} of {of_hits} in the safe zone as well: C "
     "and A count them, D and H leave them out.",
 }
