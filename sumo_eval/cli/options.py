@@ -16,12 +16,12 @@ class Range(click.FloatRange):
     """A range of numbers."""
 
     def convert(self, value: Any, param: Any, ctx: Any) -> float:
-        """Refuse nan too, which is below and above nothing."""
+        """Refuse nan too: it is never below `min` or above `max`, so the range alone accepts it."""
         number: float = super().convert(value, param, ctx)
         return self.fail("nan is not a number.", param, ctx) if math.isnan(number) else number
 
 
-# s; the most that `RunSettings` take
+# s; `max` is the largest value that `RunSettings` take
 POSITIVE = Range(min=0, max=1e6, min_open=True)
 
 path_argument = partial(click.argument, type=PATH)

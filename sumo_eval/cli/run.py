@@ -97,7 +97,8 @@ def run(
     if evaluation is not None and not evaluation.is_dir():
         from sumo_eval.settings.config import read_evaluation
 
-        read_evaluation(evaluation, own_ads=not ads)  # reports a mistake before the slow imports
+        # reports a mistake before the slow imports; the file's own ADSs count only without `--ads`
+        read_evaluation(evaluation, own_ads=not ads)
     with heard():
         # another process loads the simulator during these imports, which take a second; a signal
         # that comes meanwhile is raised after them
@@ -209,10 +210,10 @@ def verify(run: Path, share: float, workers: int | None) -> None:
 
     with Progress() as progress:
         drives, differences = simulate_again(run, share, workers=workers, progress=progress)
-    alike = defaultdict[str, list[str]](list)  # whole lines, by their reason without numbers
+    alike = defaultdict[str, list[str]](list)  # messages, by their reason without its numbers
     for case, why in differences:
         alike[without_numbers(why)].append(f"{case}: {why}.")
-    say(f"{line}{f' So are {len(more)} more.' if more else ''}" for line, *more in alike.values())
+    say(f"{line} So are {len(more)} more." if more else line for line, *more in alike.values())
     if differences:
         tell(f"{len(differences)} of {drives} drives of {run} differ from the recorded ones.")
         sys.exit(GATE_FAILED)

@@ -23,7 +23,7 @@ LOSS_MARGIN = 0.05  # m; a vehicle counts as off the road this much before SUMO 
 
 
 def farthest_in(step: float) -> float:
-    """Distance that no road vehicle exceeds in a step, m: 100 m/s, a tenth of `FASTEST`."""
+    """Distance in m that no road vehicle exceeds in a step: at 100 m/s, a tenth of `FASTEST`."""
     return FASTEST * step * 0.1  # in this order: results depend on its last bit
 
 
@@ -49,9 +49,9 @@ def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
     for body in (ego, coming):
         x, y = front(body)
         right, left = float(road.right_edge_at(x)), float(road.left_edge_at(x))
-        on_lanes = right - reach <= y <= left + reach and 0.0 <= x <= road.end
-        beside = not road.right_edge_at(body.x) <= body.y <= road.left_edge_at(body.x)
-        if beside or not on_lanes:
+        front_off = not (right - reach <= y <= left + reach and 0.0 <= x <= road.end)
+        centre_off = not road.right_edge_at(body.x) <= body.y <= road.left_edge_at(body.x)
+        if centre_off or front_off:
             return True
     return False
 
@@ -65,7 +65,7 @@ def impossible(calls: Any, name: str, last: tuple[float, float], now: float) -> 
     """
     x, y = calls.getPosition(name)
     angle, speed = calls.getAngle(name), calls.getSpeed(name)
-    # the limit of `Stage._read_actor`; `not <`: true of nan as well
+    # the same limit as in `Stage._read_actor`; with `not`, so that nan is impossible as well
     if not (abs(x - last[0]) < FARTHEST and abs(y - last[1]) < FARTHEST):
         what = f"the place ({x:g}, {y:g}) m, a step after ({last[0]:.2f}, {last[1]:.2f}) m,"
     elif not LOWEST_SPEED < speed < FASTEST:

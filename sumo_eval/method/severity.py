@@ -5,8 +5,8 @@
 - `severity`: U of Eq. 15, m/s, as the paper prints it;
 - `eq14`: U as well; the scores are then computed from its class L of Eq. 14;
 - `injury:car_driver`, `injury:pedestrian`, `injury:cyclist`: the probability of a serious or fatal
-  injury (MAIS3+ or death) of the person, or of the driver of the car, that the front of a car hits,
-  by closing speed and age (Lubbe, Wu, Jeppsson 2022);
+  injury (MAIS3+ or death) of a person hit by the front of a car, or of the driver of a car hit by
+  it, by closing speed and age (Lubbe, Wu, Jeppsson 2022);
 - `package.module:function` or `file.py:function`: a function of one `Contact` that returns a loss
   within 0..1.
 
@@ -90,11 +90,11 @@ def contact_of(collision: Collision, settings: CollisionSettings) -> Contact:
 
 
 class InjuryCurve(NamedTuple):
-    """logit P = intercept + speed * closing speed in km/h + age * age in years.
+    """logit P = `intercept` + `speed` * (closing speed in km/h) + `age` * (age in years).
 
     intercept, speed, age: coefficients of a person that is hit.
-    usual_age: years, for a setting `method.collision.age` of None. At this age the risk is 10 % at
-        the speed for which the source publishes 10 %.
+    usual_age: years, for a setting `method.collision.age` of None. At this age, the speed at which
+        the curve gives a risk of 10 % is the one that the source publishes for 10 %.
     fastest: km/h above which a score has a note that the curve may not hold.
     """
 
@@ -124,8 +124,8 @@ _INJURY = "injury:"
 
 
 def injury_risk(who: str, closing_speed: ArrayLike, age: float | None = None) -> FloatArray:
-    """P(MAIS3+ or death) = 1 / (1 + exp(-(b0 + b1 v + b2 age))), any shape, 0..1 (Lubbe et al.
-    2022).
+    """P(MAIS3+ or death) = 1 / (1 + exp(-(b0 + b1 v + b2 age))), v in km/h, any shape, 0..1 (Lubbe
+    et al. 2022).
 
     who: `car_driver`, `pedestrian` or `cyclist`.
     closing_speed: m/s, any shape.
@@ -138,6 +138,7 @@ def injury_risk(who: str, closing_speed: ArrayLike, age: float | None = None) ->
     speed = not_negative(owner, "closing_speed", closing_speed)
     years = not_negative(owner, "age", curve.usual_age if age is None else age)
     logit = curve.intercept + curve.speed * KMH * speed + curve.age * years
+    # `[()]`: a number for a number, not an array of no dimension
     return np.asarray(1.0 / (1.0 + np.exp(-logit)))[()]
 
 

@@ -98,7 +98,7 @@ def run_night(
         _refuse_without_room(history, database, stopped)
         clock = time.monotonic()
         folder = history / NIGHTS / (stopped or _begin(history, database, notes, resume))
-        resume = bool(stopped)
+        resume = bool(stopped)  # from here on: whether there is a night to continue
         with _unfinished(folder, resumed=resume):
             run = resolve(evaluation, folder, resume, workers=workers)
             with stopping() as is_asked_to_stop:
@@ -119,7 +119,8 @@ def run_night(
         status = NOT_EVALUATED if scored.not_evaluated else DONE
         if failed(judged.gates) or (status and scored.settings.run.incomplete == "gate"):
             status = GATE_FAILED
-        result, base = verdict(judged.bases.comparison, judged.gates, scored), judged.bases.good
+        result = verdict(judged.bases.comparison, judged.gates, scored)
+        base = judged.bases.good
         line = _line(
             scored, folder.name, f"{NIGHTS}/{folder.name}", status, result.sentence
         )._replace(
@@ -179,7 +180,7 @@ def _levers(evaluation: Evaluation, additions: Additions, progress: Progress) ->
 
 
 def _begin(history: Path, database: History, notes: list[str], resume: bool) -> str:
-    """Note that a night begins. Returns its name: a time, s, that no other night has."""
+    """Note that a night begins. Returns its name: a time to the second that no other night has."""
     taken = {night.night for night in database.nights()} | database.stopped()
     taken |= {path.name for path in (history / NIGHTS).glob("*")}
     began = datetime.now(UTC)
@@ -232,7 +233,7 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
 def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet) -> list[Night]:
     """Add finished runs to a history as nights of the time they were recorded.
 
-    None is a base: no gate evaluated them.
+    No imported night is a base: no gate evaluated it.
     """
     added = []
     with _only_one(history), open_history(history, create=True) as database:
@@ -335,7 +336,7 @@ def _name(moment: datetime) -> str:
 
 
 def _line(evaluation: Evaluation, name: str, folder: str, status: int, verdict: str) -> Night:
-    """The history's line of a night, without base and wall time."""
+    """The history's line of a night; its base and its wall time are None."""
     package, libsumo = (
         evaluation.manifest.get("versions", {}).get(it, "not known")
         for it in ("sumo_eval", "libsumo")
@@ -379,8 +380,8 @@ def _size(folder: Path) -> int:
 
 
 def _discard(evaluation: Evaluation) -> list[str]:
-    """Discard what the night does not keep; a sentence where that fails, since the night is in the
-    history.
+    """Discard trajectories that the night does not keep. Returns a note where that fails, as the
+    history has the night already.
     """
     try:
         discard_trajectories(evaluation)

@@ -47,7 +47,7 @@ def write_replay(
         trajectories += [store.trajectory(driver.case) for driver in drivers]
     concrete = logical.concrete(**fact.values)
     if concrete.ego.recorded:
-        at = np.array(concrete.ego.recorded)
+        at = np.array(concrete.ego.recorded)  # (n, 2): x and y, m
         times = np.arange(len(at)) * RECORDED_EVERY
         trajectories.append(Trajectory(times, at[:, 0], at[:, 1]))
     ghosts = list(range(first_ghost, len(trajectories)))
@@ -70,7 +70,7 @@ def write_replay(
 def recorded(run: Path, key: str) -> Fact:
     """The fact of a drive that `write_replay` can play, by its case's key.
 
-    Raises InputError if it has none, or its trajectories were discarded.
+    Raises InputError if nothing was recorded of it, or its trajectories were discarded.
     """
     fact = known_case(run, key)
     with open_store(run / FACTS) as store:
@@ -84,7 +84,7 @@ def recorded(run: Path, key: str) -> Fact:
 
 
 def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> dict[str, Any]:
-    """One drive. Its trajectories are appended; `vehicles` has each vehicle's index in the list."""
+    """One drive. Appends its trajectories; key `vehicles` has the index of each in the list."""
     vehicles = store.trajectories(fact.case)
     places = {name: len(trajectories) + index for index, name in enumerate(vehicles)}
     trajectories += vehicles.values()

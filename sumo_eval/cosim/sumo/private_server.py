@@ -7,9 +7,9 @@ namespace, made in the child before it becomes sumo. The user's program connects
 listens on this machine's loopback interface and takes one connection.
 
 Where a namespace is not available (other systems, containers that forbid it) SUMO's port is open to
-the network. Both of its clients are connected as soon as it listens; it takes no third one, so a
-stranger that connects later is never served, and a quicker one takes a client's place, which
-ends the case.
+the network. Both of its clients are connected as soon as it listens; it takes no third one. So a
+stranger that connects later is never served. A quicker one takes a client's place, which ends the
+case.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class PrivateServer:
                 list(command), stdin=subprocess.DEVNULL, stdout=output, stderr=output,
                 preexec_fn=_into_own_network(theirs) if isolated else None,
             )  # fmt: skip
-            theirs.close()
+            theirs.close()  # else `recv_fds` would wait for a child that sends nothing
             word = b""
             handles: list[int] = []
             if isolated:
@@ -89,9 +89,9 @@ class Relay:
     each other.
 
     has_asked, has_order: whether the client has asked for a step, and whether it has set its order.
-    has_left: whether it has closed its connection. Its request to close is not passed on: SUMO
-        would run by itself with one client less, but ends at the next step when a connection is
-        gone.
+    has_left: whether it has closed its connection. Its request to close is not passed on: after it
+        SUMO would run on with one client less. When a connection is gone instead, SUMO ends at the
+        next step.
     """
 
     has_asked = has_order = has_left = False
@@ -132,8 +132,8 @@ class Relay:
 
 
 def _into_own_network(report: socket.socket) -> Callable[[], None]:
-    """Function of a child before it becomes the server: take a network of its own and hand out
-    sockets of that.
+    """A function that a child calls before it becomes the server: it takes a network of its own and
+    sends sockets of that network to `report`.
     """
 
     def prepare() -> None:

@@ -31,7 +31,7 @@ from sumo_eval.trajectory import FloatArray
 EGO = "ego"
 SEGMENT = 1.0  # m between the vertices of a lane in a curve, see `_segment`
 _TIGHT = 100.0  # m, radius below which vertices are closer
-_EDGE = "road"  # id of the edge of a road; with its number if the road has several
+_EDGE = "road"  # id of a road's edge; if the road has several, each with its number added
 VIEW_LENGTH = 250.0  # m of road that sumo-gui shows at first
 
 
@@ -46,7 +46,7 @@ class RoadSection(NamedTuple):
     """A stretch of a road with the same lanes throughout, an edge of its own.
 
     begin, end: m along the road.
-    lanes: the road's lanes on its edge. SUMO counts from 0, the right-hand one of these.
+    lanes: the road's lanes on this edge, from the right. SUMO numbers the same lanes from 0.
     ramp: the road's lane that is a ramp here, with an edge of its own, `ramp_edge`; -1: none.
     """
 
@@ -75,6 +75,7 @@ def sections(road: Road) -> tuple[RoadSection, ...]:
         lanes, ramp = [], -1
         for lane in road.lanes_at(0.5 * (begin + end)):
             span = road.span(lane)
+            # the lane is parted from the road all along this section
             if end <= span.parted_until or begin >= span.parted_from:
                 ramp = lane
             else:
@@ -87,8 +88,8 @@ def sections(road: Road) -> tuple[RoadSection, ...]:
 def vehicle_edges(
     road: Road, y: float, goal: float | None = None, first: int = 0
 ) -> tuple[str, ...]:
-    """The edges of a vehicle's route: up to its first section for the lane at y, m, in all others
-    for the lane at `goal`, m.
+    """The edges of a vehicle's route: for the lane at y, m, up to the section in which it starts,
+    after that for the lane at `goal`, m.
 
     goal: None: y.
     first: number of the section in which it starts.
@@ -121,7 +122,7 @@ def _texts(**values: Any) -> dict[str, str]:
 
 
 def _desired(speed: float) -> float:
-    """Desired speed of a vehicle, m/s, so that SUMO's own models keep it, not the road's limit.
+    """Desired speed of a vehicle, m/s: SUMO's own models keep this speed, not the road's limit.
 
     SUMO refuses 0: 1 mm/s stands for it.
     """
@@ -168,7 +169,8 @@ def network_xml(road: Road) -> str:
 
     # by node between two sections: the lanes that continue there
     joints = {
-        node: _joints(*pair) for node, *pair in zip(nodes[1:-1], parts, parts[1:], strict=False)
+        node: _joints(before, after)
+        for node, before, after in zip(nodes[1:-1], parts, parts[1:], strict=False)
     }
     junctions = [
         _junction(road, name, position, edges, len(joints.get(name, ())))
@@ -263,7 +265,7 @@ def _segment(road: Road) -> float:
     """Distance of the vertices of a curved road's lanes, m.
 
     A chord of length c is up to c^2 / 8 r from its arc of radius r. Below `_TIGHT`, c falls with
-    the root of r, which keeps this distance.
+    the root of r, so that no chord is farther from its arc than at `_TIGHT`.
     """
     return SEGMENT * math.sqrt(min(tightest(road.line) / _TIGHT, 1.0))
 
@@ -272,8 +274,7 @@ def _joints(
     section: RoadSection, following: RoadSection
 ) -> list[tuple[tuple[str, int], tuple[str, int]]]:
     """Lanes that continue from a section to the next one: (edge, index) in both."""
-    # by lane of the road: edge and index; a section without a ramp has a lane -1 here, which does
-    # not continue
+    # by lane of the road: (edge, index); without a ramp there is a key -1, which is left out below
     before, after = (
         {lane: (part.edge, index) for index, lane in enumerate(part.lanes)}
         | {part.ramp: (part.ramp_edge, 0)}
@@ -300,8 +301,8 @@ def _bounds(road: Road) -> str:
         reach = max((it.reach for it in road.crossings), default=0.0)
         corners = 0.0, min(road.right_edge, -reach), road.end, max(road.left_edge, reach)
         return ",".join(map(_metres, corners))
-    line = drawn_points(road.line, 0.0, road.end, _segment(road))
-    edges = [map_places(road.line, line, edge)[:2] for edge in (road.right_edge, road.left_edge)]
+    s = drawn_points(road.line, 0.0, road.end, _segment(road))  # m along the road
+    edges = [map_places(road.line, s, edge)[:2] for edge in (road.right_edge, road.left_edge)]
     for it in road.crossings:
         edges.append(map_places(road.line, np.full(2, it.at), np.array([-it.reach, it.reach]))[:2])
     box = np.hstack(edges)
@@ -333,14 +334,14 @@ def routes_xml(
     routes = E.routes(*map(E.vType, vehicle_types(concrete, vehicle, ego_type)))
     routes.addprevious(etree.Comment(_remarks(concrete, origin)))
     way, y = concrete.ego.way, concrete.ego.y
-    # y at the start, and after all lane changes if there are any; the ego's first
-    goals = [(y, None if way is None else y + way.offset)] + [
+    # y at the start, and after all lane changes, None without any; the ego's first
+    ys = [(y, None if way is None else y + way.offset)] + [
         (it.start.y, it.y(math.inf) if it.lateral_moves else None) for it in concrete.actors
     ]
     starts = departures(concrete, vehicle.length, on_map=True)
-    for attributes, goal in zip(starts, goals, strict=True):
+    for attributes, (start, goal) in zip(starts, ys, strict=True):
         first = int(attributes.get("departEdge", "0"))
-        edges = " ".join(vehicle_edges(concrete.road, *goal, first))
+        edges = " ".join(vehicle_edges(concrete.road, start, goal, first))
         if routes.find(f"route[@id='{attributes['route']}']") is None:
             routes.append(E.route(id=attributes["route"], edges=edges))
         routes.append(E.vehicle(attributes))
@@ -352,7 +353,7 @@ def vehicle_types(
 ) -> list[dict[str, str]]:
     """Attributes of the vTypes of a case, the ego's first.
 
-    vehicle: the ego, of `concrete.simulation`.
+    vehicle: settings of the ego, as `concrete.simulation` gives them.
     """
     strongest = vehicle.max_deceleration
     ego = _texts(
@@ -395,16 +396,16 @@ def _own_attributes(actor: Actor) -> dict[str, str]:
 
 
 def first_front(road: Road, start: Start, length: float) -> float:
-    """x of a vehicle's front bumper at the start, m: beside the line of a curve, a metre of the
-    body is another length along the line.
+    """x of a vehicle's front bumper at the start, m: in a curve, a metre of a body beside the line
+    is more or less than a metre along the line.
     """
     bend = float(curvatures(road.line, start.x)) if road.bent else 0.0
     return start.x + 0.5 * length / (1.0 - bend * start.y)
 
 
 def departure_speed(actor: Actor) -> float:
-    """Speed at which SUMO inserts an actor, m/s: it refuses more than the speed that the actor's
-    model wants. `Stage.take_charge` then gives it its first speed.
+    """Speed at which SUMO inserts an actor, m/s: SUMO refuses more than the desired speed of the
+    actor's model. `Stage.take_charge` then gives the actor its first speed.
     """
     speed = actor.start.speed
     return speed if actor.model is None else min(speed, _desired(actor.model.desired))
@@ -416,7 +417,7 @@ def departures(
     """Attributes of the vehicles of a case, the ego first.
 
     one_lane: the network has only lane 0 (`shared_files.fits_one_lane`).
-    on_map: in a curve, vehicles depart in their own lanes, where their places are on the map.
+    on_map: in a curve, vehicles depart in their own lanes, at their true places on the map.
     """
     vehicles = []
     road = concrete.road
@@ -443,10 +444,10 @@ def departures(
         )  # fmt: skip
         if road.network is not None:
             ends = [end for _, end, _ in road.network.sections]
-            edge = min(bisect_left(ends, front), len(ends) - 1)
-            begin, _, first_lane = road.network.sections[edge]
+            index = min(bisect_left(ends, front), len(ends) - 1)
+            begin, _, first_lane = road.network.sections[index]
             attributes |= _texts(
-                departEdge=str(edge), departLane=str(lane + first_lane), departPos=front - begin
+                departEdge=str(index), departLane=str(lane + first_lane), departPos=front - begin
             )
         elif road.spans and not one_lane:
             lane, departure = _departure(road, name, (own_lane, lane), front, on_map=on_map)
@@ -462,8 +463,8 @@ def departures(
 def _departure(
     road: Road, name: str, wanted: tuple[int, int], front: float, *, on_map: bool
 ) -> tuple[int, dict[str, str]]:
-    """The lane in which a vehicle departs on a road of several sections, and its attributes; none
-    beyond the road's end.
+    """The lane in which a vehicle departs on a road of several sections, and its attributes, which
+    are empty beyond the road's end.
 
     wanted: the vehicle's own lane, which decides its edge, and the lane to depart in: the vehicle
         gets the nearest lane that the edge has.
@@ -473,8 +474,9 @@ def _departure(
     for index, section in enumerate(sections(road)):
         if front <= section.end:
             lanes = (section.ramp,) if own_lane == section.ramp else section.lanes
-            nearest, position = min(max(lane, lanes[0]), lanes[-1]), front - section.begin
-            if road.bent and nearest and (on_map or nearest != lane):
+            nearest = min(max(lane, lanes[0]), lanes[-1])
+            position = front - section.begin
+            if road.bent and nearest != 0 and (on_map or nearest != lane):
                 position = _lane_metres(road, nearest, (section.begin, front, section.end))
             return nearest, _texts(
                 route=f"along_{name}", departEdge=str(index),

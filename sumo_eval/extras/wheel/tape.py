@@ -117,7 +117,7 @@ def read_tape(path: Path) -> Tape:
         # of a row only the command is checked: a repetition needs no more
         if (
             isinstance(value, list) and len(value) == len(ROW)
-            and None not in map(finite_number, value[:2])
+            and all(finite_number(part) is not None for part in value[:2])
         ):  # fmt: skip
             rows.append(tuple(value))
         elif isinstance(value, dict) and "note" in value:
@@ -143,10 +143,10 @@ def settings_of(head: Mapping[str, Any]) -> SimulationSettings:
 def head_of(
     concrete: ConcreteScenario, settings: SimulationSettings, **more: Any
 ) -> dict[str, Any]:
-    """The head of a tape that begins now: with `use`, the scenario's locator, in `more`, all that a
-    repetition needs.
+    """The head of a tape that begins now. With `use`, the scenario's locator, in `more` it has all
+    that a repetition needs.
     """
-    # settings that have no default in a person's drive and do not come from the scenario
+    # all settings but these have their defaults in a person's drive, or come from the scenario
     kept = (
         "step", "record_interval", "time_limit", "standstill_speed", "standstill_time",
         "lane_change_duration",

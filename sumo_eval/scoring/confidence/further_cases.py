@@ -22,8 +22,8 @@ class FurtherCases(NamedTuple):
     """Proposed cases.
 
     points: (N, k), the one that narrows the interval most first.
-    shrink: of the sampled cases' part of the interval of S, its width with all of them divided by
-        its width now, 0..1.
+    shrink: width of that part of the interval of S which the sampled cases cause, with the proposed
+        cases added, divided by its width now, 0..1.
     """
 
     points: FloatArray
@@ -45,12 +45,14 @@ def further_cases(
     """
     unit = logical.to_unit(points)
     tree = KDTree(unit)
-    ranks = np.arange(1, min(NEIGHBOURS + 1, len(points)) + 1)  # the first is the case itself
+    # the first is the case itself; an array of ranks gives (n, ranks) for a single case, too
+    ranks = np.arange(1, min(NEIGHBOURS + 1, len(points)) + 1)
     nearest = np.asarray(tree.query(unit, k=ranks)[1])  # indices of cases, (n, ranks)
     variance = np.var(influence[nearest], axis=1)
     candidates = logical.from_shares(steadily(len(logical.names), CANDIDATES))  # evenly spread
     candidates = candidates[logical.feasible(candidates)]
     where = logical.to_unit(candidates)
+    # by candidate: distance to its nearest case (later also to those chosen), index of that case
     distance, cell = (np.asarray(part) for part in tree.query(where))
     held = np.ones(len(points))  # number of cases in each cell, chosen candidates included
     chosen = []
