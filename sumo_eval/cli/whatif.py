@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
@@ -39,12 +39,10 @@ def whatif(
     if all_collisions == (case is not None):
         raise InputError("`whatif` needs either a CASE or --all-collisions.")
     with Progress() as progress:
-        search = WhatIf(run, progress)
-        levers = (
-            _of_all_collisions(search, run, lever)
-            if case is None
-            else [search.answers(known_case(run, case), lever)]
-        )
+        if case is None:
+            levers = _of_all_collisions(WhatIf(run), run, lever, progress)
+        else:
+            levers = [WhatIf(run, progress).answers(known_case(run, case), lever)]
     if case is None:
         reasons = [it.why_not for it in levers if it.why_not]  # of collisions without answers
         levers = [it for it in levers if not it.why_not]
@@ -63,7 +61,9 @@ def whatif(
         show(lines)
 
 
-def _of_all_collisions(search: WhatIf, run: Path, lever: str | None) -> list[CaseLevers]:
+def _of_all_collisions(
+    search: WhatIf, run: Path, lever: str | None, progress: Callable[..., None]
+) -> list[CaseLevers]:
     """Answers for every collision of a run, or why there are none."""
     from sumo_eval.record.run_folder import FACTS
     from sumo_eval.record.store import open_store
@@ -74,7 +74,7 @@ def _of_all_collisions(search: WhatIf, run: Path, lever: str | None) -> list[Cas
     for number, fact in enumerate(facts, start=1):
         # `fine=False`: the values of the first round are enough for a count
         levers.append(search.answers_or_why_not(fact, lever, fine=False))
-        search.progress("collisions", number, len(facts))
+        progress("collisions", number, len(facts))
     return levers
 
 
@@ -92,7 +92,7 @@ def _table(levers: CaseLevers) -> Iterator[str]:
     for answer in levers.answers:
         line = f"  {answer.lever.name:<28} {effect_words(answer, hit)}"
         if answer.flips:
-            bar = "█" * max(round(20.0 * answer.share), 1)
+            bar = "█" * max(round(20.0 * answer.share), 1)  # 20: over the whole range
             line += f"  {bar} {100.0 * answer.share:z.1f} % of its range"
         yield line
     yield f"{levers.drives} drives; a delay acts in whole steps of the simulation."

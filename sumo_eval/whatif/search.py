@@ -80,7 +80,7 @@ class WhatIf:
     """Recorded cases of a run, rerun with one lever moved."""
 
     def __init__(self, run: Path, progress: Progress = quiet) -> None:
-        self.progress = progress
+        self._progress = progress
         self._run = resolved_run(run)
         settings = self._run.settings
         # only contacts matter here: once the outcome is decided, the rest need not be driven
@@ -179,7 +179,7 @@ class WhatIf:
             self._drives += 1
             if outcome.status in EVALUATED:
                 evaluated[outcome.case.point] = outcome
-            self.progress("levers", self._drives, total)
+            self._progress("levers", self._drives, total)
         return evaluated
 
 
