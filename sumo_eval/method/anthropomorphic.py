@@ -407,7 +407,6 @@ def _index(
     terms = centre[:, None] * field
     similarity = choice.usual * float(terms.mean())  # `usual` is 1 in gaussian mode
 
-    latest = ads.begin + settings.slice_spacing
     of_slices = terms.mean(axis=1)
     worst = np.argmin(of_slices)
     return AnthropomorphicIndex(
@@ -419,12 +418,7 @@ def _index(
             *_choice_notes(choice),
             *centre_notes,
             *field_notes,
-            # `on_road` is another object if the trajectory was cut at the road's end
-            *_note([it.on_road is not it.whole for it in (ads, *drivers)], "past_the_road"),
-            *_note([driver.begin > latest for driver in drivers], "drivers_start_late"),
-            *_note([driver.still_driving for driver in drivers], "drivers_still_driving"),
-            *_note(ads.still_driving, "ads_still_driving"),
-            *_note(ads.left_the_road, "ads_left_the_road"),
+            *_trajectory_notes(ads, drivers, settings),
             *_note(operation_factor == 0.0, "drivers_without_operation"),
         ),
         choice.manoeuvre,
@@ -681,6 +675,21 @@ def _choice_notes(choice: Choice) -> list[IndexNote]:
         return [IndexNote("manoeuvre_made_by_nobody", manoeuvre=choice.manoeuvre)]
     number = int(np.count_nonzero(choice.members))
     return [IndexNote("manoeuvre_made_by", number, choice.members.size, choice.manoeuvre)]
+
+
+def _trajectory_notes(
+    ads: _Vehicle, drivers: Sequence[_Vehicle], settings: AnthropomorphicSettings
+) -> list[IndexNote]:
+    """Notes on special rules for whole trajectories."""
+    latest = ads.begin + settings.slice_spacing  # x, m; a driver who starts ahead of it is late
+    return [
+        # `on_road` is another object if the trajectory was cut at the road's end
+        *_note([it.on_road is not it.whole for it in (ads, *drivers)], "past_the_road"),
+        *_note([driver.begin > latest for driver in drivers], "drivers_start_late"),
+        *_note([driver.still_driving for driver in drivers], "drivers_still_driving"),
+        *_note(ads.still_driving, "ads_still_driving"),
+        *_note(ads.left_the_road, "ads_left_the_road"),
+    ]
 
 
 def _note(flags: ArrayLike, kind: NoteKind) -> list[IndexNote]:

@@ -33,22 +33,7 @@ def confidence_json(confidence: Confidence) -> dict[str, Any]:
             _assessment_json(item, confidence.coverage[item.scenario])
             for item in confidence.assessments
         ],
-        "coverage": {
-            name: {
-                "buckets": {
-                    bucket: {"hit": hit, "possible": possible}
-                    for bucket, (hit, possible) in item.buckets.items()
-                },
-                "pairs": dict(zip(("hit", "possible"), item.pairs_hit, strict=True)),
-                "largest_empty_ball": {
-                    "radius": item.empty_radius,
-                    "centre": dict(item.empty_centre),
-                },
-                "boundary_resolved": item.boundary_resolved,
-                "exposure_inside": item.exposure_inside,
-            }
-            for name, item in confidence.coverage.items()
-        },
+        "coverage": {name: _coverage_json(item) for name, item in confidence.coverage.items()},
     }
 
 
@@ -150,3 +135,14 @@ def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> dict[str, Any
             "points": [dict(zip(names, row, strict=True)) for row in item.further.points.tolist()],
         }
     return plain
+
+
+def _coverage_json(item: SpaceCoverage) -> dict[str, Any]:
+    hit, possible = item.pairs_hit
+    return {
+        "buckets": {name: {"hit": got, "possible": of} for name, (got, of) in item.buckets.items()},
+        "pairs": {"hit": hit, "possible": possible},
+        "largest_empty_ball": {"radius": item.empty_radius, "centre": dict(item.empty_centre)},
+        "boundary_resolved": item.boundary_resolved,
+        "exposure_inside": item.exposure_inside,
+    }

@@ -34,9 +34,10 @@ def described(read: Read) -> Iterator[str]:
         values = values or f"{item.low:g}..{item.high:g}"
         yield f"  parameter {item.name} = {values}{item.unit_suffix} {item.about}".rstrip()
     road = logical.road
+    lanes = "lane" if road.lanes == 1 else "lanes"
     yield (
-        f"  road {read.frame.name}: {road.lanes} lane{'s'[: road.lanes - 1]} of "
-        f"{road.lane_width:g} m, evaluated to {road.length:g} m"
+        f"  road {read.frame.name}: {road.lanes} {lanes} of {road.lane_width:g} m, evaluated to "
+        f"{road.length:g} m"
     )
     if len(read.roads) > 1:
         yield (
@@ -114,12 +115,16 @@ def _of(actor: Actor) -> Iterator[str]:
     for act in actor.acts:
         if changes_nothing(act):
             continue
-        when = f"{act.begin:.3f} s after its condition holds"
-        when, how = when if act.program else f"at {act.begin:.3f} s", ""
+        when = (
+            f"{act.begin:.3f} s after its condition holds"
+            if act.program
+            else f"at {act.begin:.3f} s"
+        )
+        how = ""
         if act.kind <= played.COSINE:  # a move across
             how = f" by {act.offset:.3f} m in {act.duration:.3f} s"
         elif act.kind == played.SPEED:
-            # 1e3: a step takes AT_ONCE
+            # a step, which takes `AT_ONCE`, has an acceleration of millions of m/s2
             rate = f"{act.acceleration:.3g} m/s2" if act.acceleration < 1e3 else "once"
             how = f" to {act.speed:.3f} m/s at {rate}"
         elif act.kind == played.BY_TIME:

@@ -197,13 +197,13 @@ def _road(element: Node, name: str) -> MapRoad:
         raise element.fault(f"it must have one <laneSection>, got {len(sections)}")
     heights, tilts = (cubics_of(element.all(it), "s", Node.number) for it in PROFILES)
     level = constant(heights, length) and constant([(0.0, 0.0), *tilts], length)
-    widths = {it.width for it in lanes[0].values() if it.kind in DRIVEN}
+    widths = [it.width for it in lanes[0].values() if it.kind in DRIVEN]
     # the report must say what an ADS cannot know: with left-hand traffic it overtakes on the left,
     # and it leaves the road in a lane of another width
     kinds = {
         "elevation": not level,
         "left-hand traffic": element.get("rule") == "LHT",
-        "lanes of another width than the ego's": len(widths) > 1,
+        "lanes of another width than the ego's": bool(widths) and max(widths) - min(widths) > ON,
     }
     return MapRoad(name, begin, line, lanes[0], tuple(kind for kind, has in kinds.items() if has))
 

@@ -15,7 +15,7 @@ from sumo_eval.extras.openscenario.logical import Read, concrete
 from sumo_eval.extras.openscenario.scene import distinct
 from sumo_eval.report.page import write_page
 from sumo_eval.scenario import played
-from sumo_eval.scenario.concrete import Actor, Road, Start
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.scenario.logical import ONLY
 from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.scenario.road.table import bend_name
@@ -47,16 +47,7 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
             'the OpenSCENARIO file itself: `use = "FILE.xosc"`.'
         )
     case = concrete(read, point)
-    road, ego = case.road, case.ego
-    # cases that `sumo-eval export` wrote can have these
-    inexpressible = {
-        "the lanes, which are not the same throughout,": road.shaped or road.network is not None,
-        # it has more than a position and a speed
-        "the start of the ego": ego != Start(ego.x, ego.y, ego.speed),
-        "actors that SUMO drives": any(actor.model for actor in case.actors),
-        "the conditions": bool(case.changes),
-    }
-    for what, occurs in inexpressible.items():
+    for what, occurs in _inexpressible(case).items():
         if occurs:
             raise InputError(
                 f"A scenario file has no words for {what} of {case.scenario}: it plays from the "
@@ -65,7 +56,7 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
     label, body = point_words(point), case.ego_body
     names = _names(case.actors)
     ends = {
-        "x": road.length, "time": case.time_limit, "standstill": case.standstill_time,
+        "x": case.road.length, "time": case.time_limit, "standstill": case.standstill_time,
     }  # fmt: skip
     return {
         "name": re.sub(r"\W", "_", read.logical.name),
@@ -78,14 +69,29 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
                        "about": "nothing: this is one case"}],
         "sample": [{"name": "the_case", "points": [[0.0]]}],
         "default_sample": "the_case",
-        "road": _road(road),
+        "road": _road(case.road),
         "end": {key: value for key, value in ends.items() if value is not None},
         # `+ 0 *`: a file must use each of its parameters
-        "ego": {"speed": f"{ego.speed!r} + 0 * {ONLY}", "x": ego.x, "y": ego.y}
+        "ego": {"speed": f"{case.ego.speed!r} + 0 * {ONLY}", "x": case.ego.x, "y": case.ego.y}
                | ({} if body is None else {"length": body.length, "width": body.width}),
         "vehicle": [_vehicle(actor, name, names)
                     for actor, name in zip(case.actors, names, strict=True)],
     }  # fmt: skip
+
+
+def _inexpressible(case: ConcreteScenario) -> dict[str, bool]:
+    """For each thing that a scenario file cannot express, whether the case has it.
+
+    Cases that `sumo-eval export` wrote can have these.
+    """
+    road, ego = case.road, case.ego
+    return {
+        "the lanes, which are not the same throughout,": road.shaped or road.network is not None,
+        # it has more than a position and a speed
+        "the start of the ego": ego != Start(ego.x, ego.y, ego.speed),
+        "actors that SUMO drives": any(actor.model for actor in case.actors),
+        "the conditions": bool(case.changes),
+    }
 
 
 def write_scenario(content: Mapping[str, Any], path: Path) -> None:

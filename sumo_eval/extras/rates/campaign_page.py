@@ -72,24 +72,7 @@ def plain(campaign: Campaign) -> dict[str, Any]:
             {
                 "name": rate.ads, "controller": rate.controller, **_plain_rates(rate),
                 "upper_limit_whatever_collides": rate.limit,
-                "by_scenario": [
-                    {
-                        "scenario": part.space.logical.name,
-                        **_plain_rates(part),
-                        "share_of_collisions": (
-                            part.collisions[0] / rate.collisions[0] if rate.collisions[0] else None
-                        ),
-                        "collision_probability": part.estimate.probability[0],
-                        "collision_probability_interval": part.estimate.probability[1:],
-                        "drives": part.estimate.drives,
-                        "drives_with_a_collision": part.estimate.collisions,
-                        "drawn_for_the_estimate": part.estimate.drawn,
-                        "collisions_that_count": part.estimate.hits,
-                        "stopped": part.stopped,
-                        "not_evaluated": part.not_evaluated,
-                    }
-                    for part in rate.parts
-                ],
+                "by_scenario": [_plain_part(part, rate.collisions[0]) for part in rate.parts],
             }
             for rate in campaign.rates
         ],
@@ -105,6 +88,27 @@ def _plain_rates(rate: AdsRate | ScenarioRate) -> dict[str, Any]:
         "collisions_interval": rate.collisions[1:],
         "loss": rate.loss[0],
         "loss_interval": rate.loss[1:],
+    }
+
+
+def _plain_part(part: ScenarioRate, total: float) -> dict[str, Any]:
+    """Results of one ADS in one scenario.
+
+    total: collisions of the ADS in all scenarios, per million km.
+    """
+    estimate = part.estimate
+    return {
+        "scenario": part.space.logical.name,
+        **_plain_rates(part),
+        "share_of_collisions": part.collisions[0] / total if total > 0.0 else None,
+        "collision_probability": estimate.probability[0],
+        "collision_probability_interval": estimate.probability[1:],
+        "drives": estimate.drives,
+        "drives_with_a_collision": estimate.collisions,
+        "drawn_for_the_estimate": estimate.drawn,
+        "collisions_that_count": estimate.hits,
+        "stopped": part.stopped,
+        "not_evaluated": part.not_evaluated,
     }
 
 

@@ -25,9 +25,8 @@ from sumo_eval.report.export_case import absolute
 from sumo_eval.report.page import write_csv, write_json, write_page
 from sumo_eval.report.people import STUDY, drawn_words
 from sumo_eval.settings.config import to_toml
-from sumo_eval.trajectory import Trajectory
+from sumo_eval.trajectory import CHANNELS, Trajectory
 
-MOTION = ("x", "y", "heading", "speed", "acceleration")
 DRIVES = "drives"  # the folder for `[drivers] cases`
 # share of the participants that must have driven a point: fewer drivers are no reference
 LEAST_SHARE = 2.0 / 3.0
@@ -94,10 +93,7 @@ def collect(plan: StudyPlan) -> StudyResult:
                 left.append(drive)
                 continue
             file = f"{person.code}/{case.key}.csv"
-            columns = ("time", *MOTION, "steering_wheel_angle")
-            samples = zip(*(getattr(drive, name).tolist() for name in columns), strict=True)
-            head = ("driver", "t", *MOTION, "steering")
-            write_csv(drives / file, head, ((person.code, *sample) for sample in samples))
+            _write_drive(drives / file, person.code, drive)
             how = entry["quality"].get("drawn")
             if how is not None:
                 drawn[str(how)] += 1
@@ -113,11 +109,11 @@ def collect(plan: StudyPlan) -> StudyResult:
     files = {drives / row["file"] for row in rows}
     for stale in {*drives.glob("*/*.csv")} - files:
         stale.unlink()
-    keys = dict.fromkeys(
+    head = dict.fromkeys(
         ("scenario", "file", *(name for case in plan.cases for name in case.concrete.values))
     )
-    table = ([row.get(name, "") for name in keys] for row in rows)
-    write_csv(drives / "cases.csv", keys, table)
+    table = ([row.get(name, "") for name in head] for row in rows)
+    write_csv(drives / "cases.csv", head, table)
     ratings = _write_answers(plan.folder, people, left)
     with_drives = len({path.parent for path in files})  # each participant has a folder
     evaluation = write_page(
@@ -137,6 +133,14 @@ def collect(plan: StudyPlan) -> StudyResult:
     }
     write_json(drives / STUDY, summary, "The summary")
     return result
+
+
+def _write_drive(path: Path, driver: str, drive: Trajectory) -> None:
+    """Write a drive as CSV, one sample a row."""
+    samples = zip(*(getattr(drive, name).tolist() for name in CHANNELS), strict=True)
+    # its own names of the first and the last channel, time and steering wheel angle
+    head = ("driver", "t", *CHANNELS[1:-1], "steering")
+    write_csv(path, head, ((driver, *sample) for sample in samples))
 
 
 def _write_answers(folder: Path, people: list[Participant], left: list[DiscardedDrive]) -> int:
