@@ -460,11 +460,7 @@ def _array(name: str, data: bytes, rows: int) -> Column:
 def _plain(name: str, data: bytes, rows: int) -> list[Any]:
     """A column as the values of records, with None for nan."""
     if _is_real(name):
-        numbers = _real(data, rows)
-        plain: list[Any] = numbers.tolist()
-        for row in np.flatnonzero(np.isnan(numbers)).tolist():
-            plain[row] = None
-        return plain
+        return [None if value != value else value for value in _real(data, rows).tolist()]
     values, indices = _listed(data, rows)
     return [values[index] for index in indices.tolist()]
 

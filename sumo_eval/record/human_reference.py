@@ -11,13 +11,13 @@ that was stopped continues where it was.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from statistics import fmean
-from typing import Any
+from typing import Any, NamedTuple
 
 import sumo_eval.method
 from sumo_eval.coded import decoded, encoded
@@ -64,6 +64,11 @@ class PointJob:
     band: bool = False
     exchanges: tuple[tuple[int, int], ...] = ()
 
+    @property
+    def wants_any(self) -> bool:
+        """Whether any result is requested."""
+        return bool(self.ads or self.left_out or self.band)
+
 
 @frozen
 class LeftOut:
@@ -98,13 +103,17 @@ class LeftOut:
         )  # fmt: skip
 
 
-@frozen
-class PointResult:
-    """Results at one point, by case; D_i of each driver against all other drivers."""
+class PointResults(NamedTuple):
+    """Results at some points.
 
-    indexes: Mapping[str, AnthropomorphicIndex]
-    left_out: Mapping[str, LeftOut]
-    band: tuple[float, ...] | None
+    indexes: D_i by case.
+    left_out: by case.
+    bands: D_i of each driver against all other drivers, by the drivers' cases at a point.
+    """
+
+    indexes: dict[str, AnthropomorphicIndex]
+    left_out: dict[str, LeftOut]
+    bands: dict[tuple[str, ...], tuple[float, ...]]
 
 
 _RECORDS = {
@@ -141,8 +150,8 @@ def compute_points(
     spread: Spread,
     progress: Callable[[int], None],
     cache: KeptResults,
-) -> list[PointResult]:
-    """The results of every job, in order.
+) -> PointResults:
+    """The results of all jobs.
 
     facts: file of the store.
     spread: `map` or that of `point_processes`.
@@ -150,66 +159,57 @@ def compute_points(
     cache: where results are looked up, and put.
     """
     keys = _keys(facts, jobs, settings)
-    # those results of each point that are kept, by name; `name[0]` is the kind of result
-    results: list[dict[_Name, bytes]] = [
-        {name: data for name, key in names.items() if (data := cache.get(name[0], key)) is not None}
-        for names in keys
-    ]
-    todo = [index for index, names in enumerate(keys) if len(results[index]) < len(names)]
-    missing = [_missing(jobs[index], results[index]) for index in todo]
+    # results in their kept form, by name; `name[0]` is the kind of result
+    results: dict[_Name, bytes] = {
+        name: data for name, key in keys.items() if (data := cache.get(name[0], key)) is not None
+    }
+    missing = [job for job in (_missing(job, results) for job in jobs) if job.wants_any]
     parts = [
-        (facts, missing[first : first + _CHUNK], settings) for first in range(0, len(todo), _CHUNK)
+        (facts, missing[first : first + _CHUNK], settings)
+        for first in range(0, len(missing), _CHUNK)
     ]
-    done, new = 0, list[KeptPart]()
+    done, new = len(jobs) - len(missing), list[KeptPart]()
     for part in spread(_compute_part, parts) if parts else ():
-        for result in part:
-            index = todo[done]
-            results[index] |= result
-            # `name[0]` is the kind of result; each is the only part of its key, at place 0
-            new += [(name[0], keys[index][name], 0, data) for name, data in result.items()]
-            done += 1
-        if len(new) >= _KEPT_AT_ONCE or done == len(todo):
+        results |= part
+        # each is the only part of its key, at place 0
+        new += [(name[0], keys[name], 0, data) for name, data in part.items()]
+        done = min(done + _CHUNK, len(jobs))
+        if len(new) >= _KEPT_AT_ONCE or done == len(jobs):
             cache.put(new)
             new = []
-        progress(len(jobs) - len(todo) + done)
-    if jobs and not todo:  # all were kept
-        progress(len(jobs))
-    return list(map(_result, results))
-
-
-def _result(parts: Mapping[_Name, bytes]) -> PointResult:
-    """Results of a point from their kept form; new ones too, so that both are equal to the bit."""
-    records: dict[Kind, dict[str, Any]] = {"index": {}, "left_out": {}, "band": {}}
-    for (kind, case), data in parts.items():
-        records[kind][case] = decoded(data, _RECORDS)
-    return PointResult(records["index"], records["left_out"], records["band"].get(""))
+        progress(done)
+    if jobs and not missing:  # all were kept
+        progress(done)
+    records: dict[Kind, dict[Any, Any]] = {"index": {}, "left_out": {}, "band": {}}
+    # new ones too are made from their kept form, so that both are equal to the bit
+    for (kind, owner), data in results.items():
+        records[kind][owner] = decoded(data, _RECORDS)
+    return PointResults(*records.values())
 
 
 # --- what is kept ---------------------------------------------------------------------------------
 
 
-_Name = tuple[Kind, str]
-"""Name of a result at a point: its kind and case. D_i (`index`) and D_i without drivers
-(`left_out`) belong to a case; the `band` is the point's, with "" as case."""
+_Name = tuple[Kind, str | tuple[str, ...]]
+"""Name of a result: its kind and owner. D_i (`index`) and D_i without drivers (`left_out`) belong
+to a case, a `band` to the drivers' cases at a point."""
 
 
 def _keys(
     facts: Path, jobs: Sequence[PointJob], settings: AnthropomorphicSettings
-) -> list[dict[_Name, bytes]]:
+) -> dict[_Name, bytes]:
+    keys: dict[_Name, bytes] = {}
     with open_store(facts) as store:
         hash_of = cache(store.case_hash)
-        listed = []
         for job in jobs:
             common = key_of(job.road, settings, list(map(hash_of, job.drivers)), method_sources())
-            keys: dict[_Name, bytes] = {
-                ("index", case): key_of(common, hash_of(case), "index") for case in job.ads
-            }
+            for case in job.ads:
+                keys["index", case] = key_of(common, hash_of(case), "index")
             for case in job.left_out:
                 keys["left_out", case] = key_of(common, hash_of(case), "left out", job.exchanges)
             if job.band:
-                keys["band", ""] = key_of(common, "band")
-            listed.append(keys)
-    return listed
+                keys["band", job.drivers] = key_of(common, "band")
+    return keys
 
 
 @cache
@@ -223,7 +223,8 @@ def _missing(job: PointJob, kept: Collection[_Name]) -> PointJob:
     """The job without the results that are kept."""
     ads = tuple(case for case in job.ads if ("index", case) not in kept)
     left_out = tuple(case for case in job.left_out if ("left_out", case) not in kept)
-    return replace(job, ads=ads, left_out=left_out, band=job.band and ("band", "") not in kept)
+    band = job.band and ("band", job.drivers) not in kept
+    return replace(job, ads=ads, left_out=left_out, band=band)
 
 
 # --- computing ------------------------------------------------------------------------------------
@@ -231,13 +232,12 @@ def _missing(job: PointJob, kept: Collection[_Name]) -> PointJob:
 
 def _compute_part(
     part: tuple[Path, Sequence[PointJob], AnthropomorphicSettings],
-) -> list[dict[_Name, bytes]]:
+) -> dict[_Name, bytes]:
     facts, jobs, settings = part
     with open_store(facts, checked=True) as store:  # `_keys` has checked the file
-        return [
-            {name: encoded(record) for name, record in _compute(job, store, settings)}
-            for job in jobs
-        ]
+        return {
+            name: encoded(record) for job in jobs for name, record in _compute(job, store, settings)
+        }
 
 
 def _compute(
@@ -265,6 +265,6 @@ def _compute(
         yield ("index", case), index
     band = next(indexes)
     if job.band:
-        yield ("band", ""), tuple(index.value for index in band)
+        yield ("band", job.drivers), tuple(index.value for index in band)
     for case, group in zip(job.left_out, indexes, strict=True):
         yield ("left_out", case), LeftOut.of(group, len(exchanges))

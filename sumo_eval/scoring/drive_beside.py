@@ -73,8 +73,8 @@ def index_again(
     job = PointJob(tuple(fact.case for fact in drives), road, (fact.case,))
     settings = evaluation.settings.method.anthropomorphic
     with closing(KeptResults(evaluation.folder)) as cache:
-        (result,) = compute_points(store.path, [job], settings, map, lambda done: None, cache)
-    return result.indexes[fact.case]
+        results = compute_points(store.path, [job], settings, map, lambda done: None, cache)
+    return results.indexes[fact.case]
 
 
 class ObservedBraking(NamedTuple):

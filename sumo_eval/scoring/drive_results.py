@@ -13,7 +13,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import astuple, fields
 from functools import partial
-from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
@@ -130,32 +129,26 @@ def drive_results(
     # all files on which the way of an actor that conflicts with the ego may depend
     files = space.entry.use, space_key(space.entry, space.source), sources("scenario", "settings")
     references_at = grouped((fact.point, fact.case) for fact in references if fact.status == "ok")
-    results = {}
-    keys: dict[str, bytes] = {}  # of missing results
+    results: dict[str, bytes] = {}
+    keys: dict[str, bytes] = {}
     points = []
     # a case without an end or with `sim_error` has no drive; one that gave up may leave the road
-    driven = [fact for fact in drives if fact.end_reason not in (None, "sim_error")]
-    driven.sort(key=lambda fact: fact.point)
-    for number, facts in groupby(driven, key=lambda fact: fact.point):
-        missing = []
-        others = references_at.get(number, [])
-        first, *more = facts
-        concrete = logical.placed(first.values)
+    driven = grouped(
+        (fact.point, fact) for fact in drives if fact.end_reason not in (None, "sim_error")
+    )
+    for number, facts in driven.items():
+        others, concrete = references_at.get(number, []), logical.placed(facts[0].values)
         start = concrete.ego
         # a result depends on the point's references and on its own drive
         common = key_of(
             [hash_of(case) for case in others], road, margin, start.x, start.way, files,
             method_sources(),
         )  # fmt: skip
-        for fact in (first, *more):
-            key = key_of(common, hash_of(fact.case))
-            data = space.cache.get("drive", key)
-            if data is None:
-                missing.append(fact)
-                keys[fact.case] = key
-            else:
+        for fact in facts:
+            keys[fact.case] = key_of(common, hash_of(fact.case))
+            if (data := space.cache.get("drive", keys[fact.case])) is not None:
                 results[fact.case] = data
-        if missing:
+        if missing := [fact for fact in facts if fact.case not in results]:
             other = conflicting(logical, concrete)
             name = "" if other is None else concrete.actors[other].name
             points.append(_Point(missing, others, road, margin, start.x, start.way, name))

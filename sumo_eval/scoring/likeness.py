@@ -7,9 +7,9 @@ driver among the drivers, and the fields of the case's row.
 from __future__ import annotations
 
 from array import array
-from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,11 +17,10 @@ import numpy as np
 from sumo_eval.cases import EVALUATED, CaseTable, IntArray, ThinReference, Zone
 from sumo_eval.errors import InputError
 from sumo_eval.groups import grouped
-from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.manoeuvres import words
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.record.human_reference import LeftOut, PointJob, compute_points
+from sumo_eval.record.human_reference import LeftOut, PointJob, PointResults, compute_points
 from sumo_eval.record.kept_results import key_of
 from sumo_eval.record.store import RECORDED, Fact
 from sumo_eval.results import Counted, ScoreNote, ThinReferences
@@ -210,14 +209,12 @@ class DriverComparison(NamedTuple):
     """Cases compared with the human drivers at their points.
 
     references: the drivers, by point.
-    indexes: D_i, by case.
-    bands: D_i of each driver of a point against all other drivers there, by point.
+    results: D_i of the cases, and bands of the drivers.
     left_out: of evenly chosen cases, D_i without each driver, and the drivers, by case.
     """
 
     references: Mapping[int, PointReference]
-    indexes: dict[str, AnthropomorphicIndex]
-    bands: dict[int, Sequence[float]]
+    results: PointResults
     left_out: dict[str, tuple[LeftOut, Sequence[str]]]
 
 
@@ -238,28 +235,28 @@ def compare_with_people(
     """
     settings = space.settings
     compared = references(people, settings.drivers)
-    usable = {point: compared[point] for point in sorted(compared) if compared[point].usable}
-    cases: dict[int, list[str]] = defaultdict(list)
-    left_out: dict[int, list[str]] = defaultdict(list)
-    for name, facts in drives.items():
-        for fact in facts:
-            unhit = fact.collision is None and fact.status in EVALUATED
-            if unhit and fact.point in usable and not overview.hazardous[fact.point]:
-                cases[fact.point].append(fact.case)
-                if fact.point in overview.left_out[name]:
-                    left_out[fact.point].append(fact.case)
-    jobs = {}
-    for point, reference in usable.items():
-        band = len(reference.cases) >= FEWEST_FOR_A_BAND  # whether to compare the drivers
-        if cases[point] or band:
-            jobs[point] = PointJob(
-                reference.cases,
-                space.logical.road,
-                tuple(cases[point]),
-                tuple(left_out[point]),
-                band,
-                exchanges(reference.drivers, settings.drivers, settings.seed),
-            )
+    cases = grouped(
+        (fact.point, fact)
+        for fact in chain.from_iterable(drives.values())
+        if fact.collision is None
+        and fact.status in EVALUATED
+        and not overview.hazardous[fact.point]
+    )
+    jobs = []
+    drivers_of: dict[str, Sequence[str]] = {}  # of the cases without each driver
+    for point in sorted(point for point, reference in compared.items() if reference.usable):
+        reference, own = compared[point], cases.get(point, [])
+        left_out = [fact.case for fact in own if point in overview.left_out[fact.driver]]
+        drivers_of |= dict.fromkeys(left_out, reference.drivers)
+        job = PointJob(
+            reference.cases,
+            space.logical.road,
+            tuple(fact.case for fact in own),
+            tuple(left_out),
+            len(reference.cases) >= FEWEST_FOR_A_BAND,
+            exchanges(reference.drivers, settings.drivers, settings.seed),
+        )
+        jobs += [job] if job.wants_any else []
 
     def progress(done: int) -> None:
         of_these = round(done / len(jobs) * len(points))
@@ -271,20 +268,14 @@ def compare_with_people(
 
     results = compute_points(
         space.store.path,
-        list(jobs.values()),
+        jobs,
         settings.method.anthropomorphic,
         space.spread,
         progress,
         space.cache,
     )
-    found = DriverComparison(compared, {}, {}, {})
-    for point, result in zip(jobs, results, strict=True):
-        found.indexes.update(result.indexes)
-        if result.band is not None:
-            found.bands[point] = result.band
-        for case, without in result.left_out.items():
-            found.left_out[case] = without, usable[point].drivers
-    return found
+    without = {case: (results.left_out[case], names) for case, names in drivers_of.items()}
+    return DriverComparison(compared, results, without)
 
 
 def jackknifed(points: Sequence[int]) -> frozenset[int]:
@@ -299,7 +290,8 @@ def beside_people(
     """Fields of a case's row on its D_i and its human drivers; none in the hazardous zone."""
     if zone == "hazardous":
         return {}
-    reference, band = people.references.get(fact.point), people.bands.get(fact.point)
+    reference = people.references.get(fact.point)
+    band = reference and people.results.bands.get(reference.cases)
     thin = reference.note if reference else None
     if reference is None and settings.source == RECORDED:
         thin = ThinReference(0, settings.least, None)
@@ -308,7 +300,7 @@ def beside_people(
         "recorded_drivers": reference.recorded if reference else 0,
         "reference_note": thin,
     }
-    if (index := people.indexes.get(fact.case)) is not None:
+    if (index := people.results.indexes.get(fact.case)) is not None:
         for name in ("length_factor", "operation_factor", "similarity"):
             row[name] = getattr(index, name)
         row |= {

@@ -9,7 +9,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from sumo_eval.method.plausibility import Quantiles
 from sumo_eval.method.score_terms import worth
 from sumo_eval.method.severity import Severity
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
-from sumo_eval.record.cases import BATCHED, IN_BLOCK
+from sumo_eval.record.cases import IN_BLOCK, Role
 from sumo_eval.record.store import Fact
 from sumo_eval.results import (
     BeyondRange,
@@ -62,41 +62,37 @@ LEFT_THE_NETWORK = "actor_left_the_network"
 """Clip of a drive in which an actor left SUMO's network."""
 
 
-class Remarks:
-    """Notes on the drives of an ADS in a scenario, collected some drives at a time."""
+class Remarks(NamedTuple):
+    """Remarks on the drives of an ADS in a scenario that its rows do not have, collected some
+    drives at a time.
 
-    def __init__(self) -> None:
-        # numbers of drives or collisions
-        self._blocks: Counter[int] = Counter()  # by size of the fixed batch
-        self._beyond: Counter[str] = Counter()  # by why the severity is out of its range, or ""
-        self._batched: Counter[str] = Counter()  # by `Fact.batched`
-        self._clips: Counter[str] = Counter()  # by kind of a clip
-        self._safe: set[int] = set()  # safe points with a drive of a reference
-        self._struck: set[int] = set()  # safe points at which such a drive collides
+    blocks: number of drives by size of their fixed batch.
+    beyond: number of collisions by why their severity is out of its range; "": it is not.
+    """
 
-    def add(self, facts: Sequence[Fact], references: Sequence[Fact], severity: Severity) -> None:
-        """Count some drives.
+    blocks: Counter[int]
+    beyond: Counter[str]
 
-        facts: of the ADS.
-        references: drives of human drivers and of the reference car in the safe zone.
-        """
+    def add(self, facts: Sequence[Fact], severity: Severity) -> None:
+        """Count some drives of the ADS."""
         for fact in facts:
-            clips = {clip.what: clip for clip in fact.clips}
-            self._clips.update(clips.keys())
-            self._batched[fact.batched] += 1
-            if IN_BLOCK in clips:  # `requested`: size of the block
-                self._blocks[int(clips[IN_BLOCK].requested)] += 1
+            # `requested`: size of the block
+            self.blocks.update(int(it.requested) for it in fact.clips if it.what == IN_BLOCK)
             if fact.collision is not None:
-                self._beyond[severity.beyond(fact.collision)] += 1
-        self._safe |= {fact.point for fact in references}
-        self._struck |= {fact.point for fact in references if fact.status == "collision"}
+                self.beyond[severity.beyond(fact.collision)] += 1
 
     def notes(
-        self, ads: str, space: ScenarioRun, plausible: Sequence[ScoreNote], cases: CaseTable
+        self,
+        ads: str,
+        space: ScenarioRun,
+        plausible: Sequence[ScoreNote],
+        struck: Sequence[ScoreNote],
+        cases: CaseTable,
     ) -> Iterator[ScoreNote]:
         """Make the notes.
 
         plausible: notes on the people that the plausibility compares with.
+        struck: notes of `references_struck`.
         cases: all cases of the ADS.
         """
         ended = Counter[str]()  # status -> drives of human drivers
@@ -111,19 +107,31 @@ class Remarks:
         yield from plausible
         if alone := space.store.simulated_alone(space.name, ads):
             yield DrivenAlone(tuple(alone.items()))
-        if together := sum(self._batched[how] for how in BATCHED):
-            yield Counted("compared", self._batched["compared"], together)
-        if self._blocks:
-            yield DrivenInBlocks(self._blocks.total(), tuple(sorted(self._blocks)))
-        if left := self._clips[LEFT_THE_NETWORK]:
+        if together := _number(cases.batched != ""):
+            yield Counted("compared", _number(cases.batched == "compared"), together)
+        if self.blocks:
+            yield DrivenInBlocks(self.blocks.total(), tuple(sorted(self.blocks)))
+        if left := _number(np.strings.find(cases.clips, LEFT_THE_NETWORK) >= 0):
             yield Counted("actors_left", left, len(cases))
-        if moved := self._clips["actor_off_its_script"]:
+        if moved := _number(np.strings.find(cases.clips, "actor_off_its_script") >= 0):
             yield Counted("actors_moved", moved, len(cases))
-        if self._struck:
-            yield Counted("references_collide", len(self._struck), len(self._safe))
+        yield from struck
         yield from reference_notes(cases)
-        if reasons := sorted((reason, number) for reason, number in self._beyond.items() if reason):
+        if reasons := sorted((reason, number) for reason, number in self.beyond.items() if reason):
             yield BeyondRange(space.severity.name, tuple(reasons))
+
+
+def references_struck(space: ScenarioRun, overview: Survey) -> Iterator[ScoreNote]:
+    """Note on the safe points at which a human driver or the reference car collides."""
+    safe, struck = set[int](), set[int]()
+    roles: tuple[Role, ...] = ("human", "task_reference") if space.car else ("human",)
+    for role in roles:
+        for point, _, status, _ in space.store.outcomes(role, space.name):
+            if not overview.hazardous[point]:
+                safe.add(point)
+                struck |= {point} if status == "collision" else set()
+    if struck:
+        yield Counted("references_collide", len(struck), len(safe))
 
 
 def struck_by_other(fact: Fact, space: ScenarioRun) -> bool:

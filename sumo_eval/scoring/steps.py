@@ -6,7 +6,7 @@ scores, ranking.
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -45,7 +45,14 @@ from sumo_eval.scoring.likeness import (
     survey,
 )
 from sumo_eval.scoring.plausible_people import plausible_people
-from sumo_eval.scoring.quantities import Remarks, combine, describe_zones, harm_at, tabulate
+from sumo_eval.scoring.quantities import (
+    Remarks,
+    combine,
+    describe_zones,
+    harm_at,
+    references_struck,
+    tabulate,
+)
 from sumo_eval.scoring.requirements import with_counts
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.scoring.zones import zones_key
@@ -150,7 +157,8 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
     # 2  the ADSs in every concrete scenario
     overview = survey(space, zones, key)
     plausible = plausible_people(space.logical, space.store, method.plausibility)
-    remarks = {ads.name: Remarks() for ads in space.settings.ads}
+    remarks = {ads.name: Remarks(Counter(), Counter()) for ads in space.settings.ads}
+    struck = list(references_struck(space, overview))
     left_out: dict[str, tuple[LeftOut, Sequence[str]]] = {}
     for first in range(0, len(overview.weights), POINTS_AT_ONCE):
         part = range(first, min(first + POINTS_AT_ONCE, len(overview.weights)))
@@ -162,7 +170,8 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
     scores = []
     for (name, remark), table in zip(remarks.items(), tables, strict=True):
         score = combine(
-            name, space.name, table, method, remark.notes(name, space, plausible.notes, table),
+            name, space.name, table, method,
+            remark.notes(name, space, plausible.notes, struck, table),
             people=overview.people, task_reference=space.car,
         )  # fmt: skip
         scores.append(with_counts(score, table, space.logical))
@@ -238,9 +247,8 @@ def score_points(
     results = drive_results(egos, [*drivers, *cars], space)
     # 5  U, L, Ug, r, Eqs. 14-16
     harm = harm_at(space, overview, points, unreacting, results)
-    safe = [fact for fact in (*drivers, *cars) if not overview.hazardous[fact.point]]
     for name, facts in drives.items():
         rows.add(list(tabulate(facts, space, overview, compared, harm, results, people)))
-        remarks[name].add(facts, safe, space.severity)
+        remarks[name].add(facts, space.severity)
     space.progress(f"{space.name}: comparison with the drivers", points.stop, len(overview.weights))
     return compared

@@ -81,6 +81,7 @@ class Judged(NamedTuple):
     points: index of each case's point among the scenario's points, (n,), all different.
     hazardous: whether each is in a hazardous zone, (n,).
     drivers: errors of D and H by the choice of drivers.
+    missing: how far missing cases may move S+, down (at most 0) and up.
     """
 
     ads: str
@@ -88,6 +89,7 @@ class Judged(NamedTuple):
     points: IntArray
     hazardous: BoolArray
     drivers: DriverDeviations
+    missing: Bounds = (0.0, 0.0)
 
 
 class ScoreIntervals(NamedTuple):
@@ -97,7 +99,7 @@ class ScoreIntervals(NamedTuple):
     sources: score (`s`, `s_plus`) -> source (`cases`, `drivers`) -> half-width by it alone.
     worse, better: S+ of every replicate, with and without one more case, (m,).
     freedom: degrees of freedom of S+.
-    missing: how far missing cases may move S+, down (at most 0) and up.
+    missing: as in `Judged`.
     """
 
     limits: Mapping[str, Bounds]
@@ -105,7 +107,7 @@ class ScoreIntervals(NamedTuple):
     worse: FloatArray
     better: FloatArray
     freedom: int
-    missing: Bounds = (0.0, 0.0)
+    missing: Bounds
 
 
 def score_intervals(
@@ -228,7 +230,9 @@ class _Sums:
             for name in ("s", "s_plus")
             if name in limits
         }
-        return ScoreIntervals(limits, sources, worse["s_plus"], better["s_plus"], freedom["s_plus"])
+        return ScoreIntervals(
+            limits, sources, worse["s_plus"], better["s_plus"], freedom["s_plus"], ads.missing
+        )
 
     def _limits(
         self,

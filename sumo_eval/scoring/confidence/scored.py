@@ -10,9 +10,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.cases import CaseTable, IntArray
 from sumo_eval.method.score_terms import worth
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.results import ScenarioResult
@@ -41,7 +40,7 @@ LEAST = 2  # fewest cases that count for an interval
 def with_intervals(
     scores: Sequence[ScenarioResult],
     rows: Sequence[CaseTable],
-    places: Sequence[ArrayLike],
+    places: Sequence[IntArray],
     drivers: Sequence[DriverDeviations],
     groups: Strata,
     settings: EvaluationSettings,
@@ -58,31 +57,27 @@ def with_intervals(
 
     An ADS with fewer than two cases that count keeps the intervals that it has.
     """
-    judged = {}  # by index of an ADS in `scores`: its cases
-    for number, (score, cases) in enumerate(zip(scores, rows, strict=True)):
-        terms = case_terms(cases, settings.method)
+    judged = []
+    for score, cases, at, errors in zip(scores, rows, places, drivers, strict=True):
+        terms, missing = case_terms(cases, settings.method), (0.0, 0.0)
+        if score.s_plus is not None and score.s_plus_interval is not None:
+            low, high = score.s_plus_interval
+            missing = low - score.s_plus, high - score.s_plus
         if np.count_nonzero(terms.counted) >= LEAST:
-            at = np.array(places[number], dtype=np.intp)
-            judged[number] = Judged(score.ads, terms, at, ~cases.safe, drivers[number])
-    intervals: list[ScoreIntervals | None] = [None] * len(scores)
-    joined = list(scores)
-    if not judged:
-        return joined, intervals
-    computed = score_intervals(
-        list(judged.values()),
-        groups,
-        settings.method,
-        settings.seed,
-        scores[0].scenario,
-        progress=progress,
+            judged.append(Judged(score.ads, terms, at, ~cases.safe, errors, missing))
+    scenario = scores[0].scenario
+    computed = (
+        score_intervals(judged, groups, settings.method, settings.seed, scenario, progress=progress)
+        if judged
+        else []
     )
+    by_ads = {it.ads: interval for it, interval in zip(judged, computed, strict=True)}
+    intervals = [by_ads.get(score.ads) for score in scores]
     most = sum(worth(settings.method.score))  # of S
-    for number, interval in zip(judged, computed, strict=True):
-        value, ends = scores[number].s_plus, scores[number].s_plus_interval
-        if value is not None and ends is not None:
-            interval = interval._replace(missing=(ends[0] - value, ends[1] - value))
-        intervals[number], joined[number] = interval, _joined(scores[number], interval, most)
-    return joined, intervals
+    return [
+        score if interval is None else _joined(score, interval, most)
+        for score, interval in zip(scores, intervals, strict=True)
+    ], intervals
 
 
 def _joined(score: ScenarioResult, intervals: ScoreIntervals, most_of_s: float) -> ScenarioResult:

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS
 from sumo_eval.scoring.confidence.resamples import strata
 from sumo_eval.scoring.confidence.scored import with_intervals
@@ -18,7 +20,7 @@ def with_intervals_of(evaluation, partitions, ads):
         done, _ = with_intervals(
             [combine(ads, name, rows, evaluation.settings.method)],
             [rows],
-            [range(len(rows))],
+            [np.arange(len(rows))],
             [NO_DEVIATIONS],
             strata(unit, "grid"),
             evaluation.settings,

@@ -102,7 +102,7 @@ def test_the_drivers_errors_are_those_of_a_plain_loop(evaluation, partitions):
         kept = KeptResults(evaluation.folder)
         found = compute_points(store.path, jobs, fine, map, lambda done: None, kept)
         kept.close()
-        left_out = {case: (one, names) for result in found for case, one in result.left_out.items()}
+        left_out = {case: (one, names) for case, one in found.left_out.items()}
         everybody = list(range(builders.DRIVERS))
         without = [[place for place in everybody if place != absent] for absent in everybody]
         exchanged = [[*without[leaves], stays] for leaves, stays in swaps]

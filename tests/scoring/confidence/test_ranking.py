@@ -45,7 +45,7 @@ def scored(*tables, settings=SETTINGS):
         for rows in tables
     ]
     done, found = with_intervals(
-        scores, list(map(CaseTable.of, tables)), [range(len(rows)) for rows in tables],
+        scores, list(map(CaseTable.of, tables)), [np.arange(len(rows)) for rows in tables],
         [NO_DEVIATIONS] * len(tables),
         one_list(len(tables[0])), settings,
     )  # fmt: skip
