@@ -271,8 +271,8 @@ def _processor() -> str:
 def _interpreted(function: Callable[..., Any]) -> Callable[..., Any]:
     """A loop over rows in plain Python, which is quick on objects but slow on structured arrays.
 
-    So each structured array becomes a list of objects, one a record, for the time of the call, and
-    is filled from them afterwards.
+    So each structured array becomes an array of objects, one a record, for the time of the call,
+    and is filled from them afterwards.
     """
 
     @functools.wraps(function)
@@ -290,45 +290,38 @@ def _write_back(arguments: Sequence[Any], opened: Sequence[Any]) -> None:
     for argument, records in zip(arguments, opened, strict=True):
         if isinstance(argument, tuple):
             _write_back(argument, records)
-        elif records is not argument and argument.size:
-            argument[...] = _closed(records, argument.dtype)
+        elif records is not argument:
+            closed = [_closed(record, argument.dtype) for record in records.flat]
+            argument[...] = np.array(closed, argument.dtype).reshape(argument.shape)
 
 
 def _opened(argument: Any) -> Any:
-    """A structured array as objects in lists; a named tuple with each item opened; any other
+    """A structured array as an array of objects; a named tuple with each item opened; any other
     argument as it is.
     """
     if isinstance(argument, tuple):
         return type(argument)(*map(_opened, argument))
     if not isinstance(argument, np.ndarray) or argument.dtype.names is None:
         return argument
-    return _records(argument.tolist(), argument.dtype, argument.ndim)
+    objects = np.empty(argument.size, object)
+    objects[:] = [_record(values, argument.dtype) for values in argument.ravel().tolist()]
+    return objects.reshape(argument.shape)
 
 
-def _records(values: Any, dtype: np.dtype[Any], depth: int) -> Any:
-    """Objects with an attribute for each field; a field that is a record becomes an object too.
-
-    values: lists within lists of tuples, as `ndarray.tolist` makes them.
-    depth: number of dimensions that are left, i.e. of lists around a tuple.
-    """
-    if depth:
-        return [_records(value, dtype, depth - 1) for value in values]
+def _record(values: tuple[Any, ...], dtype: np.dtype[Any]) -> SimpleNamespace:
+    """An object with an attribute for each field; of a field that is a record an object too."""
     record = SimpleNamespace()
     for name, value in zip(dtype.names or (), values, strict=True):
         inner = dtype[name]
-        setattr(record, name, value if inner.names is None else _records(value, inner, 0))
+        setattr(record, name, value if inner.names is None else _record(value, inner))
     return record
 
 
-def _closed(records: Any, dtype: np.dtype[Any]) -> Any:
-    """Tuples of the objects that `_records` made, in the same lists: numpy fills an array from
-    them.
-    """
-    if isinstance(records, list):
-        return [_closed(record, dtype) for record in records]
+def _closed(record: SimpleNamespace, dtype: np.dtype[Any]) -> tuple[Any, ...]:
+    """The values of an object that `_record` made, as numpy fills a record from them."""
     values = []
     for name in dtype.names or ():
-        inner, value = dtype[name], getattr(records, name)
+        inner, value = dtype[name], getattr(record, name)
         values.append(value if inner.names is None else _closed(value, inner))
     return tuple(values)
 

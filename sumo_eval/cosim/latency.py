@@ -5,13 +5,12 @@ The fixed work tells a slow ADS from a slow or busy machine.
 
 from __future__ import annotations
 
+import math
 import time
 from array import array
 from functools import cached_property
 
-import numpy as np
-
-from sumo_eval.trajectory import FloatArray, Latency
+from sumo_eval.trajectory import Latency
 
 # steps between two timings of the fixed work: its 10 us are negligible beside 16 steps
 STEPS_BETWEEN_TIMINGS = 16
@@ -51,19 +50,19 @@ class Latencies:
     def _work(self) -> float:
         """Median time of the fixed work, s."""
         work = _sorted(self._reference)
-        return float(work[len(work) // 2])
+        return work[len(work) // 2]
 
     def _of(self, times: array[float]) -> Latency:
         steps = _sorted(times)
         return Latency(
-            mean=float(steps.mean()),
-            longest=float(steps[-1]),
-            median=float(steps[len(steps) // 2]),
-            late=float(steps[int(LATE * len(steps))]),
+            mean=math.fsum(steps) / len(steps),
+            longest=steps[-1],
+            median=steps[len(steps) // 2],
+            late=steps[int(LATE * len(steps))],
             reference=self._work,
         )
 
 
-def _sorted(times: array[float]) -> FloatArray:
+def _sorted(times: array[float]) -> list[float]:
     """Times from the shortest to the longest, s; one 0 where nothing was timed."""
-    return np.sort(np.frombuffer(times)) if times else np.zeros(1)
+    return sorted(times) or [0.0]

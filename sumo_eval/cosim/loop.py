@@ -230,7 +230,8 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             # last lane
             count, gone = world.move(to_sumo=stage.sends(world), as_read=stage.as_read)
             moved = 1
-            stage.put_aside(gone)
+            if gone:
+                stage.put_aside(gone)
             try:
                 stage.tell(world, count)
                 stage.step()
@@ -248,7 +249,6 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             moved = 0
             if world.waits:  # an act of an actor waits for a condition
                 world.wake(now)
-            world.keep_commands()
             if world.see(sampling=sampling, as_read=stage.as_read):
                 _end_rows(world, driver, stage)
     except LeftTheRoadError:  # raised only where the case is alone
@@ -407,7 +407,7 @@ class Replay(NamedTuple):
     """A recorded drive up to a step, and full braking from there on.
 
     commands: of a `Recording`: acceleration and steering, (steps, 2), or, where SUMO or a plant
-        moved the ego, its motion as in `records.MOTION`, (steps, 6).
+        moved the ego, its motion as in `records._NEXT`, (steps, 6).
     until: index of the first step of braking.
     """
 
@@ -426,7 +426,7 @@ class Replays(EgoControl):
         """Find the strongest braking of each ego, and the steering of those that need it."""
         super().begin(world, stage)
         replays = self._ads
-        # (n, steps, 6), as in `records.MOTION`; of replays of two columns the first four are 0;
+        # (n, steps, 6), as in `records._NEXT`; of replays of two columns the first four are 0;
         # the last step, beyond the longest recording, stands for all that follow
         self._commands = np.zeros((len(replays), 1 + max(len(it.commands) for it in replays), 6))
         for row, it in enumerate(replays):

@@ -140,16 +140,20 @@ class OnTraci(EgoControl):
 
     def step(self, world: World, time: float) -> None:
         """One step of each ADS."""
-        self._each(world, _Hook.step, time)
         if not self._alone:
+            self._each(world, _Hook.step, time)
             self._check_clock(world, time)
-        elif world.cases[0].road.spans and world.egos["placed"][0] == SUMO:
+            return
+        self._rows[0].step(world, time)
+        if world.cases[0].road.spans and world.egos["placed"][0] == SUMO:
             self._rows[0].lead_along_lane()
 
     def after(self, world: World, now: float) -> None:
         """Read the egos that SUMO moved."""
-        rows = None if self._alone else self._stage.read_at_once(world)
-        self._each(world, _Hook.after, now, rows)
+        if self._alone:
+            self._rows[0].after(world, now)
+        else:
+            self._each(world, _Hook.after, now, self._stage.read_at_once(world))
 
     def release(self, world: World, row: int) -> None:
         """Close the ADS and remove its listeners."""
@@ -180,6 +184,7 @@ class _Hook:
         """Make ready for a case of the world."""
         self._world, self._case = world, case
         self._calls, self._traci = stage.calls, stage.traci
+        self._actuation = self._driver.actuation
         concrete = world.cases[case]
         self.ego = stage.names[case][0]
         self.names = _names(concrete, suffix(case, len(world.cases)))
@@ -302,7 +307,7 @@ class _Hook:
             due[0] = command.acceleration, command.steering
         elif took is not None:
             world.note(self._case, "actuation_not_delayed", self._delay, 0.0)
-        self._driver.actuation.pass_on(due, [self._case], world.steps, has_new=has_new)
+        self._actuation.pass_on(due, [self._case], world.steps, has_new=has_new)
         return Command(*due[0].tolist()) if has_new else None
 
     def _ask(self, time: float) -> tuple[Command | None, float]:
@@ -329,7 +334,7 @@ class _Hook:
             )
         if not GUARD.shared:
             self._driver._check_clock(self._world, time)
-        late = self._driver.actuation.late(took)
+        late = self._actuation.late(took)
         # an ego that SUMO moves stays with SUMO where a command is late
         if answer is None or (late and self._world.steps and self._placed[0] == SUMO):
             self._executor.release()

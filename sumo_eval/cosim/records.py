@@ -30,6 +30,8 @@ class Scenes(NamedTuple):
     seen: the actors as rules see them, (n, m).
     samples: (n, 1 + m, instants, channels).
     shown: x and y of the front bumper, angle and speed of the actors, (n, m, 4).
+    kept: what moved the egos in each step, (n, steps, values): commands where the vehicle model
+        moves them all, else their motion as in `_NEXT`.
     """
 
     egos: Records
@@ -38,6 +40,7 @@ class Scenes(NamedTuple):
     seen: Records
     samples: FloatArray
     shown: FloatArray
+    kept: FloatArray
 
 
 Layout = list[tuple[str, Any]]
@@ -127,8 +130,6 @@ def first_number(field: str) -> int:
 COMMAND = slice(first_number("command"), first_number("command") + 2)
 """Place of the command in the numbers of an ego."""
 MAP = first_number("map")
-MOTION = [MAP, MAP + 1, MAP + 2, *map(first_number, ("speed", "acceleration", "steering"))]
-"""Places of x, y and heading on the map, speed, acceleration and steering: as in `_NEXT`."""
 NEXT = slice(first_number("next"), first_number("next") + 6)
 """Place of a plant's next state."""
 

@@ -178,11 +178,11 @@ def begin_rows(
         _restate(ego.before, ego)
         show_body(ego.seen, ego, line, 0.5 * scenario[0].vehicle.wheelbase)
         for j in range(len(others[i])):
-            other = others[i][j]
+            other = others[i, j]
             play_actor(cast, i, j, 0.0, line)
             put_on_map(other, line)
             _restate(other.before, other)
-            show_body(seen[i][j], other, line, 0.0)
+            show_body(seen[i, j], other, line, 0.0)
         _sample_row(ego, others[i], samples[i])
 
 
@@ -266,7 +266,7 @@ def _move_egos(
                 along = ego.speed * math.cos(ego.heading) / (1.0 - pose[3] * ego.y)
                 count = _tell(tell, count, i * (1 + len(others[i])), ego, line, along)
         for j in range(len(others[i])):
-            other = others[i][j]
+            other = others[i, j]
             _restate(other.before, other)
             other.told = 0
     return count
@@ -415,6 +415,21 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
     return DECIDED
 
 
+@kernel
+def _keep(kept: FloatArray, ego: Any) -> None:
+    """Keep what moved an ego in a step, from which `no_return` drives a contact again.
+
+    kept: of this step, as in `Scenes`.
+    """
+    command, at = ego.command, ego.map
+    if len(kept) == 2:
+        kept[0], kept[1] = command.acceleration, command.steering
+        return
+    values = at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering
+    for k, value in enumerate(values):
+        kept[k] = value
+
+
 @rows
 def see_rows(
     scenes: Scenes, scenario: Records, line: Records, steps: int, sampling: int, as_read: int
@@ -429,6 +444,7 @@ def see_rows(
     """
     egos, others, clips = scenes.egos, scenes.others, scenes.clips
     seen, samples, shown = scenes.seen, scenes.samples, scenes.shown
+    kept = scenes.kept
     ended = 0
     step = scenario[0].step
     for i in range(len(egos)):
@@ -439,11 +455,13 @@ def see_rows(
             _sample_row(ego, others[i], samples[i])
             ended += 1
             continue
+        if steps <= kept.shape[1]:  # a `Pack` steps for ever, and nothing reads them there
+            _keep(kept[i, steps - 1], ego)
         now = (steps - ego.begun) * step
         before, body = body_of(ego.before.map, ego.before, ego), body_of(ego.map, ego, ego)
         first = 2.0  # share of the step at the first touch; 2: no touch
         for j in range(len(others[i])):
-            other = others[i][j]
+            other = others[i, j]
             if other.present == 0:
                 continue
             if as_read:
@@ -469,16 +487,16 @@ def see_rows(
             _go_back(ego, first)
             ego.time = now - step + first * step
             for j in range(len(others[i])):
-                _go_back(others[i][j], first)
+                _go_back(others[i, j], first)
         else:
             ego.time = now
             ego.reason = _end(ego, others[i], scenario[0], now)
             show_body(ego.seen, ego, line, 0.5 * scenario[0].vehicle.wheelbase)
             for j in range(len(others[i])):
-                other = others[i][j]
-                show_body(seen[i][j], other, line, 0.0)
+                other = others[i, j]
+                show_body(seen[i, j], other, line, 0.0)
                 if other.present == 0:
-                    seen[i][j].x = math.nan
+                    seen[i, j].x = math.nan
         if sampling or ego.reason != 0:
             _sample_row(ego, others[i], samples[i])
         if ego.reason != 0:
@@ -520,13 +538,13 @@ def _move_actors(
             continue
         now = (steps - egos[i].begun) * scenario[0].step
         for j in range(len(others[i])):
-            other, play = others[i][j], plays[i][j]
+            other, play = others[i, j], plays[i, j]
             play_actor(cast, i, j, now, line)
             other.told = 1
             if play.model or other.present == 0:
                 continue
             inner = put_on_map(other, line)
-            if to_sumo == 2 and not _at_work(other, play, acts[i][j], now, scenario[0]):
+            if to_sumo == 2 and not _at_work(other, play, acts[i, j], now, scenario[0]):
                 other.told = 0
             elif to_sumo:
                 other.told = 2
@@ -540,4 +558,4 @@ def map_rows(others: Records, line: Records) -> None:
     """Put all actors on the map, without a step."""
     for i in range(len(others)):
         for j in range(len(others[i])):
-            put_on_map(others[i][j], line)
+            put_on_map(others[i, j], line)

@@ -22,15 +22,12 @@ from sumo_eval.cosim.impossible import FASTEST
 from sumo_eval.cosim.latency import Latencies
 from sumo_eval.cosim.records import (
     CLIP,
-    COMMAND,
     CYCLE,
     EGO,
     LIMITS,
     MODEL,
-    MOTION,
     MOVER,
     OTHER,
-    PLACES,
     REASONS,
     SCENARIO,
     SIM_ERROR,
@@ -39,7 +36,6 @@ from sumo_eval.cosim.records import (
     WHATS,
     Records,
     Scenes,
-    numbers_of,
 )
 from sumo_eval.cosim.step_rules import (
     begin_rows,
@@ -88,21 +84,18 @@ def described(road: Road, vehicle: VehicleSettings, settings: SimulationSettings
     They differ in `step`: the first has the time step, the second the cycle of decisions
     (`records.CYCLE`), in whole steps.
     """
-    records = np.zeros(2, SCENARIO)
-    for name in ("length", "right_edge", "left_edge", "lane_width", "lanes", "bent", "shaped"):
-        records["road"][name] = getattr(road, name)
-    for side, lane in (("right", 0), ("left", road.lanes - 1)):
+    # all values in the order of the fields of `SCENARIO`
+    ends: list[float] = []
+    for lane in (0, road.lanes - 1):  # the right and the left one
         span = road.span(lane)
-        places = *span.places, span.parted_until, span.parted_from
-        for name, x in zip(PLACES, places, strict=True):
-            records["road"][f"{side}_{name}"] = x
-    for name, _ in LIMITS:
-        records["vehicle"][name] = getattr(vehicle, name)
-    step = settings.step
-    records["step"] = step, max(round(CYCLE / step), 1) * step
-    for name in ("time_limit", "standstill_speed", "standstill_time", "end_when_decided"):
-        records[name] = getattr(settings, name)
-    return records
+        ends += *span.places, span.parted_until, span.parted_from
+    edges = road.length, road.right_edge, road.left_edge, road.lane_width
+    of_road = *edges, road.lanes, road.bent, road.shaped, *ends
+    limits = tuple(getattr(vehicle, name) for name, _ in LIMITS)
+    steps = settings.step, max(round(CYCLE / settings.step), 1) * settings.step
+    stands = settings.standstill_speed, settings.standstill_time
+    times = settings.time_limit, *stands, settings.end_when_decided
+    return np.array([(of_road, limits, step, *times) for step in steps], SCENARIO)
 
 
 def kind_of(concrete: ConcreteScenario) -> tuple[object, ...]:
@@ -156,7 +149,7 @@ class World:
         ])  # fmt: skip
         self.line = knots_of(cases[0].road.line)
         self.egos, self.others = _egos(cases, settings.vehicle, placed), _others(cases)
-        if placed == MODEL:
+        if placed == MODEL and cases[0].road.bent:
             limits = self.scenario["vehicle"][::2].view(np.recarray)
             _put_in_curve(self.egos, cases[0].road, limits)
         self.players = players([case.actors for case in cases])
@@ -170,17 +163,15 @@ class World:
         self._sampled = 1  # samples taken of a vehicle, at most
         self._room = 64  # samples that the arrays have room for
         self.samples = np.zeros((n, 1 + m, self._room, len(CHANNELS)))
+        every = round(settings.record_interval / settings.step)  # steps from one sample to the next
+        model = placed == MODEL and settings.plant is None  # the vehicle model moves all egos
+        self.kept = np.zeros((n, self._room * every, 2 if model else 6))
         self._batched = "batched" if placed == SUMO and n > 1 else ""  # `Recording.batched`
-        models = placed == MODEL and settings.plant is None  # the vehicle model moves all egos
-        self._numbers = numbers_of(self.egos)
-        # what moved the egos in each step, (n, steps, values); `_command_columns` are its columns
-        # of `_numbers`
-        self._command_columns = np.r_[COMMAND] if models else np.array(MOTION)
-        self._commands = np.zeros((n, self._room, 2 if models else 6))
         self._codes: dict[Any, Any] = {}  # the rules of a step as machine code for these arrays
         self.reacts = any(case.reacts for case in cases)  # whether SUMO's models drive actors
-        # whether the actors' motion depends on time alone
-        self.timed = not any(case.lively for case in cases)
+        # whether SUMO can move by itself the actors that only keep their speed: on a straight road,
+        # where the actors' motion depends on time alone
+        self._may_be_quiet = not len(self.line) and not any(case.lively for case in cases)
         self._stack = np.zeros((DEEPEST, 3))  # working space of `wake_rows`
         acts = self.players.acts
         # whether moves wait for conditions or the end of a step
@@ -216,7 +207,7 @@ class World:
     def gather(self) -> None:
         """Renew `scenes` and `cast`, which hold the arrays, after an array has been replaced."""
         self.scenes = Scenes(
-            self.egos, self.others, self.clips, self.seen, self.samples, self.shown
+            self.egos, self.others, self.clips, self.seen, self.samples, self.shown, self.kept
         )
         self.cast = Cast(self.egos, self.others, *self.players)
 
@@ -227,21 +218,13 @@ class World:
         to_sumo: whether SUMO receives the vehicles in this step.
         as_read: whether the actors are where SUMO shows them.
         """
-        # quiet: SUMO need not receive actors that only keep their speed, as it moves them itself
-        steps, quiet = self.steps + 1, as_read and self.timed and not len(self.line)
+        steps, quiet = self.steps + 1, as_read and self._may_be_quiet
         count = self._run(
             move_rows, self.cast, self.clips, self.tell, self.scenario, self.line, steps,
             to_sumo * (1 + quiet),  # 0, 1 or 2, as in `move_rows`
         )  # fmt: skip
         now = steps * self.settings.step
         return self.let_leave(now, count, as_read) if self.may_leave(now) else (count, ())
-
-    def keep_commands(self) -> None:
-        """Keep what moved the egos in this step, from which `no_return` drives a contact again."""
-        if self.steps >= self._commands.shape[1]:
-            self._commands = np.concatenate([self._commands, np.zeros_like(self._commands)], 1)
-        # `take`: indexing a single row by a list takes seven times as long
-        self._numbers.take(self._command_columns, 1, self._commands[:, self.steps], "clip")
 
     def see(self, *, sampling: bool = False, as_read: bool = False) -> int:
         """Take in what SUMO shows at the end of the step; the number of cases that ended."""
@@ -363,23 +346,20 @@ class World:
         self._sampled += 1
         if self._sampled + 2 > self._room:
             self._room *= 2
-            rows, vehicles, before = self.samples.shape[:3]
-            grown = np.zeros((rows, vehicles, self._room, self.samples.shape[3]))
-            grown[:, :, :before] = self.samples
-            self.samples = grown
+            self.samples = np.concatenate([self.samples, np.zeros_like(self.samples)], 2)
+            self.kept = np.concatenate([self.kept, np.zeros_like(self.kept)], 1)
             self.gather()
 
     def keep(self, rows: IntArray) -> None:
         """Drop all rows but these; keep their order."""
         for name in (
-            "rows", "egos", "others", "clips", "seen", "shown", "samples", "_commands"
+            "rows", "egos", "others", "clips", "seen", "shown", "samples", "kept"
         ):  # fmt: skip
             setattr(self, name, getattr(self, name)[rows])
         if len(self.scenario) > 2:  # two records for each row
             self.scenario = self.scenario.reshape(-1, 2)[rows].reshape(-1)
         self.players = self.players.of(rows)
         self._codes = {}
-        self._numbers = numbers_of(self.egos)
         self.gather()
 
     def end(self, row: int) -> None:
@@ -408,7 +388,7 @@ class World:
         if hit is not None and hit.side == "rear" and actors[int(ego["struck"])].model is not None:
             self.note(case, "struck_from_behind", hit.relative_speed, self._in_its_lane_for(row))
         counts = self.others["samples"][row].tolist()
-        commands = None if hit is None else self._commands[row, : self.steps].copy()
+        commands = None if hit is None else self.kept[row, : self.steps].copy()
         self.ended[case] = partial(
             Recording,
             self._trajectory(row, 0, int(ego["samples"]), vehicle),

@@ -531,7 +531,7 @@ def holds_from(cast: Any, j: int, act: Any, now: float, before: float, stack: An
         elif op not in (NEGATE, ABSOLUTE):  # two values, now in rows k and k + 1, become one
             k -= 1
         if op == ENDED:
-            end = cast.acts[it.one][it.two].end
+            end = cast.acts[it.one, it.two].end
             _compare(stack, k, before - end, now - end, 1)
         elif op in (BELOW, AT_MOST):
             margin_before = stack[k + 1, BEFORE] - stack[k, BEFORE]
@@ -745,7 +745,7 @@ def wake(cast: Any, now: float, before: float, stack: Any, line: Any) -> None:
     acts, pieces, table = cast.acts, cast.pieces, cast.table
     for j in range(len(others)):
         for q in range(plays[j].acts):
-            act = acts[j][q]
+            act = acts[j, q]
             if act.state == WAITS:
                 share = holds_from(cast, j, act, now, before, stack)
                 if share >= 0.0:
@@ -773,10 +773,10 @@ def move(other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float,
 @kernel
 def play_actor(cast: Any, i: int, j: int, time: float, line: Any) -> None:
     """Move actor j of case i to where its script has it at a time, unless SUMO drives it."""
-    play = cast.plays[i][j]
+    play = cast.plays[i, j]
     if play.model == 0:
-        acts, pieces, table = cast.acts[i][j], cast.pieces[i][j], cast.table[i][j]
-        move(cast.others[i][j], play, acts, pieces, table, time, line)
+        acts, pieces, table = cast.acts[i, j], cast.pieces[i, j], cast.table[i, j]
+        move(cast.others[i, j], play, acts, pieces, table, time, line)
 
 
 # -- rows ------------------------------------------------------------------------------------------

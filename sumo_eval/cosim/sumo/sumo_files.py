@@ -331,21 +331,26 @@ def routes_xml(
     ego_type: vType attributes of the ego, added to the usual ones or instead of them.
     origin: a sentence on where the file comes from.
     """
-    routes = E.routes(*map(E.vType, vehicle_types(concrete, vehicle, ego_type)))
-    routes.addprevious(etree.Comment(_remarks(concrete, origin)))
+    # not `E`: it takes three times as long, and every case has such a file
+    root = etree.Element("routes")
+    root.addprevious(etree.Comment(_remarks(concrete, origin)))
+    for attributes in vehicle_types(concrete, vehicle, ego_type):
+        etree.SubElement(root, "vType", attributes)
     way, y = concrete.ego.way, concrete.ego.y
     # y at the start, and after all lane changes, None without any; the ego's first
     ys = [(y, None if way is None else y + way.offset)] + [
         (it.start.y, it.y(math.inf) if it.lateral_moves else None) for it in concrete.actors
     ]
     starts = departures(concrete, vehicle.length, on_map=True)
+    routes = set()
     for attributes, (start, goal) in zip(starts, ys, strict=True):
-        first = int(attributes.get("departEdge", "0"))
-        edges = " ".join(vehicle_edges(concrete.road, start, goal, first))
-        if routes.find(f"route[@id='{attributes['route']}']") is None:
-            routes.append(E.route(id=attributes["route"], edges=edges))
-        routes.append(E.vehicle(attributes))
-    return document(routes)
+        route, first = attributes["route"], int(attributes.get("departEdge", "0"))
+        if route not in routes:
+            edges = " ".join(vehicle_edges(concrete.road, start, goal, first))
+            etree.SubElement(root, "route", id=route, edges=edges)
+            routes.add(route)
+        etree.SubElement(root, "vehicle", attributes)
+    return document(root)
 
 
 def vehicle_types(
