@@ -348,8 +348,7 @@ def _count_mistakes(parts: Iterable[Part]) -> int:
 
 def _check_recorded_people(space: Space, settings: EvaluationSettings, source: Path) -> int:
     """Count the mistakes in recorded events of a scenario; warn where no safe point has any."""
-    from sumo_eval.drivers.recorded.matching import matching_events
-    from sumo_eval.drivers.recorded.reference import open_people, reference
+    from sumo_eval.drivers.recorded.reference import matching_events, open_people, reference
 
     people = open_people(settings.drivers, source)
     name, recorded = space.logical.name, space.logical.recorded
@@ -380,6 +379,6 @@ def schema(what: str) -> None:
     """Print the JSON schema of a scenario file or of an evaluation file, for editors that check
     TOML.
     """
-    from sumo_eval.scenario.schema import evaluation_schema, scenario_schema
+    from sumo_eval.scenario.schema import schema_of
 
-    tell(json.dumps(scenario_schema() if what == "scenario" else evaluation_schema(), indent=2))
+    tell(json.dumps(schema_of(what), indent=2))

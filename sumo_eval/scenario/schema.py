@@ -10,16 +10,8 @@ from sumo_eval.scenario.file_tables import ScenarioFile
 from sumo_eval.settings import EvaluationSettings
 
 
-def scenario_schema() -> dict[str, Any]:
-    """JSON schema of a scenario file."""
-    return _schema(ScenarioFile)
-
-
-def evaluation_schema() -> dict[str, Any]:
-    """JSON schema of an evaluation file."""
-    return _schema(EvaluationSettings)
-
-
-def _schema(root: type) -> dict[str, Any]:
+def schema_of(kind: str) -> dict[str, Any]:
+    """JSON schema of a file of a kind, `scenario` or `evaluation`."""
+    root: type = ScenarioFile if kind == "scenario" else EvaluationSettings
     schema: dict[str, Any] = TypeAdapter(root).json_schema()
     return {**schema, "$schema": "https://json-schema.org/draft/2020-12/schema"}

@@ -13,9 +13,14 @@ from refusals import refusal
 from scipy import stats
 
 from sumo_eval.drivers.recorded.exposure import exposure_of, fit_exposure
-from sumo_eval.drivers.recorded.matching import matching_events
 from sumo_eval.drivers.recorded.recordings import Recordings, write_csv
-from sumo_eval.drivers.recorded.reference import Reference, notes_of, open_people, reference
+from sumo_eval.drivers.recorded.reference import (
+    Reference,
+    matching_events,
+    notes_of,
+    open_people,
+    reference,
+)
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, read_scenario
 from sumo_eval.scenario.logical import Counterpart

@@ -19,7 +19,7 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, read_scenario
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sampling.samples import sample
-from sumo_eval.scenario.schema import evaluation_schema, scenario_schema
+from sumo_eval.scenario.schema import schema_of
 
 DOCUMENT = ROOT / "docs" / "reference" / "scenario_file.md"
 EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(), re.DOTALL)[0]
@@ -336,15 +336,14 @@ def test_a_file_that_is_not_there():
 
 
 def test_schemas_name_every_key_with_its_meaning():
-    for schema in (scenario_schema(), evaluation_schema()):
+    for schema in map(schema_of, ("scenario", "evaluation")):
         json.dumps(schema)
         tables = [schema, *schema["$defs"].values()]
         keys = [entry for table in tables for entry in table["properties"].values()]
         assert all(table["additionalProperties"] is False for table in tables)
         assert sum("description" in entry for entry in keys) > 0.7 * len(keys)
-    assert (
-        "bumper" in scenario_schema()["$defs"]["VehicleTable"]["properties"]["gap"]["description"]
-    )
+    vehicle = schema_of("scenario")["$defs"]["VehicleTable"]
+    assert "bumper" in vehicle["properties"]["gap"]["description"]
 
 
 @pytest.mark.campaign

@@ -124,8 +124,7 @@ def exposure_of(
         )
     owner = f"parameter in [recorded] of scenario `{logical.name}`:"
     check_known(owner, dict(logical.recorded.columns), *logical.names)
-    from sumo_eval.drivers.recorded.matching import matching_events
-    from sumo_eval.drivers.recorded.reference import open_people
+    from sumo_eval.drivers.recorded.reference import matching_events, open_people
 
     people = open_people(DriverSettings(recordings=tuple(recordings)), source)
     assert people.events is not None  # there are recordings

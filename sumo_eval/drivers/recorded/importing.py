@@ -20,8 +20,7 @@ from sumo_eval.drivers.recorded.importers import (
     osi,
     sumo_fcd,
 )
-from sumo_eval.drivers.recorded.importers.files import files_in
-from sumo_eval.drivers.recorded.importers.tables import Samples
+from sumo_eval.drivers.recorded.importers.tables import Samples, files_in
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, read_csv
 from sumo_eval.drivers.recorded.straighten import straighten
 from sumo_eval.errors import InputError, unknown

@@ -17,8 +17,7 @@ import pandas as pd
 from lxml import etree
 from scipy.spatial import cKDTree
 
-from sumo_eval.drivers.recorded.importers.files import reading_xml
-from sumo_eval.drivers.recorded.importers.tables import LARGEST, Samples
+from sumo_eval.drivers.recorded.importers.tables import LARGEST, Samples, reading_xml
 from sumo_eval.drivers.recorded.straighten import distances
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file

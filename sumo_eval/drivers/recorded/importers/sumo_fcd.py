@@ -13,8 +13,12 @@ import numpy as np
 import pandas as pd
 from lxml import etree
 
-from sumo_eval.drivers.recorded.importers.files import reading_xml
-from sumo_eval.drivers.recorded.importers.tables import Samples, checked_numbers, read_table
+from sumo_eval.drivers.recorded.importers.tables import (
+    Samples,
+    checked_numbers,
+    read_table,
+    reading_xml,
+)
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
 

@@ -1,5 +1,5 @@
-"""Tables of foreign formats, for all importers: read, checked and completed. Every fault is named
-with its file and row.
+"""Files and tables of foreign formats, for all importers: read, checked and completed. Every fault
+is named with its file and row.
 """
 
 from __future__ import annotations
@@ -8,12 +8,14 @@ import csv
 import gzip
 import itertools
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from lxml import etree
 
 from sumo_eval.errors import MOST_KNOWN, InputError, did_you_mean
 from sumo_eval.input_file import input_file
@@ -34,6 +36,29 @@ DOUBLE = "samples with a time that their vehicle already had were left out."  # 
 
 Samples = tuple[pd.DataFrame, list[str]]
 """A table of tracks, sampled as in the source, and sentences on what was assumed."""
+
+
+def files_in(path: Path, *patterns: str) -> list[Path]:
+    """The file itself, or all files of a folder that match a pattern, sorted: at least one."""
+    if not path.exists():
+        raise InputError(f"There is no file or folder {path}.")
+    if not path.is_dir():
+        return [path]
+    files = sorted({file for pattern in patterns for file in path.glob(pattern)})
+    if not files:
+        raise InputError(f"Folder {path} must hold files called {', '.join(patterns)}, got none.")
+    return files
+
+
+@contextmanager
+def reading_xml(path: Path) -> Iterator[None]:
+    """Raise InputError for a file that cannot be read, or for the line where it is damaged."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
+    except etree.XMLSyntaxError as error:
+        raise InputError(f"{path} is not well-formed XML: {str(error.msg).rstrip('.')}.") from error
 
 
 def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFrame:
