@@ -17,7 +17,6 @@ from typing import Any
 from weakref import proxy
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.controller import Adapter, NativeModel, ObjectController
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, SumoNames
@@ -61,6 +60,7 @@ from sumo_eval.errors import ControllerError, ControllerTimeoutError, Simulation
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.road.reference_line import curvatures, frame_places
 from sumo_eval.scenario.touch import Body
+from sumo_eval.trajectory import IntArray
 
 _SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
 _SHARPEST = 25.0  # m/s2 across; no vehicle that is faster sideways turns more sharply
@@ -106,7 +106,7 @@ class OnTraci(EgoControl):
         self.keep(world, world.rows)
         self._each(world, _Hook.begin, 0.0)
 
-    def keep(self, world: World, rows: NDArray[np.intp]) -> None:
+    def keep(self, world: World, rows: IntArray) -> None:
         """Drop all rows but these; keep their order."""
         self._rows = [self._hooks[case] for case in world.rows.tolist()]
         for row, hook in enumerate(self._rows):

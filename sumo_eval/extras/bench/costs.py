@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.observation import Observation, Observations
 from sumo_eval.cosim.simulation import simulate, simulate_many
@@ -42,7 +41,7 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import FloatArray, Recording
+from sumo_eval.trajectory import BoolArray, FloatArray, Recording
 
 # the step, s, is that of the public simulators of UN R157
 SETTINGS = SimulationSettings(step=0.1, end_when_decided=True)
@@ -103,12 +102,12 @@ class BatchPolicy:
 
     def act(self, seen: Observations) -> FloatArray:
         """Brake at less than 4 s to contact."""
-        self.brakes: NDArray[np.bool_] = (seen.lead.gap > 0.0) & (
+        self.brakes: BoolArray = (seen.lead.gap > 0.0) & (
             seen.lead.gap < -4.0 * seen.lead.relative_speed
         )
         return np.where(self.brakes, -4.0, 0.0)
 
-    def settled(self) -> NDArray[np.bool_]:
+    def settled(self) -> BoolArray:
         """Whether each ego keeps its speed while no actor is near."""
         return np.logical_not(self.brakes)
 

@@ -16,6 +16,7 @@ from sumo_eval.cosim.doors.features import Interface, largest
 from sumo_eval.errors import must_be
 from sumo_eval.extras.gym.episodes import TERMINAL, Episodes
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.trajectory import BoolArray
 
 Floats = NDArray[Any]
 
@@ -159,9 +160,7 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
             raise must_be("`seed`", "reset", f"one number, or {self.num_envs}", seed)
         self._generators = list(map(np.random.default_rng, seeds))
 
-    def step(
-        self, actions: Floats
-    ) -> tuple[Floats, Floats, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step(self, actions: Floats) -> tuple[Floats, Floats, BoolArray, BoolArray, dict[str, Any]]:
         """One step of all, or the steps of one `period`."""
         answers = _answers(self.interface, actions, self.num_envs)
         # episodes that ended with the last step: their actions do not count, they restart below

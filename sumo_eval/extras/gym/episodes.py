@@ -22,6 +22,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.resolved import find_with
 from sumo_eval.scenario.touch import Body, velocity
 from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import BoolArray, IntArray
 
 Floats = NDArray[Any]
 Point = Mapping[str, float]
@@ -52,7 +53,7 @@ class Transition(NamedTuple):
     acceleration: Floats
     jerk: Floats
     start_speed: Floats
-    running: NDArray[np.bool_]
+    running: BoolArray
     ended: NDArray[Any]
     impact: Floats
     step: float
@@ -128,7 +129,7 @@ class Episodes:
 
     def begin(
         self,
-        rows: NDArray[np.intp],
+        rows: IntArray,
         generators: list[np.random.Generator],
         options: Mapping[str, Any],
     ) -> None:

@@ -22,14 +22,13 @@ from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
 from sumo_eval.settings.random_streams import random_stream
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import FloatArray, IntArray
 
 LEAST_IN_CELL = 2
 """Points of a round in a cell, at least: one point alone shows no deviation."""
@@ -40,8 +39,6 @@ DEFAULT_ROUNDS, MOST_ROUNDS = 5, 16  # rounds of one sample
 _CANDIDATES = 64  # for each point of a round
 _LEAST_CANDIDATES, _MOST_CANDIDATES = 2**12, 2**21
 _SPARE = 2  # possible candidates for each point of the budget, at least
-
-IntArray = NDArray[np.intp]
 
 
 def adaptive(logical: LogicalScenario, request: Request) -> Drawn:

@@ -10,16 +10,16 @@ from collections.abc import Sequence
 
 import covertable  # type: ignore[import-untyped]
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.errors import must_be
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.grid import grid_axes, mesh
 from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
+from sumo_eval.trajectory import IntArray
 
-Levels = NDArray[np.intp]
+Levels = IntArray
 """Points of a grid (n, k), as the number of the value on each axis."""
-Numbers = NDArray[np.intp]
+Numbers = IntArray
 """Numbers (n,): of points in a grid, the first axis slowest, or of combinations of values."""
 
 

@@ -7,14 +7,13 @@ from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.errors import must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import SamplingSettings
 from sumo_eval.settings.random_streams import random_stream
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import FloatArray, IntArray
 
 MAX_POINTS = 1_000_000
 """More points than any machine will simulate; a larger sample is a slip of the pen."""
@@ -82,4 +81,4 @@ class Drawn:
     exposure: FloatArray | None = None
     notes: tuple[str, ...] = ()
     stands_for: FloatArray | None = None
-    stratum: NDArray[np.intp] | None = None
+    stratum: IntArray | None = None

@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.frozen import frozen
@@ -26,7 +25,7 @@ from sumo_eval.scenario.sampling.grid import full_grid
 from sumo_eval.scenario.sampling.listed_points import from_csv, from_function
 from sumo_eval.scenario.sampling.request import Drawn, Levels, Request, Steps, owner_of
 from sumo_eval.text import capitalised
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 
 @frozen(eq=False)
@@ -48,7 +47,7 @@ class Sample:
     notes: tuple[str, ...] = ()
     method: str = ""
     stands_for: FloatArray | None = None
-    stratum: NDArray[np.intp] | None = None
+    stratum: IntArray | None = None
 
 
 def sample_of(points: FloatArray, method: str) -> Sample:
