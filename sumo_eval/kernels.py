@@ -28,6 +28,7 @@ from types import SimpleNamespace
 from typing import Any, TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.input_file import read_input
 
@@ -53,6 +54,22 @@ _ROOMS = (
 _SEAL = 32  # bytes at the beginning of a file of machine code: the SHA-256 of the rest
 _unregistered: list[Callable[..., Any]] = []
 """Kernels that numba does not know yet: they were defined before it was loaded."""
+
+Records = NDArray[Any]
+"""A structured array. Each layout is made in one place, as kernels are compiled again for every
+other one."""
+Layout = list[tuple[str, Any]]
+"""Fields of a record and their types."""
+
+
+def fields(*names: str) -> Layout:
+    """Fields of a record that are numbers."""
+    return [(name, "f8") for name in names]
+
+
+def flags(*names: str) -> Layout:
+    """Fields of a record that are counts, codes, or 0 and 1."""
+    return [(name, "i8") for name in names]
 
 
 def kernel(function: Function) -> Function:

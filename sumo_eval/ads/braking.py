@@ -12,8 +12,7 @@ from collections.abc import Callable
 from math import inf, sqrt
 from typing import Any, NamedTuple
 
-from sumo_eval.cosim.records import fields, flags
-from sumo_eval.kernels import kernel
+from sumo_eval.kernels import fields, flags, kernel
 
 _HALVINGS = 20  # bisections that find an instant in a step: to 5e-8 s at 0.05 s
 # m/s2 by which a demand must change within a step to be looked at for a jump: 10 m/s3 at 0.05 s

@@ -20,10 +20,9 @@ from sumo_eval.ads.lane_change import (
 )
 from sumo_eval.ads.perception import bumper_gap, coming_into_path, lead_in_path
 from sumo_eval.cosim.compiled import Compiled, decides, each_row
-from sumo_eval.cosim.records import fields, flags
 from sumo_eval.errors import must_be
 from sumo_eval.frozen import frozen
-from sumo_eval.kernels import kernel
+from sumo_eval.kernels import fields, flags, kernel
 from sumo_eval.scenario.concrete import LEAST_CHANGE
 
 EXPONENT = 4.0  # delta of the free-road term (Treiber, Hennecke, Helbing 2000)

@@ -25,8 +25,7 @@ from sumo_eval.ads.r157 import (
     lateral_gap,
 )
 from sumo_eval.cosim.compiled import Compiled, check_numbers
-from sumo_eval.cosim.records import fields, flags
-from sumo_eval.kernels import kernel
+from sumo_eval.kernels import fields, flags, kernel
 
 REACTION = 0.75  # tau, s
 COMFORTABLE = 4.0  # bc, m/s2

@@ -25,9 +25,9 @@ from sumo_eval.ads.lane_change import (
 )
 from sumo_eval.ads.perception import bumper_gap, lateral_overlap, lead_in_path, safe_gap
 from sumo_eval.cosim.compiled import Compiled, each_row
-from sumo_eval.cosim.records import MOVER, Records, fields
+from sumo_eval.cosim.records import MOVER
 from sumo_eval.errors import ControllerError, must_be
-from sumo_eval.kernels import kernel
+from sumo_eval.kernels import Records, fields, kernel
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 

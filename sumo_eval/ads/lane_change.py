@@ -11,9 +11,8 @@ import functools
 import math
 from typing import Any
 
-from sumo_eval.cosim.records import fields
 from sumo_eval.errors import must_be
-from sumo_eval.kernels import kernel
+from sumo_eval.kernels import fields, kernel
 from sumo_eval.scenario.motion import quintic, quintic_bend, quintic_rate
 
 PEAK_BEND = 10.0 / math.sqrt(3.0)  # largest second derivative of the smooth step

@@ -17,8 +17,8 @@ from sumo_eval.ads.pedals import PEDALS, gained_towards, pedal_command
 from sumo_eval.ads.perception import is_visible, take
 from sumo_eval.ads.r157 import SIGHTED, foresee, sight
 from sumo_eval.cosim.compiled import Compiled, decides, each_row
-from sumo_eval.cosim.records import MOVER, fields, flags
-from sumo_eval.kernels import kernel
+from sumo_eval.cosim.records import MOVER
+from sumo_eval.kernels import fields, flags, kernel
 
 # it overtakes when not in danger, too (`inclined`); times in s
 SMOOTH = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, duration=8.0)

@@ -23,10 +23,9 @@ from sumo_eval.ads.lane_change import (
     smooth_step,
 )
 from sumo_eval.ads.perception import bumper_gap, gap_behind, neighbours
-from sumo_eval.cosim.records import fields, flags
 from sumo_eval.errors import must_be
 from sumo_eval.frozen import frozen
-from sumo_eval.kernels import kernel
+from sumo_eval.kernels import fields, flags, kernel
 
 # m, free space across the road when the ego's front comes level with the lead's rear
 CLEARANCE = 0.3

@@ -10,9 +10,8 @@ from __future__ import annotations
 from typing import Any
 
 from sumo_eval.ads.braking import mean_level
-from sumo_eval.cosim.records import fields
 from sumo_eval.cosim.vehicle_model import drive
-from sumo_eval.kernels import kernel
+from sumo_eval.kernels import fields, kernel
 
 # m/s, assumed where only the change of speed counts: too fast to come to a standstill in a step
 _ROLLING = 1e3

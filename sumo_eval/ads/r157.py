@@ -12,8 +12,8 @@ from sumo_eval.ads.braking import SAFETY_BRAKING, follow_demand
 from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import bumper_gap, carry_on, is_in_sight, take
 from sumo_eval.cosim.compiled import decides, each_row
-from sumo_eval.cosim.records import MOVER, fields, flags
-from sumo_eval.kernels import kernel
+from sumo_eval.cosim.records import MOVER
+from sumo_eval.kernels import fields, flags, kernel
 
 GRAVITY = 9.81  # m/s2
 HUMAN_JERK = 12.65  # m/s3, with which the regulation's human builds up its braking, in 0.6 s

@@ -43,8 +43,8 @@ from sumo_eval.ads.r157 import (
     within_headway,
 )
 from sumo_eval.cosim.compiled import Compiled, check_numbers, each_row
-from sumo_eval.cosim.records import MOVER, fields, flags
-from sumo_eval.kernels import kernel
+from sumo_eval.cosim.records import MOVER
+from sumo_eval.kernels import fields, flags, kernel
 
 BUILD_UP = 0.6  # s, of the driver's brakes and of the emergency brakes
 AEB_BRAKING = 0.85 * GRAVITY  # m/s2

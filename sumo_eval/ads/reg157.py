@@ -23,8 +23,7 @@ from sumo_eval.ads.r157 import (
     within_headway,
 )
 from sumo_eval.cosim.compiled import Compiled, check_numbers
-from sumo_eval.cosim.records import fields
-from sumo_eval.kernels import kernel
+from sumo_eval.kernels import fields, kernel
 
 RESPONSE = 0.35  # s
 BRAKING = 6.0  # m/s2

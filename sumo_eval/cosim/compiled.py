@@ -13,13 +13,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sumo_eval.cosim.records import BODY, EGO, MOVER, Layout, Records, fields, flags
+from sumo_eval.cosim.records import BODY, EGO, MOVER
 from sumo_eval.cosim.step_rules import first_of, show_body
 from sumo_eval.cosim.sumo.insides import vehicles
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import described, write_way
 from sumo_eval.errors import must_be
-from sumo_eval.kernels import kernel
+from sumo_eval.kernels import Layout, Records, fields, flags, kernel
 from sumo_eval.kernels import rows as compiled_rows
 from sumo_eval.scenario.road.reference_line import frame_places, knots_of
 from sumo_eval.settings import SimulationSettings

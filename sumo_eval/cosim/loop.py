@@ -40,7 +40,7 @@ from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, h
 from sumo_eval.cosim.impossible import FASTEST, LOWEST_SPEED, LeftTheRoadError
 from sumo_eval.cosim.latency import STEPS_BETWEEN_TIMINGS
 from sumo_eval.cosim.plans import Executor
-from sumo_eval.cosim.records import COMMAND, MODEL, NEXT, PLANT, REASONS, Records, numbers_of
+from sumo_eval.cosim.records import COMMAND, MODEL, NEXT, PLANT, REASONS, numbers_of
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.step_rules import stop_rows
 from sumo_eval.cosim.sumo.insides import simulation_time
@@ -48,7 +48,7 @@ from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command, EgoState
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
-from sumo_eval.kernels import bound
+from sumo_eval.kernels import Records, bound
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import SENTENCE, words_of

@@ -10,17 +10,13 @@ see a body as a `MOVER`.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.cosim.vehicle_model import LIMITED
+from sumo_eval.kernels import Records, fields, flags
 from sumo_eval.trajectory import EndReason, FloatArray
-
-Records = NDArray[Any]
-"""A structured array. Each layout is made in one place, as kernels are compiled again for every
-other one."""
 
 
 class Scenes(NamedTuple):
@@ -41,20 +37,6 @@ class Scenes(NamedTuple):
     samples: FloatArray
     shown: FloatArray
     kept: FloatArray
-
-
-Layout = list[tuple[str, Any]]
-"""Fields of a record and their types."""
-
-
-def fields(*names: str) -> Layout:
-    """Fields of a record that are numbers."""
-    return [(name, "f8") for name in names]
-
-
-def flags(*names: str) -> Layout:
-    """Fields of a record that are counts, codes, or 0 and 1."""
-    return [(name, "i8") for name in names]
 
 
 MOVER = np.dtype(

@@ -37,11 +37,10 @@ from sumo_eval.cosim.records import (
     STRAIGHT,
     SUMO,
     TIME_LIMIT,
-    Records,
     Scenes,
 )
 from sumo_eval.cosim.vehicle_model import count_clip, move, move_dynamic
-from sumo_eval.kernels import kernel, rows
+from sumo_eval.kernels import Records, kernel, rows
 from sumo_eval.scenario.played import BEGUN, Cast, play_actor
 from sumo_eval.scenario.road.lanes import left_edge_at, right_edge_at
 from sumo_eval.scenario.road.reference_line import line_at, to_frame, to_map
@@ -167,11 +166,9 @@ def _sample_row(ego: Any, others: Any, samples: Any) -> None:
 
 
 @rows
-def begin_rows(
-    cast: Cast, seen: Records, samples: FloatArray, scenario: Records, line: Records
-) -> None:
+def begin_rows(cast: Cast, seen: Records, samples: FloatArray, scenario: Records) -> None:
     """Show and record every vehicle at its start."""
-    egos, others = cast.egos, cast.others
+    egos, others, line = cast.egos, cast.others, cast.line
     for i in range(len(egos)):
         ego = egos[i]
         put_on_map(ego, line)
@@ -179,7 +176,7 @@ def begin_rows(
         show_body(ego.seen, ego, line, 0.5 * scenario[0].vehicle.wheelbase)
         for j in range(len(others[i])):
             other = others[i, j]
-            play_actor(cast, i, j, 0.0, line)
+            play_actor(cast, i, j, 0.0)
             put_on_map(other, line)
             _restate(other.before, other)
             show_body(seen[i, j], other, line, 0.0)
@@ -205,25 +202,23 @@ def stop_rows(egos: Records, others: Records, samples: FloatArray, back: int) ->
 
 @rows
 def move_rows(
-    cast: Cast, clips: Records, tell: FloatArray, scenario: Records, line: Records, steps: int,
-    to_sumo: int,
-) -> int:  # fmt: skip
+    cast: Cast, clips: Records, tell: FloatArray, scenario: Records, steps: int, to_sumo: int
+) -> int:
     """Move all vehicles by one step; return how many rows of `tell` there are.
 
     tell: receives what is to be sent to SUMO, a row a vehicle: its number (row by row, each ego
         first); x and y of the front bumper's centre on the map, SUMO's angle, speed; the front's
         x and y along and across the road, dx/dt.
-    line: knots of the road's line; none: it is straight.
     steps: of the world, this one included.
     to_sumo: 0: SUMO receives nothing, 1: all, 2: egos, and actors that it cannot move by itself.
     """
-    count = _move_egos(cast, clips, tell, scenario, line, to_sumo)
-    return _move_actors(cast, tell, scenario, line, steps, count, to_sumo)
+    count = _move_egos(cast, clips, tell, scenario, to_sumo)
+    return _move_actors(cast, tell, scenario, steps, count, to_sumo)
 
 
 @kernel
 def _move_egos(
-    cast: Cast, clips: Records, tell: FloatArray, scenario: Records, line: Records, to_sumo: int
+    cast: Cast, clips: Records, tell: FloatArray, scenario: Records, to_sumo: int
 ) -> int:
     """Move the egos by one step as commanded, and copy all vehicles' motion to `before`; return how
     many rows of `tell` there are.
@@ -254,17 +249,17 @@ def _move_egos(
             ego.steering = state.steering
         if ego.placed != SUMO:
             near = before.x + before.speed * step  # where the search along the line begins
-            pose = to_frame(line, ego.map.x, ego.map.y, ego.map.heading, near)
+            pose = to_frame(cast.line, ego.map.x, ego.map.y, ego.map.heading, near)
             ego.x, ego.y, ego.heading = pose[:3]
             _put_front(ego)
             # SUMO continues a straight motion at one speed by itself, but not along a curve
             turned = ego.heading != 0.0 or before.heading != 0.0
-            if len(line) or turned or ego.speed != before.speed:
+            if len(cast.line) or turned or ego.speed != before.speed:
                 ego.stale = 1
             if to_sumo and ego.stale:
                 ego.stale = 0
                 along = ego.speed * math.cos(ego.heading) / (1.0 - pose[3] * ego.y)
-                count = _tell(tell, count, i * (1 + len(others[i])), ego, line, along)
+                count = _tell(tell, count, i * (1 + len(others[i])), ego, cast.line, along)
         for j in range(len(others[i])):
             other = others[i, j]
             _restate(other.before, other)
@@ -522,9 +517,8 @@ def _at_work(other: Any, play: Any, acts: Any, now: float, scenario: Any) -> boo
 
 @kernel
 def _move_actors(
-    cast: Cast, tell: FloatArray, scenario: Records, line: Records, steps: int, count: int,
-    to_sumo: int,
-) -> int:  # fmt: skip
+    cast: Cast, tell: FloatArray, scenario: Records, steps: int, count: int, to_sumo: int
+) -> int:
     """Move the actors by one step of their scripts, and append their rows to `tell`; return how
     many rows there are then.
 
@@ -539,17 +533,19 @@ def _move_actors(
         now = (steps - egos[i].begun) * scenario[0].step
         for j in range(len(others[i])):
             other, play = others[i, j], plays[i, j]
-            play_actor(cast, i, j, now, line)
+            play_actor(cast, i, j, now)
             other.told = 1
             if play.model or other.present == 0:
                 continue
-            inner = put_on_map(other, line)
+            inner = put_on_map(other, cast.line)
             if to_sumo == 2 and not _at_work(other, play, acts[i, j], now, scenario[0]):
                 other.told = 0
             elif to_sumo:
                 other.told = 2
                 along = velocity(other)[0] / inner
-                count = _tell(tell, count, i * (1 + len(others[i])) + 1 + j, other, line, along)
+                count = _tell(
+                    tell, count, i * (1 + len(others[i])) + 1 + j, other, cast.line, along
+                )
     return count
 
 

@@ -34,7 +34,6 @@ from sumo_eval.cosim.records import (
     SUMO,
     TO_ITS_END,
     WHATS,
-    Records,
     Scenes,
 )
 from sumo_eval.cosim.step_rules import (
@@ -46,11 +45,10 @@ from sumo_eval.cosim.step_rules import (
 )
 from sumo_eval.cosim.vehicle_model import GRAVITY, count_clip
 from sumo_eval.errors import ControllerError
-from sumo_eval.kernels import bound
+from sumo_eval.kernels import Records, bound
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Way, departures
 from sumo_eval.scenario.played import (
     BEGUN,
-    DEEPEST,
     FOLLOW,
     WAITS,
     Cast,
@@ -172,7 +170,6 @@ class World:
         # whether SUMO can move by itself the actors that only keep their speed: on a straight road,
         # where the actors' motion depends on time alone
         self._may_be_quiet = not len(self.line) and not any(case.lively for case in cases)
-        self._stack = np.zeros((DEEPEST, 3))  # working space of `wake_rows`
         acts = self.players.acts
         # whether moves wait for conditions or the end of a step
         self.waits = bool(((acts["steps"] > 0) | (acts["kind"] == FOLLOW)).any())
@@ -180,8 +177,8 @@ class World:
             for name in ("x", "y", "heading", "speed"):
                 bodies["before"][name] = bodies[name]
         self.gather()
-        wake_rows(self.cast, 0.0, 0.0, self._stack, self.line)
-        begin_rows(self.cast, self.seen, self.samples, self.scenario, self.line)
+        wake_rows(self.cast, 0.0, 0.0)
+        begin_rows(self.cast, self.seen, self.samples, self.scenario)
         self.going = n
 
     def begin_as_model(self, row: int) -> None:
@@ -193,7 +190,7 @@ class World:
             vehicle = self.each[self.rows[row]].vehicle
             _put_in_curve(self.egos[row : row + 1], road, vehicle)
             self.egos["samples"][row] = 0
-            begin_rows(self.cast, self.seen, self.samples, self.scenario, self.line)
+            begin_rows(self.cast, self.seen, self.samples, self.scenario)
 
     def _run(self, loop: Callable[..., Any], *arguments: Any) -> Any:
         """Call a loop over the rows by its machine code for these arrays, in a third of the time
@@ -209,7 +206,7 @@ class World:
         self.scenes = Scenes(
             self.egos, self.others, self.clips, self.seen, self.samples, self.shown, self.kept
         )
-        self.cast = Cast(self.egos, self.others, *self.players)
+        self.cast = Cast(self.egos, self.others, *self.players, self.line)
 
     def move(self, *, to_sumo: bool, as_read: bool = False) -> tuple[int, Sequence[int]]:
         """Move all vehicles to the end of the coming step; return the number of rows of `tell`, and
@@ -220,7 +217,7 @@ class World:
         """
         steps, quiet = self.steps + 1, as_read and self._may_be_quiet
         count = self._run(
-            move_rows, self.cast, self.clips, self.tell, self.scenario, self.line, steps,
+            move_rows, self.cast, self.clips, self.tell, self.scenario, steps,
             to_sumo * (1 + quiet),  # 0, 1 or 2, as in `move_rows`
         )  # fmt: skip
         now = steps * self.settings.step
@@ -277,7 +274,7 @@ class World:
 
     def wake(self, now: float) -> None:
         """Begin the moves whose conditions became true in the step that ends `now`, s."""
-        self._run(wake_rows, self.cast, now, self.time, self._stack, self.line)
+        self._run(wake_rows, self.cast, now, self.time)
         self.put_on_map()
 
     def put_on_map(self) -> None:

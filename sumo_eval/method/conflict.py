@@ -24,9 +24,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sumo_eval.kernels import kernel, rows
+from sumo_eval.kernels import Records, fields, kernel, rows
 from sumo_eval.scenario import ConcreteScenario, LogicalScenario
 from sumo_eval.scenario.first_places import STANDARD_EGO
 from sumo_eval.scenario.motion import quintic, quintic_rate
@@ -44,12 +43,7 @@ _FINER = 0.02  # s between looks where ways do not conflict
 _AT_ONCE = 500  # points searched together
 _ACROSS = 0.5  # sine of the angle to the road from which an actor crosses it
 
-_WAY = np.dtype(
-    [
-        (name, "f8")
-        for name in ("y", "offset", "begin", "length", "ego_long", "ego_wide", "long", "wide")
-    ]
-)
+_WAY = np.dtype(fields("y", "offset", "begin", "length", "ego_long", "ego_wide", "long", "wide"))
 """The ego's way, m: y at first; its lane change by `offset` to the left, from x = `begin` on, over
 `length`. Length and width of its body, and of the other's.
 """
@@ -245,7 +239,7 @@ def conflict_criticality(
 
 
 def _braked(
-    placed: Sequence[ConcreteScenario], looks: NDArray[Any], begins: FloatArray, strength: float
+    placed: Sequence[ConcreteScenario], looks: Records, begins: FloatArray, strength: float
 ) -> FloatArray:
     """x, m, and speed, m/s, of egos that brake to a standstill, at T looks, (n, T, 2).
 
@@ -331,7 +325,7 @@ def _other(way: Any, pose: Any) -> Body:
 
 @rows
 def _search_rows(
-    ways: NDArray[Any],
+    ways: Records,
     egos: FloatArray,
     others: FloatArray,
     horizon: int,

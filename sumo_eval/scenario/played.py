@@ -15,16 +15,15 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sumo_eval.kernels import kernel, rows
+from sumo_eval.kernels import Records, fields, flags, kernel, rows
 from sumo_eval.scenario import motion
 from sumo_eval.scenario.bodies import half_sizes
 from sumo_eval.scenario.motion import along_heading, lateral_motion
 from sumo_eval.scenario.road.reference_line import line_at, to_frame
 from sumo_eval.scenario.touch import Body, body_of, velocity
+from sumo_eval.trajectory import IntArray
 
-Records = NDArray[Any]
 Pairs = tuple[tuple[float, float], ...]
 Move = tuple[int, int]
 """A move of an actor: the actor's number, and its own."""
@@ -70,14 +69,9 @@ DEEPEST = 24  # values on the stack of a condition, at most
 # the values 1 and 0, also the share of the step at which it became true.
 BEFORE, NOW, SHARE = 0, 1, 2
 
-
-def _fields(kind: str, *names: str) -> list[tuple[str, str]]:
-    return [(name, kind) for name in names]
-
-
 ACT = np.dtype(
-    _fields("f8", "begin", "duration", "speed", "offset", "acceleration", "jerk", "delay", "end")
-    + _fields("i8", "kind", "first", "count", "program", "steps", "state")
+    fields("begin", "duration", "speed", "offset", "acceleration", "jerk", "delay", "end")
+    + flags("kind", "first", "count", "program", "steps", "state")
 )
 """A move.
 
@@ -92,16 +86,16 @@ first, count: index and number of its rows in `TABLE`.
 program, steps: index and number of the rows of its condition in `PROGRAM`.
 state: `WAITS`, `KNOWN` or `BEGUN`.
 """
-PIECE = np.dtype(_fields("f8", "duration", "acceleration", "jerk", "speed"))
+PIECE = np.dtype(fields("duration", "acceleration", "jerk", "speed"))
 """A piece of motion: its duration, its first acceleration, its jerk, and the speed at its end."""
-TABLE = np.dtype(_fields("f8", "one", "two"))
+TABLE = np.dtype(fields("one", "two"))
 """Pairs of numbers: points of a path (x, y), knots of a profile (time or position, speed),
 positions of a recorded ego (x, y), or what a `MATCH` follows (see `PLAY`)."""
-PROGRAM = np.dtype([("value", "f8"), *_fields("i8", "op", "one", "two")])
+PROGRAM = np.dtype(fields("value") + flags("op", "one", "two"))
 """An operation of a condition, as a `Step`."""
 PLAY = np.dtype(
-    _fields("f8", "x", "y", "heading", "line_s", "line_time", "since", "s", "v", "first_begin")
-    + _fields("i8", "acts", "pieces", "path", "points", "slides", "model", "on_map", "match")
+    fields("x", "y", "heading", "line_s", "line_time", "since", "s", "v", "first_begin")
+    + flags("acts", "pieces", "path", "points", "slides", "model", "on_map", "match")
 )
 """Present motion of a vehicle.
 
@@ -171,7 +165,7 @@ class Players(NamedTuple):
     table: Records
     program: Records
 
-    def of(self, chosen: NDArray[np.intp]) -> Players:
+    def of(self, chosen: IntArray) -> Players:
         """The records of some cases."""
         return Players(*(array[chosen] for array in self))
 
@@ -202,8 +196,10 @@ class Cast(NamedTuple):
     egos: (n,).
     others, plays: (n, m).
     acts, pieces, table, program: as in `Players`.
+    line: knots of the road's line; none: it is straight.
 
-    As `case_of` gives it for one case: egos (1,), all else without the first axis.
+    As `case_of` gives it for one case: egos (1,), the line as it is, all else
+    without the first axis.
     """
 
     egos: Records
@@ -213,6 +209,7 @@ class Cast(NamedTuple):
     pieces: Records
     table: Records
     program: Records
+    line: Records
 
 
 @kernel
@@ -226,6 +223,7 @@ def case_of(cast: Any, i: int) -> Any:
         cast.pieces[i],
         cast.table[i],
         cast.program[i],
+        cast.line,
     )
 
 
@@ -509,7 +507,7 @@ def _joint_share(stack: Any, k: int, op: int) -> float:
 
 
 @kernel
-def holds_from(cast: Any, j: int, act: Any, now: float, before: float, stack: Any) -> float:
+def holds_from(cast: Any, j: int, act: Any, now: float, before: float) -> float:
     """Share of the step at which the condition of a move became true; 0: it held before; -1: it
     does not hold.
 
@@ -518,9 +516,8 @@ def holds_from(cast: Any, j: int, act: Any, now: float, before: float, stack: An
 
     act: a move of actor j.
     now, before: ends of the step, s.
-    stack: (`DEEPEST`, 3), working space.
     """
-    program = cast.program[j]
+    program, stack = cast.program[j], np.zeros((DEEPEST, 3))
     k = -1  # top of the stack
     for q in range(act.program, act.program + act.steps):
         it = program[q]
@@ -675,7 +672,7 @@ def _end_path(play: Any, acts: Any, pieces: Any, table: Any, before: float, now:
 
 
 @kernel
-def _match(cast: Any, j: int, now: float, line: Any) -> None:
+def _match(cast: Any, j: int, now: float) -> None:
     """Move actor j to `now` as its `MATCH` demands (`PLAY` explains its rows of `TABLE`).
 
     Its speed has changed linearly since the last step.
@@ -688,8 +685,8 @@ def _match(cast: Any, j: int, now: float, line: Any) -> None:
     other = _body_of(cast, int(table[first].one), NOW)
     since = now - play.since
     speed = max(table[first].two * _of(other, ALONG) + added, 0.0)
-    if len(line) and not play.on_map:
-        speed /= 1.0 - line_at(line, own.x).curvature * own.y
+    if len(cast.line) and not play.on_map:
+        speed /= 1.0 - line_at(cast.line, own.x).curvature * own.y
     ahead = 0.5 * (play.v + speed) * since  # distance to drive in this step, m
     if kept > 0.0:  # a position
         ahead = other.x + distance - on_line(play, table, play.s)[0]
@@ -733,13 +730,12 @@ def _approach(
 
 
 @kernel
-def wake(cast: Any, now: float, before: float, stack: Any, line: Any) -> None:
+def wake(cast: Any, now: float, before: float) -> None:
     """Begin the waiting moves of a case whose conditions hold at the end of a step.
 
     Vehicles whose moves began, and those that match another's motion, are placed again.
 
     now, before: ends of the step, s.
-    stack, line: as in `holds_from` and `place`.
     """
     others, plays = cast.others, cast.plays
     acts, pieces, table = cast.acts, cast.pieces, cast.table
@@ -747,7 +743,7 @@ def wake(cast: Any, now: float, before: float, stack: Any, line: Any) -> None:
         for q in range(plays[j].acts):
             act = acts[j, q]
             if act.state == WAITS:
-                share = holds_from(cast, j, act, now, before, stack)
+                share = holds_from(cast, j, act, now, before)
                 if share >= 0.0:
                     act.begin = before + share * (now - before) + act.delay
                     act.state = KNOWN
@@ -758,9 +754,9 @@ def wake(cast: Any, now: float, before: float, stack: Any, line: Any) -> None:
         begun = begin_due(play, acts[j], pieces[j], table[j], now, True)
         _end_path(play, acts[j], pieces[j], table[j], before, now)
         if play.match:
-            _match(cast, j, now, line)
+            _match(cast, j, now)
         if begun or play.match:
-            place(others[j], play, acts[j], pieces[j], table[j], now, line)
+            place(others[j], play, acts[j], pieces[j], table[j], now, cast.line)
 
 
 @kernel
@@ -771,21 +767,19 @@ def move(other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float,
 
 
 @kernel
-def play_actor(cast: Any, i: int, j: int, time: float, line: Any) -> None:
+def play_actor(cast: Any, i: int, j: int, time: float) -> None:
     """Move actor j of case i to where its script has it at a time, unless SUMO drives it."""
     play = cast.plays[i, j]
     if play.model == 0:
         acts, pieces, table = cast.acts[i, j], cast.pieces[i, j], cast.table[i, j]
-        move(cast.others[i, j], play, acts, pieces, table, time, line)
+        move(cast.others[i, j], play, acts, pieces, table, time, cast.line)
 
 
 # -- rows ------------------------------------------------------------------------------------------
 
 
 @rows
-def wake_rows(
-    cast: Cast, now: float, before: float, stack: NDArray[np.float64], line: Records
-) -> None:
+def wake_rows(cast: Cast, now: float, before: float) -> None:
     """Begin moves whose conditions hold at the end of a step from `before` to `now`, s.
 
     All cases have these times: cases with conditions begin together.
@@ -793,7 +787,7 @@ def wake_rows(
     egos = cast.egos
     for i in range(len(egos)):
         if egos[i].live != 0 and egos[i].reason == 0:
-            wake(case_of(cast, i), now, before, stack, line)
+            wake(case_of(cast, i), now, before)
 
 
 def players(cases: Sequence[Sequence[Any]]) -> Players:

@@ -14,14 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sumo_eval.kernels import interpreted, kernel, rows
+from sumo_eval.kernels import fields, interpreted, kernel, rows
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.played import (
     AT_ONCE,
-    DEEPEST,
     HANDED_OVER,
     Cast,
-    Records,
     case_of,
     move,
     players,
@@ -33,12 +31,11 @@ from sumo_eval.trajectory import FloatArray
 
 CHANNELS = ("x", "y", "heading", "speed", "across")
 """Road coordinates of the centre, m; heading, rad; speeds along and left of the heading, m/s."""
-_STATE = [(name, "f8") for name in CHANNELS]
-_BODY = [*_STATE, ("length", "f8"), ("width", "f8"), ("before", _STATE)]  # state one look before
+_STATE = fields(*CHANNELS)
+_BODY = [*_STATE, *fields("length", "width"), ("before", _STATE)]  # state one look before
 # brakes_from: time at which ideal braking begins, s; inf: not known yet
-_OF_EGO = [(name, "f8") for name in ("start_x", "start_y", "start_speed", "brakes_from")]
-_EGO = np.dtype([*_BODY, *_OF_EGO])
-_OTHER = np.dtype([*_BODY, ("acceleration", "f8")])
+_EGO = np.dtype([*_BODY, *fields("start_x", "start_y", "start_speed", "brakes_from")])
+_OTHER = np.dtype([*_BODY, *fields("acceleration")])
 
 
 class Tracks(NamedTuple):
@@ -70,7 +67,7 @@ def tracks(
     cast = _begun(concretes, bodies)
     others = np.zeros((*cast.others.shape, _looks(until, step), len(CHANNELS)))
     run = interpreted(_run_rows) if in_python else _run_rows
-    run(cast, others, step, np.zeros((DEEPEST, 3)), knots_of(concretes[0].road.line))
+    run(cast, others, step)
     return Tracks(others, cast.plays["first_begin"])
 
 
@@ -108,8 +105,8 @@ def meetings(
     delays: from its first move until each ego brakes, s, (n,); from the start if it has no moves.
     """
     braking = Braking(deceleration, obstacle, np.array(delays, float), step, _looks(until, step))
-    met, line = np.zeros((len(concretes), 3)), knots_of(concretes[0].road.line)
-    _meet_rows(_begun(concretes, bodies), braking, met, np.zeros((DEEPEST, 3)), line)
+    met = np.zeros((len(concretes), 3))
+    _meet_rows(_begun(concretes, bodies), braking, met)
     return met
 
 
@@ -130,7 +127,8 @@ def _begun(concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, 
         for j, actor in enumerate(concrete.actors):
             pose = (actor.start.x, actor.start.y, actor.heading, actor.start.speed, 0.0)
             others[i, j] = (*pose, actor.length, actor.width, pose, 0.0)
-    return Cast(egos, others, *players([concrete.actors for concrete in concretes]))
+    played = players([concrete.actors for concrete in concretes])
+    return Cast(egos, others, *played, knots_of(concretes[0].road.line))
 
 
 @kernel
@@ -160,12 +158,11 @@ def _brake(ego: Any, now: float, deceleration: float) -> None:
 
 
 @kernel
-def _look(case: Any, now: float, before: float, deceleration: float, stack: Any, line: Any) -> None:
+def _look(case: Any, now: float, before: float, deceleration: float) -> None:
     """Move a case from one look to the next.
 
     before, now: times of the looks, s.
     deceleration: as in `_brake`.
-    stack, line: as in `played.wake`.
     """
     ego, others, plays = case.egos[0], case.others, case.plays
     acts, pieces, table = case.acts, case.pieces, case.table
@@ -180,19 +177,17 @@ def _look(case: Any, now: float, before: float, deceleration: float, stack: Any,
             other.x += other.speed * (now - before)
             other.heading, other.across = 0.0, 0.0
         else:
-            move(other, play, acts[j], pieces[j], table[j], now, line)
-    wake(case, now, before, stack, line)
+            move(other, play, acts[j], pieces[j], table[j], now, case.line)
+    wake(case, now, before)
 
 
 @rows
-def _run_rows(
-    cast: Cast, tracks: FloatArray, step: float, stack: FloatArray, line: Records
-) -> None:
+def _run_rows(cast: Cast, tracks: FloatArray, step: float) -> None:
     """Fill the tracks of every case, (n, m, T, 5)."""
     for i in range(len(cast.egos)):
         case = case_of(cast, i)
         for k in range(tracks.shape[2]):
-            _look(case, k * step, max(k - 1, 0) * step, 0.0, stack, line)
+            _look(case, k * step, max(k - 1, 0) * step, 0.0)
             for j in range(len(case.others)):
                 other, row = case.others[j], tracks[i, j, k]
                 row[0], row[1] = other.x, other.y
@@ -201,9 +196,7 @@ def _run_rows(
 
 
 @rows
-def _meet_rows(
-    cast: Cast, braking: Braking, met: FloatArray, stack: FloatArray, line: Records
-) -> None:
+def _meet_rows(cast: Cast, braking: Braking, met: FloatArray) -> None:
     """Write `meetings` of every case to `met`, (n, 3).
 
     A case ends when both touch, or once its ego stands and the obstacle does not come nearer.
@@ -220,7 +213,7 @@ def _meet_rows(
                 play = case.plays[obstacle]
                 begin = 0.0 if play.acts == 0 else play.first_begin
                 ego.brakes_from = begin + braking.delays[i]
-            _look(case, now, max(k - 1, 0) * step, braking.deceleration, stack, line)
+            _look(case, now, max(k - 1, 0) * step, braking.deceleration)
             # c, s: of the obstacle's heading. Bodies overlap where their centres are less than
             # `long` m apart along the road and less than `wide` m across it.
             c, s = math.cos(other.heading), math.sin(other.heading)

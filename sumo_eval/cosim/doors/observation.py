@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_eval.cosim.records import Records
+from sumo_eval.kernels import Records
 from sumo_eval.scenario.bodies import BODIES, CAR, half_sizes
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.played import Pairs

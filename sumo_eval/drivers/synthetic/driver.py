@@ -23,12 +23,12 @@ from sumo_eval.ads.lane_change import (
 from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabits, overtake
 from sumo_eval.ads.perception import carry_on, is_visible, take
 from sumo_eval.cosim.compiled import Compiled, unseen
-from sumo_eval.cosim.records import MOVER, Records, fields, flags
+from sumo_eval.cosim.records import MOVER
 from sumo_eval.cosim.step_rules import first_of
 from sumo_eval.drivers.synthetic.population import AS_RECORDED, Driver, draw_driver
 from sumo_eval.drivers.synthetic.wander import SmoothNoise, noise_at
 from sumo_eval.errors import must_be
-from sumo_eval.kernels import kernel, rows
+from sumo_eval.kernels import Records, fields, flags, kernel, rows
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import PopulationSettings
 from sumo_eval.settings.random_streams import random_stream

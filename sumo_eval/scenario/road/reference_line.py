@@ -19,11 +19,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.frozen import frozen
-from sumo_eval.kernels import kernel, rows
+from sumo_eval.kernels import Records, fields, kernel, rows
 from sumo_eval.scenario.touch import within_a_turn
 from sumo_eval.trajectory import FloatArray
 
@@ -68,7 +68,7 @@ class _Knot(NamedTuple):
     rate: float
 
 
-KNOT = np.dtype([(name, "f8") for name in _Knot._fields])
+KNOT = np.dtype(fields(*_Knot._fields))
 """A `_Knot` as a record, for kernels."""
 
 
@@ -131,7 +131,7 @@ def bends(pieces: Sequence[Piece]) -> bool:
 
 
 @functools.lru_cache(maxsize=256)
-def knots_of(pieces: Line) -> NDArray[Any]:
+def knots_of(pieces: Line) -> Records:
     """The line as `KNOT` records: the straight before it, its stretches, the straight behind it.
 
     Of a line without pieces there are none.
@@ -256,15 +256,13 @@ def _write(row: Any, at: Any) -> None:
 
 
 @rows
-def _to_map_rows(line: NDArray[Any], places: FloatArray, mapped: FloatArray) -> None:
+def _to_map_rows(line: Records, places: FloatArray, mapped: FloatArray) -> None:
     for i in range(len(places)):
         _write(mapped[i], to_map(line, places[i, 0], places[i, 1], places[i, 2]))
 
 
 @rows
-def _to_frame_rows(
-    line: NDArray[Any], places: FloatArray, near: FloatArray, framed: FloatArray
-) -> None:
+def _to_frame_rows(line: Records, places: FloatArray, near: FloatArray, framed: FloatArray) -> None:
     for i in range(len(places)):
         _write(framed[i], to_frame(line, places[i, 0], places[i, 1], places[i, 2], near[i]))
 
@@ -294,7 +292,7 @@ def frame_places(
         None: the one nearest to the place, searched from points of the line every 5 m.
     """
 
-    def find_feet(line: NDArray[Any], places: FloatArray, framed: FloatArray) -> None:
+    def find_feet(line: Records, places: FloatArray, framed: FloatArray) -> None:
         begins = np.full(len(places), 0.0 if near is None else near)
         if near is None:
             grid = np.arange(0.0, length_of(pieces) + 5.0, 5.0)
@@ -316,7 +314,7 @@ def curvatures(pieces: Line, s: ArrayLike) -> FloatArray:
 def _each(
     pieces: Line,
     places: Sequence[ArrayLike],
-    rule: Callable[[NDArray[Any], FloatArray, FloatArray], None],
+    rule: Callable[[Records, FloatArray, FloatArray], None],
 ) -> list[FloatArray]:
     """The four numbers of a `Position` for each place, by a rule.
 
