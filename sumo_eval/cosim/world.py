@@ -343,8 +343,7 @@ class World:
         self._sampled += 1
         if self._sampled + 2 > self._room:
             self._room *= 2
-            self.samples = np.concatenate([self.samples, np.zeros_like(self.samples)], 2)
-            self.kept = np.concatenate([self.kept, np.zeros_like(self.kept)], 1)
+            self.samples, self.kept = _twice_as_long(self.samples), _twice_as_long(self.kept)
             self.gather()
 
     def keep(self, rows: IntArray) -> None:
@@ -464,6 +463,17 @@ class World:
         # a note has the fields of a clip after `what`, in their order
         clips += [Clip(what, *vars(note).values()) for what, note in self.notes[case].items()]
         return tuple(sorted(clips, key=lambda clip: clip.what))
+
+
+def _twice_as_long(array: FloatArray) -> FloatArray:
+    """An array, (..., instants, values), with room for as many instants more.
+
+    `np.concatenate` would write the zeros, and so take the memory, before they are needed.
+    """
+    before, values = array.shape[-2:]
+    grown = np.zeros((*array.shape[:-2], 2 * before, values))
+    grown[..., :before, :] = array
+    return grown
 
 
 def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: int) -> Records:
