@@ -31,7 +31,6 @@ from sumo_eval.method.anthropomorphic import (
     Pairing,
     indexes_by_group,
 )
-from sumo_eval.method.leave_one_out import band_pairings, left_out_pairings
 from sumo_eval.method.shared_fields import prepare
 from sumo_eval.record.kept_results import KeptResults, Kind, key_of
 from sumo_eval.record.kept_results import Part as KeptPart
@@ -89,11 +88,9 @@ class LeftOut:
     likeness_exchanged: float
 
     @classmethod
-    def of(cls, indexes: Sequence[AnthropomorphicIndex], exchanges: int) -> LeftOut:
-        """Results of leaving out drivers, from the indexes of `left_out_pairings`: everyone, each
-        driver left out, each exchange.
-        """
-        first = len(indexes) - exchanges  # place of the first exchange
+    def of(cls, indexes: Sequence[AnthropomorphicIndex], drivers: int) -> LeftOut:
+        """Results of leaving out drivers, from the indexes for the sets of `_left_out`."""
+        first = 1 + drivers  # place of the first exchange
         values = [index.value for index in indexes]
         likenesses = [index.likeness.value for index in indexes if index.likeness is not None]
         # `or`: without exchanges, the mean of everyone alone
@@ -245,18 +242,15 @@ def _compute(
 ) -> Iterator[tuple[_Name, object]]:
     cases = list(dict.fromkeys((*job.drivers, *job.ads, *job.left_out)))
     place = {case: number for number, case in enumerate(cases)}
-    drivers = [place[case] for case in job.drivers]
-    exchanges = job.exchanges if len(drivers) > 2 else ()  # as in `left_out_pairings`
+    drivers = tuple(place[case] for case in job.drivers)
+    sets, spacing = _left_out(drivers, job.exchanges), _coarse(settings)
     # Each ADS is a group of its own, so that its result is the same to the last bit whatever else
     # is compared. `indexes` has the groups' results in the order of the groups: the ADSs, the band
     # (empty unless it is wanted), the ADSs with drivers left out.
     groups = [
-        *(
-            [Pairing(place[case], tuple(drivers), settings.slice_spacing, likeness=True)]
-            for case in job.ads
-        ),
+        *([Pairing(place[it], drivers, settings.slice_spacing, likeness=True)] for it in job.ads),
         band_pairings(drivers, settings) if job.band else [],
-        *(left_out_pairings(place[case], drivers, exchanges, settings) for case in job.left_out),
+        *([Pairing(place[it], own, spacing, likeness=True) for own in sets] for it in job.left_out),
     ]
     trajectories = [store.trajectory(case) for case in cases]
     indexes = iter(indexes_by_group(trajectories, groups, job.road, settings))
@@ -267,4 +261,36 @@ def _compute(
     if job.band:
         yield ("band", job.drivers), tuple(index.value for index in band)
     for case, group in zip(job.left_out, indexes, strict=True):
-        yield ("left_out", case), LeftOut.of(group, len(exchanges))
+        yield ("left_out", case), LeftOut.of(group, len(drivers))
+
+
+def band_pairings(drivers: Sequence[int], settings: AnthropomorphicSettings) -> list[Pairing]:
+    """Each driver against all other drivers: the comparisons behind the human band."""
+    others = zip(drivers, _all_but_one(drivers), strict=True)
+    return [Pairing(driver, rest, _coarse(settings)) for driver, rest in others]
+
+
+def _left_out(
+    drivers: tuple[int, ...], exchanges: Sequence[tuple[int, int]]
+) -> list[tuple[int, ...]]:
+    """All drivers. With more than two, also all but one, for each driver, and then all with one
+    counted twice instead of another, for each exchange.
+
+    Comparing an ADS with each of these measures the effect of the choice of drivers on its D_i and
+    its human-likeness.
+    """
+    if len(drivers) <= 2:
+        return [drivers]
+    fewer = _all_but_one(drivers)
+    exchanged = (tuple(sorted((*fewer[out], drivers[twice]))) for out, twice in exchanges)
+    return [drivers, *fewer, *exchanged]
+
+
+def _all_but_one(drivers: Sequence[int]) -> list[tuple[int, ...]]:
+    """For each driver, all others."""
+    return [tuple(other for other in drivers if other != without) for without in drivers]
+
+
+def _coarse(settings: AnthropomorphicSettings) -> float:
+    """Distance between slices where drivers are scored against each other, or left out, m."""
+    return max(settings.slice_spacing, settings.band_slice_spacing)

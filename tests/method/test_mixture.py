@@ -10,8 +10,8 @@ from drivers.real_data import needs_recordings, recording
 from scipy.integrate import cumulative_trapezoid
 
 from sumo_eval.method.anthropomorphic import IndexNote, anthropomorphic_index, indexes_by_group
-from sumo_eval.method.leave_one_out import band_pairings
 from sumo_eval.method.manoeuvres import chosen, manoeuvre_of, spread
+from sumo_eval.record.human_reference import band_pairings
 from sumo_eval.report.explain import _factors
 from sumo_eval.scenario.concrete import Road, smooth_step
 from sumo_eval.settings import AnthropomorphicSettings
