@@ -14,7 +14,7 @@ import ctypes
 import faulthandler
 import os
 import pickle
-import select
+import selectors
 import shutil
 import struct
 import sys
@@ -59,7 +59,7 @@ LOG_END = 7_900  # bytes that are kept of the beginning, and of the end, of an i
 _READS_AT_ONCE = 16  # reads of one child's output before those of the next child
 _LEAVE_TIME = 5.0  # s in which a killed process must be gone
 _COPY_TIME = 0.2  # s in which a forked copy of a child comes to the end of the item as well
-_LONGEST_WAIT = 3600.0  # s, of one call of poll
+_LONGEST_WAIT = 3600.0  # s, of one wait for the children
 _LONGEST_REFUSAL = 20_000  # characters of an InputError's text
 _WARNING_SHARE = 0.9  # share of the deadline after which the child prints where it hangs
 _LENGTH = struct.Struct("<Q")  # number of bytes of an order, which follows it in the pipe
@@ -238,16 +238,14 @@ class Pool:
         to all deadlines.
         """
         away = clock.monotonic() - self._looked
-        poll = select.poll()
-        child_of = {}
+        watch = selectors.PollSelector()
         for child in busy:
             child.deadline += away
-            for descriptor, events in child.watched():
-                poll.register(descriptor, events)
-                child_of[descriptor] = child
+            for watched in child.watched():
+                watch.register(*watched)
         wait = min(child.deadline for child in busy) - clock.monotonic()
-        for descriptor, _ in poll.poll(1e3 * min(max(wait, 0.0), _LONGEST_WAIT)):
-            child_of[descriptor].attend(descriptor)
+        for ready_pipe, _ in watch.select(min(max(wait, 0.0), _LONGEST_WAIT)):
+            ready_pipe.data()
         self._looked = clock.monotonic()
 
     def _drop(self, child: _Child) -> None:
@@ -302,7 +300,7 @@ class _Child:
         return not (self._results.closed or ready((self._results, self._report), 0))
 
     def give(self, work: Work[Any], item: Any, number: int, deadline: float) -> None:
-        """Begin to send an item; what the pipe cannot take now, `attend` sends later.
+        """Begin to send an item; what the pipe cannot take now, `_send_rest` sends later.
 
         Raises OSError if the child has ended.
 
@@ -322,29 +320,23 @@ class _Child:
             while self._to_send:
                 self._to_send = self._to_send[os.write(self._orders.fileno(), self._to_send) :]
 
-    def watched(self) -> Iterator[tuple[int, int]]:
-        """Descriptors to poll, with the events to wait for."""
-        for pipe in (self._report, self._results, self._output):
-            if not pipe.closed:
-                yield pipe.fileno(), select.POLLIN
-        if self._to_send:
-            yield self._orders.fileno(), select.POLLOUT
+    def _send_rest(self) -> None:
+        try:
+            self._send()
+        except OSError:  # the child has closed the pipe: `_how_it_ended` reports it
+            self._to_send = memoryview(b"")
 
-    def attend(self, descriptor: int) -> None:
-        """Handle an event on one of the descriptors."""
-        if descriptor == self._report.fileno():
-            self._ended = read_report(descriptor)
-            self._reported = True
-            self._read_results()  # a child may end right after it has sent its result
-        elif not self._results.closed and descriptor == self._results.fileno():
-            self._read_results()
-        elif descriptor == self._orders.fileno():
-            try:
-                self._send()
-            except OSError:  # the child has closed the pipe: `_how_it_ended` reports it
-                self._to_send = memoryview(b"")
-        else:
-            self._read_output()
+    def watched(self) -> Iterator[tuple[Connection, int, Callable[[], None]]]:
+        """Pipes to watch, each with the event to wait for and what handles it."""
+        for pipe, read in (
+            (self._report, self._read_report),
+            (self._results, self._read_results),
+            (self._output, self._read_output),
+        ):
+            if not pipe.closed:
+                yield pipe, selectors.EVENT_READ, read
+        if self._to_send:
+            yield self._orders, selectors.EVENT_WRITE, self._send_rest
 
     def outcome(self) -> Ended[Any] | None:
         """Outcome of the child's item; None while it runs."""
@@ -383,6 +375,11 @@ class _Child:
             # `overdue` needs no words
             return ("died" if self._results.closed else "overdue"), _CLOSED
         return None
+
+    def _read_report(self) -> None:
+        self._ended = read_report(self._report.fileno())
+        self._reported = True
+        self._read_results()  # a child may end right after it has sent its result
 
     def _read_results(self) -> None:
         with suppress(BlockingIOError):
