@@ -150,7 +150,7 @@ def bad_again(
         for part in comparison.ads
         if noise.of(part.ads).noisy
         for worse in newly_bad(part, settings, noise.of(part.ads)).values()
-        for pair in worse.which
+        for pair in worse
     }
     bad = dict.fromkeys(bases, 1)
     for _ in range(settings.outcome.repeats if bases else 0):

@@ -111,7 +111,7 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
         repeats = noise.of(part.ads)
         for quantity, worse in newly_bad(part, settings, repeats).items():
             paired = part.changed.paired
-            keys = paired.new.case[worse.which].tolist()
+            keys = paired.new.case[worse].tolist()
             # bad by chance: in too few of tonight's drives of a noisy ADS, or in some before
             least = settings.outcome.bad_of
             shaky = [
@@ -120,7 +120,7 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
                 if repeats.noisy and (key in noise.shaky or noise.bad.get(key, least) < least)
             ]
             by_chance = set(shaky)
-            bad = [k for k, key in zip(worse.which, keys, strict=True) if key not in by_chance]
+            bad = [k for k, key in zip(worse, keys, strict=True) if key not in by_chance]
             number = len(bad)
             cases = count(number, "case")
             sentence = f"{quantity}: no case"

@@ -186,17 +186,14 @@ class Worse(NamedTuple):
     before: Column
     after: Column
 
-    @classmethod
-    def of(
-        cls, part: AdsComparison, flags: BoolArray, by: FloatArray, values: tuple[Column, Column]
-    ) -> Worse:
-        """The pairs with a flag.
 
-        by: amount by which each pair is worse, (n,).
-        values: `before` and `after`.
-        """
-        which = np.flatnonzero(flags)
-        return cls(part, which[np.argsort(-by[which], kind="stable")].tolist(), *values)
+def _worst_first(flags: BoolArray, by: FloatArray) -> list[int]:
+    """Indices of the pairs with a flag, the worst first.
+
+    by: amount by which each pair is worse, (n,).
+    """
+    which = np.flatnonzero(flags).tolist()
+    return sorted(which, key=lambda pair: -by[pair])
 
 
 def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray]:
@@ -238,13 +235,16 @@ def severity_limit(settings: GateSettings, repeats: Repeats, units: tuple[str, s
     return max(least, rule.floors * repeats.floors.get("severity", 0.0))
 
 
-def newly_bad(part: AdsComparison, settings: GateSettings, repeats: Repeats) -> dict[str, Worse]:
-    """Part one: the pairs that ended worse, by the names of `worse_ends`, with their U."""
+def newly_bad(
+    part: AdsComparison, settings: GateSettings, repeats: Repeats
+) -> dict[str, list[int]]:
+    """Part one: indices of the pairs that ended worse, the worst first, by the names of
+    `worse_ends`.
+    """
     base, new = both_ends(part)
     ends = worse_ends(base, new, severity_limit(settings, repeats, part.units))
-    values = base.severity, new.severity
     rise = new.severity - base.severity
-    return {name: Worse.of(part, flags, rise, values) for name, flags in ends.items()}
+    return {name: _worst_first(flags, rise) for name, flags in ends.items()}
 
 
 class Tally(NamedTuple):
@@ -300,7 +300,7 @@ def tally(
         kept = kept_margin(before, after, measure)[flags].min(initial=kept)
         better += int(np.sum(counts & (by < -limit)))
         cases += int(np.sum(counts))
-        worse.append(Worse.of(part, flags, by, (before, after)))
+        worse.append(Worse(part, _worst_first(flags, by), before, after))
     return Tally(ads, measure, near, tuple(worse), better, cases, kept)
 
 

@@ -141,7 +141,7 @@ def worse_beyond(comparison):
         if tally(ads, comparison.ads, one, 0.0, near=one in near).number:
             return True
     ends = (newly_bad(one, SETTINGS, Repeats(0, 0)).values() for one in comparison.ads)
-    return any(len(worse.which) for found in ends for worse in found)
+    return any(worse for found in ends for worse in found)
 
 
 def told(base, new, ads, noise=None):
