@@ -79,30 +79,16 @@ def _rule(locator: str) -> Compiled:
 
 def everything() -> list[str]:
     """All pieces."""
-    return [
-        WORLD,
-        PLAYED,
-        PEOPLE,
-        AHEAD,
-        FIELDS,
-        *(locators[0] for locators in _locators().values()),
-    ]
+    return [*_LOADS, *(locators[0] for locators in _locators().values())]
 
 
 def load(pieces: Iterable[str]) -> None:
     """Load the loops of these pieces into this process, from disk or compiled now, and mark them
     as compiled.
     """
-    parts: dict[str, Callable[[], object]] = {
-        WORLD: _load_world,
-        PLAYED: lambda: World([_concrete(_TURNED)], SimulationSettings()).wake(0.05),
-        AHEAD: _load_ahead,
-        FIELDS: shared_fields.prepare,
-        PEOPLE: lambda: _load_rule(human_controller(0, 1, 0, _concrete(0.0))),
-    }
     for piece in pieces:
-        if piece in parts:
-            parts[piece]()
+        if piece in _LOADS:
+            _LOADS[piece]()
         else:
             _load_rule(_rule(piece))
         with contextlib.suppress(OSError):  # where nothing can be kept
@@ -145,6 +131,16 @@ def _load_rule(ads: Compiled) -> None:
     else:
         arrays = kind.arrays([ads], scenario, 1)
     kind.loop(np.zeros(0, EGO), np.zeros((0, 1), MOVER), *arrays, scenario, 0.0)
+
+
+_LOADS: dict[str, Callable[[], object]] = {
+    WORLD: _load_world,
+    PLAYED: lambda: World([_concrete(_TURNED)], SimulationSettings()).wake(0.05),
+    PEOPLE: lambda: _load_rule(human_controller(0, 1, 0, _concrete(0.0))),
+    AHEAD: _load_ahead,
+    FIELDS: shared_fields.prepare,
+}
+"""Function that loads each piece other than a rule."""
 
 
 def _mark(piece: str) -> Path:
