@@ -130,7 +130,7 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
             raise InputError(
                 f"The history in {history} has no night yet; accept one after it has run."
             )
-        ran = [name for name, night in nights.items() if not night.imported] or [*nights]
+        ran = [night.night for night in database.ran()] or [*nights]
         name = ran[-1] if night is None else Path(night).name
         check_known("night", nights, name)
         if not (history / nights[name].folder).is_dir():
@@ -183,7 +183,7 @@ def finished_within(history: Path, age: str, now: datetime | None = None) -> tup
             f"--newer-than must be a number of minutes, hours or days such as 26h, got {age!r}."
         )
     with open_history(history) as database:
-        night = next((night for night in reversed(database.nights()) if not night.imported), None)
+        night = next(reversed(database.ran()), None)
     if night is None:
         return False, f"No night has finished in {history}."
     began = datetime.strptime(night.night, "%Y-%m-%dT%H-%M-%SZ").replace(tzinfo=UTC)

@@ -278,6 +278,10 @@ class History:
         """Every night in the order of adding, whatever the clock said."""
         return self._read("nights", Night)
 
+    def ran(self) -> list[Night]:
+        """The nights that ran here, i.e. without imported ones, the oldest first."""
+        return [night for night in self.nights() if not night.imported]
+
     def values(self) -> list[Value]:
         """Every quantity of every night, the oldest first."""
         return self._read("quantities", Value)

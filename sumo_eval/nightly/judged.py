@@ -122,7 +122,7 @@ def failing_since(
     database: History, gates: Sequence[GateResult], tonight: str
 ) -> dict[LimitName, Since]:
     """Since when each limit that failed tonight has failed, by its name."""
-    nights = [night.night for night in database.nights() if not night.imported]
+    nights = [night.night for night in database.ran()]
     failing = {
         (line.night, line.ads, line.scenario, line.quantity)
         for line in database.gates()

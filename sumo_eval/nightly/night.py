@@ -187,7 +187,7 @@ def _begin(history: Path, database: History, notes: list[str], resume: bool) -> 
     names = (_name(began + timedelta(seconds=later)) for later in itertools.count())
     name = next(name for name in names if name not in taken)
     database.begin(name)
-    last = next((night.night for night in reversed(database.nights()) if not night.imported), "")
+    last = next((night.night for night in reversed(database.ran())), "")
     if name <= last:
         notes.append(
             f"The clock went back: night {last} was added before, {name} now. Nights stand in the "
@@ -360,7 +360,7 @@ def _refuse_without_room(history: Path, database: History, stopped: str | None) 
 
     stopped: a night that continues, whose files are there already.
     """
-    finished = [history / night.folder for night in database.nights() if not night.imported]
+    finished = [history / night.folder for night in database.ran()]
     last = next((folder for folder in reversed(finished) if folder.is_dir()), None)
     needed = FIRST_NIGHT_ROOM
     if last is not None:
@@ -394,7 +394,7 @@ def _prune(history: Path, database: History, keep: int) -> list[str]:
     """Remove folders of old nights, except the newest `keep`, the newest good one, and those whose
     acceptance counts now or will count again.
     """
-    nights = [night for night in database.nights() if not night.imported]
+    nights = database.ran()
     good = [night for night in nights if night.good]
     kept = {night.night for night in (*nights[-keep:], *good[-1:])}
     # The newest acceptance in force counts. When it ends, an older one may count again: so the one
