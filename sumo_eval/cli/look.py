@@ -66,7 +66,7 @@ def find(
     """Name the cases of RUN nearest to parameter values, by their distance in the unit box of these
     parameters.
     """
-    from sumo_eval.report.found_cases import nearest_cases
+    from sumo_eval.report.terminal import nearest_cases
     from sumo_eval.scoring.nearest import nearest
 
     evaluation = scored(run)

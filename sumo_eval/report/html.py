@@ -16,14 +16,13 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
-from sumo_eval.cases import OUTCOMES, CaseTable, IntArray
+from sumo_eval.cases import OUTCOMES, CaseTable
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.citation import citation
 from sumo_eval.report.density import density_maps
 from sumo_eval.report.gate_result import failed
-from sumo_eval.report.packing import packed_json
-from sumo_eval.report.page import REPORT, template, write_page
+from sumo_eval.report.page import REPORT, packed_json, template, write_page
 from sumo_eval.report.page_data import embedded_cases, gathered_words, map_words, page_data
 from sumo_eval.report.sections import SECTIONS, Additions, change_content
 from sumo_eval.report.sent_drives import sent_drives
@@ -55,6 +54,7 @@ from sumo_eval.scoring.findings import Findings, unevaluated
 from sumo_eval.scoring.map_view import View, choose_view
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.scoring.shown_cases import shown_cases
+from sumo_eval.trajectory import IntArray
 
 NO_ADDITIONS = Additions()  # a report of the evaluation alone
 MOST_LISTED = 500  # rows of a table of collisions, or of cases that could not be evaluated

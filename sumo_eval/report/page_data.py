@@ -8,10 +8,10 @@ from dataclasses import asdict
 from math import isfinite
 from typing import Any
 
-from sumo_eval.cases import CaseResult, CaseTable, IntArray
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.groups import grouped
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.report.packing import packed_bytes
+from sumo_eval.report.page import packed_bytes
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, SentDrives
 from sumo_eval.report.words import (
     LOOKS,
@@ -33,7 +33,7 @@ from sumo_eval.scoring.findings import findings_of, mean_of
 from sumo_eval.scoring.map_view import View, choose_view, telling_slice
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.scoring.zone_levels import lattice_points, map_points, zone_levels
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import FloatArray, IntArray
 
 MOST_GROUPS = 12  # of failures of an ADS in a scenario
 

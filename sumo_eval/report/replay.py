@@ -14,8 +14,7 @@ from sumo_eval.record.cases import Role
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.report.explain import known_case
-from sumo_eval.report.packing import packed_json
-from sumo_eval.report.page import template, write_page
+from sumo_eval.report.page import packed_json, template, write_page
 from sumo_eval.report.page_data import drawn_bodies, drawn_road
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact_of, encode_trajectories
 from sumo_eval.report.words import cause_words

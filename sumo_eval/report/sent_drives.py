@@ -19,7 +19,7 @@ import numpy as np
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.record.cases import Role
 from sumo_eval.record.store import EGO, Fact, Store, open_store
-from sumo_eval.report.packing import LEVEL, packed_bytes
+from sumo_eval.report.page import LEVEL, packed_bytes
 from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
 

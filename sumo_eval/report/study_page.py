@@ -9,8 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sumo_eval.report.packing import packed
-from sumo_eval.report.page import template, write_page
+from sumo_eval.report.page import packed, template, write_page
 
 MOST_ROWS = 400  # of a study's table; the files beside the page have all of them
 

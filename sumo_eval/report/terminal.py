@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import shlex
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain, islice
 from pathlib import Path
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.groups import grouped
 from sumo_eval.report.checks import check_lines
 from sumo_eval.report.gate_result import GateResult, LimitName, failed
@@ -417,3 +418,13 @@ def _ledger_lines(account: Ledger) -> list[str]:
             for case, points in line.worst(MOST_ENTRIES)
         ]
     return [*lines, f"  {account.total:z8.2f}  {account.name}, the sum"]
+
+
+def nearest_cases(groups: Iterable[tuple[CaseTable, CaseTable]]) -> Iterator[str]:
+    """Lines on the nearest cases of each ADS, as `nearest` gives them."""
+    for cases, near in groups:
+        first = cases[0]
+        yield f"{one_line(first.ads)} in {first.scenario}, {count(len(cases), 'case')}:"
+        for case in near:
+            at = f"{one_line(case.case)}: {point_words(case.values)}"
+            yield f"  {at}; {case.outcome}, {case.zone} zone"

@@ -4,7 +4,7 @@ import base64
 import re
 import zlib
 
-from sumo_eval.report.packing import packed
+from sumo_eval.report.page import packed
 
 
 def unpacked(page, name):

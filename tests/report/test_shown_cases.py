@@ -15,8 +15,8 @@ from refusals import refusal
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.report.density import TILES, density_maps
-from sumo_eval.report.found_cases import nearest_cases
 from sumo_eval.report.html import write_report
+from sumo_eval.report.terminal import nearest_cases
 from sumo_eval.scoring import shown_cases as module
 from sumo_eval.scoring.behaviour import least_human, ranked, worst_case
 from sumo_eval.scoring.failure_groups import failure_kinds

@@ -71,7 +71,7 @@ const sumoEval = (() => {
     return result;
   }
 
-  /** What `packed` in sumo_eval/report/packing.py made of a text. */
+  /** What `packed` in sumo_eval/report/page.py made of a text. */
   async function inflated(base64) {
     const stream = new Blob([bytes(base64)]).stream().pipeThrough(new DecompressionStream("deflate"));
     return new Response(stream).text();
