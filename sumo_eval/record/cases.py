@@ -126,10 +126,13 @@ class Outcome:
 
     def __post_init__(self) -> None:
         """Clean texts once more: a process that runs users' code may send anything."""
-        object.__setattr__(self, "error", None if self.error is None else clean(self.error))
-        object.__setattr__(self, "log", clean_log(self.log))
-        object.__setattr__(self, "error_place", clean(self.error_place))
-        object.__setattr__(self, "batched", self.batched if self.batched in BATCHED else "")
+        for name, text in (
+            ("error", None if self.error is None else clean(self.error)),
+            ("log", clean_log(self.log)),
+            ("error_place", clean(self.error_place)),
+            ("batched", self.batched if self.batched in BATCHED else ""),
+        ):
+            object.__setattr__(self, name, text)
 
 
 @frozen
