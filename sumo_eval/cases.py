@@ -22,11 +22,10 @@ from sumo_eval.coded import decoded, encoded
 from sumo_eval.frozen import frozen
 from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.settings.locators import load_object
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 Zone = Literal["safe", "hazardous"]
 Column = NDArray[Any]
-IntArray = NDArray[np.intp]
 
 EVALUATED = ("ok", "collision", "off_road")
 """Statuses of cases that were evaluated, i.e. whose outcome counts in all scores."""

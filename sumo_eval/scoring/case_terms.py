@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable, IntArray
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.frozen import frozen
 from sumo_eval.method import score_terms
 from sumo_eval.method.collision_avoidance import collision_loss
 from sumo_eval.settings import MethodSettings
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 SCORES = {
     "T": ("task_share", 3),

@@ -18,7 +18,7 @@ from typing import Final, NamedTuple, get_args
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable, IntArray, counts, point_numbers
+from sumo_eval.cases import CaseResult, CaseTable, counts, point_numbers
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import excess
@@ -36,7 +36,7 @@ from sumo_eval.scoring.gate_settings import (
     GateSettings,
     change_of_u,
 )
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 _ORDER: Final[tuple[Change, ...]] = get_args(Change)
 WORSE, BETTER = _ORDER[:5], _ORDER[5:]  # the two lines of `Change`

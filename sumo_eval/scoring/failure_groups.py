@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseTable, IntArray
+from sumo_eval.cases import CaseTable
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import FloatArray, IntArray
 
 # kinds of failure by gravity; the first word of a kind decides its place
 GRAVEST_FIRST = ("caused", "avoidable", "collision", "not evaluated", "off road", "unavoidable")

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable, IntArray, point_numbers
+from sumo_eval.cases import CaseResult, CaseTable, point_numbers
 from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import (
     avoided_share_losses,
@@ -25,7 +25,7 @@ from sumo_eval.method.score_terms import (
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms
 from sumo_eval.settings import EvaluationSettings
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 FACTORS = {"length": "length_factor", "operations": "operation_factor", "similarity": "similarity"}
 """The factors of D_i: name -> field of CaseResult."""

@@ -21,12 +21,12 @@ from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable, IntArray
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import product_losses, worth
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, NOTICEABLE, Findings
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 FULL = 100.0  # points
 ROUNDING = 1e-9  # of an index or of points; less is only rounding

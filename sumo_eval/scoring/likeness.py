@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import EVALUATED, CaseTable, IntArray, ThinReference, Zone
+from sumo_eval.cases import EVALUATED, CaseTable, ThinReference, Zone
 from sumo_eval.errors import InputError
 from sumo_eval.groups import grouped
 from sumo_eval.method.collision_avoidance import collision_weight
@@ -28,7 +28,7 @@ from sumo_eval.scenario.sampling.samples import Sample, sample_of
 from sumo_eval.scoring.confidence.drivers import exchanges
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.settings import DriverSettings
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 FEWEST_DRIVERS = 2  # a standard deviation needs two
 FEWEST_FOR_A_BAND = 3  # two must remain when a driver is compared with the rest

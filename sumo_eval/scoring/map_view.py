@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable, IntArray
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import FloatArray, IntArray
 
 # panels, one for each value of the first parameter; with more values there are GATHERED_PANELS
 MOST_PANELS = 12

@@ -6,10 +6,10 @@ from collections.abc import Collection
 
 import numpy as np
 
-from sumo_eval.cases import CaseTable, IntArray
+from sumo_eval.cases import CaseTable
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.behaviour import least_human, ranked, worst_case
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import FloatArray, IntArray
 
 # cases that the page has, of all ADSs and scenarios together: with more it would be over 10 MB
 MOST_SHOWN = 5_000

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from sumo_eval.cases import IntArray
 from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.errors import InputError
 from sumo_eval.method.plausibility import Quantiles
@@ -57,6 +56,7 @@ from sumo_eval.scoring.requirements import with_counts
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.scoring.zones import zones_key
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings
+from sumo_eval.trajectory import IntArray
 
 POINTS_AT_ONCE = 512
 """Concrete scenarios whose cases are in memory at a time while a run is scored."""

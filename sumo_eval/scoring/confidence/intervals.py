@@ -35,7 +35,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import chdtri, ndtr, stdtrit
 
-from sumo_eval.cases import IntArray
 from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import (
     AskedTerms,
@@ -54,7 +53,7 @@ from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.scoring.confidence.resamples import Resampled, Strata, resamples
 from sumo_eval.settings import MethodSettings
 from sumo_eval.settings.random_streams import random_stream
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 LEVEL = 0.95  # probability with which an interval covers its score
 REPLICATES = 2_000  # of the bootstrap

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from sumo_eval.cases import CaseTable, IntArray
+from sumo_eval.cases import CaseTable
 from sumo_eval.method.score_terms import Stakes, grade_slope
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scenario.logical import LogicalScenario
@@ -26,7 +26,7 @@ from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.scoring.confidence.intervals import LEVEL
 from sumo_eval.settings import MethodSettings, SamplingSettings
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import FloatArray, IntArray
 
 ADAPTIVE = "adaptive"
 

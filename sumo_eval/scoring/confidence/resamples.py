@@ -19,9 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import IntArray
 from sumo_eval.settings.random_streams import random_stream
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import FloatArray, IntArray
 
 # Most numbers in a table of points and replicates, 16 MB: 1,000 points by 2,000 replicates. Of more
 # points a table of whole lists has at most an eighth of this, one of a divided list all of it.

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.cases import CaseTable, IntArray
+from sumo_eval.cases import CaseTable
 from sumo_eval.method.score_terms import worth
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.results import ScenarioResult
@@ -20,6 +20,7 @@ from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.scoring.confidence.intervals import Judged, ScoreIntervals, score_intervals
 from sumo_eval.scoring.confidence.resamples import Strata
 from sumo_eval.settings import EvaluationSettings
+from sumo_eval.trajectory import IntArray
 
 WITHIN = {
     "c": (0.0, 1.0),
