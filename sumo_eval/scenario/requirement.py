@@ -186,13 +186,19 @@ class _Parts(ast.NodeTransformer):
             and len(node.args) == 1
             and not node.keywords
         ):
-            placeholder = f"over_time_{len(self.parts)}"
+            placeholder = self._new_name(f"over_time_{len(self.parts)}")
             self.within = True
             inner = ast.unparse(self.visit(node.args[0]))
             self.within = False
             self.parts.append((placeholder, node.func.id, Expression(inner)))
             return ast.Name(placeholder, ast.Load())
         return self.generic_visit(node)
+
+    def _new_name(self, name: str) -> str:
+        """The name of a placeholder, made longer where a parameter has it."""
+        while name in self.known:
+            name += "_"
+        return name
 
     def _of_other(self, node: ast.Call) -> ast.AST:
         """A placeholder for `x(lead)`; any other call is a function of the language, and stays."""
@@ -203,11 +209,8 @@ class _Parts(ast.NodeTransformer):
                 check_known(
                     f"vehicle in requirement `{self.text}` of {self.owner}:", self.vehicles, vehicle
                 )
-                placeholder = f"{function}_of_{vehicle}"
-                while placeholder in self.known:  # `speed_of_lead` may be a parameter's name
-                    placeholder += "_"
-                ask = placeholder, function, vehicle
+                ask = self._new_name(f"{function}_of_{vehicle}"), function, vehicle
                 if ask not in self.asks:
                     self.asks.append(ask)
-                return ast.Name(placeholder, ast.Load())
+                return ast.Name(ask[0], ast.Load())
         return self.generic_visit(node)

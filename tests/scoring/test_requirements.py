@@ -67,7 +67,9 @@ def test_a_requirement_by_hand(text, holds):
     assert one.holds(series, {"limit": 2.5, "collided": 0.0, "reached_end": 0.0}) is holds
 
 
-def test_a_parameter_may_be_called_speed_of_lead():
+def test_a_parameter_may_have_the_name_of_a_placeholder():
+    one = requirement("r", "max(time) < over_time_0", "", "a test", ["over_time_0"])
+    assert one.holds({"time": np.arange(2.0)}, {"over_time_0": 1.5})
     text = "max(speed(lead) - speed_of_lead) <= 0.5"
     one = requirement("r", text, "", "a test", ["speed_of_lead"], ["lead"])
     ((placeholder, _, _),) = one.asks
