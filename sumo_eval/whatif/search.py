@@ -114,7 +114,7 @@ class WhatIf:
             for value in first_values(logical, fact.values, lever)
         ]
         # first the recorded case itself: any lever at its recorded value
-        rerun, *outcomes = self._outcomes(fact, [(levers[0], levers[0].recorded), *trials])
+        rerun, *outcomes = self._outcomes(fact, "levers", [(levers[0], levers[0].recorded), *trials])
         _check_repeats(fact, rerun)
         lines: dict[Lever, Line] = {it: {it.recorded: fact.collision is not None} for it in levers}
         _fill(lines, trials, outcomes)
@@ -149,19 +149,24 @@ class WhatIf:
             for value in lever.steps()
             if min(flip.before, flip.after) < value < max(flip.before, flip.after)
         ]
-        _fill(lines, inside, self._outcomes(fact, inside))
+        _fill(lines, inside, self._outcomes(fact, "levers, step by step", inside))
         ends = [
             (lever, value) for lever, flip in _nearest(lines) for value in (flip.before, flip.after)
         ]
-        for (lever, value), outcome in zip(ends, self._outcomes(fact, ends), strict=True):
+        outcomes = self._outcomes(fact, "levers, changes rerun", ends)
+        for (lever, value), outcome in zip(ends, outcomes, strict=True):
             if outcome is None or (outcome.status == "collision") != lines[lever][value]:
                 raise InputError(
                     f"Case `{fact.case}` with {lever.name} = {value:g} does not repeat: its ADS "
                     "must do the same in every drive."
                 )
 
-    def _outcomes(self, fact: Fact, trials: Sequence[tuple[Lever, float]]) -> list[Outcome | None]:
+    def _outcomes(
+        self, fact: Fact, stage: str, trials: Sequence[tuple[Lever, float]]
+    ) -> list[Outcome | None]:
         """Drive the case once for each (lever, value).
+
+        stage: name of this round, for the progress.
 
         None: the scenario has no such point, or the drive could not be evaluated.
         """
@@ -173,13 +178,12 @@ class WhatIf:
             for number, (lever, value) in enumerate(trials)
             if (concrete := moved(logical, fact.values, lever, value, revealed=revealed))
         ]
-        total = self._drives + len(cases)
+        self._drives += len(cases)
         evaluated: list[Outcome | None] = [None] * len(trials)
-        for outcome in run_cases(cases, self._setup):
-            self._drives += 1
+        for number, outcome in enumerate(run_cases(cases, self._setup), start=1):
             if outcome.status in EVALUATED:
                 evaluated[outcome.case.point] = outcome
-            self._progress("levers", self._drives, total)
+            self._progress(stage, number, len(cases))
         return evaluated
 
 

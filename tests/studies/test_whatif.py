@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 
 import pytest
@@ -121,7 +122,9 @@ def test_law_a_lever_keeps_the_chance_of_its_case_unless_told(night):
 def test_a_collision_gets_a_table_and_json(night):
     folder, case = night
     hit = case.replace("late", "too_late")
-    lines = run("whatif", folder, hit).said
+    done = run("whatif", folder, hit)
+    drives = map(int, re.findall(r"^levers.*: (\d+) done$", done.stderr, re.M))
+    assert f"\n{sum(drives)} drives;" in (lines := done.stdout)  # every round is reported
     assert "collision at" in lines
     assert "avoids it" in lines
     assert "conditions.sensor_range      no limit: none of 33 values" in lines
