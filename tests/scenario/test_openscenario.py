@@ -315,7 +315,8 @@ def test_impossible_points_do_not_play(tmp_path, where, must):
     path = written(tmp_path)
     text = path.read_text().replace('dLane="1" ds="50"', where)
     path.write_text(text)
-    with refusal(rf"scenario.xosc, line \d+, <ScenarioObject>: its body must be {must}\.") as error:
+    where = r"scenario.xosc, line \d+, <ScenarioObject>"
+    with refusal(rf"{where}: Vehicle `Other` must be {must}\.") as error:
         read_file(path)
     line = int(str(error.value).split("line ")[1].split(",")[0])
     assert 'ScenarioObject name="Other"' in text.splitlines()[line - 1]
@@ -1024,7 +1025,10 @@ def test_values_that_play_nowhere_are_counted_with_their_reason():
     file = ALKS / "alks_scenario_4_2_4_multiple_blocking_targets_variation.xosc"
     reasons = [why for _, why in concrete_points(read_file(file)) if why is not None]
     assert (len(reasons), len(set(reasons))) == (60, 1)
-    assert "<ScenarioObject>: its body must be clear of `TargetBlocking` at the start" in reasons[0]
+    blocked = (
+        "<ScenarioObject>: Vehicle `TargetBlocking2` must be clear of `TargetBlocking` at the start"
+    )
+    assert blocked in reasons[0]
 
 
 @needs_catalogues

@@ -189,7 +189,7 @@ def _impossible(path: Path, case: FileCase) -> Iterator[InputError]:
         return parts.get(name, entities)
 
     for wrong in misplaced(road, case.ego, case.ego_body, case.actors):
-        yield declared(wrong.name).fault(f"its body must be {wrong.must}")
+        yield declared(wrong.name).fault(f"{wrong.what} must be {wrong.must}")
     if case.ego.x + 0.5 * case.ego_body.length + _BEFORE_END >= frame.length:
         yield declared("ego").fault(
             f"its front must be over {_BEFORE_END:g} m before its road's end"
