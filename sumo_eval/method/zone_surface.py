@@ -16,6 +16,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sumo_eval.frozen import frozen
+from sumo_eval.method.checks import finite
 from sumo_eval.scenario import LogicalScenario
 from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import FloatArray
@@ -92,7 +93,8 @@ def coordinates(
         return None
 
     def raw(points: FloatArray) -> FloatArray:
-        return np.stack(own.of(logical.columns(points)), axis=-1)
+        columns = np.stack(own.of(logical.columns(points)), axis=-1)
+        return finite(f"scenario `{logical.name}`", "zone.coordinates", columns)
 
     low, high = raw(training).min(axis=0), raw(training).max(axis=0)
     span = np.where(high > low, high - low, 1.0)
@@ -121,9 +123,12 @@ def fit(
     if hazardous.all() or not hazardous.any():
         side, level = ("hazardous", -1.0) if hazardous[0] else ("safe", 1.0)
         nothing = np.empty(0)
+        advice = "make `step` smaller or ranges wider"
+        if target.min() == 1.0:  # max ITTC is 0 at all of them
+            advice = "let its obstacle come into the ego's path: at none does the ego close on it"
         return Surface(unit[:0], nothing, np.full(k, np.inf), 0.0, 0.0, level, to_x), [
             f"A zone boundary needs safe and hazardous training points; all {n} are {side}, so the "
-            "whole space counts as such. If it has a boundary, make `step` smaller or ranges wider."
+            f"whole space counts as such. If it has a boundary, {advice}."
         ]
 
     # along each coordinate: the widest gap between its values, at least that of an even grid

@@ -56,12 +56,15 @@ class Formulas:
         return cls(definitions.needed_by(*expressions), expressions)
 
     def __call__(self, values: Values) -> tuple[FloatArray, ...]:
-        """An array for each expression, of the values' shape."""
+        """An array for each expression, of the values' shape. Raises InputError where one is nan."""
         extended = self.definitions.extend(values)
         shape = np.broadcast_shapes(*map(np.shape, values.values()))
-        return tuple(
-            np.broadcast_to(expression.value(extended), shape) for expression in self.expressions
-        )
+        results = []
+        for expression in self.expressions:
+            results.append(np.broadcast_to(expression.value(extended), shape))
+            if np.isnan(results[-1]).any():
+                raise must_be(f"`{expression.text}`", "the zone rule", "a number", np.nan)
+        return tuple(results)
 
 
 @frozen

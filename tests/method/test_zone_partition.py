@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from sumo_eval.method.point_criticality import criticality, exact_target, square
 from sumo_eval.method.zone_partition import boundary_error, partition
 from sumo_eval.method.zone_surface import TARGET_TOLERANCE
 from sumo_eval.scenario.catalogue import load
+from sumo_eval.scenario.logical import ZoneCoordinates
 from sumo_eval.settings import ZoneSettings
 
 CUT_OUT = load("front_vehicle_cut_out")
@@ -110,6 +112,8 @@ def test_low_speed_has_no_hazardous_zone_at_all():
         "A zone boundary needs safe and hazardous training points; all 25 are safe, so the whole "
         "space counts as such. If it has a boundary, make `step` smaller or ranges wider.",
     )
+    stands = space([("x", 0.0, 1.0, 0.5)], lambda values: 9.0, ego_speed=0.0)
+    assert "let its obstacle come into the ego's path: at none" in partition(stands).notes[0]
 
 
 def test_a_scenario_without_zones_reports_it_and_no_gp():
@@ -384,6 +388,9 @@ def test_better_coordinates_may_be_constant_or_unlearnt(gaps):
     points = [[20.0, 10.0, gap, 1.0] for gap in gaps]
     zones = partition(load("cut_in"), QUICK, points=points)
     assert zones.hazardous(points).tolist() == zones.exactly_hazardous(points).tolist()
+    endless = ZoneCoordinates(("x",), lambda values: (np.full_like(values["gap"], np.inf),))
+    with refusal("`zone.coordinates` of scenario `cut_in` must be finite"):
+        partition(replace(load("cut_in"), zone_coordinates=endless), QUICK, points=points)
 
 
 def test_hazard_between_training_points_that_are_all_safe_is_noted():
