@@ -75,7 +75,8 @@ def _looks(
 ) -> Iterator[tuple[str, str]]:
     """Links to look at next: (words, key of a case or an anchor)."""
     if worst is not None and (words := cause_words(worst)):
-        yield f"the worst collision, of {worst.ads}: {words}", f"#case:{case_key(worst.case)}"
+        collision = f"the collision that lowers A of {worst.ads} most: {words}"
+        yield collision, f"#case:{case_key(worst.case)}"
     if missing := sum(map(len, unevaluated(evaluation))):
         yield f"{count(missing, 'case')} that could not be evaluated", "#missing"
     least = least_human(evaluation, best)

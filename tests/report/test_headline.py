@@ -263,6 +263,9 @@ def test_what_to_look_at_leads_to_cases_of_the_run(evaluation):
     assert targets
     assert set(targets) <= keys
     assert any(address == "#missing" for _, address in looks)
+    late = CaseTable.of([replace(case, contact_cause="late") for case in evaluation.cases])
+    words, _ = summary_content(replace(evaluation, cases=late), Additions())["looks"][0]
+    assert words.startswith(f"the collision that lowers A of {builders.CALM} most: braked ")
 
 
 def test_failures_next_to_each_other_are_one_group_and_far_ones_another(evaluation):
