@@ -243,6 +243,8 @@ def _loaded(point: EntryPoint) -> click.Command:
         command = point.load()
     if not isinstance(command, click.Command):
         raise InputError(f"{what} must be a click command, got {type(command).__name__}.")
+    with users_code(f"{what} must have a text as its help"):
+        command.get_short_help_str()
     return command
 
 

@@ -102,4 +102,8 @@ def _loaded(ending: str) -> Format:
     reader = _readers()[ending]
     with users_code(f"The reader of `.{ending}` files, `{reader.value}`, cannot be loaded"):
         form = reader.load()
-    return form if isinstance(form, Format) else Format(read=form)
+        if not isinstance(form, Format):
+            form = Format(read=form)
+        # raises where a field has another type
+        frozenset(form.catalogues).union(*(keys for _, keys in form.samplings.values()))
+    return form

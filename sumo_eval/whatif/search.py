@@ -114,7 +114,9 @@ class WhatIf:
             for value in first_values(logical, fact.values, lever)
         ]
         # first the recorded case itself: any lever at its recorded value
-        rerun, *outcomes = self._outcomes(fact, "levers", [(levers[0], levers[0].recorded), *trials])
+        rerun, *outcomes = self._outcomes(
+            fact, "levers", [(levers[0], levers[0].recorded), *trials]
+        )
         _check_repeats(fact, rerun)
         lines: dict[Lever, Line] = {it: {it.recorded: fact.collision is not None} for it in levers}
         _fill(lines, trials, outcomes)

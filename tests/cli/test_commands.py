@@ -197,6 +197,7 @@ def weather():
     click.echo("dry")
 
 nothing = 1
+mute = click.Command("mute", help=3)
 """
 
 
@@ -233,6 +234,10 @@ def test_an_installed_package_brings_a_command_of_its_own(site):
             "Command `weather`, `weather_tool:rain`, cannot be loaded: AttributeError",
         ),
         ("weather = weather_tool:nothing", "must be a click command, got int."),
+        (
+            "weather = weather_tool:mute",
+            "`weather_tool:mute`, must have a text as its help: AttributeError",
+        ),
     ],
 )
 def test_what_is_not_a_command_gets_status_2(site, entry, sentence):

@@ -55,9 +55,22 @@ def test_an_installed_package_reads_a_format_of_its_own(site):
     assert [score.scenario for score in done.scores] == ["slow_lead"]
 
 
-def test_a_format_that_cannot_be_loaded_is_refused(site):
+@pytest.mark.parametrize(
+    "code, words",
+    [
+        ("1\nimport nowhere", "ModuleNotFoundError"),
+        ("Format(None, None, 3)", "TypeError: 'int' object is not iterable"),
+        ("Format(None, samplings=3)", "AttributeError: 'int' object has no attribute 'values'"),
+        ("Format(None, samplings={'x': 3})", "TypeError: cannot unpack"),
+    ],
+)
+def test_a_format_that_cannot_be_loaded_is_refused(site, code, words):
+    (site / "lead_format.py").write_text(
+        f"from sumo_eval.scenario.formats import Format\nread = {code}"
+    )
     install(site, "lead = lead_format:read")
-    with refusal(r"The reader of `\.lead` files, `lead_format:read`, cannot be loaded: Module"):
+    loaded = r"The reader of `\.lead` files, `lead_format:read`, cannot be loaded: "
+    with refusal(loaded + words):
         catalogue.find("slow.lead", site)
 
 
