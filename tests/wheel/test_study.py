@@ -276,6 +276,9 @@ def test_a_damaged_journal_is_refused_and_a_whole_line_stays(plan):
         journal.write_text(f"{whole}\n{line}\n")
         with refusal("journal.jsonl"):
             collect(plan)
+    journal.write_text(f"{whole}\r{whole}\r")
+    with refusal("journal.jsonl must end with LF, got CR"):
+        collect(plan)
     entry = {"step": "drive:gone", "tape": "gone.jsonl", "answers": {}, "quality": {}}
     journal.write_text(f"{whole}\n{json.dumps(entry)}\n")
     assert ("P09", "gone", "gone.jsonl", "no case of the study now") in collect(plan).left

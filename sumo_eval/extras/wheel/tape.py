@@ -90,6 +90,8 @@ def json_lines(path: Path, what: str) -> list[Any]:
     what: noun for the file in error messages, as `tape`.
     """
     *lines, last = read_input_text(path, what).split("\n")
+    if "\r" in last:
+        raise InputError(f"Each line of {path} must end with LF, got CR.")
     values = []
     for number, line in enumerate(lines, 1):
         try:
