@@ -136,11 +136,13 @@ def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):
     (folder / "ben.csv").write_text("".join(whole.splitlines(keepends=True)[:2]))
     with refusal("ben.csv: a drive must have at least two samples"):
         reference(CONCRETE, people, settings, LOGICAL.recorded)
-    cases.assign(lead_speed="slow", fil=1).to_csv(folder / "cases.csv", index=False)
+    wrong = cases.assign(lead_speed="slow", fil=1)
+    wrong = pd.concat([wrong, wrong.assign(scenario="cut_in")])
+    wrong.to_csv(folder / "cases.csv", index=False)
     (folder / "ben.csv").write_text(whole.replace("driver", "drivr"))
     people = open_people(settings, tmp_path)
     assert [note[:25] for note in notes_of(people, {LOGICAL.name: LOGICAL.names})] == [
-        "Column `fil` of cases.csv", "Column `drivr` of ben.csv"
+        "Column `fil` of cases.csv", "Scenario `cut_in` of case", "Column `drivr` of ben.csv"
     ]  # fmt: skip
     with refusal(r"`lead_speed` in row 2 of .*cases\.csv"):
         reference(CONCRETE, people, settings, LOGICAL.recorded)

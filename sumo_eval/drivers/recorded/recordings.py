@@ -33,7 +33,7 @@ from sumo_eval.drivers.recorded.importers.tables import (
     check_speeds,
     checked_numbers,
     read_table,
-    unread_columns,
+    unread,
 )
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.input_file import writing
@@ -170,7 +170,7 @@ def read_csv(path: Path) -> Recordings:
         path, ("recording", "vehicle", "t", "x", "y", "length", "width"), dtype=IDENTIFIERS
     )
     checked_numbers(table, [*table.filter([*NUMBERS, "steering"])], path, gaps=["steering"])
-    notes = unread_columns(table, COLUMNS, path)
+    notes = unread("Column", table, COLUMNS, path)
     table = table.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
     for name, value in (("class", "car"), ("driver", ""), ("steering", np.nan)):
         if name not in table:

@@ -19,7 +19,7 @@ from sumo_eval.drivers.recorded.importers.tables import (
     check_speeds,
     checked_numbers,
     read_table,
-    unread_columns,
+    unread,
 )
 from sumo_eval.drivers.recorded.importing import OWN, import_recordings
 from sumo_eval.drivers.recorded.recordings import Recordings
@@ -109,10 +109,12 @@ def notes_of(people: People, parameters: Mapping[str, Sequence[str]]) -> tuple[s
     if people.named is not None:
         named, path = people.named, people.folder / NAMED_CASES
         known = ["scenario", "file", *itertools.chain(*parameters.values())]
-        notes += unread_columns(named, known, path)
+        notes += unread("Column", named, known, path)
+        notes += unread("Scenario", named["scenario"].unique(), [*parameters], path)
         for file in named["file"][named["scenario"].isin(parameters)].unique():
             path = people.folder / str(file)
-            notes += unread_columns(read_table(path, _PLACES), (*_PLACES, *_KNOWN, "driver"), path)
+            table = _table_of(path, changed_at(path))
+            notes += unread("Column", table, (*_PLACES, *_KNOWN, "driver"), path)
     return tuple(notes)
 
 
@@ -255,15 +257,22 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
     return Reference(drives, names)
 
 
+@functools.lru_cache(maxsize=256)
+def _table_of(path: Path, changed: int) -> pd.DataFrame:
+    """A file of drives, read once for the notes and the drives; changed: as in `_recorded`."""
+    table = read_table(path, _PLACES)
+    checked_numbers(table, [*_PLACES, *table.filter(_KNOWN)], path, gaps=["steering"])
+    return table
+
+
 def _drives_in(path: Path, line: Line) -> Sequence[tuple[str, Trajectory]]:
     """The drives of a file with columns t, x, y (road coordinates of the scenario) and what else is
     known, by driver.
 
     line: the road's; along it, a speed that is not known is that on the map.
     """
-    table = read_table(path, _PLACES)
-    checked_numbers(table, [*_PLACES, *table.filter(_KNOWN)], path, gaps=["steering"])
-    table["driver"] = table.get("driver")  # without such a column no driver is named
+    table = _table_of(path, changed_at(path))
+    table = table.assign(driver=table.get("driver"))  # without such a column no driver is named
     drives = []
     for name, rows in table.groupby("driver", sort=False, dropna=False):
         driver = path.stem if pd.isna(name) else str(name)

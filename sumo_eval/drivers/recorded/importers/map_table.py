@@ -19,7 +19,7 @@ from sumo_eval.drivers.recorded.importers.tables import (
     add_motion,
     checked_numbers,
     read_table,
-    unread_columns,
+    unread,
 )
 
 LENGTH, WIDTH = 4.5, 1.8  # m, of a car, where the table has no bodies
@@ -31,7 +31,7 @@ def read(path: Path) -> Samples:
     """The recordings of a file."""
     rows = read_table(path, ("vehicle", "t", "x", "y"), dtype=IDENTIFIERS)
     checked_numbers(rows, ["t", "x", "y", *(name for name in _KNOWN if name in rows)], path)
-    notes = unread_columns(rows, COLUMNS, path)
+    notes = unread("Column", rows, COLUMNS, path)
     if "recording" not in rows:
         rows["recording"] = path.name.rpartition(".csv")[0] or path.stem
     for name, size in (("length", LENGTH), ("width", WIDTH)):

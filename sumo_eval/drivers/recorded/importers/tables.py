@@ -8,7 +8,7 @@ import csv
 import gzip
 import itertools
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -156,11 +156,14 @@ def checked_numbers(
         table[name] = numbers
 
 
-def unread_columns(table: pd.DataFrame, known: Sequence[str], path: Path) -> list[str]:
-    """A sentence on each column that is not known: a misspelt one is as good as missing."""
+def unread(kind: str, names: Iterable[object], known: Sequence[str], path: Path) -> list[str]:
+    """A sentence on each name that is not known: a misspelt one is as good as missing.
+
+    kind: "Column".
+    """
     return [
-        f"Column `{name}` of {path.name} is not known and is not read.{did_you_mean(name, known)}"
-        for name in map(str, table)
+        f"{kind} `{name}` of {path.name} is not known and is not read.{did_you_mean(name, known)}"
+        for name in map(str, names)
         if name not in known
     ]
 
