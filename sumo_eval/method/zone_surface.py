@@ -96,8 +96,9 @@ def coordinates(
         columns = np.stack(own.of(logical.columns(points)), axis=-1)
         return finite(f"scenario `{logical.name}`", "zone.coordinates", columns)
 
-    low, high = raw(training).min(axis=0), raw(training).max(axis=0)
-    span = np.where(high > low, high - low, 1.0)
+    learnt = raw(training)
+    low, span = learnt.min(axis=0), np.ptp(learnt, axis=0)
+    span[span == 0.0] = 1.0
     return lambda unit: (raw(logical.from_unit(unit)) - low) / span
 
 

@@ -49,7 +49,6 @@ def summary_content(evaluation: Evaluation, additions: Additions) -> Mapping[str
         "verdict": verdict(comparison, additions.gates, evaluation).sentence
         if comparison or additions.gates
         else "",
-        "failed": bool(bad),
         "failures": [(additions.since.get(gate.name, ""), gate) for gate in bad],
         "beside": notes,
         "answers": first_words.answers,

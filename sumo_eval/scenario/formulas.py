@@ -56,7 +56,7 @@ class Formulas:
         return cls(definitions.needed_by(*expressions), expressions)
 
     def __call__(self, values: Values) -> tuple[FloatArray, ...]:
-        """An array for each expression, of the values' shape. Raises InputError where one is nan."""
+        """An array for each expression, of the values' shape; raises InputError for nan."""
         extended = self.definitions.extend(values)
         shape = np.broadcast_shapes(*map(np.shape, values.values()))
         results = []
