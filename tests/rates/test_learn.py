@@ -43,7 +43,7 @@ def recovered(folder, scenes, expected, seed):
     folder.mkdir(exist_ok=True)
     rate, _ = planted(source, scenes, expected, seed)
     found = find_encounters([import_recordings("sumo_fcd", [source])])
-    met = measure(found.classes["cut_in"], found, folder, "planted")
+    met = measure(found.classes["cut_in"], found, "planted")
     assert set(met.ends) == set(RANGES)
     in_rate = {"rate": met.rate[1] <= rate <= met.rate[2]}
     in_ends, in_correlations = {}, {}
@@ -342,20 +342,20 @@ def test_events_that_are_all_alike_give_no_file_and_still_say_how_many_are_neede
     found = find_encounters([braking_leader(0.0)])
     one = found.classes["braking"]
     alike = replace(one, rows=one.rows * 3, sources=one.sources * 3)
-    met = measure(alike, found, tmp_path, "made up")
+    met = measure(alike, found, "made up")
     assert met.logical is None
     assert met.needed == 5 * 5  # five events for each of five parameters
     assert not list(tmp_path.iterdir())
 
 
-def test_law_constraints_that_leave_too_few_events_are_counted(tmp_path):
+def test_law_constraints_that_leave_too_few_events_are_counted():
     found = find_encounters([braking_leader(0.0)])
     stream = np.random.default_rng(1)
     names = ("ego_speed", "closing_speed", "gap", "duration", "acceleration")
     rows = [dict(zip(names, stream.uniform(3.0, 5.0, 5), strict=True)) for _ in range(60)]
     for row in rows[9:]:  # of a vehicle that would stand, or drive backwards
         row["closing_speed"] += 3.0
-    met = measure(Encounters("cut_in", rows=rows), found, tmp_path, "made up")
+    met = measure(Encounters("cut_in", rows=rows), found, "made up")
     assert met.logical is None
     assert np.count_nonzero(~met.kept) >= 51
 

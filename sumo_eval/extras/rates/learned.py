@@ -10,8 +10,9 @@ import itertools
 import math
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 import tomli_w
@@ -44,7 +45,7 @@ from sumo_eval.input_file import writing
 from sumo_eval.report.page import write_csv
 from sumo_eval.report.words import count
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.scenario.file import read_scenario
+from sumo_eval.scenario.file import read_scenario, scenario_from
 from sumo_eval.scenario.joint import Joint, JointKind
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.undisturbed import tracks
@@ -67,14 +68,16 @@ DATE = "2022-01-01T00:00:00"  # always the same, so that the same events give th
 class Fit(NamedTuple):
     """How well a model describes vehicles that were held out of its fit.
 
-    model: `even`, or kind and bandwidth of a `Joint`, as `copula 0.27`; without it Scott's.
+    model: `even`, or kind and bandwidth of `joint`, as `copula 0.27`; without it Scott's.
     log_likelihood: mean over the held-out events, nats.
     kolmogorov: parameter -> Kolmogorov distance to the held-out events.
+    joint: the model over all events; None of `even`.
     """
 
     model: str
     log_likelihood: float
     kolmogorov: Mapping[str, float]
+    joint: Joint | None = None
 
 
 class Learnt(NamedTuple):
@@ -135,7 +138,7 @@ def learn(
         folder.mkdir(parents=True, exist_ok=True)
         for done, name in enumerate(CLASSES):
             watch(f"fitting {name}", done)
-            measured = measure(survey.classes[name], survey, folder, about)
+            measured = measure(survey.classes[name], survey, about)
             learnt[name] = _learnt(survey.classes[name], measured, folder / name)
     return Lesson(survey, learnt, source)
 
@@ -146,8 +149,8 @@ class Measured(NamedTuple):
     rate: of encounters, 1/km, and its 95 % limits.
     needed: least number of events for a distribution.
     constants: parameter that does not vary -> its value.
-    logical: the scenario of the file, still without a distribution; None: too few events.
-    content: tables of this file.
+    logical: the scenario, still without a distribution; None: too few events.
+    content: tables of its file.
     kept: whether each of the encounters' rows is within the ranges and constraints, (n,).
     rows: parameters of the kept rows, (kept, k).
     ends: parameter -> intervals of the lower and of the upper end of its range.
@@ -168,11 +171,11 @@ class Measured(NamedTuple):
     rate_together: tuple[float, float] = (0.0, math.inf)
 
 
-def measure(encounters: Encounters, survey: EncounterSurvey, folder: Path, source: str) -> Measured:
-    """Measure rate, ranges and correlations of a class, and write its file without a distribution.
+def measure(encounters: Encounters, survey: EncounterSurvey, source: str) -> Measured:
+    """Measure rate, ranges and correlations of a class, and make its scenario without a
+    distribution.
 
-    folder: receives the file, unless there are too few events.
-    source: of the recordings, for the file.
+    source: of the recordings, for the scenario's file.
     """
     quantities = {item.name: item for item in SCENES[encounters.name].quantities}
     counts = encounters.events, survey.kilometres
@@ -200,15 +203,12 @@ def measure(encounters: Encounters, survey: EncounterSurvey, folder: Path, sourc
         "vehicle_km": round(survey.kilometres, 3),
         "where": source,
     }
-    path = folder / f"{encounters.name}.toml"
-    # read back, the file says which events its constraints rule out
-    path.write_text(tomli_w.dumps(content), encoding="utf-8")
-    logical = read_scenario(path)
+    # the scenario says which events its constraints rule out
+    logical = scenario_from(content, f"learnt scenario `{encounters.name}`", Path())
     rows = np.column_stack([columns[name] for name in free])
     kept = logical.in_box(rows) & logical.feasible(rows)
     rows = rows[kept]
     if len(rows) < needed:
-        path.unlink()
         return few._replace(kept=kept)
     intervals = _intervals_at_once(dict(zip(free, rows.T, strict=True)), *counts)
     return Measured(rate, needed, constants, logical, content, kept, rows, *intervals)
@@ -246,24 +246,25 @@ def _learnt(encounters: Encounters, measured: Measured, path: Path) -> Learnt:
     rows = measured.rows[even]
     events = np.flatnonzero(measured.kept)[even].tolist()
     sources = [encounters.sources[event] for event in events]
-    models = choose_model(rows, names, (low, high), fold_of(sources))
-    kind, bandwidth = _named(models[0].model)
-
     table = path.with_suffix(".events.csv")
+    any_model = Joint("kde", names, _tuples(rows), low, high, source=table.name)
+    models = choose_model(any_model, fold_of(sources))
+
     lines = (
         [*row, *(cell(str(value)) for value in source.values())]
         for row, source in zip(rows.tolist(), sources, strict=True)
     )
     write_csv(table, [*names, *sources[0]], lines)
-    distribution: dict[str, Any] = {"events": table.name, "kind": kind}
-    if bandwidth is not None:
-        distribution["bandwidth"] = bandwidth
+    joint = models[0].joint
+    assert joint is not None  # `even` is the last
+    distribution: dict[str, Any] = {"events": table.name, "kind": joint.kind}
+    if joint.bandwidth is not None:
+        distribution["bandwidth"] = joint.bandwidth
     file = path.with_suffix(".toml")
     file.write_text(tomli_w.dumps({**measured.content, "joint": distribution}), encoding="utf-8")
     value_sets(names, measured.rate, rows, file)
 
     logical = read_scenario(file)
-    joint = Joint(kind, names, _tuples(rows), low, high, bandwidth, table.name)
     motions = [encounters.motions[event] for event in events]
     replay = replay_errors(logical, encounters.name, rows, motions)
     return Learnt(encounters, measured, logical, joint, models, replay, len(measured.rows) - fitted)
@@ -344,61 +345,40 @@ def fold_of(sources: Sequence[Mapping[str, Any]]) -> np.ndarray:
     return folds if np.ptp(folds) else np.arange(len(folds)) % FOLDS
 
 
-def _named(model: str) -> tuple[JointKind, float | None]:
-    """Kind and bandwidth of a model by its name, as in `Fit`; None: Scott's bandwidth."""
-    kind, _, factor = model.partition(" ")
-    return ("kde" if kind == "kde" else "copula"), float(factor) if factor else None
-
-
-def choose_model(
-    rows: FloatArray,
-    names: Sequence[str],
-    box: Sequence[tuple[float, ...]],
-    folds: np.ndarray,
-) -> tuple[Fit, ...]:
+def choose_model(joint: Joint, folds: np.ndarray) -> tuple[Fit, ...]:
     """The fits of all models, the best first, the even density last.
 
     Best is the likeliest model within `NEAR` of the held-out vehicles in every parameter. If there
     is none, it is the nearest one.
 
-    rows: parameters of the events, (n, k).
-    box: lower ends and upper ends of the ranges.
+    joint: over the events, of any kind and bandwidth.
     folds: of each event, (n,).
     """
-    bandwidths = ("", *(f" {factor:g}" for factor in FACTORS))  # "": Scott's
     fits = [
-        _fit(kind + bandwidth, rows, names, box, folds)
-        for bandwidth in bandwidths
-        for kind in ("kde", "copula")
+        _fit(replace(joint, kind=kind, bandwidth=bandwidth), folds)
+        for bandwidth in (None, *FACTORS)
+        for kind in get_args(JointKind)
     ]
     # the nearest first, all within `NEAR` alike; of these the likeliest
     fits.sort(key=lambda fit: (max(*fit.kolmogorov.values(), NEAR), -fit.log_likelihood))
-    return (*fits, Fit("even", -math.log(np.prod(np.subtract(box[1], box[0]))), {}))
+    return (*fits, Fit("even", -math.log(np.prod(np.subtract(joint.high, joint.low))), {}))
 
 
-def _fit(
-    model: str,
-    rows: FloatArray,
-    names: Sequence[str],
-    box: Sequence[tuple[float, ...]],
-    folds: np.ndarray,
-) -> Fit:
-    """Fit a model without each fold in turn, and compare it with that fold.
-
-    Other arguments: as in `choose_model`.
-    """
-    kind, bandwidth = _named(model)
+def _fit(joint: Joint, folds: np.ndarray) -> Fit:
+    """Fit a model to its events without each fold in turn, and compare it with that fold."""
+    rows = np.array(joint.events)
     logs, shares = [], []
     for fold in range(FOLDS):
         train, test = rows[folds != fold], rows[folds == fold]
         # with `LEAST_EVENTS`, at least one fold leaves enough events for a `Joint`
-        if len(test) and len(train) >= len(names) + 2:
-            joint = Joint(kind, tuple(names), _tuples(train), box[0], box[1], bandwidth)
-            logs.append(np.log(np.maximum(joint.density(test) / joint.mass(), 1e-300)))
-            shares.append(marginal_shares(joint, test))
-    columns = zip(names, np.concatenate(shares).T, strict=True)
+        if len(test) and len(train) >= len(joint.names) + 2:
+            fitted = replace(joint, events=_tuples(train))
+            logs.append(np.log(np.maximum(fitted.density(test) / fitted.mass(), 1e-300)))
+            shares.append(marginal_shares(fitted, test))
+    columns = zip(joint.names, np.concatenate(shares).T, strict=True)
     distances = {name: kolmogorov(column) for name, column in columns}
-    return Fit(model, np.concatenate(logs).mean(), distances)
+    model = joint.kind if joint.bandwidth is None else f"{joint.kind} {joint.bandwidth:g}"
+    return Fit(model, np.concatenate(logs).mean(), distances, joint)
 
 
 def marginal_shares(joint: Joint, points: FloatArray) -> FloatArray:
