@@ -33,7 +33,7 @@ from sumo_eval.scenario.formulas import (
     Names,
     Value,
 )
-from sumo_eval.scenario.joint import Joint
+from sumo_eval.scenario.joint import Joint, JointKind
 from sumo_eval.scenario.logical import (
     Constraint,
     Counterpart,
@@ -342,7 +342,7 @@ class JointTable(Checked):
         FilledText,
         About("CSV with a row an event and a column a parameter, relative to this file"),
     ]
-    kind: Literal["kde", "copula"] = setting(
+    kind: JointKind = setting(
         "kde",
         "kde: a Gaussian at each event; copula: each parameter by a KDE of its own, and their "
         "correlation",

@@ -21,7 +21,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from lxml import etree
@@ -57,6 +57,9 @@ PARALLEL = 0.3  # m: largest distance of a lane from its parallel of a curved ro
 # types of junctions for which SUMO needs no <request>
 _WITHOUT_RIGHT_OF_WAY = ("dead_end", "district", "internal", "unregulated")
 _CARS = {"passenger", "all"}  # SUMO's vehicle classes that include the ego's
+# the connections of two edges; the lane through the junction of a lane's first connection
+_BETWEEN = ".//connection[@from=$one][@to=$other]"
+_VIA = "string((.//connection[@from=$edge][@fromLane=$index])[1]/@via)"
 
 Point = tuple[float, float]
 _Course = tuple[Line, list[set[int]], list[float]]
@@ -169,16 +172,15 @@ def _checked_lanes(edge: Element, owner: str) -> list[_Lane]:
     return lanes
 
 
-def _check_junctions(root: Element, edges: Sequence[Element], owner: str) -> None:
+def _check_junctions(root: Any, edges: Sequence[Element], owner: str) -> None:
     """Refuse junctions at which SUMO crashes: with incoming lanes, but no right of way.
 
     edges: those that begin at the junctions in question.
     """
     begins = {edge.get("from") for edge in edges}
-    for junction in root.iter("junction"):
-        incoming = junction.get("id") in begins and junction.get("incLanes")
+    for junction in root.xpath(".//junction[@incLanes!=''][not(request)]"):
         regulated = junction.get("type") not in _WITHOUT_RIGHT_OF_WAY
-        if incoming and regulated and junction.find("request") is None:
+        if junction.get("id") in begins and regulated:
             raise InputError(
                 f"Junction `{junction.get('id')}` of {owner} must have a <request> for each of its "
                 "connections, as netconvert writes it, or be of type `unregulated`: it has none."
@@ -372,9 +374,9 @@ class _Link(NamedTuple):
     ways: dict[int, list[Point]]
 
 
-def _links(root: Element, one: str, other: str, owner: str) -> _Link:
+def _links(root: Any, one: str, other: str, owner: str) -> _Link:
     """Connection from edge `one` to edge `other`."""
-    connections = _connections(root, {"from": one, "to": other})
+    connections = root.xpath(_BETWEEN, one=one, other=other)
     if not connections:
         raise InputError(
             f"Edge `{one}` of {owner} must lead to edge `{other}`: no lane of it does."
@@ -396,26 +398,20 @@ def _links(root: Element, one: str, other: str, owner: str) -> _Link:
     return _Link(shift, ways)
 
 
-def _lanes_through(root: Element, via: str | None) -> list[Element]:
+def _lanes_through(root: Any, via: str | None) -> list[Element]:
     """The lanes that lead through a junction, in order.
 
     via: id of the first of them; None: there is none.
     """
     passed: list[Element] = []
-    while via is not None:
-        lane = next((it for it in root.iter("lane") if it.get("id") == via), None)
-        if lane is None or lane in passed:  # a faulty network may lead in a circle
+    while via:
+        lanes = root.xpath(".//lane[@id=$via]", via=via)
+        if not lanes or lanes[0] in passed:  # a faulty network may lead in a circle
             break
-        passed.append(lane)
+        passed.append(lanes[0])
         edge, _, index = via.rpartition("_")
-        further = _connections(root, {"from": edge, "fromLane": index})
-        via = further[0].get("via") if further else None
+        via = root.xpath(_VIA, edge=edge, index=index)
     return passed
-
-
-def _connections(root: Element, wanted: dict[str, str]) -> list[Element]:
-    """The connections with these attributes."""
-    return [it for it in root.iter("connection") if wanted.items() <= set(it.attrib.items())]
 
 
 # -- a straight road -------------------------------------------------------------------------------
@@ -424,7 +420,7 @@ def _connections(root: Element, wanted: dict[str, str]) -> list[Element]:
 @functools.lru_cache(maxsize=16)
 def laid_along_x(network: NetworkFile) -> str:
     """Text of the network, turned and moved so that its driven edges lie along x from x = 0."""
-    root = _parsed(network)
+    root: Any = _parsed(network)
     driven = _driven_edges(root, network.edges, network.path)
     axis, places = _laid([_lanes(edge) for edge in driven])
     for element in root.iter():
@@ -437,7 +433,7 @@ def laid_along_x(network: NetworkFile) -> str:
     for (one, other), (before, after) in zip(
         itertools.pairwise(network.edges), itertools.pairwise(sections), strict=True
     ):
-        for it in _connections(root, {"from": one, "to": other}):
+        for it in root.xpath(_BETWEEN, one=one, other=other):
             # -1 on this side, None on the other: lanes that are not on the road are never equal
             place = places.get(f"{one}_{it.get('fromLane')}", -1)
             if place == places.get(f"{other}_{it.get('toLane')}"):

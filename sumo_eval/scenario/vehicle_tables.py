@@ -52,7 +52,6 @@ _MANOEUVRES: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Act
     "keep_speed": ((), (), partial(Act, played.KEEP)),
     "brake": (("deceleration",), ("jerk",), brake_to_stop),
     "change_lane": (("duration", "offset"), (), lane_change),
-    "change_lane_cosine": (("duration", "offset"), (), partial(lane_change, cosine=True)),
     "move_sideways": (("speed", "offset"), ("acceleration",), constant_lateral),
     "accelerate": (("speed", "acceleration"), ("jerk",), partial(Act, played.SPEED)),
     "speed_profile": (("speeds",), ("times", "places"), partial(Act, played.BY_TIME)),
@@ -63,6 +62,7 @@ _MANOEUVRES: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Act
         ("speed", "acceleration", "deceleration", "headway", "min_gap"),
         Act,  # not called: `Vehicle.actor` makes its act
     ),
+    "change_lane_cosine": (("duration", "offset"), (), partial(lane_change, cosine=True)),
 }
 """By `do`: keys that a manoeuvre must have, keys that it may have (any may have `name`, `begin` and
 `when`), and the function that makes its act of its numbers.
@@ -184,18 +184,7 @@ class ManoeuvreTable(Checked):
     """Manoeuvre of an actor, from `begin` on."""
 
     do: Annotated[
-        Literal[
-            "keep_speed",
-            "brake",
-            "change_lane",
-            "move_sideways",
-            "accelerate",
-            "speed_profile",
-            "sinus",
-            "path",
-            "follow",
-            "change_lane_cosine",
-        ],
+        Literal[tuple(_MANOEUVRES)],  # type: ignore[valid-type]
         About(
             "keep_speed; brake to a standstill; change_lane smoothly in `duration`; "
             "change_lane_cosine along half a cosine, OpenSCENARIO's sinusoidal; move_sideways at "
@@ -392,7 +381,7 @@ class VehicleTable(Checked):
         "instead of heading: across the road at the start, to the left; `speed` is along",
         "m/s",
     )
-    body: Literal["car", "van", "truck", "motorcycle", "bicycle", "pedestrian", "child"] = setting(
+    body: Literal[tuple(BODIES)] = setting(  # type: ignore[valid-type]
         "car", "kind of road user: its size, its class in SUMO, its shape"
     )
     length: PositiveOrNone = setting(None, "body; default: as the body has it, 4.5 of a car", "m")
