@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from heapq import nsmallest
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from sumo_eval.cases import CaseResult
+from sumo_eval.report.page import Plain
 from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -73,7 +74,7 @@ def check_lines(evaluation: Evaluation) -> Iterator[str]:
         yield f"  and {number - MOST_LINES} more, all in checks.csv."
 
 
-def checks_content(evaluation: Evaluation, _: Additions) -> Mapping[str, Any] | None:
+def checks_content(evaluation: Evaluation, _: Additions) -> Plain | None:
     """For each scenario with requirements: their texts, how often each ADS misses them, and each
     row's verdict.
     """
@@ -82,7 +83,7 @@ def checks_content(evaluation: Evaluation, _: Additions) -> Mapping[str, Any] | 
     return {"tables": tables} if tables else None
 
 
-def _table(evaluation: Evaluation, scenario: str) -> dict[str, Any]:
+def _table(evaluation: Evaluation, scenario: str) -> Plain:
     """The table of one scenario."""
     checks = evaluation.checks[scenario]
     scores = evaluation.scores_in(scenario)

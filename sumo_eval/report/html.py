@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -22,7 +21,7 @@ from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.citation import citation
 from sumo_eval.report.density import density_maps
 from sumo_eval.report.gate_result import failed
-from sumo_eval.report.page import REPORT, packed_json, template, write_page
+from sumo_eval.report.page import REPORT, Plain, packed_json, template, write_page
 from sumo_eval.report.page_data import embedded_cases, gathered_words, map_words, page_data
 from sumo_eval.report.sections import SECTIONS, Additions, change_content
 from sumo_eval.report.sent_drives import sent_drives
@@ -82,7 +81,7 @@ def term(name: str, shown: str = "") -> Markup:
 
 def _context(
     evaluation: Evaluation, partitions: Mapping[str, ZonePartition], additions: Additions
-) -> dict[str, Any]:
+) -> Plain:
     """Values of the page's template.
 
     A thread reads and deflates the recorded drives meanwhile.
@@ -118,7 +117,7 @@ def _shared(
     partitions: Mapping[str, ZonePartition],
     additions: Additions,
     in_page: Mapping[str, IntArray],
-) -> dict[str, Any]:
+) -> Plain:
     """Values that the sections of the page share."""
     settings, exposure_known = evaluation.settings, evaluation.exposure_known()
     synthetic = settings.drivers.source == "synthetic" or nobody_recorded(evaluation)
@@ -190,9 +189,7 @@ def write_comparison(evaluation: Evaluation, additions: Additions, path: Path) -
     return write_page(path, page, "The page")
 
 
-def _group(
-    index: int, evaluation: Evaluation, zones: ZonePartition, shown: IntArray
-) -> dict[str, Any]:
+def _group(index: int, evaluation: Evaluation, zones: ZonePartition, shown: IntArray) -> Plain:
     """Everything the page says of one logical scenario.
 
     index: of the scenario in the evaluation.
@@ -239,7 +236,7 @@ def _group(
 
 def _left_out(
     logical: LogicalScenario, evaluation: Evaluation, shown: IntArray, view: View
-) -> dict[str, Any]:
+) -> Plain:
     """Words and drawings for a scenario of which the page does not hold all cases."""
     tables = {
         score.ads: evaluation.cases_behind(score) for score in evaluation.scores_in(logical.name)
@@ -264,7 +261,7 @@ def _left_out(
     }
 
 
-def _row(findings: Findings) -> dict[str, Any]:
+def _row(findings: Findings) -> Plain:
     """One ADS in one logical scenario, in the words and digits of the page."""
     score, cases, likened = findings.score, findings.cases, findings.likened
     hits = findings.collisions

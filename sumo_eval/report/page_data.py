@@ -6,12 +6,11 @@ import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from math import isfinite
-from typing import Any
 
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.groups import grouped
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.report.page import packed_bytes
+from sumo_eval.report.page import Plain, packed_bytes
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, SentDrives
 from sumo_eval.report.words import (
     LOOKS,
@@ -43,7 +42,7 @@ def page_data(
     partitions: Mapping[str, ZonePartition],
     embedded: Mapping[str, Sequence[EmbeddedCase]],
     sent_drives: Callable[[], SentDrives],
-) -> dict[str, Any]:
+) -> Plain:
     """Everything the page draws, as plain JSON values.
 
     embedded: the cases of the page, by scenario.
@@ -69,7 +68,7 @@ def page_data(
     }
 
 
-EmbeddedCase = tuple[CaseResult, dict[str, Any]]
+EmbeddedCase = tuple[CaseResult, Plain]
 """A case that the page has, and what the page says of it in addition to its row."""
 
 
@@ -101,7 +100,7 @@ def embedded_cases(
 
 def _scenario(
     evaluation: Evaluation, zones: ZonePartition, embedded: Sequence[EmbeddedCase]
-) -> dict[str, Any]:
+) -> Plain:
     """All that the page has of a scenario, except its drives."""
     logical = zones.logical
     cases = evaluation.cases_in(logical.name)
@@ -142,7 +141,7 @@ def _scenario(
     }  # fmt: skip
 
 
-def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> dict[str, Any]:
+def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> Plain:
     """Groups of failures, at most MOST_GROUPS of each ADS, and how many more there are.
 
     keys: of the cases that the page has. A group names only these, but its size counts all.
@@ -183,7 +182,7 @@ _SHOWN = (
 """Fields of a case that the page holds unchanged."""
 
 
-def _case(case: CaseResult, row: FloatArray) -> dict[str, Any]:
+def _case(case: CaseResult, row: FloatArray) -> Plain:
     """One case; the page computes none of this again."""
     measures = [(label, getattr(case, name), unit) for name, label, unit in MEASURES]
     return {name: getattr(case, name) for name in _SHOWN} | {
@@ -220,13 +219,13 @@ def gathered_words(view: View) -> str:
     return f"Each case is drawn in the panel whose {view.names[view.panel]} is nearest to its own."
 
 
-def zone_map(zones: ZonePartition, view: View, panel: int) -> dict[str, Any]:
+def zone_map(zones: ZonePartition, view: View, panel: int) -> Plain:
     """The zones at the corners of cells over x and y (y slowest)."""
     axes, points = map_points(zones.logical, view, panel)
     return axes | _packed(zones, points)
 
 
-def lattice(zones: ZonePartition) -> dict[str, Any] | None:
+def lattice(zones: ZonePartition) -> Plain | None:
     """The zones on a lattice over the whole space, from which the page draws any slice; None where
     the space has no lattice.
     """
@@ -236,7 +235,7 @@ def lattice(zones: ZonePartition) -> dict[str, Any] | None:
     return {"size": points.size} | _packed(zones, points.rows)
 
 
-def _packed(zones: ZonePartition, points: FloatArray) -> dict[str, Any]:
+def _packed(zones: ZonePartition, points: FloatArray) -> Plain:
     gp, exact, *rooms = (packed_bytes(it.tobytes()) for it in zone_levels(zones, points))
     return {"gp": gp, "exact": exact, "rooms": rooms}
 
@@ -244,7 +243,7 @@ def _packed(zones: ZonePartition, points: FloatArray) -> dict[str, Any]:
 # --- roads ----------------------------------------------------------------------------------------
 
 
-def drawn_road(road: Road) -> dict[str, Any]:
+def drawn_road(road: Road) -> Plain:
     """A road as pages draw it."""
     return {
         "end": road.length, "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes,
@@ -252,7 +251,7 @@ def drawn_road(road: Road) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def drawn_shape(road: Road) -> dict[str, Any]:
+def drawn_shape(road: Road) -> Plain:
     """Parts of a road without the same lanes throughout, as pages draw it.
 
     gone: where an outermost lane is missing, four points [x, y], m, of which the last three are the
