@@ -90,8 +90,7 @@ class Joint:
         inside = self._inside(rows)
         densities = np.zeros(len(rows))
         if inside.any():
-            density_of = _kde_density if self.kind == "kde" else _copula_density
-            densities[inside] = density_of(_prepared(self), rows[inside])
+            densities[inside] = _prepared(self).density(rows[inside])
         return densities
 
     def mass(self) -> float:
@@ -102,9 +101,7 @@ class Joint:
         """Points (count, k) of this density within the box."""
         prepared = _prepared(self)
         if self.kind == "copula":
-            return prepared.from_scores(
-                stream.standard_normal((count, len(self.names))) @ prepared.root.T
-            )
+            return prepared.draw(count, stream)
         parts: list[FloatArray] = []
         have = drawn = 0
         while have < count:
@@ -136,48 +133,71 @@ class Joint:
         )
 
 
-class _Prepared(NamedTuple):
-    """A `Joint` made ready for densities and draws.
+class _Kernels(NamedTuple):
+    """A `Joint` of the kind kde made ready for densities and draws, not cut to the box.
 
-    rows: where the kernels of a KDE stand, or the events of a copula, (n, k).
+    rows: where the kernels stand, (n, k).
     shares: weights of the rows, (n,), together 1.
-    root: Cholesky factor of the kernel's covariance, or of the scores' correlation, (k, k).
-    grids, densities, distributions: of a copula, values of each parameter, and density and
-        cumulative distribution there, (k, GRID); of a KDE empty, (k, 0).
+    root: Cholesky factor of the kernels' covariance, (k, k).
     """
 
     rows: FloatArray
     shares: FloatArray
+    root: FloatArray
+
+    def draw(self, count: int, stream: np.random.Generator) -> FloatArray:
+        """Points (count, k)."""
+        chosen = stream.choice(len(self.rows), size=count, p=self.shares)
+        return self.rows[chosen] + stream.standard_normal((count, self.rows.shape[1])) @ self.root.T
+
+    def density(self, points: FloatArray) -> FloatArray:
+        """Density (n,) at points (n, k)."""
+        k = points.shape[1]
+        whiten = np.linalg.inv(self.root)
+        centres = self.rows @ whiten.T
+        norm = np.abs(np.linalg.det(whiten)) / (2.0 * np.pi) ** (k / 2.0)
+        sums = np.zeros(len(points))
+        for first in range(0, len(points), 4096):  # so many at once, to limit the memory in use
+            white = points[first : first + 4096] @ whiten.T
+            sums[first : first + 4096] = bells(white, centres) @ self.shares
+        return np.asarray(sums * norm)
+
+
+class _Copula(NamedTuple):
+    """A `Joint` of the kind copula made ready for densities and draws.
+
+    root: Cholesky factor of the correlation of the normal scores, (k, k).
+    grids, densities, distributions: values of each parameter, and density and cumulative
+        distribution there, (k, GRID).
+    """
+
     root: FloatArray
     grids: FloatArray
     densities: FloatArray
     distributions: FloatArray
 
     def draw(self, count: int, stream: np.random.Generator) -> FloatArray:
-        """Points (count, k) of a KDE's kernels."""
-        chosen = stream.choice(len(self.rows), size=count, p=self.shares)
-        return self.rows[chosen] + stream.standard_normal((count, self.rows.shape[1])) @ self.root.T
-
-    def scores(self, points: FloatArray) -> FloatArray:
-        """Normal scores (n, k) of points."""
-        from scipy.special import ndtri
-
-        shares = [
-            np.interp(points[:, j], self.grids[j], self.distributions[j])
-            for j in range(points.shape[1])
-        ]
-        return np.asarray(ndtri(np.clip(np.column_stack(shares), LEAST_SHARE, 1.0 - LEAST_SHARE)))
-
-    def from_scores(self, scores: FloatArray) -> FloatArray:
-        """Points (n, k) that have these normal scores."""
+        """Points (count, k)."""
         from scipy.special import ndtr
 
-        shares = ndtr(scores)
-        columns = [
-            np.interp(shares[:, j], self.distributions[j], self.grids[j])
-            for j in range(scores.shape[1])
-        ]
-        return np.column_stack(columns)
+        shares = ndtr(stream.standard_normal((count, len(self.root))) @ self.root.T)
+        parts = zip(shares.T, self.distributions, self.grids, strict=True)
+        return np.column_stack([np.interp(*part) for part in parts])
+
+    def density(self, points: FloatArray) -> FloatArray:
+        """Density (n,) at points (n, k)."""
+        from scipy.special import ndtri
+
+        parts = zip(points.T, self.grids, self.distributions, strict=True)
+        shares = np.column_stack([np.interp(*part) for part in parts])
+        scores = ndtri(np.clip(shares, LEAST_SHARE, 1.0 - LEAST_SHARE))
+        whitened = np.linalg.solve(self.root, scores.T).T
+        density = np.exp(0.5 * (scores**2 - whitened**2).sum(axis=1)) / np.abs(
+            np.prod(np.diag(self.root))
+        )
+        for part in zip(points.T, self.grids, self.densities, strict=True):
+            density = density * np.interp(*part)
+        return np.asarray(density)
 
 
 @lru_cache(maxsize=64)
@@ -189,7 +209,7 @@ def _share_inside(joint: Joint) -> float:
 
 
 @lru_cache(maxsize=512)
-def _prepared(joint: Joint) -> _Prepared:
+def _prepared(joint: Joint) -> _Kernels | _Copula:
     rows = np.array(joint.events)
     weights = joint.weights or (1.0,) * len(rows)
     shares = np.array(weights) / sum(weights)
@@ -200,8 +220,7 @@ def _prepared(joint: Joint) -> _Prepared:
             # nearer: factor of the narrow form
             nearer, mean = 1.0 / np.sqrt(1.0 + joint.factor**2), shares @ rows
             rows, root = mean + nearer * (rows - mean), nearer * root
-        no_grid = np.zeros((len(root), 0))
-        return _Prepared(rows, shares, root, no_grid, no_grid, no_grid)
+        return _Kernels(rows, shares, root)
 
     # weighted correlation (k, k) of the normal scores
     scores = np.column_stack([_normal_scores(it) for it in rows.T])
@@ -216,7 +235,7 @@ def _prepared(joint: Joint) -> _Prepared:
     grids = np.linspace(joint.low, joint.high, GRID, axis=1)
     marginals = [_marginal(joint, *it, shares) for it in zip(grids, rows.T, strict=True)]
     densities, distributions = map(np.array, zip(*marginals, strict=True))
-    return _Prepared(rows, shares, root, grids, densities, distributions)
+    return _Copula(root, grids, densities, distributions)
 
 
 def _normal_scores(values: FloatArray) -> FloatArray:
@@ -263,29 +282,6 @@ def bells(points: FloatArray, centres: FloatArray) -> FloatArray:
     """exp(-d^2/2) by the distance d of points (n, k) from centres (m, k): (n, m)."""
     squared = (points**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * points @ centres.T
     return np.asarray(np.exp(-0.5 * np.maximum(squared, 0.0)))
-
-
-def _kde_density(prepared: _Prepared, points: FloatArray) -> FloatArray:
-    k = points.shape[1]
-    whiten = np.linalg.inv(prepared.root)
-    centres = prepared.rows @ whiten.T
-    norm = np.abs(np.linalg.det(whiten)) / (2.0 * np.pi) ** (k / 2.0)
-    sums = np.zeros(len(points))
-    for first in range(0, len(points), 4096):  # so many at once, to limit the memory in use
-        white = points[first : first + 4096] @ whiten.T
-        sums[first : first + 4096] = bells(white, centres) @ prepared.shares
-    return np.asarray(sums * norm)
-
-
-def _copula_density(prepared: _Prepared, points: FloatArray) -> FloatArray:
-    scores = prepared.scores(points)
-    whitened = np.linalg.solve(prepared.root, scores.T).T
-    density = np.exp(0.5 * (scores**2 - whitened**2).sum(axis=1)) / np.abs(
-        np.prod(np.diag(prepared.root))
-    )
-    for j in range(points.shape[1]):
-        density = density * np.interp(points[:, j], prepared.grids[j], prepared.densities[j])
-    return np.asarray(density)
 
 
 def of_values(joint: Joint, values: Mapping[str, ArrayLike]) -> FloatArray:
