@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sumo_eval.extras.openscenario.frame import Frame
 from sumo_eval.extras.openscenario.network import in_frame
@@ -189,8 +189,8 @@ class Conditions:
 
     def note(self, element: Node, span: Span) -> Span:
         """Remember when an element of the storyboard runs, for conditions below it."""
-        names = [it.get("name") for it in element.element.iterancestors()]
-        path = "::".join((*filter(None, reversed(names)), element.attribute("name")))
+        above: Any = element.element.xpath("ancestor::*/@name[. != '']")
+        path = "::".join((*above, element.attribute("name")))
         self.spans.append((element.tag.lower(), path, span))
         return span
 
@@ -314,8 +314,7 @@ class Conditions:
             raise element.fault("the edge `falling` is not supported of it")
         if element.tag == "ParameterCondition":
             name = element.attribute("parameterRef").removeprefix("$")
-            actions = element.element.getroottree().iter("ParameterAction")
-            if any(it.get("parameterRef") == name for it in actions):
+            if element.element.xpath("//ParameterAction[@parameterRef=$name]", name=name):
                 raise element.fault(
                     f"parameter `{name}` is set during the drive, and is read before it here"
                 )

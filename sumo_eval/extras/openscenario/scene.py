@@ -15,7 +15,6 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -123,10 +122,11 @@ def _awaited(root: Node) -> set[str]:
     # for each condition on a state: the name it waits for, and the names around the condition
     waits: list[tuple[str, set[str]]] = []
     names = set()
-    for state in root.element.iter("StoryboardElementStateCondition"):
+    states: Any = root.element.xpath(".//StoryboardElementStateCondition")
+    for state in states:
         name = str(state.get("storyboardElementRef")).rpartition("::")[2]
         # the innermost event or act around it, which waits; none in a stop of the storyboard
-        for holder in islice(state.iterancestors("Event", "Act"), 1):
+        for holder in state.xpath("ancestor::*[self::Event or self::Act][1]"):
             if _kinds(Node(holder)) or holder.find("ManeuverGroup/CatalogReference") is not None:
                 names.add(name)
             waits.append((name, _names_around(holder)))
@@ -138,7 +138,7 @@ def _awaited(root: Node) -> set[str]:
 
 def _names_around(element: Any) -> set[str]:
     """The names of an element, of the elements around it and of its actions."""
-    return {it.get("name") for it in (element, *element.iterancestors(), *element.iter("Action"))}
+    return set(element.xpath("ancestor-or-self::*/@name | .//Action/@name"))
 
 
 def distinct(names: Iterable[str], *taken: str) -> list[str]:
