@@ -26,8 +26,6 @@ from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 Zone = Literal["safe", "hazardous"]
 Column = NDArray[Any]
-Real = float | None
-"""A real number; None where there is none."""
 
 EVALUATED = ("ok", "collision", "off_road")
 """Statuses of cases that were evaluated, i.e. whose outcome counts in all scores."""
@@ -274,76 +272,76 @@ class CaseResult(CaseProperties):
     status: str
     end_reason: str | None
     error: str | None
-    wall_time: Real
-    simulated_time: Real
-    latency_mean: Real
-    latency_max: Real
+    wall_time: float | None
+    simulated_time: float | None
+    latency_mean: float | None
+    latency_max: float | None
     collided: bool
-    impact_speed: Real = None
-    overlap: Real = None
+    impact_speed: float | None = None
+    overlap: float | None = None
     side: str | None = None
-    severity: Real = None
-    loss: Real = None
-    ideal_severity: Real = None
-    weight: Real = None
+    severity: float | None = None
+    loss: float | None = None
+    ideal_severity: float | None = None
+    weight: float | None = None
     beats_ideal: bool = False
-    index: Real = None
-    length_factor: Real = None
-    operation_factor: Real = None
-    similarity: Real = None
+    index: float | None = None
+    length_factor: float | None = None
+    operation_factor: float | None = None
+    similarity: float | None = None
     index_note: tuple[IndexNote, ...] = ()
     clips: str = ""
     ideal_collided: bool | None = None
-    min_ttc: Real = None
-    max_ittc: Real = None
-    min_thw: Real = None
-    min_gap: Real = None
-    max_drac: Real = None
-    pet: Real = None
-    max_deceleration: Real = None
-    max_jerk: Real = None
-    max_lateral_jerk: Real = None
-    delta_v: Real = None
+    min_ttc: float | None = None
+    max_ittc: float | None = None
+    min_thw: float | None = None
+    min_gap: float | None = None
+    max_drac: float | None = None
+    pet: float | None = None
+    max_deceleration: float | None = None
+    max_jerk: float | None = None
+    max_lateral_jerk: float | None = None
+    delta_v: float | None = None
     drivers: int | None = None
     recorded_drivers: int | None = None
     reference_note: ThinReference | None = None
-    human_low: Real = None
-    human_mean: Real = None
-    human_high: Real = None
+    human_low: float | None = None
+    human_mean: float | None = None
+    human_high: float | None = None
     bimodal: bool = False
     manoeuvre: str = ""
-    manoeuvre_share: Real = None
+    manoeuvre_share: float | None = None
     exposure_note: Literal["", "outside_support"] = ""
     error_place: str = ""
-    no_reaction_severity: Real = None
-    operation_tolerance: Real = None
-    mixture_similarity: Real = None
-    plausibility: Real = None
-    human_likeness: Real = None
+    no_reaction_severity: float | None = None
+    operation_tolerance: float | None = None
+    mixture_similarity: float | None = None
+    plausibility: float | None = None
+    human_likeness: float | None = None
     struck_from_behind: bool = False
-    largest_offset: Real = None
-    overshoot: Real = None
-    over_line_time: Real = None
-    settling_time: Real = None
+    largest_offset: float | None = None
+    overshoot: float | None = None
+    over_line_time: float | None = None
+    settling_time: float | None = None
     requirements_missed: str | None = None
-    conflict_pet: Real = None
-    undisturbed_pet: Real = None
-    time_to_conflict: Real = None
+    conflict_pet: float | None = None
+    undisturbed_pet: float | None = None
+    time_to_conflict: float | None = None
     ideal_error: str = ""
     no_reaction_error: str = ""
-    task_share: Real = None
-    departure_time: Real = None
-    departure_speed: Real = None
-    departure_severity: Real = None
-    latency_median: Real = None
-    latency_p99: Real = None
-    latency_reference: Real = None
-    latency_relative: Real = None
-    no_return_time: Real = None
-    braking_time: Real = None
+    task_share: float | None = None
+    departure_time: float | None = None
+    departure_speed: float | None = None
+    departure_severity: float | None = None
+    latency_median: float | None = None
+    latency_p99: float | None = None
+    latency_reference: float | None = None
+    latency_relative: float | None = None
+    no_return_time: float | None = None
+    braking_time: float | None = None
     contact_cause: str = ""
     batched: str = ""
-    likeness_length_factor: Real = None
+    likeness_length_factor: float | None = None
     excused: bool = False
 
     def _repr_html_(self) -> str:
@@ -355,7 +353,7 @@ class CaseResult(CaseProperties):
 # --- tables ---------------------------------------------------------------------------------------
 
 _RECORDS = {record.__name__: record for record in (ThinReference, IndexNote)}
-_TYPES = {item.name: str(item.type).replace("Real", "float") for item in fields(CaseResult)}
+_TYPES = {item.name: str(item.type) for item in fields(CaseResult)}
 """Fields of a row and their annotations, as text."""
 _PLACES = {name: index for index, name in enumerate(_TYPES)}
 """Fields and their places among the columns; behind the fields each parameter has a column.

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable, Real, Zone
+from sumo_eval.cases import CaseResult, CaseTable, Zone
 from sumo_eval.errors import check_known
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario.logical import LogicalScenario
@@ -264,10 +264,10 @@ class ScenarioResult:
 
     ads: str
     scenario: str
-    c: Real
-    d: Real
+    c: float | None
+    d: float | None
     d_reason: NotComputed | None
-    s: Real
+    s: float | None
     c_points: float
     d_points: float
     cases: int
@@ -283,12 +283,12 @@ class ScenarioResult:
     c_interval: Bounds | None = None
     d_interval: Bounds | None = None
     s_interval: Bounds | None = None
-    avoided_share: Real = None
-    avoided_share_exposure: Real = None
-    regret: Real = None
-    human_likeness: Real = None
+    avoided_share: float | None = None
+    avoided_share_exposure: float | None = None
+    regret: float | None = None
+    human_likeness: float | None = None
     h_reason: NotComputed | None = None
-    s_plus: Real = None
+    s_plus: float | None = None
     a_points: float = 0.0
     h_points: float = 0.0
     avoided_share_interval: Bounds | None = None
@@ -301,8 +301,8 @@ class ScenarioResult:
     caused_collisions: int = 0
     half_widths_by_source: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     requirements_missed: int | None = None
-    task_share: Real = None
-    avoidance_grade: Real = None
+    task_share: float | None = None
+    avoidance_grade: float | None = None
     departures: int = 0
     gave_up: int = 0
     task_reference: str = ""
@@ -356,10 +356,10 @@ class RankedAds:
 
     ads: str
     place: int | None
-    s_plus: Real
+    s_plus: float | None
     interval: Bounds | None
-    a_points: Real = None
-    h_points: Real = None
+    a_points: float | None = None
+    h_points: float | None = None
 
 
 @frozen

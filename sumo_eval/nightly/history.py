@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 
-from sumo_eval.cases import CaseTable, Real
+from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -81,7 +81,7 @@ class Night(NamedTuple):
     night: str
     evaluation: str
     folder: str
-    wall_time: Real
+    wall_time: float | None
     exit_status: int
     base: str | None
     verdict: str
@@ -108,7 +108,7 @@ class Value(NamedTuple):
     ads: str
     scenario: str
     quantity: str
-    value: Real
+    value: float | None
 
 
 class GateLine(NamedTuple):
@@ -122,7 +122,7 @@ class GateLine(NamedTuple):
     scenario: str
     quantity: str
     passed: bool | None
-    threshold: Real
+    threshold: float | None
     sentence: str
 
 
@@ -361,7 +361,7 @@ def near_misses(cases: CaseTable) -> int:
     return int(np.sum(np.any(inside, axis=0) & (cases.status == "ok")))
 
 
-def _quantities(evaluation: Evaluation, score: ScenarioResult) -> dict[str, Real]:
+def _quantities(evaluation: Evaluation, score: ScenarioResult) -> dict[str, float | None]:
     """Quantities of one ADS in one logical scenario that the history keeps."""
     cases = evaluation.cases_behind(score)
     unit = evaluation.settings.method.collision.regret_unit

@@ -9,13 +9,13 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sumo_eval.nightly.bases import NIGHT
 from sumo_eval.nightly.history import Night
 from sumo_eval.nightly.judged import JudgedNight, Since
 from sumo_eval.report.gate_result import GateResult, failed
-from sumo_eval.report.page import REPORT, Plain, case_key
+from sumo_eval.report.page import REPORT, case_key
 from sumo_eval.report.terminal import difference_lines, gate_lines, ways_to, worst_lines
 from sumo_eval.report.words import one_line
 from sumo_eval.results import Evaluation
@@ -80,7 +80,7 @@ def write_night(
         path.write_text(text + "\n", encoding="utf-8")
 
 
-def _plain(gate: GateResult, since: Since, folder: Path) -> Plain:
+def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
     """A failed limit, as `night.json` has it."""
     return {
         "quantity": gate.quantity,

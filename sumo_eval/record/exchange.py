@@ -46,7 +46,7 @@ _CONTACT = {
 """Columns of a drive's contact, and the field of `Collision` that each shows."""
 _TYPES = {
     **dict.fromkeys((*_NAMES, "driver", "collision_with"), "VARCHAR"),
-    **{it.name: "DOUBLE" for it in fields(CaseResult) if it.type in ("float", "Real")},
+    **{it.name: "DOUBLE" for it in fields(CaseResult) if str(it.type).startswith("float")},
     **dict.fromkeys(("d_i", "incident_severity", "collision_time"), "DOUBLE"),
 }
 """DuckDB's types of columns. Else it would take a name of digits for a number, and an empty column

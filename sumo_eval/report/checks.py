@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from heapq import nsmallest
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.report.page import Plain
 from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -74,7 +73,7 @@ def check_lines(evaluation: Evaluation) -> Iterator[str]:
         yield f"  and {number - MOST_LINES} more, all in checks.csv."
 
 
-def checks_content(evaluation: Evaluation, _: Additions) -> Plain | None:
+def checks_content(evaluation: Evaluation, _: Additions) -> Mapping[str, Any] | None:
     """For each scenario with requirements: their texts, how often each ADS misses them, and each
     row's verdict.
     """
@@ -83,7 +82,7 @@ def checks_content(evaluation: Evaluation, _: Additions) -> Plain | None:
     return {"tables": tables} if tables else None
 
 
-def _table(evaluation: Evaluation, scenario: str) -> Plain:
+def _table(evaluation: Evaluation, scenario: str) -> dict[str, Any]:
     """The table of one scenario."""
     checks = evaluation.checks[scenario]
     scores = evaluation.scores_in(scenario)

@@ -6,10 +6,11 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from sumo_eval.report.page import CONFIDENCE, Plain, write_json
+from sumo_eval.report.page import CONFIDENCE, write_json
 from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
@@ -25,7 +26,7 @@ def write_confidence(confidence: Confidence, folder: Path) -> Path:
     return write_json(folder / CONFIDENCE, confidence_json(confidence), "The confidence")
 
 
-def confidence_json(confidence: Confidence) -> Plain:
+def confidence_json(confidence: Confidence) -> dict[str, Any]:
     """Everything that the section shows but its pictures, in plain values."""
     return {
         "scores": [
@@ -36,7 +37,7 @@ def confidence_json(confidence: Confidence) -> Plain:
     }
 
 
-def confidence_content(evaluation: Evaluation, additions: Additions) -> Plain | None:
+def confidence_content(evaluation: Evaluation, additions: Additions) -> dict[str, Any] | None:
     """Content of templates/sections/confidence.html.j2; None where it was not assessed."""
     confidence = additions.confidence
     if confidence is None:
@@ -50,8 +51,8 @@ def confidence_content(evaluation: Evaluation, additions: Additions) -> Plain | 
     }
 
 
-def _further(item: Assessment, confidence: Confidence) -> Plain:
-    plain: Plain = {"ads": item.ads, "scenario": item.scenario}
+def _further(item: Assessment, confidence: Confidence) -> dict[str, Any]:
+    plain: dict[str, Any] = {"ads": item.ads, "scenario": item.scenario}
     further = item.further
     if further is None or "s" not in item.sources or not len(further.points):
         return plain | {"points": []}
@@ -70,7 +71,7 @@ def _further(item: Assessment, confidence: Confidence) -> Plain:
     }
 
 
-def _space(name: str, item: SpaceCoverage) -> Plain:
+def _space(name: str, item: SpaceCoverage) -> dict[str, Any]:
     hit, possible = item.pairs_hit
     return {
         "name": name,
@@ -88,7 +89,7 @@ def _space(name: str, item: SpaceCoverage) -> Plain:
     }
 
 
-def _picture(pair: PairCoverage) -> Plain:
+def _picture(pair: PairCoverage) -> dict[str, Any]:
     """Cells of one pair's heat map, y upwards: darker is more cases, white none, hatched
     impossible.
 
@@ -118,11 +119,11 @@ def _picture(pair: PairCoverage) -> Plain:
     }
 
 
-def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> Plain:
+def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> dict[str, Any]:
     """One ADS in one scenario: its intervals by score, `SCORE_half_width_by_source`, the fields of
     `CollisionRisk`, `further_cases`.
     """
-    plain: Plain = {"ads": item.ads, "scenario": item.scenario, "reason": item.reason}
+    plain: dict[str, Any] = {"ads": item.ads, "scenario": item.scenario, "reason": item.reason}
     plain |= {name: asdict(interval) for name, interval in item.intervals.items()}
     plain |= {f"{name}_half_width_by_source": dict(parts) for name, parts in item.sources.items()}
     if item.risk is not None:
@@ -136,7 +137,7 @@ def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> Plain:
     return plain
 
 
-def _coverage_json(item: SpaceCoverage) -> Plain:
+def _coverage_json(item: SpaceCoverage) -> dict[str, Any]:
     hit, possible = item.pairs_hit
     return {
         "buckets": {name: {"hit": got, "possible": of} for name, (got, of) in item.buckets.items()},

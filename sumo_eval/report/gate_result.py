@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from sumo_eval.cases import CaseResult, Real
+from sumo_eval.cases import CaseResult
 from sumo_eval.scoring.gate_settings import ENDS
 from sumo_eval.text import point_words
 
@@ -63,8 +63,8 @@ class GateResult(NamedTuple):
     scenario: str
     passed: bool | None
     sentence: str
-    value: Real = None
-    threshold: Real = None
+    value: float | None = None
+    threshold: float | None = None
     cases: tuple[str, ...] = ()
     worst: tuple[CaseChange, ...] = ()
     against: str = ""

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from itertools import chain, islice
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -21,7 +22,7 @@ from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.citation import citation
 from sumo_eval.report.density import density_maps
 from sumo_eval.report.gate_result import failed
-from sumo_eval.report.page import REPORT, Plain, packed_json, template, write_page
+from sumo_eval.report.page import REPORT, packed_json, template, write_page
 from sumo_eval.report.page_data import embedded_cases, gathered_words, map_words, page_data
 from sumo_eval.report.sections import SECTIONS, Additions, change_content
 from sumo_eval.report.sent_drives import sent_drives
@@ -81,7 +82,7 @@ def term(name: str, shown: str = "") -> Markup:
 
 def _context(
     evaluation: Evaluation, partitions: Mapping[str, ZonePartition], additions: Additions
-) -> Plain:
+) -> dict[str, Any]:
     """Values of the page's template.
 
     A thread reads and deflates the recorded drives meanwhile.
@@ -117,7 +118,7 @@ def _shared(
     partitions: Mapping[str, ZonePartition],
     additions: Additions,
     in_page: Mapping[str, IntArray],
-) -> Plain:
+) -> dict[str, Any]:
     """Values that the sections of the page share."""
     settings, exposure_known = evaluation.settings, evaluation.exposure_known()
     synthetic = settings.drivers.source == "synthetic" or nobody_recorded(evaluation)
@@ -189,7 +190,9 @@ def write_comparison(evaluation: Evaluation, additions: Additions, path: Path) -
     return write_page(path, page, "The page")
 
 
-def _group(index: int, evaluation: Evaluation, zones: ZonePartition, shown: IntArray) -> Plain:
+def _group(
+    index: int, evaluation: Evaluation, zones: ZonePartition, shown: IntArray
+) -> dict[str, Any]:
     """Everything the page says of one logical scenario.
 
     index: of the scenario in the evaluation.
@@ -236,7 +239,7 @@ def _group(index: int, evaluation: Evaluation, zones: ZonePartition, shown: IntA
 
 def _left_out(
     logical: LogicalScenario, evaluation: Evaluation, shown: IntArray, view: View
-) -> Plain:
+) -> dict[str, Any]:
     """Words and drawings for a scenario of which the page does not hold all cases."""
     tables = {
         score.ads: evaluation.cases_behind(score) for score in evaluation.scores_in(logical.name)
@@ -261,7 +264,7 @@ def _left_out(
     }
 
 
-def _row(findings: Findings) -> Plain:
+def _row(findings: Findings) -> dict[str, Any]:
     """One ADS in one logical scenario, in the words and digits of the page."""
     score, cases, likened = findings.score, findings.cases, findings.likened
     hits = findings.collisions

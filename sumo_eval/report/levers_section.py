@@ -5,11 +5,11 @@ for `sumo-eval whatif`.
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from sumo_eval.report.page import Plain, case_key
+from sumo_eval.report.page import case_key
 from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import cause_words, count
 from sumo_eval.results import Evaluation
@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # they load the simulator, which a look at a report does not 
 MOST_CHANGES = 4  # changes of the outcome that are named after the first one; JSON has all
 
 
-def levers_content(evaluation: Evaluation, additions: Additions) -> Plain | None:
+def levers_content(evaluation: Evaluation, additions: Additions) -> Mapping[str, Any] | None:
     """Content of templates/sections/levers.html.j2; None where no levers were searched."""
     levers = additions.levers
     if levers is None:
@@ -74,7 +74,7 @@ def unit_of(lever: Lever) -> str:
     return "" if lever.unit == "1" else f" {lever.unit}"
 
 
-def _bar(answer: Answer, hit: Collision | None) -> Plain:
+def _bar(answer: Answer, hit: Collision | None) -> dict[str, Any]:
     """A lever on a rail of 100 units, its range from left to right.
 
     at: position of the recorded value.

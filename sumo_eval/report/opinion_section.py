@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.input_file import read_input_text, taking_apart
-from sumo_eval.report.page import Plain
 
 OPINION = "opinion.json"
 FIX = "Delete it, or ask again with: sumo-eval humans opinion."
@@ -17,7 +16,7 @@ _COMPARED = ("S+", "A", "H", "S", "D", "C")
 """Scores that the opinion is compared with; a file of an earlier version may lack some."""
 
 
-def opinion_content(folder: Path) -> Plain | None:
+def opinion_content(folder: Path) -> dict[str, Any] | None:
     """Content of templates/sections/opinion.html.j2; None without a study of opinion.
 
     Raises InputError when the file with the answers cannot be read.

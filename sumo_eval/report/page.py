@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 REPORT = "report.html"
 CONFIDENCE = "confidence.json"  # the confidence in the scores, for other tools
 LEVEL = 6  # of deflating: 9 takes five times as long for a page that is 2 % smaller
-Plain = dict[str, Any]
-"""Plain values by name: of a page, a part of it, a message or a JSON file."""
 _TEMPLATES = "sumo_eval.report"  # package that has the folder `templates`
 
 

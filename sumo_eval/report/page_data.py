@@ -6,11 +6,12 @@ import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from math import isfinite
+from typing import Any
 
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.groups import grouped
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.report.page import Plain, packed_bytes
+from sumo_eval.report.page import packed_bytes
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, SentDrives
 from sumo_eval.report.words import (
     LOOKS,
@@ -42,7 +43,7 @@ def page_data(
     partitions: Mapping[str, ZonePartition],
     embedded: Mapping[str, Sequence[EmbeddedCase]],
     sent_drives: Callable[[], SentDrives],
-) -> Plain:
+) -> dict[str, Any]:
     """Everything the page draws, as plain JSON values.
 
     embedded: the cases of the page, by scenario.
@@ -68,7 +69,7 @@ def page_data(
     }
 
 
-EmbeddedCase = tuple[CaseResult, Plain]
+EmbeddedCase = tuple[CaseResult, dict[str, Any]]
 """A case that the page has, and what the page says of it in addition to its row."""
 
 
@@ -100,7 +101,7 @@ def embedded_cases(
 
 def _scenario(
     evaluation: Evaluation, zones: ZonePartition, embedded: Sequence[EmbeddedCase]
-) -> Plain:
+) -> dict[str, Any]:
     """All that the page has of a scenario, except its drives."""
     logical = zones.logical
     cases = evaluation.cases_in(logical.name)
@@ -141,7 +142,7 @@ def _scenario(
     }  # fmt: skip
 
 
-def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> Plain:
+def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> dict[str, Any]:
     """Groups of failures, at most MOST_GROUPS of each ADS, and how many more there are.
 
     keys: of the cases that the page has. A group names only these, but its size counts all.
@@ -182,7 +183,7 @@ _SHOWN = (
 """Fields of a case that the page holds unchanged."""
 
 
-def _case(case: CaseResult, row: FloatArray) -> Plain:
+def _case(case: CaseResult, row: FloatArray) -> dict[str, Any]:
     """One case; the page computes none of this again."""
     measures = [(label, getattr(case, name), unit) for name, label, unit in MEASURES]
     return {name: getattr(case, name) for name in _SHOWN} | {
@@ -219,13 +220,13 @@ def gathered_words(view: View) -> str:
     return f"Each case is drawn in the panel whose {view.names[view.panel]} is nearest to its own."
 
 
-def zone_map(zones: ZonePartition, view: View, panel: int) -> Plain:
+def zone_map(zones: ZonePartition, view: View, panel: int) -> dict[str, Any]:
     """The zones at the corners of cells over x and y (y slowest)."""
     axes, points = map_points(zones.logical, view, panel)
     return axes | _packed(zones, points)
 
 
-def lattice(zones: ZonePartition) -> Plain | None:
+def lattice(zones: ZonePartition) -> dict[str, Any] | None:
     """The zones on a lattice over the whole space, from which the page draws any slice; None where
     the space has no lattice.
     """
@@ -235,7 +236,7 @@ def lattice(zones: ZonePartition) -> Plain | None:
     return {"size": points.size} | _packed(zones, points.rows)
 
 
-def _packed(zones: ZonePartition, points: FloatArray) -> Plain:
+def _packed(zones: ZonePartition, points: FloatArray) -> dict[str, Any]:
     gp, exact, *rooms = (packed_bytes(it.tobytes()) for it in zone_levels(zones, points))
     return {"gp": gp, "exact": exact, "rooms": rooms}
 
@@ -243,7 +244,7 @@ def _packed(zones: ZonePartition, points: FloatArray) -> Plain:
 # --- roads ----------------------------------------------------------------------------------------
 
 
-def drawn_road(road: Road) -> Plain:
+def drawn_road(road: Road) -> dict[str, Any]:
     """A road as pages draw it."""
     return {
         "end": road.length, "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes,
@@ -251,7 +252,7 @@ def drawn_road(road: Road) -> Plain:
     }  # fmt: skip
 
 
-def drawn_shape(road: Road) -> Plain:
+def drawn_shape(road: Road) -> dict[str, Any]:
     """Parts of a road without the same lanes throughout, as pages draw it.
 
     gone: where an outermost lane is missing, four points [x, y], m, of which the last three are the

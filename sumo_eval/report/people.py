@@ -6,10 +6,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 from sumo_eval.input_file import read_input_text, taking_apart
-from sumo_eval.report.page import Plain
 from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import TWO_GROUPS, count, percent
 from sumo_eval.results import Evaluation
@@ -23,7 +22,7 @@ drives left out and why.
 """
 
 
-def people_context(evaluation: Evaluation, _: Additions) -> Plain:
+def people_context(evaluation: Evaluation, _: Additions) -> dict[str, Any]:
     """Content of templates/sections/people.html.j2. `_`: a page calls all sections alike."""
     return {
         "mode": evaluation.settings.method.anthropomorphic.mode,
@@ -70,7 +69,7 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
         return [words, *left_out]
 
 
-def people_rows(evaluation: Evaluation) -> list[Plain]:
+def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     """A row for each score whose cases have a D_i: its ADS beside the drivers."""
     return [
         {

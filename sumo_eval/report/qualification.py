@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sumo_eval.report.page import Plain
 from sumo_eval.report.verdict import Additions
 from sumo_eval.results import Evaluation
 
@@ -56,7 +55,7 @@ def qualification_sentence(manifest: Mapping[str, Any]) -> str:
     return f"{text}, with the versions and on the machine of this run."
 
 
-def qualification_content(evaluation: Evaluation, _: Additions) -> Plain | None:
+def qualification_content(evaluation: Evaluation, _: Additions) -> Mapping[str, Any] | None:
     """Content of the report's section; None where the run names no qualification."""
     manifest = evaluation.manifest
     qualification = manifest.get("qualification")

@@ -9,7 +9,6 @@ from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, NamedTuple
 
 from sumo_eval.groups import grouped
-from sumo_eval.report.page import Plain
 from sumo_eval.report.verdict import Additions
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import About, EvaluationSettings, about
@@ -29,7 +28,7 @@ class SettingRow(NamedTuple):
     about: About
 
 
-def settings_content(evaluation: Evaluation, _: Additions) -> Plain:
+def settings_content(evaluation: Evaluation, _: Additions) -> dict[str, Any]:
     """Content of templates/sections/settings.html.j2.
 
     origin: where the numbers come from: versions, machine, time, seed.

@@ -5,7 +5,7 @@ nothing.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from sumo_eval.record.cases import Role
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.report.explain import known_case
-from sumo_eval.report.page import Plain, packed_json, template, write_page
+from sumo_eval.report.page import packed_json, template, write_page
 from sumo_eval.report.page_data import drawn_bodies, drawn_road
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact_of, encode_trajectories
 from sumo_eval.report.words import cause_words
@@ -82,7 +82,7 @@ def recorded(run: Path, key: str) -> Fact:
     return fact
 
 
-def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> Plain:
+def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> dict[str, Any]:
     """One drive. Appends its trajectories; key `vehicles` has the index of each in the list."""
     vehicles = store.trajectories(fact.case)
     places = {name: len(trajectories) + index for index, name in enumerate(vehicles)}

@@ -9,7 +9,7 @@ section only where it exists.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +20,6 @@ from sumo_eval.report.confidence_section import confidence_content
 from sumo_eval.report.gate_result import failed
 from sumo_eval.report.levers_section import levers_content
 from sumo_eval.report.opinion_section import opinion_content
-from sumo_eval.report.page import Plain
 from sumo_eval.report.people import people_context
 from sumo_eval.report.qualification import qualification_content
 from sumo_eval.report.readings import settings_content
@@ -48,7 +47,7 @@ MOST_LEDGER_CASES = 5  # of one line of the ledger
 MOST_CHANGED = 200  # cases in the table of changes
 
 
-Content = Callable[[Evaluation, Additions], Plain | None]
+Content = Callable[[Evaluation, Additions], Mapping[str, Any] | None]
 """Makes what the template of a section sees as `content.<name>`; None: the section is left out."""
 
 
@@ -69,7 +68,7 @@ class Section(NamedTuple):
     folded: bool = True
 
 
-def change_content(evaluation: Evaluation, additions: Additions) -> Plain | None:
+def change_content(evaluation: Evaluation, additions: Additions) -> Mapping[str, Any] | None:
     """Verdict, gates, flipped cases and differences; None where no earlier run was
     looked for.
     """
@@ -145,7 +144,7 @@ def _outcome(case: CaseResult, unit: str) -> str:
     return ", ".join([case.status, *likeness])
 
 
-def ledger_content(evaluation: Evaluation, additions: Additions) -> Plain:
+def ledger_content(evaluation: Evaluation, additions: Additions) -> Mapping[str, Any]:
     """The ledgers of every S+ and S, each with its sentences and the cases that cost most."""
     return {
         "ledgers": [
@@ -155,7 +154,7 @@ def ledger_content(evaluation: Evaluation, additions: Additions) -> Plain:
     }
 
 
-def _ledger(item: Ledger) -> Plain:
+def _ledger(item: Ledger) -> dict[str, Any]:
     return {
         "of": item,
         "sentences": ledger_sentences(item),
@@ -167,12 +166,12 @@ def _ledger(item: Ledger) -> Plain:
     }
 
 
-def preventability_content(evaluation: Evaluation, _: Additions) -> Plain:
+def preventability_content(evaluation: Evaluation, _: Additions) -> Mapping[str, Any]:
     """Cases of every ADS beside those of the reference."""
     return {"rows": preventability(evaluation), "reference": reference_ads(evaluation.settings)}
 
 
-def ranking_content(evaluation: Evaluation, additions: Additions) -> Plain | None:
+def ranking_content(evaluation: Evaluation, additions: Additions) -> Mapping[str, Any] | None:
     """The ADSs in order of S+ over all scenarios; None where they were not ranked."""
     ranking = evaluation.ranking
     if ranking is None:

@@ -19,7 +19,7 @@ import numpy as np
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.record.cases import Role
 from sumo_eval.record.store import EGO, Fact, Store, open_store
-from sumo_eval.report.page import LEVEL, Plain, packed_bytes
+from sumo_eval.report.page import LEVEL, packed_bytes
 from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
 
@@ -64,8 +64,8 @@ class Drives(NamedTuple):
     drivers: by point, the indices of its drivers' trajectories in `trajectories`.
     """
 
-    trajectories: Plain
-    rows: Sequence[Plain]
+    trajectories: Mapping[str, Any]
+    rows: Sequence[Mapping[str, Any]]
     drivers: Mapping[int, Sequence[int]]
 
     @property
@@ -114,7 +114,7 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
 def _drives(scenario: str, store: Store, embedded: Embedded, points: Mapping[str, int]) -> Drives:
     """The drives of a page's cases, by their points."""
     trajectories: list[Trajectory] = []
-    rows: list[Plain] = []
+    rows: list[dict[str, Any]] = []
     shown = set(points.values())
     driver_counts = {
         at: drives for at, drives, _ in store.drivers_at_points(scenario) if at in shown
@@ -187,7 +187,7 @@ def worth_embedding(
 
 def contact(
     hit: Collision | None, ego: Trajectory | None, last: float | None = None
-) -> Plain | None:
+) -> dict[str, Any] | None:
     """Contact as the replay shows it: name of the other vehicle, touched side, relative speed, m/s,
     and, in s since the recording began, its time and the last moment.
 
@@ -204,12 +204,12 @@ def contact(
     }  # fmt: skip
 
 
-def contact_of(fact: Fact, ego: Trajectory) -> Plain | None:
+def contact_of(fact: Fact, ego: Trajectory) -> dict[str, Any] | None:
     """Contact of a recorded case as the replay shows it."""
     return contact(fact.collision, ego, cause_of_contact(fact).no_return_time)
 
 
-def encode_trajectories(trajectories: Sequence[Trajectory]) -> Plain:
+def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
     """Many trajectories in one string, with their sample counts, lengths and widths.
 
     `time` starts where the recording did.

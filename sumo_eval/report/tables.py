@@ -6,12 +6,13 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, fields
 from pathlib import Path
+from typing import Any
 
 from pydantic_core import from_json, to_json
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.checks import checked_cases
-from sumo_eval.report.page import Plain, write_csv, write_json
+from sumo_eval.report.page import write_csv, write_json
 from sumo_eval.report.words import (
     exposure_note_words,
     index_note_words,
@@ -90,7 +91,7 @@ def write_tables(evaluation: Evaluation) -> None:
         write_csv(evaluation.folder / CHECKS, names, rows)
 
 
-def scores_json(evaluation: Evaluation) -> Plain:
+def scores_json(evaluation: Evaluation) -> dict[str, Any]:
     """The scores as plain values that are valid JSON: None where a number is not known or was not
     computed.
     """
@@ -122,5 +123,5 @@ def scores_json(evaluation: Evaluation) -> Plain:
         "exposure": evaluation.exposures,
         "zones": evaluation.zones,
     }
-    plain: Plain = from_json(to_json(content, inf_nan_mode="null"))
+    plain: dict[str, Any] = from_json(to_json(content, inf_nan_mode="null"))
     return plain

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, Real
+from sumo_eval.cases import CaseResult
 from sumo_eval.groups import grouped
 from sumo_eval.method.anthropomorphic import IndexNote, NoteKind
 from sumo_eval.method.manoeuvres import words as manoeuvre_words
@@ -217,7 +217,7 @@ SHARE_WORTH_NAMING = 0.05  # of the loss 1 - C
 # --- words for values -----------------------------------------------------------------------------
 
 
-def number(value: Real, digits: int) -> str:
+def number(value: float | None, digits: int) -> str:
     """A fixed number of decimals; a dash for what does not apply."""
     return "–" if value is None or not math.isfinite(value) else f"{value:z.{digits}f}"
 
@@ -231,7 +231,7 @@ span = partial(interval_words, to=" to ")
 """`0.912 to 1.000`; nothing without an interval."""
 
 
-def percent(share: Real) -> str:
+def percent(share: float | None) -> str:
     """A share with about three significant digits, e.g. `7.69 %`, and more just below 1."""
     if share is None or not math.isfinite(share):
         return "not known"
@@ -399,7 +399,7 @@ def placed(sentence: str, case: CaseResult) -> str:
     return f"{sentence} At {case.error_place}." if case.error_place else sentence
 
 
-def severity_words(value: Real, unit: str, digits: int = 1) -> str:
+def severity_words(value: float | None, unit: str, digits: int = 1) -> str:
     """`5.0 m/s`; a loss in 0..1, which has no unit, with three decimals."""
     return "not known" if value is None else number(value, digits if unit else 3) + unit
 

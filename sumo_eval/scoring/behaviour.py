@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, Real, point_numbers
+from sumo_eval.cases import CaseResult, point_numbers
 from sumo_eval.results import Evaluation, RankedAds
 from sumo_eval.scoring.findings import findings_of, mean_of
 from sumo_eval.scoring.rule import sign_test
@@ -37,8 +37,8 @@ class Behaviour(NamedTuple):
     not_evaluated: int
     worst: float
     excess: float
-    grade: Real
-    human: Real
+    grade: float | None
+    human: float | None
 
 
 def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
@@ -67,7 +67,7 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
     def total(field: str) -> int:
         return sum(getattr(score, field) for score in scores)
 
-    def mean(values: Iterable[Real], *, skip_missing: bool = False) -> Real:
+    def mean(values: Iterable[float | None], *, skip_missing: bool = False) -> float | None:
         pairs = zip(values, weights, strict=True)
         return _mean(pair for pair in pairs if not skip_missing or pair[0] is not None)
 
@@ -95,7 +95,7 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
     )
 
 
-def _mean(values: Iterable[tuple[Real, float]]) -> Real:
+def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
     """The mean of (value, weight); None where a value with a weight is missing or all weigh 0."""
     pairs = list(values)
     whole = sum(weight for _, weight in pairs)

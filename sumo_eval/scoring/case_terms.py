@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable, Real
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.frozen import frozen
 from sumo_eval.method import score_terms
 from sumo_eval.method.collision_avoidance import collision_loss
@@ -39,8 +39,6 @@ COMPUTED = (
     "avoidance_grade", "s_plus", "collision_probability",
 )  # fmt: skip
 """Values that `scores_of` computes, by the names of `ScenarioResult`."""
-ByScore = dict[str, FloatArray]
-"""Values of scores in m samples, (m,), by the names of `COMPUTED`."""
 _SEVEREST = 100.0  # m/s, in the severest class of Eq. 14
 
 
@@ -128,7 +126,7 @@ def scores_of(
     hits: score_terms.Counts | None = None,
     *,
     exposed: bool | None = None,
-) -> ByScore:
+) -> dict[str, FloatArray]:
     """Every score of `COMPUTED` in each of m samples, (m,), nan where it does not exist.
 
     counts: of the cases in each sample, (m, n), see `score_terms`.
@@ -165,7 +163,7 @@ def scores_of(
     }
 
 
-def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, Real]:
+def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | None]:
     """Every score of `COMPUTED` of the cases themselves; None where it does not exist."""
     counts = score_terms.once(len(terms.exposure))
     values = scores_of(terms, counts, method, counts)
@@ -175,7 +173,7 @@ def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, Real]:
 def missing_bounds(
     cases: CaseTable,
     terms: CaseTerms,
-    values: Mapping[str, Real],
+    values: Mapping[str, float | None],
     method: MethodSettings,
     *,
     people: bool,

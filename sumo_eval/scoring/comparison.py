@@ -18,7 +18,7 @@ from typing import Final, NamedTuple, get_args
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable, Real, counts, point_numbers
+from sumo_eval.cases import CaseResult, CaseTable, counts, point_numbers
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import excess
@@ -54,7 +54,7 @@ class ChangedCase(NamedTuple):
     change: Change
     base: CaseResult
     new: CaseResult
-    by: Real
+    by: float | None
     moved: Mapping[str, float] = {}
 
     @property
@@ -156,11 +156,11 @@ class QuantityChange(NamedTuple):
     low, high: interval of the difference; None without one.
     """
 
-    base: Real
-    new: Real
-    difference: Real
-    low: Real = None
-    high: Real = None
+    base: float | None
+    new: float | None
+    difference: float | None
+    low: float | None = None
+    high: float | None = None
 
     @property
     def certain(self) -> bool:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import EVALUATED, Real
+from sumo_eval.cases import EVALUATED
 from sumo_eval.coded import decoded, encoded
 from sumo_eval.frozen import frozen
 from sumo_eval.groups import grouped
@@ -65,11 +65,11 @@ class DriveResult:
     """
 
     departure: Departure | None
-    share: Real
+    share: float | None
     excused: bool
     numbers: FloatArray
 
-    def measures(self, people: Quantiles) -> dict[str, Real]:
+    def measures(self, people: Quantiles) -> dict[str, float | None]:
         """The numbers as fields of a case.
 
         people: table of people that the plausibility compares with.
@@ -86,7 +86,7 @@ class DriveResult:
         }
 
 
-def finite(value: float) -> Real:
+def finite(value: float) -> float | None:
     """None for values that a table cannot hold: not defined, or unbounded."""
     return value if math.isfinite(value) else None
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseTable, Real
+from sumo_eval.cases import CaseTable
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.findings import findings_of, mean_of
 
@@ -30,9 +30,9 @@ class DriverBand(NamedTuple):
     """
 
     score: ScenarioResult
-    low: Real
-    mean: Real
-    high: Real
+    low: float | None
+    mean: float | None
+    high: float | None
     below: int
     banded: int
     drivers: tuple[int, ...]

@@ -12,7 +12,7 @@ from typing import Annotated, Final, Literal
 
 from annotated_types import Ge, Le
 
-from sumo_eval.cases import NUMBERS, Real
+from sumo_eval.cases import NUMBERS
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.frozen import frozen
 from sumo_eval.scoring.case_terms import SCORES
@@ -95,7 +95,7 @@ LOSS_BY = 0.01  # instead of both where the evaluation's `severity` makes U a lo
 _OF_A_LOSS = f"of a loss in 0..1 {LOSS_BY:g}"
 
 
-def change_of_u(setting: Real, default: float, unit: str) -> float:
+def change_of_u(setting: float | None, default: float, unit: str) -> float:
     """Change of U that counts, in the unit of U.
 
     setting: None: the default.
@@ -116,10 +116,14 @@ class LimitSettings(Checked):
     ]
     ads: str | None = setting(None, "only this ADS; default: each")
     scenario: str | None = setting(None, "only this logical scenario; default: each")
-    at_least: Real = setting(None, "smallest value of the new run")
-    at_most: Real = setting(None, "largest value of the new run")
-    worse_by: Real = setting(None, "largest change for the worse, in the quantity's own unit")
-    worse_by_percent: Real = setting(None, "largest change for the worse, of the base's value", "%")
+    at_least: float | None = setting(None, "smallest value of the new run")
+    at_most: float | None = setting(None, "largest value of the new run")
+    worse_by: float | None = setting(
+        None, "largest change for the worse, in the quantity's own unit"
+    )
+    worse_by_percent: float | None = setting(
+        None, "largest change for the worse, of the base's value", "%"
+    )
     tolerance: NotNegativeFloat = setting(
         LAST_DIGIT,
         "what rounding may change beyond a bound, times the larger of 1 and the bound, or of "
@@ -143,7 +147,7 @@ class MeasureSettings(Checked):
     share: NotNegativeFloat = setting(
         0.0, "least change that counts, as a share of the base's value"
     )
-    zone: Real = setting(
+    zone: float | None = setting(
         None, "near misses only: a case counts if its value in one of the runs is worse than this"
     )
     higher_is_better: bool = setting(True, "whether a rise is an improvement")
@@ -157,7 +161,7 @@ class OutcomeSettings(Checked):
     """
 
     on: bool = setting(True, "whether this part is evaluated")
-    severity_by: Annotated[Real, NotNegative] = setting(
+    severity_by: Annotated[float | None, NotNegative] = setting(
         None,
         f"rise of U from which a case failed; default: {SEVERITY_BY}, {_OF_A_LOSS}",
         "m/s",
@@ -242,7 +246,7 @@ class GateSettings(Checked):
         2000, "resamples of the paired bootstrap"
     )
     seed: Natural = setting(1, "of the resampling")
-    harsher_by: Annotated[Real, NotNegative] = setting(
+    harsher_by: Annotated[float | None, NotNegative] = setting(
         None,
         f"change of U from which a collision is harsher or softer; default: {HARSHER_BY}, "
         f"{_OF_A_LOSS}",

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, CaseTable, Real, Zone, counts
+from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, CaseTable, Zone, counts
 from sumo_eval.groups import grouped
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.method.conflict import conflict_at
@@ -201,7 +201,7 @@ def _of_departure(departure: Departure | None, case: str, space: ScenarioRun) ->
     return space.severity.of(roadside_contact(departure, space.method.task.roadside_overlap), case)
 
 
-def _severity(fact: Fact, space: ScenarioRun) -> Real:
+def _severity(fact: Fact, space: ScenarioRun) -> float | None:
     """U of a case's collision, or the measure of severity that the settings use instead; None
     without a collision, or where it is the other vehicle's fault.
     """
@@ -279,7 +279,7 @@ def tabulate(
         yield replace(row, human_likeness=_human_likeness(row) if overview.people else None)
 
 
-def _human_likeness(row: CaseResult) -> Real:
+def _human_likeness(row: CaseResult) -> float | None:
     """H_i of a case: 0 with an incident in the safe zone that the ideal vehicle avoids; None where
     the case has no part in H.
     """

@@ -11,7 +11,7 @@ import math
 from collections import Counter
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sumo_eval.errors import InputError, said
 from sumo_eval.extras.wheel.plan import StudyCase, StudyPlan
@@ -22,7 +22,7 @@ from sumo_eval.groups import grouped
 from sumo_eval.input_file import taking_apart
 from sumo_eval.record.run_folder import read_manifest, read_settings
 from sumo_eval.report.export_case import absolute
-from sumo_eval.report.page import Plain, write_csv, write_json, write_page
+from sumo_eval.report.page import write_csv, write_json, write_page
 from sumo_eval.report.people import STUDY, drawn_words
 from sumo_eval.settings.config import to_toml
 from sumo_eval.trajectory import CHANNELS, Trajectory
@@ -80,7 +80,7 @@ def collect(plan: StudyPlan) -> StudyResult:
     """Write the results of the study into its folder."""
     people, drives = participants(plan), plan.folder / DRIVES
     steps = {f"drive:{case.key}" for case in plan.cases}
-    rows: list[Plain] = []
+    rows: list[dict[str, Any]] = []
     left = []
     drawn: Counter[str] = Counter()
     for person in people:
@@ -176,7 +176,7 @@ def _write_answers(folder: Path, people: list[Participant], left: list[Discarded
 
 
 def _drive(
-    plan: StudyPlan, person: Participant, case: StudyCase, entry: Plain
+    plan: StudyPlan, person: Participant, case: StudyCase, entry: dict[str, Any]
 ) -> Trajectory | DiscardedDrive:
     """A participant's drive of a case, or why it does not count.
 

@@ -9,7 +9,7 @@ import jinja2
 from markupsafe import Markup
 
 from sumo_eval.record.store import EGO
-from sumo_eval.report.page import Plain, asset
+from sumo_eval.report.page import asset
 from sumo_eval.report.page_data import drawn_bodies, drawn_road
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact, encode_trajectories
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -41,7 +41,7 @@ def page(title: str) -> str:
 
 def drive_view(
     concrete: ConcreteScenario, settings: SimulationSettings, title: str, lines: tuple[str, ...]
-) -> Plain:
+) -> dict[str, Any]:
     """The view of a drive: the road and the bodies; their positions come with every state.
 
     lines: text shown until the drive begins.
@@ -64,7 +64,7 @@ def replay(
     name: str,
     vehicles: Trajectories,
     collision: Collision | None,
-) -> Plain:
+) -> dict[str, Any]:
     """A drive for the page's player.
 
     name: how the player calls the drive.
@@ -79,6 +79,6 @@ def replay(
     }  # fmt: skip
 
 
-def sheet(title: str, *lines: str, **more: Any) -> Plain:
+def sheet(title: str, *lines: str, **more: Any) -> dict[str, Any]:
     """A view of text, questions and buttons."""
     return {"show": "sheet", "title": title, "lines": lines, **more}

@@ -7,14 +7,14 @@ each drive, `outcome` compares it with the rules.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from sumo_eval.extras.wheel.tape import ROW, Tape
 from sumo_eval.frozen import frozen
-from sumo_eval.report.page import Plain
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.settings.checked import Checked, Natural, NotNegativeFloat, Share, setting
@@ -117,7 +117,7 @@ class Quality:
         return tuple(why)
 
 
-def timing(tape: Tape, tellings: Sequence[Plain]) -> Plain:
+def timing(tape: Tape, tellings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Figures of a drive in time, for its tape; None where nothing was measured.
 
     tellings: figures that the page sent, as `messages.Telling`.
@@ -155,7 +155,7 @@ def quality_of(
     tape: Tape,
     concrete: ConcreteScenario,
     settings: SimulationSettings,
-    figures: Plain,
+    figures: Mapping[str, Any],
 ) -> Quality:
     """The quality of a drive; figures: of `timing`."""
     pauses = [it["seconds"] for it in tape.notes if it["note"] == "pause"]

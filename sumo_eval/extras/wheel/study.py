@@ -31,7 +31,6 @@ from sumo_eval.extras.wheel.trip import ENDS, TASK, new_tape, one_drive, setting
 from sumo_eval.input_file import taking_apart, writing
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
-from sumo_eval.report.page import Plain
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.trajectory import Recording
 
@@ -57,7 +56,7 @@ class Participant:
     code: str
     number: int
     folder: Path
-    done: dict[str, Plain] = field(default_factory=dict)
+    done: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def finish(self, step: str, **entry: Any) -> None:
         """Note that a step is done, in the journal on disk before the next step begins."""
@@ -163,7 +162,7 @@ class StopsError(Exception):
     """A participant wishes to stop."""
 
 
-async def asked_of(window: Window, view: Plain) -> Plain:
+async def asked_of(window: Window, view: dict[str, Any]) -> dict[str, Any]:
     """A participant's answers to a sheet, which gets a button to stop.
 
     Raises StopsError where the participant stops.
@@ -331,7 +330,7 @@ async def rate(
                   answers=answers)  # fmt: skip
 
 
-def scale(question: QuestionSettings) -> Plain:
+def scale(question: QuestionSettings) -> dict[str, Any]:
     """A question as the page asks it. low, high: numbers at its ends; least, most: their words."""
     return {"key": question.key, "kind": "scale", "text": question.text, "low": LOW, "high": HIGH,
             "least": question.least, "most": question.most}  # fmt: skip

@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
@@ -24,7 +24,6 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, InputError, must_be, said
 from sumo_eval.input_file import read_input_text, taking_apart, writing
-from sumo_eval.report.page import Plain
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings, VehicleSettings
@@ -56,16 +55,16 @@ class Tape(NamedTuple):
         the end.
     """
 
-    head: Plain
+    head: Mapping[str, Any]
     rows: Sequence[tuple[Any, ...]]
-    notes: Sequence[Plain]
-    end: Plain | None
+    notes: Sequence[Mapping[str, Any]]
+    end: Mapping[str, Any] | None
 
 
 class Writer:
     """A tape that is being written."""
 
-    def __init__(self, path: Path, head: Plain) -> None:
+    def __init__(self, path: Path, head: Mapping[str, Any]) -> None:
         with writing(f"The drive in {path}"):
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("x", encoding="utf-8")
@@ -134,7 +133,7 @@ def read_tape(path: Path) -> Tape:
     return Tape(head, rows, notes, end)
 
 
-def settings_of(head: Plain) -> SimulationSettings:
+def settings_of(head: Mapping[str, Any]) -> SimulationSettings:
     """The settings of a drive, from the head of its tape."""
     try:
         given = dict(head["simulation"])
@@ -143,7 +142,9 @@ def settings_of(head: Plain) -> SimulationSettings:
         raise InputError(f"The tape's head must name a simulation: {said(error)}.") from error
 
 
-def head_of(concrete: ConcreteScenario, settings: SimulationSettings, **more: Any) -> Plain:
+def head_of(
+    concrete: ConcreteScenario, settings: SimulationSettings, **more: Any
+) -> dict[str, Any]:
     """The head of a tape that begins now. With `use`, the scenario's locator, in `more` it has all
     that a repetition needs.
     """

@@ -17,6 +17,7 @@ import json
 import secrets
 import socket
 import time as clock
+from collections.abc import Mapping
 from contextlib import suppress
 from http import HTTPStatus
 from typing import Any
@@ -26,7 +27,6 @@ from sumo_eval.errors import InputError, needs_extra, said
 from sumo_eval.extras.wheel.messages import LARGEST, MOST_A_SECOND, MessageError, read
 from sumo_eval.extras.wheel.seat import Desk, Seat
 from sumo_eval.extras.wheel.tape import OWN_WISH, Player, Writer, with_quit
-from sumo_eval.report.page import Plain
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording
@@ -75,14 +75,14 @@ class Window:
         self._hosts = f"{LOOPBACK}:{self.port}", f"localhost:{self.port}"
         self._server: Server | None = None
         self._peer: ServerConnection | None = None
-        self._view: Plain | None = None  # the last one that was shown
-        self._answers: asyncio.Queue[Plain] = asyncio.Queue(MOST_ANSWERS)
+        self._view: Mapping[str, Any] | None = None  # the last one that was shown
+        self._answers: asyncio.Queue[dict[str, Any]] = asyncio.Queue(MOST_ANSWERS)
         self._desk = Desk()  # of the latest drive
         self._latest: list[Any] | None = None  # state of the drive under way
         # messages by key that were not sent yet; a newer state replaces an older one
-        self._outbox: Plain = {}
+        self._outbox: dict[str, Any] = {}
         self._outbox_filled = asyncio.Event()
-        self._tellings: list[Plain] = []
+        self._tellings: list[dict[str, Any]] = []
         self.faults: list[str] = []  # what was wrong with messages that our page cannot have sent
 
     @property
@@ -198,7 +198,7 @@ class Window:
         self.faults.append(sentence)
         self._desk.end(sentence)
 
-    def _take(self, message: Plain) -> None:
+    def _take(self, message: dict[str, Any]) -> None:
         """Act on a message; between drives only answers have an effect."""
         ((kind, value),) = message.items()  # a message has exactly one key
         desk = self._desk
@@ -249,12 +249,12 @@ class Window:
 
     # -- what the server asks of the person --------------------------------------------------------
 
-    async def show(self, view: Plain) -> None:
+    async def show(self, view: Mapping[str, Any]) -> None:
         """Show a view: {"show": kind, ...}; a window that returns sees it again."""
         self._view = view
         await self._send_view()
 
-    async def ask(self, view: Plain) -> Plain:
+    async def ask(self, view: dict[str, Any]) -> dict[str, Any]:
         """Show a view and wait for its answers."""
         while not self._answers.empty():
             self._answers.get_nowait()  # of an earlier view
@@ -266,8 +266,8 @@ class Window:
         concrete: ConcreteScenario,
         settings: SimulationSettings,
         writer: Writer,
-        view: Plain,
-    ) -> tuple[Recording, list[Plain]]:
+        view: Mapping[str, Any],
+    ) -> tuple[Recording, list[dict[str, Any]]]:
         """Let the person drive: the recording, and the figures that the page sent (`Telling`)."""
         await self.show({"show": "wait"})
         # load, and where needed compile, what a drive uses: its first step must not be late
