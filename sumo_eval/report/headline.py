@@ -141,17 +141,23 @@ def _most_human(every: Sequence[Behaviour]) -> str:
 
 
 def _best(ranking: Ranking, order: Sequence[RankedAds]) -> str:
-    best, parts = order[0], parts_of_total(ranking)
+    best, *others = order
+    parts = parts_of_total(ranking)
     if best.s_plus is None:
         return f"none: {REASON_WITHOUT_T}{parts}. Read A' instead."
     interval = f" ({span(best.interval, 1)})" if best.interval else ""
     points = f"{best.ads} with {number(best.s_plus, 1)} of 100 points{interval}{parts}."
-    if len(order) == 1 or order[1].s_plus is None:
+    if not others or others[0].s_plus is None:
         return points
-    pair = ranking.pair(best.ads, order[1].ads)
-    equal = [ads.ads for ads in order[1:] if ads.place == best.place]
+    pair = ranking.pair(best.ads, others[0].ads)
+    # of those that share the place, the last ones may differ from the best
+    equal = [
+        it.ads
+        for it in others
+        if it.place == best.place and not ranking.pair(best.ads, it.ads).told_apart
+    ]
     if not equal:
-        return f"{points} Told apart from {pair.below}, {number(order[1].s_plus, 1)}."
+        return f"{points} Told apart from {pair.below}, {number(others[0].s_plus, 1)}."
     if pair.scored_alike and best.s_plus:  # at 0 points all are alike
         return f"{points} {pair.below} scored alike in every case."
     more = f" and {len(equal) - MOST_NAMED} more" if equal[MOST_NAMED:] else ""

@@ -157,11 +157,16 @@ def test_the_best_is_distinguished_or_not(evaluation):
         ads = (
             RankedAds(first, 1, 60.0, (55.0, 66.0)),
             RankedAds(second, 2 if apart else 1, 50.0, (44.0, 57.0)),
+            RankedAds("last", 2 if apart else 1, 0.0, (0.0, 0.0)),
         )
-        pair = RankedPair(first, second, 10.0, (4.0 if apart else -4.0, 16.0), apart)
-        answer = dict(
-            headline(replace(evaluation, ranking=Ranking({}, 0.95, ads, (pair,)))).answers
-        )["Best by S+"]
+        pairs = (
+            RankedPair(first, second, 10.0, (4.0 if apart else -4.0, 16.0), apart),
+            RankedPair(first, "last", 60.0, (55.0, 66.0), told_apart=True),
+        )
+        scores = (*evaluation.scores, replace(evaluation.scores[0], ads="last"))
+        run = replace(evaluation, scores=scores, ranking=Ranking({}, 0.95, ads, pairs))
+        answer = dict(headline(run).answers)["Best by S+"]
+        assert "last" not in answer
         assert answer.startswith(
             f"{first} with 60.0 of 100 points (55.0 to 66.0). {words} {second}"
         )
