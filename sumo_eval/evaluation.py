@@ -149,14 +149,14 @@ def score(
     there.
     """
     folder = Path(run)
+    settings = with_changes(run_folder.read_settings(folder), changes)
     for change in changes:
-        if "=" in change and not change.strip().startswith(_NOT_DRIVEN_BY):
+        if not change.strip().startswith(_NOT_DRIVEN_BY):
             raise InputError(
                 f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts "
                 "depend on it. Only `method`, `report`, `run.workers` and `run.incomplete` can; "
                 "run the evaluation again for the rest."
             )
-    settings = with_changes(run_folder.read_settings(folder), changes)
     resolved = resolved or Resolved.of(settings, run_folder.source_of(folder))
     if changes:
         refuse_unknown_axes(resolved.scenarios, settings.report)

@@ -69,6 +69,8 @@ def test_scoring_refuses_changes_that_the_facts_depend_on(done, change):
         sumo_eval.score(done.folder, [change])
     with refusal("must have the form KEY=VALUE"):
         sumo_eval.score(done.folder, [change.partition("=")[0]])
+    with refusal("Unknown setting `x"):
+        sumo_eval.score(done.folder, [f"x{change}"])
 
 
 @pytest.mark.parametrize("gone", ["scenario = 'front_vehicle_cut_out'", "point = 1"])
