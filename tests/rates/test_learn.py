@@ -152,6 +152,8 @@ def test_too_little_data_leaves_no_campaign_that_is_refused(tmp_path):
     (out / "campaign.toml").write_text("of an earlier time")
     done = sumo_eval("learn", source, "--format", "sumo_fcd", "--out", out)
     assert "no scenario file" in done.said
+    assert "fitted cut_in: 1 done\n" in done.stderr
+    assert "fitted lane_change: 7 done\n" in done.stderr
     assert not list(out.glob("*.toml"))
 
 

@@ -58,7 +58,7 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
     with Progress() as progress:
         lesson = learn_from(
             each_of(form, recordings), out, called(recordings),
-            lambda what, done: progress(what, done, max(done, 1)),  # the total is unknown
+            lambda what, done: progress(what, done, done),  # the total is unknown
         )  # fmt: skip
     say(sentences(lesson))
     say(map(str, write_lesson(lesson, out)))

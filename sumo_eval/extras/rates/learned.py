@@ -136,10 +136,10 @@ def learn(
     learnt = {}
     with writing(f"The scenarios in {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
-        for done, name in enumerate(CLASSES):
-            watch(f"fitting {name}", done)
+        for done, name in enumerate(CLASSES, start=1):
             measured = measure(survey.classes[name], survey, about)
             learnt[name] = _learnt(survey.classes[name], measured, folder / name)
+            watch(f"fitted {name}", done)
     return Lesson(survey, learnt, source)
 
 
