@@ -103,7 +103,7 @@ def _loaded(ending: str) -> Format:
     with users_code(f"The reader of `.{ending}` files, `{reader.value}`, cannot be loaded"):
         form = reader.load()
         if not isinstance(form, Format):
-            form = Format(read=form)
+            form = Format(form)
         # raises where a field has another type
         frozenset(form.catalogues).union(*(keys for _, keys in form.samplings.values()))
     return form
