@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from sumo_eval.coded import decoded, encoded
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.scenario.logical import LogicalScenario, Values
+from sumo_eval.scenario.logical import LogicalScenario, PointFunction
 from sumo_eval.settings import (
     EvaluationSettings,
     RankingSettings,
@@ -18,14 +18,12 @@ from sumo_eval.settings import (
     ScenarioSettings,
     ZoneSettings,
 )
-from sumo_eval.trajectory import FloatArray
 
 # at run time imported where needed: they take half a second
 if TYPE_CHECKING:
     from sumo_eval.method.zone_partition import ZonePartition
     from sumo_eval.scenario.sampling.samples import Sample
 
-Exposure = Callable[[Values], FloatArray]  # p up to a factor, of values by name
 
 ZONES: dict[bytes, ZonePartition] = {}
 """Partitions that this process has read or computed, by the hash of all that they depend on."""
@@ -65,7 +63,7 @@ def choose_points(
     entry: ScenarioSettings,
     source: Path,
     settings: EvaluationSettings,
-    exposure: Exposure | None = None,
+    exposure: PointFunction | None = None,
 ) -> Sample:
     """The points of a scenario's space that are simulated.
 

@@ -10,7 +10,7 @@ import functools
 from collections.abc import Iterable, Mapping
 from dataclasses import field
 from math import inf
-from typing import Any, get_args
+from typing import Annotated, Any, get_args
 
 import numpy as np
 
@@ -41,6 +41,8 @@ class Limits:
 
 
 ANY, NOT_BELOW_0, ABOVE_0 = Limits(), Limits(at_least=0.0), Limits(above=0.0)
+PositiveFormula = Annotated[Formula, ABOVE_0]
+PositiveFormulaOrNone = Annotated[Formula | None, ABOVE_0]
 
 
 @frozen

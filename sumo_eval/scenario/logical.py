@@ -26,6 +26,8 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 Values = Mapping[str, FloatArray]
 """Values of the parameters by name."""
+PointFunction = Callable[[Values], FloatArray]
+"""A number at each point."""
 # digits that drawn values keep after the leading digit of their range (range 100 m: to 1e-4 m), so
 # that machines which differ in the last bit draw the same points
 DIGITS = 6
@@ -111,7 +113,7 @@ class Constraint:
     about: str
     holds: Callable[[Values], BoolArray]
     # not compared between constraints: the same `holds` has the same `room`
-    room: Callable[[Values], FloatArray] | None = field(default=None, compare=False)
+    room: PointFunction | None = field(default=None, compare=False)
 
 
 @frozen
@@ -161,7 +163,7 @@ class Search:
     """
 
     obstacle: int
-    delay: Callable[[Values], FloatArray] = at_once
+    delay: PointFunction = at_once
     conflict: bool = False
 
 
@@ -266,7 +268,7 @@ class LogicalScenario:
     road: Road
     place: Callable[[Mapping[str, float]], tuple[Start, tuple[Actor, ...]]]
     approach: Callable[[Values], Approach] | None = None
-    exposure: Callable[[Values], FloatArray] = uniform_exposure
+    exposure: PointFunction = uniform_exposure
     exposure_about: str = "uniform: every concrete scenario counts the same"
     ego_body: EgoBody | None = None
     time_limit: float | None = None
@@ -279,7 +281,7 @@ class LogicalScenario:
     notes: tuple[str, ...] = ()
     recorded: Counterpart | None = None
     met: Occurrence | None = None
-    margin: Callable[[Values], FloatArray] | None = None
+    margin: PointFunction | None = None
     has_drivers: bool = True
     requirements: Requirements | None = None
 

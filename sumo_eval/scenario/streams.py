@@ -13,7 +13,7 @@ from sumo_eval.errors import check_vehicle_name, must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario.bodies import BODIES
 from sumo_eval.scenario.concrete import Actor, Model, Road, Start
-from sumo_eval.scenario.formulas import ABOVE_0, Formula, LimitedFormulas, Names
+from sumo_eval.scenario.formulas import Formula, LimitedFormulas, Names, PositiveFormula
 from sumo_eval.settings.checked import (
     About,
     Checked,
@@ -38,9 +38,9 @@ class StreamTable(Checked):
         Formula, About("where its rear is, from the ego's centre; negative: behind the ego", "m")
     ]
     end: Annotated[Formula, About("where its front is, from the ego's centre", "m")]
-    density: Annotated[Formula, ABOVE_0, About("vehicles on a kilometre of the lane", "1/km")]
+    density: Annotated[PositiveFormula, About("vehicles on a kilometre of the lane", "1/km")]
     speed: Annotated[
-        Formula, ABOVE_0, About("mean speed, which each keeps while its lane is free", "m/s")
+        PositiveFormula, About("mean speed, which each keeps while its lane is free", "m/s")
     ]
     speed_spread: NotNegativeFloat = setting(
         0.0, "speeds are spread evenly, up to this far from the mean", "m/s"
@@ -52,10 +52,10 @@ class StreamTable(Checked):
     model: Literal["Krauss", "IDM", "EIDM"] = setting(
         "IDM", "SUMO's car-following model, without noise"
     )
-    headway: Annotated[Formula, ABOVE_0] = setting(1.0, "time headway that each keeps", "s")
-    min_gap: Annotated[Formula, ABOVE_0] = setting(2.5, "gap to a standing vehicle", "m")
-    acceleration: Annotated[Formula, ABOVE_0] = setting(2.6, "largest acceleration", "m/s2")
-    deceleration: Annotated[Formula, ABOVE_0] = setting(4.5, "comfortable deceleration", "m/s2")
+    headway: PositiveFormula = setting(1.0, "time headway that each keeps", "s")
+    min_gap: PositiveFormula = setting(2.5, "gap to a standing vehicle", "m")
+    acceleration: PositiveFormula = setting(2.6, "largest acceleration", "m/s2")
+    deceleration: PositiveFormula = setting(4.5, "comfortable deceleration", "m/s2")
     body: Literal["car", "van", "truck", "motorcycle"] = setting("car", "what they are")
 
     def read(self, names: Names, road: Road) -> LimitedFormulas:

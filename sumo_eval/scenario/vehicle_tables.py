@@ -40,6 +40,7 @@ from sumo_eval.scenario.formulas import (
     LimitedFormulas,
     Limits,
     Names,
+    PositiveFormulaOrNone,
 )
 from sumo_eval.scenario.played import Act, Pairs, Program
 from sumo_eval.scenario.road.reference_line import frame_places
@@ -201,19 +202,17 @@ class ManoeuvreTable(Checked):
     when: Annotated[str | None, MinLen(1)] = setting(
         None, "it begins when this holds, e.g. `ttc(ego, child) < 2`; default: at `begin`"
     )
-    deceleration: Annotated[Formula | None, ABOVE_0] = setting(
+    deceleration: PositiveFormulaOrNone = setting(
         None, "of `brake`; of `follow`: comfortable", "m/s2"
     )
     jerk: Annotated[Formula | None, _ENDLESS] = setting(
         None, "of `brake`, `accelerate`: how fast it builds up; default: at once", "m/s3"
     )
-    duration: Annotated[Formula | None, ABOVE_0] = setting(
-        None, "of `change_lane`, `change_lane_cosine`", "s"
-    )
+    duration: PositiveFormulaOrNone = setting(None, "of `change_lane`, `change_lane_cosine`", "s")
     speed: Annotated[Formula | None, NOT_BELOW_0] = setting(
         None, "of `move_sideways`: across; of `accelerate`: at its end; of `follow`: desired", "m/s"
     )
-    acceleration: Annotated[Formula | None, ABOVE_0] = setting(
+    acceleration: PositiveFormulaOrNone = setting(
         None,
         "of `move_sideways`: how fast its speed builds up, default at once; of `accelerate`: "
         "how fast its speed rises or falls; of `sinus`, `follow`: the largest",
@@ -239,10 +238,10 @@ class ManoeuvreTable(Checked):
     model: Literal["Krauss", "IDM", "EIDM"] | None = setting(
         None, "of `follow`: SUMO's car-following model, without noise"
     )
-    headway: Annotated[Formula | None, ABOVE_0] = setting(
+    headway: PositiveFormulaOrNone = setting(
         None, "of `follow`: time headway that it keeps, default 1", "s"
     )
-    min_gap: Annotated[Formula | None, ABOVE_0] = setting(
+    min_gap: PositiveFormulaOrNone = setting(
         None, "of `follow`: gap to a standing vehicle, default 2.5", "m"
     )
 

@@ -7,7 +7,7 @@ needs them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_eval.errors import InputError, check_known, must_be
-from sumo_eval.scenario.logical import LogicalScenario, Values, uniform_exposure
+from sumo_eval.scenario.logical import LogicalScenario, PointFunction, Values, uniform_exposure
 from sumo_eval.settings import DeclaredDistribution, DriverSettings, ExposureSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -71,7 +71,7 @@ class RunExposure(NamedTuple):
         or where no point that was tried is possible.
     """
 
-    density: Callable[[Values], FloatArray]
+    density: PointFunction
     about: str
     recorded: RecordedExposure | None = None
     unsupported_share: float | None = None

@@ -11,7 +11,7 @@ import math
 import os.path
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -38,6 +38,7 @@ from sumo_eval.scenario.logical import (
     NamedSample,
     Option,
     Parameter,
+    PointFunction,
     Search,
     Values,
 )
@@ -127,7 +128,7 @@ class Holds:
 class Weighted:
     """Density of points: a density of continuous parameters, times the weights of listed values."""
 
-    density: Callable[[Values], FloatArray]
+    density: PointFunction
     axes: tuple[Axis, ...]
 
     def __call__(self, values: Values) -> FloatArray:

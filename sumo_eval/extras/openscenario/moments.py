@@ -97,6 +97,10 @@ class DriveNumber:
         return DriveNumber((*self.program, operation(played.ABSOLUTE)), abs(self.start))
 
 
+Compared = tuple[DriveNumber, float]
+"""A number of the drive, and the limit that it is compared with."""
+
+
 def constant(value: float) -> DriveNumber:
     """A number that does not change during the drive."""
     return DriveNumber(((played.VALUE, 0, 0, value),), value)
@@ -474,7 +478,7 @@ class Conditions:
         left = -frame.way * frame.offset if system == "road" else entity.frame.y
         return 1.0 - turned / length_of(frame.line) * left
 
-    def _distance(self, element: Node, entity: Entity) -> tuple[DriveNumber, float]:
+    def _distance(self, element: Node, entity: Entity) -> Compared:
         default = "euclidianDistance" if element.tag == "DistanceCondition" else None
         kinds = ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance")
         kind = element.one_of("relativeDistanceType", kinds, default)
@@ -484,9 +488,7 @@ class Conditions:
             return self._apart(element, entity, other, axis), value
         return self._straight(element, entity, other, value)
 
-    def _straight(
-        self, element: Node, one: Entity, other: Entity | Pose, value: float
-    ) -> tuple[DriveNumber, float]:
+    def _straight(self, element: Node, one: Entity, other: Entity | Pose, value: float) -> Compared:
         """The square of the distance in a straight line, m2, and the square of `value`, m, with the
         sign of `value`.
         """
@@ -499,7 +501,7 @@ class Conditions:
             x, y = (it.joined(played.LARGER, constant(0.0)) for it in (x, y))
         return x * x + y * y, value * abs(value)
 
-    def _reach(self, element: Node, entity: Entity) -> tuple[DriveNumber, float]:
+    def _reach(self, element: Node, entity: Entity) -> Compared:
         tolerance = element.above_zero("tolerance", " m")
         return self._straight(element, entity, self._target(element), tolerance)
 
@@ -525,7 +527,7 @@ class Conditions:
             raise element.fault("the speed of an entity that crosses the road is not supported")
         return along if math.isclose(share, 1.0) else along * constant(1.0 / share)
 
-    def _headway(self, element: Node, entity: Entity) -> tuple[DriveNumber, float]:
+    def _headway(self, element: Node, entity: Entity) -> Compared:
         """gap - value * speed, m, and 0: it has the sign of time headway minus value, without a
         division by 0.
         """
@@ -533,7 +535,7 @@ class Conditions:
         gap = self._apart(element, entity, self._target(element), played.X)
         return gap - constant(element.number("value")) * speed, 0.0
 
-    def _to_collision(self, element: Node, entity: Entity) -> tuple[DriveNumber, float]:
+    def _to_collision(self, element: Node, entity: Entity) -> Compared:
         """gap |dx| - value dx dv, m2, and 0: it has the sign of time to collision minus value.
 
         dx: from this body to the other along the road, m. dv: its speed minus the other's, m/s.
@@ -547,7 +549,7 @@ class Conditions:
         gap = self._apart(element, entity, other, played.X)
         return gap * abs(ahead) - ahead * speed * value, 0.0
 
-    def _speed(self, element: Node, entity: Entity) -> tuple[DriveNumber, float]:
+    def _speed(self, element: Node, entity: Entity) -> Compared:
         if element.tag == "SpeedCondition":
             speed = self._own(element, entity, "direction")
         else:
@@ -555,7 +557,7 @@ class Conditions:
             speed -= self._along(element, self.places.referred(element), "direction")
         return speed, element.number("value")
 
-    def _travelled(self, element: Node, entity: Entity) -> tuple[DriveNumber, float]:
+    def _travelled(self, element: Node, entity: Entity) -> Compared:
         if entity.on_map or abs(math.sin(entity.frame.heading)) > 1e-9:
             raise element.fault("a distance travelled across the road is not supported as a start")
         x = self._coordinate(entity, played.X, element, free=True)

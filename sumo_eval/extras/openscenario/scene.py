@@ -56,6 +56,8 @@ from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.pose import Pose
 
 EGO = "Ego"
+Actions = list[tuple[Node, Entity]]
+"""Actions of Init, each with its entity."""
 
 
 class FileOptions(NamedTuple):
@@ -221,8 +223,8 @@ class _Player:
             )
         self.ego = entities[ego]
         self.ignored: dict[str, None] = {}
-        self.distances: list[tuple[Node, Entity]] = []
-        self.begun: list[tuple[Node, Entity]] = []
+        self.distances: Actions = []
+        self.begun: Actions = []
         self.ends = math.inf
         self.route_end: Pose | None = None
         self.turning: MapPath | None = None
@@ -303,7 +305,7 @@ class _Player:
     # -- before the start --------------------------------------------------------------------------
 
     def _init(self, actions: Node) -> None:
-        waiting: list[tuple[Node, Entity]] = []
+        waiting: Actions = []
         for part in actions.children():
             added = part.find("EntityAction/AddEntityAction")
             if added is not None:
@@ -322,12 +324,12 @@ class _Player:
         while waiting:
             waiting = self._resolved(waiting)
 
-    def _resolved(self, waiting: list[tuple[Node, Entity]]) -> list[tuple[Node, Entity]]:
+    def _resolved(self, waiting: Actions) -> Actions:
         """Do the actions of Init that depend on no waiting one; return the rest.
 
         Actions of different entities have no order between them.
         """
-        rest: list[tuple[Node, Entity]] = []
+        rest: Actions = []
         faults = []
         for element, entity in waiting:
             try:
