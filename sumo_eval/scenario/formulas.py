@@ -65,7 +65,9 @@ class Formulas:
         for expression in self.expressions:
             results.append(np.broadcast_to(expression.value(extended), shape))
             if np.isnan(results[-1]).any():
-                raise must_be(f"`{expression.text}`", "the zone rule", "a number", np.nan)
+                # also where a constraint does not hold: the zones are learnt there, too
+                wanted = "a number at every point of the ranges"
+                raise must_be(f"`{expression.text}`", "the zone rule", wanted, np.nan)
         return tuple(results)
 
 

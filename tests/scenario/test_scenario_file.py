@@ -190,7 +190,7 @@ name = "truck" | name = "ego" | a name of its own, got `ego` twice
 [ego] | [end]\nx = 7000.0\n[ego] | at most the road's length 6000
 [ego] | [road]\nnetwork = 'no.net.xml'\n[ego] | There is no network
 [zone] | [zone | is not valid TOML
-delay = 1.0 | delay = "0 / (ego_speed - 25)" | of the zone rule must be a number, got nan
+delay = 1.0 | delay = "0 / (ego_speed - 25)" | must be a number at every point of the ranges, got nan
 name = "slow_truck" | name = "slow_truck"\ndefault_sample = "grd" | Did you mean `grid`?
 truck_speed < ego_speed | truck_speed > ego_speed + 100
 | at least one possible point, got none. Of 15 points, 15 are not `
