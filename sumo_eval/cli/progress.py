@@ -41,7 +41,7 @@ class _StageProgress:
     def __init__(self, now: float) -> None:
         self.task: Any = None  # its task in the bar of rich
         self.line_time = now  # when its latest plain line was printed, s
-        self.finished = False  # whether its final plain line was printed
+        self.finished = 0  # total in its last final line
         self._under_way = False  # whether an item has ended since the first report
         self._recent: list[_Burst] = []
 
@@ -111,8 +111,8 @@ class Progress:
                 stage.task = self._bar.add_task(name, total=total, left="", failed="")
             self._bar.update(stage.task, completed=done, total=total, left=left, failed=faults)
         elif done == total:
-            if not stage.finished:
-                stage.finished = True
+            if stage.finished != total:
+                stage.finished = total
                 _say(f"{name}: {total} done", faults)
         elif now - stage.line_time >= _LINE_EVERY:
             stage.line_time = now

@@ -82,7 +82,7 @@ def safety_words(evaluation: Evaluation, behaviour: Behaviour) -> str:
     """Harm of an ADS: `3 avoidable collisions in 192 cases, worst 43 km/h; as much excess impact
     speed as one 50 km/h contact every 24 cases of this grid`.
     """
-    hit = behaviour.avoidable > 0
+    hit = behaviour.avoidable
     hits = count(behaviour.avoidable, "avoidable collision") if hit else "no avoidable collision"
     hits += f" in {count(behaviour.cases, 'case')}"
     hits += f", worst {3.6 * behaviour.worst:z.0f} km/h" if behaviour.worst else ""

@@ -15,12 +15,14 @@ def test_plain_lines_tell_rate_time_left_and_failures(monkeypatch, capsys):
             show("cut_out: ADSs", done, 40, done // 10)
             now[0] += 0.5
         show("cut_out: ADSs", 40, 40, 4)
-        show("cut_out: drivers", 3, 3)
+        for total in (3, 3, 8):  # 8: after a further round
+            show("cut_out: drivers", total, total)
     lines = capsys.readouterr().err.splitlines()
     assert lines == [
         "cut_out: ADSs: 21 of 40, 2.0/s, about 10 s left, 2 failed",
         "cut_out: ADSs: 40 done, 4 failed",
         "cut_out: drivers: 3 done",
+        "cut_out: drivers: 8 done",
     ]
 
 
