@@ -412,6 +412,7 @@ def verify(
     run_folder.read_settings(folder)
     plan = planner(run)
     with open_store(folder / run_folder.FACTS) as store:
+        run_folder.refuse_incomplete(store, folder)
         shard = parse_shard(store.noted(run_folder.SHARD) or "1/1")
         find_stale(store, run.source)  # `store.holds` is False for a stale ADS
         stream = random_stream(run.settings.seed, "verify")
@@ -422,8 +423,14 @@ def verify(
                 picked = stream.permutation(len(cases))[: math.ceil(share * len(cases))]
                 chosen += [cases[index] for index in sorted(picked)]
         same = [case for case in chosen if store.holds(case)]
-        why = "it depends on what has changed since: the ADS, the simulator or this package"
-        differences = [(case.key, why) for case in chosen if not store.holds(case)]
+        differences = [
+            (
+                case.key,
+                "it depends on what has changed since: the ADS, the simulator or this package",
+            )
+            for case in chosen
+            if not store.holds(case)
+        ]
         for done, (case, difference) in enumerate(drive_again(same, plan.setup, store), 1):
             if difference:
                 differences.append((case.key, f"it is not the same again: {difference}"))

@@ -155,8 +155,8 @@ class WhatIf:
         ends = [
             (lever, value) for lever, flip in _nearest(lines) for value in (flip.before, flip.after)
         ]
-        outcomes = self._outcomes(fact, "levers, changes rerun", ends)
-        for (lever, value), outcome in zip(ends, outcomes, strict=True):
+        rerun = zip(ends, self._outcomes(fact, "levers, changes rerun", ends), strict=True)
+        for (lever, value), outcome in rerun:
             if outcome is None or (outcome.status == "collision") != lines[lever][value]:
                 raise InputError(
                     f"Case `{fact.case}` with {lever.name} = {value:g} does not repeat: its ADS "

@@ -367,6 +367,8 @@ def test_a_caller_can_stop_a_run_and_continue(whole, tmp_path):
 
     with pytest.raises(StoppedError, match="continues"):
         sumo_eval.evaluate(path, tmp_path / "run", progress=count, stopping=lambda: len(seen) > 3)
+    with refusal("is not complete; continue with"):
+        verify(tmp_path / "run", 1.0)
     assert_continues(path, whole)
 
 
