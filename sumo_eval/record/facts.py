@@ -407,9 +407,9 @@ def verify(
     """
     if not 0.0 < share <= 1.0:  # refuses nan, too
         raise must_be("`share`", "`verify`", "above 0, at most 1", share)
-    run = resolve(None, folder, resume=True, workers=workers, engine="processes")
-    # Refuses a folder that is not a run. `resolve` did not: it used the paper's evaluation.
+    # Refuses a folder that is not a run. `resolve` would not: it uses the paper's evaluation.
     run_folder.read_settings(folder)
+    run = resolve(None, folder, resume=True, workers=workers, engine="processes")
     plan = planner(run)
     with open_store(folder / run_folder.FACTS) as store:
         run_folder.refuse_incomplete(store, folder)
