@@ -401,13 +401,10 @@ class _Work:
 
         with closing(run_batches(missing(), self.setup, self.stopping)) as batches:
             for outcomes in batches:
+                self._note_files(outcomes)
                 ended = Counter[str]()
                 for outcome in outcomes:
                     case = outcome.case
-                    # without `reads`: a user's ADS whose process was lost, or no user's code
-                    if outcome.reads is not None or affinity(case, self.setup) != NO_USER_CODE:
-                        read = self.versions.add(case.driver, case.controller, outcome.reads)
-                        self.store.note_files(read)
                     name = names[case.concrete.scenario, case.role]
                     keeps_state = outcome.alone is not None and outcome.alone.why == "keeps_state"
                     # A case that was driven in a batch before its ADS was found to keep state is
@@ -426,6 +423,16 @@ class _Work:
                 self.check()
                 raise RuntimeError(f"{name}: {total - done[name]} of {total} cases were lost")
             show(name)
+
+    def _note_files(self, outcomes: Sequence[Outcome]) -> None:
+        """Record which files the processes of users' ADSs have read."""
+        for outcome in outcomes:
+            case = outcome.case
+            # without `reads`: a user's ADS whose process was lost, or a case without users' code
+            if outcome.reads is not None or affinity(case, self.setup) != NO_USER_CODE:
+                self.store.note_files(
+                    self.versions.add(case.driver, case.controller, outcome.reads)
+                )
 
     def check(self) -> None:
         """Raise StoppedError if the run shall stop."""

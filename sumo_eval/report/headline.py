@@ -17,10 +17,6 @@ from sumo_eval.report.words import (
 from sumo_eval.results import Evaluation, RankedAds, Ranking
 from sumo_eval.scoring.behaviour import Behaviour, behaviour_of, harm_beside, ranked
 
-CONTACT = 50.0 / 3.6
-"""Impact speed that counts as one contact, m/s."""
-BY_CHANCE = 0.05
-"""Probability of a sign test below which two ADSs count as different."""
 SELDOM = 2.0 / 3.0
 """Contacts a case, up to which the page says "one every n cases": n is at least 1.5."""
 MOST_NAMED = 3
@@ -82,7 +78,7 @@ def safety_words(evaluation: Evaluation, behaviour: Behaviour) -> str:
     """Harm of an ADS: `3 avoidable collisions in 192 cases, worst 43 km/h; as much excess impact
     speed as one 50 km/h contact every 24 cases of this grid`.
     """
-    hit = behaviour.avoidable
+    hit = behaviour.avoidable > 0
     hits = count(behaviour.avoidable, "avoidable collision") if hit else "no avoidable collision"
     hits += f" in {count(behaviour.cases, 'case')}"
     hits += f", worst {3.6 * behaviour.worst:z.0f} km/h" if behaviour.worst else ""
@@ -91,10 +87,9 @@ def safety_words(evaluation: Evaluation, behaviour: Behaviour) -> str:
         return hits
     scenarios = {score.scenario for score in evaluation.scores}
     grids = "this grid" if len(scenarios) == 1 else "these grids"
-    contacts = behaviour.excess / CONTACT  # a case
-    often = f"one 50 km/h contact every {1.0 / contacts:z.0f} cases"
-    if contacts > SELDOM:
-        often = f"{contacts:z.1f} contacts at 50 km/h a case"
+    often = f"one 50 km/h contact every {1.0 / behaviour.contacts:z.0f} cases"
+    if behaviour.contacts > SELDOM:
+        often = f"{behaviour.contacts:z.1f} contacts at 50 km/h a case"
     speed = (
         "; as much excess impact speed"
         if hit
@@ -118,8 +113,7 @@ def _safest(evaluation: Evaluation, every: Sequence[Behaviour]) -> str:
     if beside.less == beside.more == 0:
         # `run.only` may name cases of which the two have none in common
         return f"{words} {other} does the same harm in every case." if beside.common else words
-    differs = beside.chance < BY_CHANCE and beside.less > beside.more
-    apart = "Told apart" if differs else "Not told apart"
+    apart = "Told apart" if beside.told_apart else "Not told apart"
     return (
         f"{words} {apart} from {other}: less harm in {count(beside.less, 'case')}, more in "
         f"{beside.more} (sign test, p = {beside.chance:z.2g})."

@@ -52,18 +52,7 @@ def misplaced(
             yield Misplaced(f"Vehicle `{name}`", name, must, start.x)
         if not road.right_edge_at(start.x) - reach <= start.y <= road.left_edge_at(start.x) + reach:
             yield Misplaced(f"Vehicle `{name}`", name, "on a lane", start.y)
-    # front bumpers in a junction of the user's network
-    fronts = [("ego", ego.x + ego_body.length / 2)]
-    fronts += [(it.name, it.start.x + it.length / 2) for it in actors if it.on_map is None]
-    sections = () if road.network is None else road.network.sections
-    for (_, begin, _), (after, _, _) in itertools.pairwise(sections):
-        for name, front in fronts:
-            if begin < front < after:
-                must = (
-                    f"on an edge, its front before x = {begin:g} m or from {after:g} m on: between "
-                    "them is a junction, where SUMO inserts no vehicle"
-                )
-                yield Misplaced(f"Vehicle `{name}`", name, must, front)
+    yield from _in_junctions(road, ego, ego_body, actors)
     for item in actors:
         reach = _reach(item, furthest)
         paths = [act.table for act in item.acts if act.kind == played.PATH]
@@ -78,6 +67,23 @@ def misplaced(
         if long + long2 - abs(a.x - b.x) > _TOUCH and wide + wide2 - abs(a.y - b.y) > _TOUCH:
             got = f"x = {b.x:g} m beside {a.x:g} m"
             yield Misplaced(f"Vehicle `{two}`", two, f"clear of `{one}` at the start", got)
+
+
+def _in_junctions(
+    road: Road, ego: Start, ego_body: EgoBody, actors: Sequence[Actor]
+) -> Iterator[Misplaced]:
+    """Vehicles whose front bumper is in a junction of the user's network."""
+    fronts = [("ego", ego.x + ego_body.length / 2)]
+    fronts += [(it.name, it.start.x + it.length / 2) for it in actors if it.on_map is None]
+    sections = () if road.network is None else road.network.sections
+    for (_, begin, _), (end, _, _) in itertools.pairwise(sections):
+        for name, front in fronts:
+            if begin < front < end:
+                must = (
+                    f"on an edge, its front before x = {begin:g} m or from {end:g} m on: between "
+                    "them is a junction, where SUMO inserts no vehicle"
+                )
+                yield Misplaced(f"Vehicle `{name}`", name, must, front)
 
 
 def _reach(actor: Actor, furthest: float) -> float:

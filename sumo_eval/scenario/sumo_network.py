@@ -105,12 +105,7 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     root = _parsed(network)
     driven = _driven_edges(root, edges, owner)
     lanes = [_checked_lanes(edge, owner) for edge in driven]  # of each edge
-    every = list(itertools.chain(*lanes))
-    if any(lane.width != every[0].width for lane in every):
-        widths = ", ".join(f"{lane.id} {lane.width:g} m" for lane in every)
-        raise InputError(
-            f"The lanes of edges {', '.join(edges)} of {owner} must have one width, got {widths}."
-        )
+    _check_widths(lanes, edges, owner)
     _check_junctions(root, driven[1:], owner)
     links = [_links(root, one, other, owner) for one, other in itertools.pairwise(edges)]
 
@@ -170,6 +165,16 @@ def _checked_lanes(edge: Element, owner: str) -> list[_Lane]:
             must = "of at least 2 points, with distinct ends"
             raise must_be(f"The shape of lane `{lane.id}`", owner, must, len(lane.shape))
     return lanes
+
+
+def _check_widths(lanes: _Lanes, edges: Sequence[str], owner: str) -> None:
+    """Refuse lanes of different widths."""
+    every = list(itertools.chain(*lanes))
+    if any(lane.width != every[0].width for lane in every):
+        widths = ", ".join(f"{lane.id} {lane.width:g} m" for lane in every)
+        raise InputError(
+            f"The lanes of edges {', '.join(edges)} of {owner} must have one width, got {widths}."
+        )
 
 
 def _check_junctions(root: Any, edges: Sequence[Element], owner: str) -> None:
@@ -288,12 +293,7 @@ def _along_curves(
         line, beside = _line_along(np.column_stack([x, y]), what)
         begins = begins.moved(*beside)
     check_line(line, max(map(max, places)) + 1, width, what)
-    for place, lane in itertools.chain(*(of_edge.items() for of_edge in numbered)):
-        _, across, _ = frame_places(line, *onto_the_line(lane.shape, begins).T)
-        off = float(np.abs(across - lane.width * place).max())
-        if off > PARALLEL:
-            must = f"beside the first within {PARALLEL:g} m"
-            raise must_be(f"Lane `{lane.id}`", owner, must, round(off, 2))
+    _check_parallel(numbered, line, begins, owner)
     return line, places, _edge_ends(path, line, begins)
 
 
@@ -346,6 +346,21 @@ def _line_along(way: FloatArray, what: str) -> tuple[Line, Pose]:
             round(off, 2),
         )
     return line, begins
+
+
+def _check_parallel(
+    numbered: Sequence[dict[int, _Lane]], line: Line, begins: Pose, owner: str
+) -> None:
+    """Refuse lanes that are not parallel to the line.
+
+    numbered: lanes of each edge by their place on the road.
+    """
+    for place, lane in itertools.chain(*(of_edge.items() for of_edge in numbered)):
+        _, across, _ = frame_places(line, *onto_the_line(lane.shape, begins).T)
+        off = float(np.abs(across - lane.width * place).max())
+        if off > PARALLEL:
+            must = f"beside the first within {PARALLEL:g} m"
+            raise must_be(f"Lane `{lane.id}`", owner, must, round(off, 2))
 
 
 def _edge_ends(path: Sequence[Sequence[Point]], line: Line, begins: Pose) -> list[float]:

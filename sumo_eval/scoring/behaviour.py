@@ -15,6 +15,11 @@ from sumo_eval.results import Evaluation, RankedAds
 from sumo_eval.scoring.findings import findings_of, mean_of
 from sumo_eval.scoring.rule import sign_test
 
+CONTACT = 50.0 / 3.6
+"""Impact speed that counts as one contact in `Behaviour.contacts`, m/s."""
+BY_CHANCE = 0.05
+"""Probability of a sign test below which two ADSs count as different."""
+
 
 class Behaviour(NamedTuple):
     """One ADS in one scenario, or in all scenarios of a run; counts are numbers of cases.
@@ -39,6 +44,11 @@ class Behaviour(NamedTuple):
     excess: float
     grade: float | None
     human: float | None
+
+    @property
+    def contacts(self) -> float:
+        """The excess in units of `CONTACT`: 1 stands for one such contact in every case."""
+        return self.excess / CONTACT
 
 
 def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
@@ -119,6 +129,11 @@ class HarmBeside(NamedTuple):
     def chance(self) -> float:
         """P of the two-sided sign test: twice that of the one-sided test of the larger number."""
         return min(1.0, 2.0 * sign_test(max(self.less, self.more), min(self.less, self.more)))
+
+    @property
+    def told_apart(self) -> bool:
+        """Whether the ADS does less harm than the second one, and not by chance."""
+        return self.chance < BY_CHANCE and self.less > self.more
 
 
 def harm_beside(evaluation: Evaluation, first: str, second: str) -> HarmBeside:

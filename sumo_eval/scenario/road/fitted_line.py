@@ -130,14 +130,22 @@ def _fitted(places: FloatArray, apart: float) -> Fit:
         if abs(shift) < _SETTLED and np.abs(changes).max() < _SETTLED / grid.length:
             break
     curvature = np.round(curvature, _DIGITS) + 0.0  # + 0.0 makes -0.0 positive
-    # the line of these curvatures, and how far off it is
-    ends, begins = curvature.tolist(), Pose(*map(float, first))
-    piece = grid.length / (len(ends) - 1)
+    return _line_of(grid.length, curvature.tolist(), Pose(*map(float, first)), places, s)
+
+
+def _line_of(
+    length: float, ends: list[float], begins: Pose, places: FloatArray, near: FloatArray
+) -> Fit:
+    """The line of these curvatures at evenly spaced ends of pieces, and how far off it is.
+
+    begins: pose at the line's beginning. near: s of the places' feet, about.
+    """
+    piece = length / (len(ends) - 1)
     pieces = tuple(Piece(piece, begin, end) for begin, end in itertools.pairwise(ends))
-    x, y, heading = map_places(pieces, s, 0.0)
+    x, y, heading = map_places(pieces, near, 0.0)
     off_x, off_y = onto_the_line(places, begins).T - (x, y)
-    aside = off_y * np.cos(heading) - off_x * np.sin(heading)
-    return pieces, begins, float(np.abs(aside).max())
+    across = off_y * np.cos(heading) - off_x * np.sin(heading)
+    return pieces, begins, float(np.abs(across).max())
 
 
 def _grid(length: float, apart: float) -> _Grid:

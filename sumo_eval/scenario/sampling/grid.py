@@ -58,11 +58,8 @@ def grid_axes(
     for item in logical.parameters:
         values = list(item.values)
         if (count := levels.get(item.name)) is not None:
-            if not isinstance(count, Integral) or count < 2:
-                name = item.name if named else "levels"
-                raise must_be(f"`{name}`", owner, "a whole number of levels, at least 2", count)
-            _refuse_if_too_many(int(count), owner)
-            values = values or evenly(item, int(count))  # listed values stay
+            _check_levels(count, item.name if named else "levels", owner)
+            values = values or evenly(item, count)  # listed values stay
         if not values:
             step = steps.get(item.name, item.step)
             if isinstance(step, bool) or not isinstance(step, Real) or not 0 < step < math.inf:
@@ -79,6 +76,12 @@ def grid_axes(
         axes.append(values)
     _refuse_if_too_many(math.prod(map(len, axes)), owner)
     return axes, tuple(notes)
+
+
+def _check_levels(levels: object, name: str, owner: str) -> None:
+    if not isinstance(levels, Integral) or levels < 2:
+        raise must_be(f"`{name}`", owner, "a whole number of levels, at least 2", levels)
+    _refuse_if_too_many(int(levels), owner)
 
 
 def _refuse_if_too_many(count: int, owner: str) -> None:
