@@ -16,7 +16,6 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import chain, compress
-from struct import Struct
 from typing import Any
 
 import numpy as np
@@ -41,7 +40,6 @@ CHECKED_EVERY = 10  # steps
 ASIDE = -500.0  # m, y of a hidden vehicle
 # place, angle and speed of a vehicle that has left SUMO
 _NOT_THERE = (0.0, 0.0, STRAIGHT, 0.0)
-_CELLS = Struct("4d")  # of an actor in `World.shown`
 # moveToXY: SUMO looks for the road, and the vehicle may be off it
 _KEEPS_ROUTE = 2
 # moveToXY: the road is the vehicle's own, and the vehicle may be off it
@@ -106,8 +104,7 @@ class Stage:
         self._width: int = 1 + world.others.shape[1]  # vehicles of a row
         self._flat = [name for case in world.rows.tolist() for name in self.names[case]]
         self._edge = [self._edges[case] for case in world.rows.tolist()]
-        # memory views: to read a single number of one takes a tenth as long as of an array
-        self._cells: Any = world.shown.reshape(-1).data.cast("B")
+        # a memory view: to read a single number of it takes a tenth as long as of an array
         self._present: Any = world.others["present"].data
         self.without(world)
 
@@ -275,7 +272,7 @@ class Stage:
         """Take in the actors where they are as SUMO shows them."""
         if not self.as_read:
             return
-        cells, present = self._cells, self._present
+        present = self._present
         for row, j in self._unread:
             shown = _NOT_THERE
             if present[row, j]:
@@ -289,7 +286,7 @@ class Stage:
                     if self._alone:
                         raise
                     world.leave(row, LEFT_BATCH)
-            _CELLS.pack_into(cells, _CELLS.size * (row * (self._width - 1) + j), *shown)
+            world.shown[row, j] = shown
 
     def _read_actor(self, world: World, row: int, j: int) -> tuple[float, float, float, float]:
         """x and y of an actor's front bumper, angle and speed as SUMO shows them.

@@ -126,7 +126,7 @@ def fit(
         nothing = np.empty(0)
         advice = "make `step` smaller or ranges wider"
         if target.min() == 1.0:  # max ITTC is 0 at all of them
-            advice = "let its obstacle come into the ego's path: at none does the ego close on it"
+            advice = "let the obstacle come into the ego's path: the ego closes on it at no point"
         return Surface(unit[:0], nothing, np.full(k, np.inf), 0.0, 0.0, level, to_x), [
             f"A zone boundary needs safe and hazardous training points; all {n} are {side}, so the "
             f"whole space counts as such. If it has a boundary, {advice}."

@@ -187,7 +187,8 @@ def _begin(history: Path, database: History, notes: list[str], resume: bool) -> 
     names = (_name(began + timedelta(seconds=later)) for later in itertools.count())
     name = next(name for name in names if name not in taken)
     database.begin(name)
-    last = next((night.night for night in reversed(database.ran())), "")
+    ran = database.ran()
+    last = ran[-1].night if ran else ""
     if name <= last:
         notes.append(
             f"The clock went back: night {last} was added before, {name} now. Nights stand in the "

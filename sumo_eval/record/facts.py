@@ -423,14 +423,8 @@ def verify(
                 picked = stream.permutation(len(cases))[: math.ceil(share * len(cases))]
                 chosen += [cases[index] for index in sorted(picked)]
         same = [case for case in chosen if store.holds(case)]
-        differences = [
-            (
-                case.key,
-                "it depends on what has changed since: the ADS, the simulator or this package",
-            )
-            for case in chosen
-            if not store.holds(case)
-        ]
+        why = "it depends on what has changed since: the ADS, the simulator or this package"
+        differences = [(case.key, why) for case in chosen if not store.holds(case)]
         for done, (case, difference) in enumerate(drive_again(same, plan.setup, store), 1):
             if difference:
                 differences.append((case.key, f"it is not the same again: {difference}"))

@@ -129,7 +129,8 @@ def references_struck(space: ScenarioRun, overview: Survey) -> Iterator[ScoreNot
         for point, _, status, _ in space.store.outcomes(role, space.name):
             if not overview.hazardous[point]:
                 safe.add(point)
-                struck |= {point} if status == "collision" else set()
+                if status == "collision":
+                    struck.add(point)
     if struck:
         yield Counted("references_collide", len(struck), len(safe))
 

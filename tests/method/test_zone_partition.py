@@ -113,7 +113,10 @@ def test_low_speed_has_no_hazardous_zone_at_all():
         "space counts as such. If it has a boundary, make `step` smaller or ranges wider.",
     )
     stands = space([("x", 0.0, 1.0, 0.5)], lambda values: 9.0, ego_speed=0.0)
-    assert "let its obstacle come into the ego's path: at none" in partition(stands).notes[0]
+    assert (
+        "let the obstacle come into the ego's path: the ego closes on it at no point"
+        in partition(stands).notes[0]
+    )
 
 
 def test_a_scenario_without_zones_reports_it_and_no_gp():

@@ -159,7 +159,7 @@ def checked_numbers(
 def unread(kind: str, names: Iterable[object], known: Sequence[str], path: Path) -> list[str]:
     """A sentence on each name that is not known: a misspelt one is as good as missing.
 
-    kind: "Column".
+    kind: of the names, "Column" or "Scenario", for the sentences.
     """
     return [
         f"{kind} `{name}` of {path.name} is not known and is not read.{did_you_mean(name, known)}"
