@@ -101,6 +101,7 @@ class EgoControl:
 
     def __init__(self, ads: Sequence[Any], seeds: Sequence[int], terms: Terms) -> None:
         self._ads, self._seeds, self._terms = ads, seeds, terms
+        self.released: set[int] = set()  # cases whose ADS has been released
 
     def begin(self, world: World, stage: Stage) -> None:
         """Prepare for the first step, and take charge of the vehicles."""
@@ -225,9 +226,8 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             now, sampling = steps_after * step, steps_after % every == 0
             if sampling:
                 world.room_for_samples()
-            # to_sumo: SUMO receives the vehicles in this step; as_read: actors are where SUMO shows
-            # them; count: rows of `world.tell` to send; gone: numbers of actors that left their
-            # last lane
+            # as_read: actors are where SUMO shows them; count: rows of `world.tell` to send; gone:
+            # numbers of actors that left their last lane
             count, gone = world.move(to_sumo=stage.sends(world), as_read=stage.as_read)
             moved = 1
             if gone:
@@ -272,8 +272,8 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
 def _release(world: World, driver: EgoControl, row: int) -> None:
     """Release the controller of a row, once."""
     case = world.case_of(row)
-    if case not in world.released:
-        world.released.add(case)
+    if case not in driver.released:
+        driver.released.add(case)
         driver.release(world, row)
 
 

@@ -73,6 +73,7 @@ _CHORD_SHARE = 0.03
 
 # indices among the numbers of an ego
 _FRONT_X, _FRONT_Y = first_number("front_x"), first_number("front_y")
+_PLACED, _STALE, _SETTLED = first_number("placed"), first_number("stale"), first_number("settled")
 _LANE_SPEED = NEXT.start + 3  # the ego's speed as SUMO counts it, along the lane
 
 
@@ -86,7 +87,7 @@ class OnTraci(EgoControl):
         super().__init__(ads, seeds, terms)
         # a proxy: a circle of references would keep a batch's arrays until Python looks for circles
         self._hooks = [_Hook(proxy(self), it, terms) for it in ads]
-        self.unguarded = self._hooks[0].waits
+        self.unguarded = ads[0].took is not None
 
     def begin(self, world: World, stage: Stage) -> None:
         """Reset the ADSs."""
@@ -140,13 +141,9 @@ class OnTraci(EgoControl):
 
     def step(self, world: World, time: float) -> None:
         """One step of each ADS."""
+        self._each(world, _Hook.step, time)
         if not self._alone:
-            self._each(world, _Hook.step, time)
             self._check_clock(world, time)
-            return
-        self._rows[0].step(world, time)
-        if world.cases[0].road.spans and world.egos["placed"][0] == SUMO:
-            self._rows[0].lead_along_lane()
 
     def after(self, world: World, now: float) -> None:
         """Read the egos that SUMO moved."""
@@ -159,20 +156,21 @@ class OnTraci(EgoControl):
         """Close the ADS and remove its listeners."""
         hook = self._rows[row]
         if self._alone:
-            self._close_guarded(world, row, hook.ads.close, hook.target)
+            self._close_guarded(world, row, hook.ads.close, hook.ads.target)
         else:
             self._each(world, lambda hook, *_: hook.ads.close(), 0.0, [row])
         super().release(world, row)
 
 
 class _Hook:
-    """The ADS of one case, and its ego where SUMO moves it."""
+    """The ADS of one case, and its ego where SUMO moves it.
+
+    At most 29 attributes, as in `World`.
+    """
 
     def __init__(self, driver: OnTraci, ads: Adapter, terms: Terms) -> None:
         self.ads, self._driver = ads, driver
-        self._terms, self._plant = terms, terms.plant
-        self.waits = hasattr(ads, "took")  # for a program that drives in its own time
-        self.target = ads.target
+        self._terms = terms
         self._bend = 0.0  # 1/m, the road's curvature beside the ego
         self._course = 0.0  # rad, the direction of its last motion, relative to the road
         self._lanes = 0, 0  # on a curved road: its lane before and after the last step
@@ -189,8 +187,8 @@ class _Hook:
         self.ego = stage.names[case][0]
         self.names = _names(concrete, suffix(case, len(world.cases)))
         self._native = isinstance(self.ads, NativeModel)
-        plain = type(self.ads) is ObjectController and type(self.target) is FunctionType
-        self._act = self.target if plain else self.ads.step
+        plain = type(self.ads) is ObjectController and type(self.ads.target) is FunctionType
+        self._act = self.ads.target if plain else self.ads.step
         self._step, self._limits = world.settings.step, world.each[case].vehicle
         self._half = 0.5 * self._limits.length
         self._take_wheel(world)
@@ -199,7 +197,9 @@ class _Hook:
         """Make the executor of commands, and find out what delays them."""
         case, settings = self._case, world.each[self._case]
         self._latencies = world.latencies.own[case]
-        self._settled = getattr(self.target, "settled", None) if settings.end_when_decided else None
+        self._settled = (
+            getattr(self.ads.target, "settled", None) if settings.end_when_decided else None
+        )
         self.road = world.cases[case].road
         self._bent = self.road.bent
         # 1/m, of all curves
@@ -210,13 +210,12 @@ class _Hook:
     def watch(self, world: World, row: int) -> None:
         """Look at this row of the world's arrays from now on."""
         # _mine: the ego's record in the world, as an array of one
-        self._row, self._mine = row, world.egos[row : row + 1]
+        self._mine = world.egos[row : row + 1]
         # Memory views: to read one number of them takes a tenth as long as of an array.
         # _state: the numbers of an ego, first those of a `BODY` (x, y, heading, speed, ...)
         self._state: Any = self._mine.view(np.float64).reshape(-1).data
-        self._placed = self._mine["placed"].data
-        self._stale = self._mine["stale"].data
-        self._settles = self._mine["settled"].data
+        # _flags: the same as whole numbers
+        self._flags: Any = self._mine.view(np.int64).reshape(-1).data
 
     def begin(self, world: World, time: float) -> None:
         """Reset the ADS."""
@@ -235,7 +234,7 @@ class _Hook:
 
         A refused call is not raised: the caller's `_check_clock` reports it.
         """
-        self._world.keep_fault(self._case, error, self.target, self._terms.folder)
+        self._world.keep_fault(self._case, error, self.ads.target, self._terms.folder)
         if isinstance(error, RefusedCallError):
             return
         # an adapter, or the watch over the step, has put it in words
@@ -258,16 +257,16 @@ class _Hook:
             if command is not None:
                 self._take_over(world, command)
             # else nothing changes, as in nearly every step: SUMO moves the ego already
-            elif self._placed[0] != SUMO or GUARD.mode_may_differ or self._plant is not None:
+            elif self._flags[_PLACED] != SUMO or GUARD.mode_may_differ:
                 self._leave_to_sumo()
         except self._traci.TraCIException as error:
             raise ControllerError(
                 f"After the ADS's step at {time:.2f} s SUMO cannot move the ego: {said(error)}."
             ) from error
         if self._settled is not None:
-            self._settles[0] = bool(self._settled())
+            self._flags[_SETTLED] = bool(self._settled())
 
-    def lead_along_lane(self) -> None:
+    def _lead_along_lane(self) -> None:
         """Reroute an ego along its lane where its route leaves the lane, as SUMO would stop it.
 
         An ego that brakes for that place, as SUMO's own model does, keeps its route.
@@ -323,9 +322,7 @@ class _Hook:
         except BaseException as error:  # noqa: BLE001 - `_blamed` raises it, put in words
             self._blamed(error, f"at {time:.2f} s", time)
         finally:
-            took = perf_counter() - started
-            if self.waits:
-                took += self.ads.took  # type: ignore[attr-defined]
+            took = perf_counter() - started + (self.ads.took or 0.0)
             self._latencies.append(took)
         if took > self._terms.step_timeout:
             raise ControllerTimeoutError(
@@ -336,7 +333,7 @@ class _Hook:
             self._driver._check_clock(self._world, time)
         late = self._actuation.late(took)
         # an ego that SUMO moves stays with SUMO where a command is late
-        if answer is None or (late and self._world.steps and self._placed[0] == SUMO):
+        if answer is None or (late and self._world.steps and self._flags[_PLACED] == SUMO):
             self._executor.release()
             return None, took
         command = self._obeyed(answer, time, late=late)
@@ -350,12 +347,12 @@ class _Hook:
         """
         try:
             wanted = None if answer is None else checked_answer(answer)
-            if self._placed[0] == SUMO:  # from here on the vehicle model or the plant moves it
+            if self._flags[_PLACED] == SUMO:  # from here on the vehicle model or the plant moves it
                 self._calls.setSpeedMode(self.ego, EXACT_SPEED_MODE)
-                self._placed[0] = MODEL
+                self._flags[_PLACED] = MODEL
                 corner(self._mine, self._bend, self._limits)
                 if self._world.steps == 0:
-                    self._world.begin_as_model(self._row)
+                    self._world.begin_as_model(self._world.rows.tolist().index(self._case))
             return self._executor.command(wanted, self._state, time, late=late)
         except ControllerError as error:
             raise with_time(error, f"at {time:.2f} s") from error
@@ -365,35 +362,37 @@ class _Hook:
     def _leave_to_sumo(self) -> None:
         """Let SUMO move the ego, within its limits, from this step on."""
         world = self._world
-        if self._plant is not None:
+        if self._terms.plant is not None:
             world.note(self._case, "vehicle_model_not_used", 1.0, 0.0)
-        if self._placed[0] != SUMO:
+        if self._flags[_PLACED] != SUMO:
             self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
-            self._placed[0] = SUMO
-            self._stale[0] = 1
+            self._flags[_PLACED] = SUMO
+            self._flags[_STALE] = 1
         elif not self._native and GUARD.mode_may_differ:
             mode = self._calls.getSpeedMode(self.ego)
             if mode != EGO_SPEED_MODE:
                 world.note(self._case, "speed_mode", mode, EGO_SPEED_MODE)
                 self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
+        if self.road.spans:  # such cases are driven alone
+            self._lead_along_lane()
 
     def _take_over(self, world: World, command: Command) -> None:
         """Let the vehicle model or the plant move the ego, as commanded."""
         state = self._state
-        self._stale[0] = 1  # SUMO hears of the ego at every step
-        if self._plant is None:
+        self._flags[_STALE] = 1  # SUMO hears of the ego at every step
+        if self._terms.plant is None:
             at = COMMAND.start
             state[at], state[at + 1] = command.acceleration, command.steering
         else:
-            advance_plant(self._plant, world, command)
+            advance_plant(self._terms.plant, world, command)
 
     def after(self, world: World, now: float) -> None:
         """Read the ego that SUMO moved; where the vehicle model moves it, SUMO must show the
         same.
         """
-        if self._placed[0] != SUMO:
+        if self._flags[_PLACED] != SUMO:
             self._check_placed_ego(now)
-        elif not self._bent and not self._stale[0] and self._went_straight():
+        elif not self._bent and not self._flags[_STALE] and self._went_straight():
             return
         else:
             self._read_driven_ego(now)
@@ -472,8 +471,9 @@ class _Hook:
         self._check_course(pose, now)
         acceleration = (speed - state[_LANE_SPEED]) / self._step
         state[_LANE_SPEED] = speed
-        if self._stale[0]:  # the first step in which SUMO moves it: it may turn it into the lane
-            self._stale[0] = 0
+        # the first step in which SUMO moves it: it may turn it into the lane
+        if self._flags[_STALE]:
+            self._flags[_STALE] = 0
             turned = abs(math.remainder(heading - last_heading, math.tau))
             # more than rounding and the road's own curve
             if turned > 1e-3 + abs(last_speed * self._step * self._bend):

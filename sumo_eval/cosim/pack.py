@@ -97,7 +97,7 @@ class Pack:
         world.egos["command"]["acceleration"] = commands[:, 0]
         world.egos["command"]["steering"] = commands[:, 1]
         stage, steps = self._stage, world.steps
-        count, gone = world.move(to_sumo=stage is not None and stage.sends(world))
+        count, gone = world.move(to_sumo=0 if stage is None else stage.sends(world))
         if stage is not None:
             stage.put_aside(gone)
             stage.tell(world, count)

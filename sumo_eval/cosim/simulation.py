@@ -595,7 +595,8 @@ def _together(
             traceback_of(error),
         )
         return [Alone("together_failed", said(error))] * len(cases)
-    return world.recordings(clock.perf_counter() - began)
+    batched = "batched" if ads_asks and len(cases) > 1 else ""
+    return world.recordings(clock.perf_counter() - began, batched)
 
 
 @contextmanager

@@ -73,6 +73,10 @@ class Stage:
         # whether SUMO receives places on lanes: in a curve it takes fifty times as long for a place
         # on the map
         self._on_lanes = self._bent and not as_read
+        # Whether SUMO can move by itself the actors that only keep their speed: on a straight road,
+        # where the actors' motion depends on time alone.
+        quiet = as_read and not road.line and not any(case.lively for case in world.cases)
+        self._sent = 2 if quiet else 1  # as in `move_rows`
         # the speed that SUMO received last, m/s along the line, by vehicle
         self._told: dict[str, float] = {}
         # Whether SUMO has to look for the lane of a place, and even for the edge: a user's network
@@ -112,9 +116,9 @@ class Stage:
         """Continue without the rows that have ended."""
         self._live = world.live
         self._names: list[str] = []  # of vehicles that are read at once; empty: to be found again
-        # (row, index) of the actors that `read` has to read: those of the only row, until
+        # name -> row and index of the actors that `read` has to read: those of the only row, until
         # `read_at_once` leaves others
-        self._unread = [(0, j) for j in range(self._width - 1)]
+        self._unread = {name: (0, j) for j, name in enumerate(self._flat[1 : self._width])}
 
     def take_charge(self, world: World) -> None:
         """Take control of SUMO's vehicles; fail the cases that SUMO starts otherwise."""
@@ -139,13 +143,16 @@ class Stage:
                 if departure_speed(actor) < actor.start.speed:
                     calls.setPreviousSpeed(name, actor.start.speed)
 
-    def sends(self, world: World) -> bool:
-        """Whether SUMO receives the vehicles in the coming step; else it receives none.
+    def sends(self, world: World) -> int:
+        """`to_sumo` of `move_rows`: the vehicles that SUMO receives in the coming step.
 
-        Near the road's end it does: else a vehicle that its script slows down could leave too soon.
+        Near the road's end it receives the vehicles: else one that its script slows down could
+        leave too soon.
         """
-        now = world.time + self._step
-        return self.ads_asks or self.compares(world.steps) or world.may_leave(now)
+        sends = (
+            self.ads_asks or self.compares(world.steps) or world.may_leave(world.time + self._step)
+        )
+        return self._sent if sends else 0
 
     def compares(self, steps: int) -> bool:
         """Whether SUMO and the world are compared in the step after `steps`: in the first and every
@@ -241,8 +248,7 @@ class Stage:
         left = world.read(self._numbers, shown, self._odd)
         rows = self._keep_unread(self._odd[:left])
         # `read` compares the actors that are left with their last places
-        unread = [self._actor(row, j) for row, j in self._unread]
-        last = {name: self.fronts[name] for name in unread}
+        last = {name: self.fronts[name] for name in self._unread}
         self.fronts |= zip(names, fronts, strict=True)
         self.fronts |= last
         self.speeds |= zip(names, speeds, strict=True)
@@ -250,9 +256,14 @@ class Stage:
 
     def _keep_unread(self, numbers: IntArray) -> list[int]:
         """Leave the actors among these vehicles to `read`; return the rows of the egos."""
-        places = [divmod(number, self._width) for number in numbers.tolist()]
-        self._unread = [(row, column - 1) for row, column in places if column]
-        return [row for row, column in places if not column]
+        self._unread, rows = {}, []
+        for number in numbers.tolist():
+            row, column = divmod(number, self._width)
+            if column:
+                self._unread[self._flat[number]] = row, column - 1
+            else:
+                rows.append(row)
+        return rows
 
     def _find_names(self, world: World) -> list[str]:
         """Names of the egos and of the actors that are present, in rows that have not ended."""
@@ -264,23 +275,19 @@ class Stage:
         self._names = [self._flat[number] for number in self._numbers.tolist()]
         return self._names
 
-    def _actor(self, row: int, actor: int) -> str:
-        """Name in SUMO of an actor of a row."""
-        return self._flat[row * self._width + 1 + actor]
-
     def read(self, world: World) -> None:
         """Take in the actors where they are as SUMO shows them."""
         if not self.as_read:
             return
         present = self._present
-        for row, j in self._unread:
+        for name, (row, j) in self._unread.items():
             shown = _NOT_THERE
             if present[row, j]:
                 try:
-                    shown = self._read_actor(world, row, j)
+                    shown = self._read_actor(world, name, row, j)
                 except self.traci.TraCIException:
                     present[row, j], self._names = 0, []
-                    self.speeds.pop(self._actor(row, j), None)
+                    self.speeds.pop(name, None)
                     self._note_leaving(world, row, j)
                 except SimulationError:
                     if self._alone:
@@ -288,12 +295,14 @@ class Stage:
                     world.leave(row, LEFT_BATCH)
             world.shown[row, j] = shown
 
-    def _read_actor(self, world: World, row: int, j: int) -> tuple[float, float, float, float]:
+    def _read_actor(
+        self, world: World, name: str, row: int, j: int
+    ) -> tuple[float, float, float, float]:
         """x and y of an actor's front bumper, angle and speed as SUMO shows them.
 
         Raises TraCIException if it has left SUMO, SimulationError if no vehicle can be like that.
         """
-        calls, name = self.calls, self._actor(row, j)
+        calls = self.calls
         x, y = front = calls.getPosition(name)
         angle, speed = calls.getAngle(name), calls.getSpeed(name)
         last_x, last_y = self.fronts[name]

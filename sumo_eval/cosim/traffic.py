@@ -85,7 +85,7 @@ class Traffic(Stage):
         present = (world.others["present"] == 1) & (world.egos["live"] == 1)[:, None]
         handed_over = np.argwhere((world.players.plays["model"] == HANDED_OVER) & present).tolist()
         new = [(row, j) for row, j in handed_over
-               if self._actor(row, j) not in self._handed]  # fmt: skip
+               if self._flat[self._number(row, j)] not in self._handed]  # fmt: skip
         if new:
             self._find_reacting(world)
         for row, j in new:

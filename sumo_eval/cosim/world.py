@@ -31,7 +31,6 @@ from sumo_eval.cosim.records import (
     REASONS,
     SCENARIO,
     SIM_ERROR,
-    SUMO,
     TO_ITS_END,
     WHATS,
     Scenes,
@@ -105,6 +104,8 @@ def kind_of(concrete: ConcreteScenario) -> tuple[object, ...]:
 class World:
     """One simulation: n cases on one road with m actors each.
 
+    At most 29 attributes: of an object with more Python 3.11 reads each attribute more slowly.
+
     rows: indices of the cases that have a row in the arrays, in the arrays' order; rows of ended
         cases stay until `keep`.
     each: settings of each case.
@@ -137,7 +138,6 @@ class World:
             )
         )
         self.left: dict[int, Alone] = {}
-        self.released: set[int] = set()  # cases whose driver has been released
         self.latencies = Latencies(n)
         vehicles = [case.vehicle for case in self.each]
         alike = vehicles.count(vehicles[0]) == n
@@ -145,40 +145,38 @@ class World:
             described(cases[0].road, vehicle, settings)
             for vehicle in (vehicles[:1] if alike else vehicles)
         ])  # fmt: skip
-        self.line = knots_of(cases[0].road.line)
+        line = knots_of(cases[0].road.line)
         self.egos, self.others = _egos(cases, settings.vehicle, placed), _others(cases)
         if placed == MODEL and cases[0].road.bent:
             limits = self.scenario["vehicle"][::2].view(np.recarray)
             _put_in_curve(self.egos, cases[0].road, limits)
         self.players = players([case.actors for case in cases])
         self.egos["scripted_until"] = [case.script_end + settings.step for case in cases]
-        self.end_of_lanes = cases[0].road.end - _ARRIVED
         self.none_leaves_before = 0.0  # s
         self.clips = np.zeros((n, len(WHATS)), CLIP)
         self.seen = np.zeros((n, m), MOVER)
         self.shown = np.zeros((n, m, 4))
         self.tell = np.zeros((n * (1 + m), 8))  # as in `move_rows`
-        self._sampled = 1  # samples taken of a vehicle, at most
-        self._room = 64  # samples that the arrays have room for
-        self.samples = np.zeros((n, 1 + m, self._room, len(CHANNELS)))
+        self._free = 61  # instants that `samples` has room for, at least, and two more
+        self.samples = np.zeros((n, 1 + m, 64, len(CHANNELS)))
         every = round(settings.record_interval / settings.step)  # steps from one sample to the next
         model = placed == MODEL and settings.plant is None  # the vehicle model moves all egos
-        self.kept = np.zeros((n, self._room * every, 2 if model else 6))
-        self._batched = "batched" if placed == SUMO and n > 1 else ""  # `Recording.batched`
-        self._codes: dict[Any, Any] = {}  # the rules of a step as machine code for these arrays
-        self.reacts = any(case.reacts for case in cases)  # whether SUMO's models drive actors
-        # whether SUMO can move by itself the actors that only keep their speed: on a straight road,
-        # where the actors' motion depends on time alone
-        self._may_be_quiet = not len(self.line) and not any(case.lively for case in cases)
+        self.kept = np.zeros((n, 64 * every, 2 if model else 6))
         acts = self.players.acts
         # whether moves wait for conditions or the end of a step
         self.waits = bool(((acts["steps"] > 0) | (acts["kind"] == FOLLOW)).any())
         for bodies in (self.egos, self.others):
             for name in ("x", "y", "heading", "speed"):
                 bodies["before"][name] = bodies[name]
+        self.cast = Cast(self.egos, self.others, *self.players, line)
         self.gather()
         wake_rows(self.cast, 0.0, 0.0)
         begin_rows(self.cast, self.seen, self.samples, self.scenario)
+        # the rules of a step as machine code for these arrays
+        self._codes: dict[Any, Any] = {
+            move_rows: bound(move_rows, self.cast, self.clips, self.tell, self.scenario, 0, 0),
+            see_rows: bound(see_rows, self.scenes, self.scenario, self.cast.line, 0, 0, 0),
+        }
         self.going = n
 
     def begin_as_model(self, row: int) -> None:
@@ -196,39 +194,35 @@ class World:
         """Call a loop over the rows by its machine code for these arrays, in a third of the time
         of an ordinary call.
         """
-        code = self._codes.get(loop)
-        if code is None:
-            code = self._codes[loop] = bound(loop, *arguments)
-        return code(*arguments)
+        if loop not in self._codes:
+            self._codes[loop] = bound(loop, *arguments)
+        return self._codes[loop](*arguments)
 
     def gather(self) -> None:
         """Renew `scenes` and `cast`, which hold the arrays, after an array has been replaced."""
         self.scenes = Scenes(
             self.egos, self.others, self.clips, self.seen, self.samples, self.shown, self.kept
         )
-        self.cast = Cast(self.egos, self.others, *self.players, self.line)
+        self.cast = Cast(self.egos, self.others, *self.players, self.cast.line)
 
-    def move(self, *, to_sumo: bool, as_read: bool = False) -> tuple[int, Sequence[int]]:
+    def move(self, *, to_sumo: int, as_read: bool = False) -> tuple[int, Sequence[int]]:
         """Move all vehicles to the end of the coming step; return the number of rows of `tell`, and
         the numbers of the vehicles that have left.
 
-        to_sumo: whether SUMO receives the vehicles in this step.
+        to_sumo: what SUMO receives in this step, as in `move_rows`.
         as_read: whether the actors are where SUMO shows them.
         """
-        steps, quiet = self.steps + 1, as_read and self._may_be_quiet
-        count = self._run(
-            move_rows, self.cast, self.clips, self.tell, self.scenario, steps,
-            to_sumo * (1 + quiet),  # 0, 1 or 2, as in `move_rows`
-        )  # fmt: skip
+        steps = self.steps + 1
+        move = self._codes[move_rows]
+        count = move(self.cast, self.clips, self.tell, self.scenario, steps, to_sumo)
         now = steps * self.settings.step
         return self.let_leave(now, count, as_read) if self.may_leave(now) else (count, ())
 
     def see(self, *, sampling: bool = False, as_read: bool = False) -> int:
         """Take in what SUMO shows at the end of the step; the number of cases that ended."""
         self.steps += 1
-        return int(self._run(
-            see_rows, self.scenes, self.scenario, self.line, self.steps, int(sampling), int(as_read)
-        ))  # fmt: skip
+        see, line = self._codes[see_rows], self.cast.line
+        return int(see(self.scenes, self.scenario, line, self.steps, sampling, as_read))
 
     def read(self, numbers: IntArray, read: FloatArray, odd: IntArray) -> int:
         """Take in what SUMO shows of vehicles, as in `read_rows`."""
@@ -279,7 +273,17 @@ class World:
 
     def put_on_map(self) -> None:
         """Compute the actors' positions on the map from those along and across the road."""
-        self._run(map_rows, self.others, self.line)
+        self._run(map_rows, self.others, self.cast.line)
+
+    @property
+    def reacts(self) -> bool:
+        """Whether SUMO's models drive actors."""
+        return any(case.reacts for case in self.cases)
+
+    @property
+    def end_of_lanes(self) -> float:
+        """x at which SUMO removes a vehicle's front, m."""
+        return self.cases[0].road.end - _ARRIVED
 
     @property
     def time(self) -> float:
@@ -340,9 +344,9 @@ class World:
 
     def room_for_samples(self) -> None:
         """Make room for the sample that the coming step takes."""
-        self._sampled += 1
-        if self._sampled + 2 > self._room:
-            self._room *= 2
+        self._free -= 1
+        if self._free < 0:
+            self._free += self.samples.shape[2]
             self.samples, self.kept = _twice_as_long(self.samples), _twice_as_long(self.kept)
             self.gather()
 
@@ -355,7 +359,6 @@ class World:
         if len(self.scenario) > 2:  # two records for each row
             self.scenario = self.scenario.reshape(-1, 2)[rows].reshape(-1)
         self.players = self.players.of(rows)
-        self._codes = {}
         self.gather()
 
     def end(self, row: int) -> None:
@@ -416,10 +419,11 @@ class World:
         elsewhere = np.flatnonzero(np.round(y / width) != np.round(y[-1] / width))
         return float(time[-1] - time[elsewhere[-1]] if len(elsewhere) else time[-1])
 
-    def recordings(self, wall_time: float) -> list[Recording | Alone]:
+    def recordings(self, wall_time: float, batched: str = "") -> list[Recording | Alone]:
         """The recording of each case, or why it has to be driven alone.
 
         wall_time: of all cases together, s.
+        batched: as of a `Recording`.
         """
         recordings: list[Recording | Alone] = []
         for case in range(len(self.cases)):
@@ -430,7 +434,7 @@ class World:
             recordings.append(self.ended[case](
                 None if error is None else clean(error), clean_log(self.logs.get(case, "")),
                 self.latencies.of(case), wall_time / len(self.cases), self.places.get(case, ""),
-                self._batched,
+                batched,
             ))  # fmt: skip
         return recordings
 
@@ -451,7 +455,7 @@ class World:
     def _touching(self, vehicle: Any, x: float) -> Body:
         """A vehicle at its position on the map, in the axes that the road has at x."""
         body = Body(*vehicle.tolist()[:7])
-        if not len(self.line):
+        if not len(self.cast.line):
             return body
         origin = Pose(0.0, 0.0, 0.0).along(self.cases[0].road.line, x)
         ahead, left, turned = Pose(*vehicle["map"].tolist()).seen_from(origin)

@@ -96,9 +96,11 @@ class Adapter:
     """Base of adapters: each makes a controller of something else.
 
     target: the user's own object.
+    took: wall time of the last turn, s, of a program that drives in its own time; else None.
     """
 
     target: Any = None
+    took: float | None = None
     is_policy = False  # whether it is called by `act`, with an Observation and nothing else
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:

@@ -16,7 +16,7 @@ import functools
 import os
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType
 from typing import Any, cast
 
 from sumo_eval import kernels
@@ -73,7 +73,9 @@ _CALLS = (
     "setSpeed", "setSpeedMode",
 )  # fmt: skip
 _LIBSUMO = libsumo.libsumo._libsumo
-_DIRECT = SimpleNamespace(**{call: getattr(_LIBSUMO, f"vehicle_{call}") for call in _CALLS})
+# Python finds a function of a module twice as fast as one of an object
+_DIRECT = ModuleType("vehicle")
+vars(_DIRECT).update({call: getattr(_LIBSUMO, f"vehicle_{call}") for call in _CALLS})
 
 
 def _borrows(traci: Any) -> bool:
