@@ -27,15 +27,15 @@ from sumo_eval.trajectory import (
 )
 
 TOUCH = 1e-3
-"""Bodies nearer than this, m, touch: a quotient by a gap this small, in the last sample before a
+"""Bodies nearer than this, m, touch: dividing by so small a gap, as in the last sample before a
 contact, means nothing."""
 CLOCK = 0.1
 """Time between two samples of `smooth_motion`, s, whatever the recording's own rate."""
 SLOPE_SAMPLES = 11
-"""Samples through which `smooth_motion` lays a line, its slope being the derivative: 1 s, so that a
-tracker's noise of a few centimetres adds less than 0.1 m/s and 0.2 m/s2."""
+"""Samples of the line that `smooth_motion` fits for a derivative: 1 s, so that a tracker's noise of
+a few centimetres adds less than 0.1 m/s and 0.2 m/s2."""
 UNREST_SAMPLES, UNREST_CHANGES = 7, 20
-"""Unrest is the sum of the sizes of 20 changes (2 s) of the slope over 7 samples (0.6 s): noise of
+"""Unrest is the sum of |change| over 20 steps (2 s) of the slope over 7 samples (0.6 s): noise of
 0.05 m/s adds less than 2 m/s2."""
 STANDING = 0.1
 """Below this speed, m/s, a vehicle stands."""
@@ -74,14 +74,14 @@ class CriticalityMeasures:
 
 
 class SmoothMotion(NamedTuple):
-    """Derivatives of a recorded or simulated drive that noise does not reach, (n,) each.
+    """Derivatives of a recorded or simulated drive, smoothed against noise, each of its own length.
 
     acceleration: of the speed, m/s2.
     jerk: m/s3.
     lateral_speed, lateral_acceleration: of y, the road's left positive, m/s and m/s2.
     unrest: change of acceleration, up and down, within 2 s, m/s2.
 
-    A drive too short for a derivative has it empty.
+    A derivative for which the drive is too short is empty.
     """
 
     acceleration: FloatArray
@@ -92,7 +92,7 @@ class SmoothMotion(NamedTuple):
 
 
 class Course(NamedTuple):
-    """Common basis of the measures and the extremes of one drive, (n,) each at the ego's samples.
+    """Series from which measures and extremes of a drive come; gap to thw (n,), at ego samples.
 
     gap: to the nearest lead vehicle, m.
     closing: m/s.
@@ -119,7 +119,7 @@ def course_of(
     ego: its trajectory.
     actors: the other vehicles by name.
     collision: the ego's first contact if any.
-    road: in whose frame they are.
+    road: whose frame the trajectories are in.
     """
     gap, closing = vehicle_ahead(ego, actors, collision, road)
     return Course(
@@ -145,7 +145,7 @@ def measures(
     seen: the drive's `course_of`.
     """
     ttc, steps = least(seen.ttc), np.diff(ego.time)
-    across = ego.speed[1:] * np.diff(np.unwrap(ego.heading)) / steps  # lateral acceleration, m/s2
+    lateral = ego.speed[1:] * np.diff(np.unwrap(ego.heading)) / steps  # lateral acceleration, m/s2
     return CriticalityMeasures(
         min_ttc=ttc,
         max_ittc=1.0 / ttc if ttc else np.inf,  # nan stays nan
@@ -157,7 +157,7 @@ def measures(
         max_jerk=largest(np.abs(np.diff(ego.acceleration) / steps)),
         delta_v=np.nan if collision is None else velocity_change(collision),
         # steps below CLOCK count as CLOCK: the sample of a contact may come right after another
-        max_lateral_jerk=largest(np.abs(np.diff(across) / np.maximum(steps[1:], CLOCK))),
+        max_lateral_jerk=largest(np.abs(np.diff(lateral) / np.maximum(steps[1:], CLOCK))),
     )
 
 
@@ -195,9 +195,9 @@ def lane_keeping(ego: Trajectory, lane_width: float) -> LaneKeeping:
     away = np.flatnonzero(np.abs(offset) > IN_THE_MIDDLE)
     overshoot, settling = 0.0, 0.0
     if len(away):
-        first = away[0]
+        first, settled = away[0], away[-1] + 1
         overshoot = max(0.0, float(np.max(-np.sign(offset[first]) * offset[first:])))
-        settling = float(ego.time[away[-1] + 1]) if away[-1] + 1 < len(offset) else np.inf
+        settling = float(ego.time[settled]) if settled < len(offset) else np.inf
     return LaneKeeping(
         float(np.abs(offset).max()),
         overshoot,
@@ -220,11 +220,11 @@ def smooth_motion(drive: Trajectory) -> SmoothMotion:
     acceleration, lateral_speed = _slopes(speed), _slopes(y)
     jerk, lateral_acceleration = _slopes(acceleration), _slopes(lateral_speed)
     unrest = _unrest(speed)
-    # number of samples at which the vehicle stands, before each sample
+    # stood[i]: at how many samples before i the vehicle stands
     stood = np.concatenate([[0], np.cumsum(speed < STANDING)])
 
     def moving(values: FloatArray) -> FloatArray:
-        """Those of the derivatives in whose window the vehicle stands at no sample."""
+        """The derivatives in whose window the vehicle never stands."""
         window = clock.size - values.size + 1
         before, after = stood[: values.size], stood[window:]
         return np.asarray(values[after == before])
@@ -245,13 +245,13 @@ def _unrest(speed: FloatArray) -> FloatArray:
 
 
 def _slopes(values: FloatArray, samples: int = SLOPE_SAMPLES) -> FloatArray:
-    """Slope per second of the least-squares line through every `samples` neighbours CLOCK apart,
-    (n - samples + 1,).
+    """Slope per second of the least-squares line through each run of `samples` values CLOCK apart,
+    `samples` odd, (n - samples + 1,).
     """
     if values.size < samples:
         return np.zeros(0)
-    places = np.arange(samples) - samples // 2
-    return np.correlate(values, places / (CLOCK * np.sum(places**2)), mode="valid")
+    offsets = np.arange(samples) - samples // 2  # from the middle of a run, samples
+    return np.correlate(values, offsets / (CLOCK * np.sum(offsets**2)), mode="valid")
 
 
 def speed_along(drive: Trajectory, road: Road) -> FloatArray:
@@ -272,7 +272,7 @@ def vehicle_ahead(
     actors: the other vehicles by name.
     collision: the ego's first contact if any; a frontal one is a gap of 0 at its time, because
         bodies at an angle touch a little before the gap closes.
-    road: in whose frame they are.
+    road: whose frame the trajectories are in.
 
     d = x_other - x_ego - (l_ego + l_other)/2, bumper to bumper, at least 0; l_other and w_other of
     a turned body are its extents along and across the road. The ego counts as parallel to the road,
@@ -305,7 +305,8 @@ def time_to_collision(gap: FloatArray, closing: FloatArray) -> FloatArray:
 
     inf where the ego is not closing, 0 where it touches, nan without a gap.
     """
-    ttc = np.where((gap < TOUCH) & (closing > 0.0), 0.0, quotient(gap, closing, closing > 0.0))
+    touching = (gap < TOUCH) & (closing > 0.0)
+    ttc = np.where(touching, 0.0, quotient(gap, closing, closing > 0.0))
     return np.where(np.isnan(gap), np.nan, ttc)
 
 
@@ -344,10 +345,9 @@ def post_encroachment_time(
     actors: the other vehicles by name.
     collision: the ego's first contact if any; 0 for a frontal one.
 
-    The places are where the ego's front bumper is at its samples. A place counts where the other's
-    rear bumper passed it earlier, within the recording, with its body as it passed overlapping
-    across the road with the ego's at that sample. nan: there is no such place, as behind a vehicle
-    that never moves.
+    The places are where the ego's front bumper is at its samples. A place counts if the other's
+    rear bumper passed it earlier in the recording, and its body then overlapped, across the road,
+    the ego's at that sample. nan: there is no such place, as behind a vehicle that never moves.
     """
     if collision is not None and collision.side == "front":
         return 0.0
@@ -369,12 +369,12 @@ def post_encroachment_time(
     return pet if np.isfinite(pet) else float("nan")
 
 
-_FINER = 0.005  # s between the times at which `conflict_pet` looks between the samples
+_FINER = 0.005  # s, time step of `conflict_pet` between the samples
 
 
 def conflict_pet(ego: Trajectory, other: Trajectory, collision: Collision | None = None) -> float:
-    """PET of conflicting ways, s: least time between the ego's body and the other's being at one
-    place (Allen 1978).
+    """PET of conflicting paths, s: least time between the two bodies covering the same place (Allen
+    1978).
 
     ego, other: their trajectories.
     collision: a contact between them if any; 0 then.
@@ -386,18 +386,18 @@ def conflict_pet(ego: Trajectory, other: Trajectory, collision: Collision | None
     """
     if collision is not None:
         return 0.0
-    apart = np.abs(ego.time[:, None] - other.time[None, :])
+    lag = np.abs(ego.time[:, None] - other.time[None, :])
     touching = _overlap(ego, ego.time, other, other.time)
     if not touching.any():
         return float("nan")
-    i, j = np.unravel_index(int(np.argmin(np.where(touching, apart, np.inf))), apart.shape)
+    i, j = np.unravel_index(int(np.argmin(np.where(touching, lag, np.inf))), lag.shape)
     first, second = _around(ego.time, int(i)), _around(other.time, int(j))
     touching = _overlap(ego, first, other, second)
-    return float(np.abs(first[:, None] - second[None, :])[touching].min(initial=float(apart[i, j])))
+    return float(np.abs(first[:, None] - second[None, :])[touching].min(initial=float(lag[i, j])))
 
 
 def _around(time: FloatArray, at: int) -> FloatArray:
-    """Times between the samples before and after one, 0.005 s apart."""
+    """Times from the sample before `at` to the one after it, about `_FINER` apart."""
     begin, end = time[max(at - 1, 0)], time[min(at + 1, len(time) - 1)]
     return np.linspace(begin, end, max(round((end - begin) / _FINER), 1) + 1)
 
@@ -435,8 +435,7 @@ def _pose(trajectory: Trajectory, times: FloatArray) -> list[FloatArray]:
 
 
 def velocity_change(collision: Collision) -> float:
-    """Delta-v of the ego, m/s: (v_other - v_ego)/2 along the ego's heading, both of one mass, no
-    rebound.
+    """Delta-v of the ego, m/s: (v_other - v_ego)/2 along its heading, equal masses, no rebound.
 
     Negative where the contact slows the ego down, positive where it is pushed on, 0 at equal
     velocities.

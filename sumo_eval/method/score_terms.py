@@ -4,8 +4,8 @@ A', H and S+, which order ADSs.
 Every function takes arrays (n,) with a quantity of each case, nan where a case has no part in it,
 and `counts`, (m, n): how often each case occurs in each of m samples. A row of ones is the
 evaluation itself; a bootstrap draws further rows. Each score comes back as (m,), nan where a sample
-holds nothing to compute it from. A score, its interval and a difference between two scores are so
-computed by the same functions, from their arguments alone.
+holds nothing to compute it from. So a score, its interval and a difference of two scores come from
+the same functions, and from their arguments alone.
 
 Users: `scoring/`, `report/`, `extras/`, and the scores of this room.
 """
@@ -41,7 +41,7 @@ def once(n: int) -> FloatArray:
 class AskedTerms:
     """Counts that record the terms which a score sums, in order; each sum that they return is 0.
 
-    A score is a function of sums over cases, and the same sums whatever the data. So a long table
+    A score reads cases only through sums, the same ones whatever the data. So a long table
     of cases is scored in parts: for the cases of each part the score is called with `AskedTerms`,
     the caller sums the recorded terms over every sample, and adds these sums to those of earlier
     parts. At the end the score is called once with `KnownSums` of the totals. The memory in use
@@ -103,8 +103,7 @@ def collision_avoidance(
     counts: (m, n).
 
     A sample whose collisions all have r = 0 has their plain mean. A sample without a collision has
-    1 if a case of it was evaluated; without an evaluated case, or with collisions none of which can
-    be compared, it has nan.
+    1 if one of its cases was evaluated, else nan. If none of its collisions is comparable: nan.
     """
     compared = np.where(np.isfinite(weight), ratio, np.nan)
     plain = weighted_mean(compared, np.ones(compared.shape), counts)
@@ -117,12 +116,12 @@ def collision_avoidance(
 exposure_mean = weighted_mean
 """Eq. 13: D = sum(p_i D_i) / sum(p_i) in every sample, (m,); H and T likewise.
 
-nan where no case with exposure has one.
+nan where no case with exposure has a value.
 """
 
 
 class Worth(NamedTuple):
-    """Points of S that an index of 1 gives: C and D (Eq. 18, with k5 and k6)."""
+    """Points of S for C = 1 and for D = 1 (Eq. 18)."""
 
     c: float
     d: float
@@ -139,7 +138,7 @@ def paper_score(c: ArrayLike, d: ArrayLike, points: ScoreSettings) -> FloatArray
 
     c: C, (m,), 0..1, from `collision_avoidance`.
     d: D, (m,), 0..1, from `exposure_mean`.
-    points: a, b, points, k5 and k6, of the settings.
+    points: the settings a and b, in points, k5 and k6.
     """
     terms = np.asarray([c, d], dtype=float)
     full = worth(points)
@@ -198,7 +197,7 @@ def avoided_share(
     counts: (m, n).
 
     1: as the ideal vehicle; 0: as doing nothing; below 0: worse than that. A numerator of 0 gives
-    1; a denominator of 0 under another numerator gives 0. Where the weights of all points of a
+    1; a denominator of 0 with any other numerator gives 0. Where the weights of all points of a
     sample are 0, every point weighs the same. nan where no point of a sample is known. An ADS that
     is no worse in any case and better in one never has a lower A.
     """
@@ -245,8 +244,8 @@ def avoided_share_losses(
 
     severity, ideal, unreacting, weights: as in `avoided_share`.
 
-    nan where a point is not known. Where nothing was at stake but something was lost, A is 0 and
-    the points share the 1 by what each lost.
+    nan where a point is not known. Where nothing was at stake but something was lost, A is 0, and
+    each point has its share of what was lost.
     """
     stakes = Stakes.of(severity, ideal, unreacting, weights)
     weight = stakes.weight if stakes.weight.any() else stakes.known.astype(np.float64)
@@ -264,8 +263,8 @@ def product_losses(factors: FloatArray) -> FloatArray:
 
     This is the Shapley value. Setting a factor to 1 gains something, and how much depends on which
     of the remaining factors have been set to 1 before it. The value is the mean gain over all such
-    orders: (1 - v_j) times the mean of the products over the sets of remaining factors, each size
-    of a set weighing the same.
+    orders: (1 - v_j) times the mean product of the factors not yet set to 1, every number of them
+    weighing the same.
     """
     k = factors.shape[1]
     losses = np.empty(factors.shape)
@@ -313,9 +312,9 @@ def grade_slope(avoided: float, sharpness: float) -> float:
     avoided: A, at most 1.
     sharpness: x0, above 0.
     """
-    return (
-        0.0 if avoided < 0.0 else 1.0 / ((sharpness + 1.0 - avoided) * math.log1p(1.0 / sharpness))
-    )
+    if avoided < 0.0:  # max(A', 0) is flat there
+        return 0.0
+    return 1.0 / ((sharpness + 1.0 - avoided) * math.log1p(1.0 / sharpness))
 
 
 def _contains(flags: ArrayLike, counts: Counts) -> BoolArray:

@@ -1,4 +1,4 @@
-"""A night compared with its bases: each limit once, what may be chance, and whether the night
+"""Judges a night against its bases: each limit once, what may be chance, and whether the night
 becomes a base. For `nightly.night`.
 """
 
@@ -23,9 +23,7 @@ from sumo_eval.scoring.rule import Noise, only_improved
 
 
 class Since(NamedTuple):
-    """Since which night a limit has failed without a break, and for how many nights, tonight among
-    them.
-    """
+    """The first of the nights in a row in which a limit failed, and their number with tonight."""
 
     night: str
     nights: int
@@ -43,7 +41,7 @@ class JudgedNight(NamedTuple):
     noise: by how much the ADSs drove repeated cases differently tonight.
     shaky: cases that ended badly in some of their drives only.
     builds: build of each ADS, where known.
-    since: by name of each limit that failed tonight, since when it has failed.
+    since: by limit name, since when each limit that failed tonight has failed.
     """
 
     bases: Bases
@@ -59,12 +57,12 @@ def judge_night(
 ) -> JudgedNight:
     """Compare a night with its bases and evaluate its limits.
 
-    Each limit is listed once: as compared with the last good night, or, if it fails only beside the
-    accepted night, as compared with that one.
+    Each limit is listed once: against the last good night, or, if it fails only against the
+    accepted night, against that.
     """
     bases = find_bases(history, database, evaluation, gate)
     folder = history / AGAIN
-    # first the repeats alone: `bad_again` takes them
+    # `bad_again` needs a Noise that holds the repeats only
     noise = Noise(repeats_of(evaluation, gate, folder, progress))
     bad = bad_again(bases.comparisons, evaluation, noise, gate, folder)
     noise = Noise(noise.repeats, bad, keys_of(evaluation, database.shaky()))
@@ -81,7 +79,7 @@ def judge_night(
         gates.append(GateResult("pairs", "every ADS", EVERYWHERE, False, missing, 0.0, None))
     for comparison in bases.comparisons:
         results = judge_pairs(comparison, gate, accept)
-        if comparison is bases.pinned:
+        if comparison is bases.pinned:  # with the accepted night
             name = Path(comparison.base_folder).name
             results = [*judge_rule(comparison, gate, noise), *results]
             results = [result._replace(against=name) for result in results]
@@ -103,11 +101,12 @@ def judge_repeats(
 ) -> Iterator[GateResult]:
     """Whether two drives of a case are alike, within the tolerances, for each ADS.
 
-    It fails if all were alike in the last good night, and n differ tonight with a small P that by
-    chance all n do so tonight, 1/2 ** n. An ADS that did not repeat then has no limit.
+    It fails if all were alike in the last good night and n differ tonight, where the chance that
+    all n first differ tonight, 1/2 ** n, is small. An ADS without repeats then has no limit.
     """
-    line = (good and good.night, "repeats", True)  # of the limit that passed in that night
-    repeated = {it.ads for it in database.gates() if (it.night, it.quantity, it.passed) == line}
+    # an ADS whose repeats were all alike has a passed limit in that night
+    passed = (good and good.night, "repeats", True)
+    repeated = {it.ads for it in database.gates() if (it.night, it.quantity, it.passed) == passed}
     for ads, (cases, _, _, apart) in noise.repeats.items():
         lost = ads in repeated and 0.5 ** len(apart) < settings.noise.chance
         if lost or not apart:
@@ -142,15 +141,15 @@ def failing_since(
 def new_pin(
     night: Night, judged: JudgedNight, database: History, gate: GateSettings
 ) -> Accepted | None:
-    """Acceptance of a night without a user: of the first good one, and of one in which paired cases
-    only improved; None for any other.
+    """Automatic acceptance of a night: the first good one, or one whose paired cases only improved;
+    None for any other.
     """
     if not night.good:
         return None
     pin = pin_of(database)
     if pin is None:
         return pinned_by_itself(night.night, "the first good night", None)
-    beside = judged.bases.pinned or judged.bases.comparison
+    beside = judged.bases.pinned or judged.bases.comparison  # the accepted night's, if any
     noisy = any(repeats.noisy for repeats in judged.noise.repeats.values())
     if beside is None or noisy or beside.unpaired or not only_improved(beside, gate):
         return None

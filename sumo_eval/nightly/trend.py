@@ -43,7 +43,7 @@ COLOURS = ("var(--c)", "var(--actor)", "var(--d)", "var(--off)", "var(--muted)",
 DASHES = ("", "7 3", "2 3", "9 3 2 3", "4 4")
 # size and margins of a chart, in units of the SVG
 WIDTH, HEIGHT = 560, 210
-LEFT, RIGHT = 68, 36  # half a date reaches past the last night
+LEFT, RIGHT = 68, 36  # RIGHT: room for half of the last night's date
 TOP, BOTTOM = 12, 40
 _AXIS = WIDTH - LEFT - RIGHT  # length of the axis of nights
 MOST_LABELS = 3  # dates under a chart
@@ -194,7 +194,7 @@ def _drawn(
     """
     values = [*series.values(), *(bound for _, _, bound in limits)]
     ticks = _ticks(min(values), max(values), least=1.0 if unit == "cases" else 0.0)
-    at = {night.night: _place(index, nights) for index, night in enumerate(nights)}
+    at = {night.night: _place(index, nights) for index, night in enumerate(nights)}  # x by night
     colours, dashes = dict(zip(names, cycle(COLOURS))), dict(zip(names, cycle(DASHES)))
 
     def y_of(value: float) -> float:
@@ -202,6 +202,7 @@ def _drawn(
         return round(HEIGHT - BOTTOM - share * (HEIGHT - TOP - BOTTOM), 2)
 
     def point(night: str, name: str, value: float) -> Point:
+        # z: no minus before a 0
         words = f"{name}, {_date(night)}: {value:z.6g} {unit}".rstrip()
         return Point(at[night], y_of(value), words, (night, name, value))
 
@@ -241,11 +242,10 @@ def _dates(nights: Sequence[Night]) -> tuple[tuple[float, str], ...]:
     """
     every = math.ceil(len(nights) / MOST_LABELS)
     repeated = len({night.night[:10] for night in nights}) < len(nights)
+    labels = [_date(night.night)[5:] if repeated else night.night[:10] for night in nights]
     return tuple(
-        (_place(number, nights), _date(nights[number].night)[5:] if repeated
-         else nights[number].night[:10])
-        for number in range(len(nights) - 1, -1, -every)
-    )  # fmt: skip
+        (_place(number, nights), labels[number]) for number in range(len(nights) - 1, -1, -every)
+    )
 
 
 def _ticks(low: float, high: float, least: float) -> list[float]:

@@ -1,4 +1,4 @@
-"""The people from whose table the plausibility of a scenario's cases is read.
+"""The people that show which driving in a scenario is plausible.
 
 Users: `scoring.steps`, `report.driving_words`.
 """
@@ -29,9 +29,9 @@ SYNTHETIC = "synthetic"  # what is recorded as the controller of a synthetic dri
 
 
 class PlausiblePeople(NamedTuple):
-    """The table of people that the plausibility of a scenario's cases is read from.
+    """Quantiles of the people that show which driving in a scenario is plausible.
 
-    notes: who they are, if not those of the default.
+    notes: who they are; empty where the settings ask for "motorway".
     """
 
     people: Quantiles
@@ -41,11 +41,11 @@ class PlausiblePeople(NamedTuple):
 def plausible_people(
     logical: LogicalScenario, store: Store, settings: PlausibilitySettings
 ) -> PlausiblePeople:
-    """The people of the motorway, or the recorded drivers of the run in this scenario, each among
-    its other vehicles as these move undisturbed.
+    """The motorway people, or the run's recorded drivers in this scenario, each among vehicles that
+    move as if the ego kept its speed.
 
-    All drives of a person count as one person. Fewer than `LEAST_PEOPLE` persons cannot show a
-    share of 5 %: the motorway's stand in.
+    All drives of a person count as one. Fewer than `LEAST_PEOPLE` persons cannot resolve a share of
+    5 %: the motorway people stand in.
     """
     if settings.table == "motorway":
         return PlausiblePeople(MOTORWAY_PEOPLE, ())
@@ -60,7 +60,7 @@ def plausible_people(
     people = MOTORWAY_PEOPLE
     stand_in = None
     if persons < LEAST_PEOPLE:
-        stand_in = people.people  # number of the people that stand in
+        stand_in = MOTORWAY_PEOPLE.people  # how many stand in
     else:
         source = f"recorded drivers of the run in {logical.name}"
         people = quantiles_of(drives, names, source=source)
@@ -73,6 +73,7 @@ def _undisturbed(concrete: ConcreteScenario, drive: Trajectory) -> dict[str, Tra
     keeps its speed.
     """
     size = drive.length, drive.width
+    # (actors, times, channels); the first four channels are a Trajectory's, in its order
     others = tracks([concrete], [size], CLOCK, float(drive.time[-1])).others[0]
     time = CLOCK * np.arange(others.shape[1])
     return {

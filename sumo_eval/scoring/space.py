@@ -1,6 +1,4 @@
-"""One logical scenario of a run while it is scored, with all that the steps of `scoring.steps`
-need of it.
-"""
+"""One logical scenario of a run during scoring, with all that `scoring.steps` needs."""
 
 from __future__ import annotations
 
@@ -22,9 +20,9 @@ class ScenarioRun(NamedTuple):
     """A logical scenario of a run, with its points and the run's facts.
 
     entry: the scenario in the evaluation.
-    severity: U, or what stands for it.
+    severity: the measure of a collision's severity: U, or its substitute.
     cache: earlier results of the run.
-    spread: `map`, or that of `point_processes`.
+    spread: maps a function over items: `map`, or that of `point_processes`.
     car: the reference car of T, "" where the run holds none.
     outside: numbers of the points outside the support of recorded events.
     """

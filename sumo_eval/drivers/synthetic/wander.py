@@ -9,14 +9,14 @@ import numpy as np
 
 from sumo_eval.kernels import kernel
 
-COMPONENTS = 8  # K, sines of a `SmoothNoise`
+COMPONENTS = 8  # K, number of sines in a `SmoothNoise`
 
 
 @kernel
 def noise_at(waves: Any, amplitude: float, time: float) -> tuple[float, float, float]:
     """n, dn/dt and d2n/dt2 of a `SmoothNoise` at `time`, s.
 
-    waves: (8, 2).
+    waves, amplitude: those of the `SmoothNoise`.
     """
     value = rate = bend = 0.0
     for k in range(len(waves)):
@@ -33,7 +33,7 @@ class SmoothNoise:
     """A stationary random function with mean 0, deviation s and correlation exp(-t^2 / (2 l^2)), as
     a sum of sines:
 
-    n(t) = s sqrt(2 / K) sum_k sin(w_k t + p_k),   w_k ~ N(0, 1 / l),   p_k ~ U(0, 2 pi),   K = 8
+    n(t) = s sqrt(2 / K) sum_k sin(w_k t + p_k),   w_k ~ N(0, 1 / l^2),   p_k ~ U(0, 2 pi),   K = 8
 
     (Shinozuka, Jan, J. Sound Vib. 25, 111 (1972)). It can be differentiated, which an
     Ornstein-Uhlenbeck process cannot: that one would ask for unlimited lateral speed.

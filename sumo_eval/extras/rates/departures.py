@@ -45,13 +45,13 @@ class SceneDrive(NamedTuple):
 
     def cells(self) -> tuple[str, ...]:
         """The drive's row of the table under `HEAD`."""
-        most = self.apart.argmax()
+        peak = self.apart.argmax()
         reacted = "", ""
         if self.reacted is not None:
             reacted = f"{self.reacted[0]:.2f}", f"{self.reacted[1]}"
         return (
-            self.ads, self.scenario, self.point, f"{self.apart[most]:.2f}",
-            f"{self.time[most]:.1f}", f"{self.apart[-1]:.2f}", *reacted, self.end,
+            self.ads, self.scenario, self.point, f"{self.apart[peak]:.2f}",
+            f"{self.time[peak]:.1f}", f"{self.apart[-1]:.2f}", *reacted, self.end,
         )  # fmt: skip
 
     def sentence(self) -> str:
@@ -59,10 +59,10 @@ class SceneDrive(NamedTuple):
         reacts = "no actor reacts"
         if self.reacted is not None:
             reacts = f"{self.reacted[1]} react, from {self.reacted[0]:.1f} s on"
-        most = self.apart.argmax()
+        peak = self.apart.argmax()
         return (
-            f"{self.ads} in {self.scenario} ({self.point}): up to {self.apart[most]:.1f} m, at "
-            f"{self.time[most]:.1f} s; {self.apart[-1]:.1f} m at the end ({self.end}); {reacts}"
+            f"{self.ads} in {self.scenario} ({self.point}): up to {self.apart[peak]:.1f} m, at "
+            f"{self.time[peak]:.1f} s; {self.apart[-1]:.1f} m at the end ({self.end}); {reacts}"
         )
 
 
@@ -77,7 +77,7 @@ def departures_in(run: Path) -> list[SceneDrive]:
         for fact in store.facts("ads"):
             recorded = scenarios[fact.scenario].concrete(**fact.values).ego.recorded
             drive = store.trajectories(fact.case).get(EGO) if recorded else None
-            if drive is None:  # another scenario, or discarded trajectories
+            if drive is None:  # not a recorded scene, or its trajectories were discarded
                 continue
             # an actor that begins to react is handed over to SUMO
             reactions = ((it.first_time, it.count) for it in fact.clips if it.what == "handed_over")

@@ -15,7 +15,7 @@ from sumo_eval.extras.wheel.hands import EVERY_KEY, Given
 from sumo_eval.extras.wheel.seat import Input
 from sumo_eval.text import clean
 
-LARGEST = 8192  # bytes; the longest message is the answers of a form with a remark
+LARGEST = 8192  # bytes of a message; the longest holds a form's answers and a remark
 MOST_A_SECOND = 400  # messages
 REMARK = 1000  # characters of a text that a person types
 
@@ -24,9 +24,9 @@ Count = Annotated[int, _strict(ge=0, le=1 << 40)]
 Frames = Annotated[int, _strict(ge=0, le=100_000)]
 Number = Annotated[float, _strict(ge=-1e6, le=1e6)]
 Pedal = Annotated[float, _strict(ge=0.0, le=1.0)]
-# 1: a key or a stick moved as far as it goes; a wheel turns further
+# 1 is full deflection of a key or stick; a wheel turns further
 Steer = Annotated[float, _strict(ge=-30.0, le=30.0)]
-# `true` alone; Literal[True] would also accept 1
+# only `true`, as ge=True rules out false; Literal[True] would also accept 1
 Wish = Annotated[bool, _strict(ge=True)]
 Remark = Annotated[str, AfterValidator(lambda text: clean(text, REMARK))]
 Sent = tuple[
@@ -50,7 +50,7 @@ class Telling(TypedDict):
     frames, dropped: pictures drawn, and those of them that came late.
     stepped: how often the page changed to a cheaper drawing by itself.
     latency: times from input to picture, ms.
-    resolution: drawn pixels for each pixel of the screen, along its width and its height.
+    resolution: drawn pixels per screen pixel, along each axis.
     renderer: how the road was drawn, in words.
     """
 
@@ -63,9 +63,9 @@ class Telling(TypedDict):
 
 
 class Message(TypedDict, total=False):
-    """One message; it has one of these keys."""
+    """One message: exactly one of these keys, which `read` checks."""
 
-    # pydantic's own form
+    # how pydantic forbids other keys in a TypedDict
     __pydantic_config__ = {"extra": "forbid"}  # type: ignore[misc]  # noqa: RUF012
 
     token: str

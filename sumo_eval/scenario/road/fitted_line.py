@@ -16,13 +16,13 @@ from sumo_eval.scenario.road.pose import Pose, onto_the_line
 from sumo_eval.scenario.road.reference_line import Line, Piece, map_places
 from sumo_eval.trajectory import FloatArray
 
-WITHIN = 0.25  # m that the line may be off the polyline
+WITHIN = 0.25  # m, largest allowed distance of the line from the polyline
 _KNOTS = (10.0, 5.0, 2.5, 1.25)  # m between knots, tried in order until the line is near enough
 _SAMPLES = 2.0  # m, at most, between places of the polyline that the line is fitted to
 _STEP = 1.25  # m, at most, of an integration step; two steps or more from knot to knot
 _ROUNDS = 12  # Gauss-Newton rounds, at most
-# The rounds end after one that shifts the beginning by less than this, m, and changes each
-# curvature by less than this, rad, over the line's length.
+# The rounds end once the shift of the beginning, m, and each change of curvature times the line's
+# length, rad, are below this.
 _SETTLED = 1e-3
 # Weight of smoothness in the least squares: a second difference of the curvatures counts like a
 # place that is off the line by _SMOOTH * (distance of the knots)^2 * difference, m.
@@ -105,19 +105,19 @@ def _fitted(places: FloatArray, apart: float) -> Fit:
     A round's unknowns are a shift of the beginning, a turn of its heading, and a change of each
     curvature.
     """
-    segments = np.diff(places, axis=0).T
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*segments))])
-    headings = np.unwrap(np.arctan2(*segments[::-1]))
+    east, north = np.diff(places, axis=0).T
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(east, north))])
+    headings = np.unwrap(np.arctan2(north, east))
     grid = _grid(float(s[-1]), apart)
-    first = np.array([*places[0], headings[0]])
+    first = np.array([*places[0], headings[0]])  # x, y, heading
     curvature = _curvatures(grid, s, headings)
     for _ in range(_ROUNDS):
         line = _integrated(grid, first, curvature)
         s, to_left, off = _feet(grid, line, places, s)
         # the beginning is shifted across the line alone, so that it stays beside the first place
         across = np.array([-np.sin(first[2]), np.cos(first[2])])
-        # rows @ (shift, turn, changes of curvatures) shall be `wanted`: a row for each place, by
-        # how much it is off the line, and one for each second difference
+        # rows @ (shift, turn, changes of curvatures) = wanted: a row for each place, with its
+        # distance from the line, and one for each second difference
         rows = np.hstack([to_left @ across[:, None], *_derivatives(grid, line, s, to_left)])
         rows = np.vstack([rows, np.hstack([np.zeros((len(grid.smooth), 2)), grid.smooth])])
         wanted = np.concatenate([np.einsum("ij,ij->i", off, to_left), -grid.smooth @ curvature])
@@ -136,8 +136,9 @@ def _fitted(places: FloatArray, apart: float) -> Fit:
 def _line_of(
     length: float, ends: list[float], begins: Pose, places: FloatArray, near: FloatArray
 ) -> Fit:
-    """The line of these curvatures at evenly spaced ends of pieces, and how far off it is.
+    """The line of given curvatures, and how far off it is.
 
+    ends: curvatures, 1/m, at the evenly spaced ends of the pieces.
     begins: pose at the line's beginning. near: s of the places' feet, about.
     """
     piece = length / (len(ends) - 1)
@@ -159,9 +160,9 @@ def _grid(length: float, apart: float) -> _Grid:
     unit = np.eye(pieces + 1)  # row k: curvature 1 at knot k, 0 at the others
     # hat: curvature at each middle, where the curvature is 1 at one knot, (count, k)
     hat = np.array([np.interp(middle, knots, curvatures) for curvatures in unit]).T
-    turned = np.concatenate([np.zeros((1, pieces + 1)), np.cumsum(hat, axis=0) * step])
+    at_ends = np.concatenate([np.zeros((1, pieces + 1)), np.cumsum(hat, axis=0) * step])
     smooth = _SMOOTH * apart**2 * np.diff(unit, 2, axis=0)
-    return _Grid(length, step, s, middle, knots, 0.5 * (turned[:-1] + turned[1:]), smooth)
+    return _Grid(length, step, s, middle, knots, 0.5 * (at_ends[:-1] + at_ends[1:]), smooth)
 
 
 def _curvatures(grid: _Grid, along: FloatArray, headings: FloatArray) -> FloatArray:
@@ -189,8 +190,8 @@ def _integrated(grid: _Grid, first: FloatArray, curvature: FloatArray) -> _Line:
 def _feet(
     grid: _Grid, line: _Line, places: FloatArray, s: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Feet of places on a line, from approximate ones: their s, (n,), the unit vectors to the left
-    there and those from the feet to the places, (n, 2) each.
+    """Feet of places on a line, from approximate ones: their s, (n,), unit vectors to the left at
+    the approximate feet, and vectors from the feet to the places, (n, 2) each.
 
     s: of the approximate feet.
     """
@@ -204,8 +205,8 @@ def _feet(
 def _derivatives(
     grid: _Grid, line: _Line, s: FloatArray, to_left: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of the positions at s, to the left: by the first heading, (n, 1), and by the
-    curvatures, (n, k).
+    """Derivatives of the shift to the left of the positions at s: by the first heading, (n, 1), and
+    by the curvatures, (n, k).
 
     to_left: unit vectors to the left at s, (n, 2).
     """
@@ -213,8 +214,9 @@ def _derivatives(
     share = ((s - grid.s[below]) / grid.step)[:, None]
 
     def moved(steps: FloatArray) -> FloatArray:
-        """Derivatives by the curvatures of one coordinate at s, where each step turned by 1 rad
-        moves it by `steps`.
+        """Derivatives of one coordinate at s by the curvatures.
+
+        steps: how far it moves for each step that turns by 1 rad, m.
         """
         swept = np.cumsum(steps[:, None] * grid.turned, axis=0)
         sums = np.concatenate([np.zeros((1, len(grid.knots))), swept])
