@@ -150,7 +150,7 @@ def simulate(
     except (ControllerError, SimulationError) as error:
         break_off(world, error)
         world.end(0)
-    world.logs[0] = world.logs.get(0, "") + getattr(ads, "log", "")
+    world.logs[0] += getattr(ads, "log", "")
     (recording,) = world.recordings(clock.perf_counter() - began)
     assert isinstance(recording, Recording)
     return recording

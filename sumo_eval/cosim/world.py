@@ -104,19 +104,16 @@ def kind_of(concrete: ConcreteScenario) -> tuple[object, ...]:
     return concrete.road, concrete.ego_body, *limits, len(concrete.actors)
 
 
-def _bind(rule: Any, *arguments: Any) -> None:
-    """Put a rule into `_CODES`.
-
-    arguments: of the same types as in every later call.
-    """
+def _code(rule: Any, *arguments: Any) -> Any:
+    """A rule of `_CODES`; arguments: of the same types as in every call."""
     if rule not in _CODES:
         _CODES[rule] = bound(rule, *arguments)
+    return _CODES[rule]
 
 
 def _run(rule: Any, *arguments: Any) -> Any:
     """Call a rule of `_CODES`."""
-    _bind(rule, *arguments)
-    return _CODES[rule](*arguments)
+    return _code(rule, *arguments)(*arguments)
 
 
 class World:
@@ -147,8 +144,10 @@ class World:
         self.steps = 0
         self.ended: dict[int, Callable[..., Recording]] = {}
         self.errors: dict[int, str] = {}
-        self.logs: dict[int, str] = {}
-        self.places: dict[int, str] = {}  # where in the user's code an exception came from
+        self.logs: dict[int, str] = defaultdict(str)
+        self.places: dict[int, str] = defaultdict(
+            str
+        )  # where in the user's code an exception came from
         # clips that no kernel counts, by case and name
         self.notes: dict[int, Any] = defaultdict(
             lambda: defaultdict(
@@ -170,6 +169,7 @@ class World:
             _put_in_curve(self.egos, cases[0].road, limits)
         self.players = players([case.actors for case in cases])
         self.egos["scripted_until"] = [case.script_end + settings.step for case in cases]
+        self.end_of_lanes = cases[0].road.end - _ARRIVED
         self.none_leaves_before = 0.0  # s
         self.clips = np.zeros((n, len(WHATS)), CLIP)
         self.seen = np.zeros((n, m), MOVER)
@@ -188,8 +188,8 @@ class World:
                 bodies["before"][name] = bodies[name]
         self.cast = Cast(self.egos, self.others, *self.players, line)
         self.gather()
-        _bind(move_rows, self.cast, self.clips, self.tell, self.scenario, 0, 0)
-        _bind(see_rows, self.scenes, self.scenario, self.cast.line, 0, 0, 0)
+        _code(move_rows, self.cast, self.clips, self.tell, self.scenario, 0, 0)
+        _code(see_rows, self.scenes, self.scenario, self.cast.line, 0, 0, 0)
         _run(wake_rows, self.cast, 0.0, 0.0)
         _run(begin_rows, self.cast, self.seen, self.samples, self.scenario)
         self.going = n
@@ -220,16 +220,15 @@ class World:
         as_read: whether the actors are where SUMO shows them.
         """
         steps = self.steps + 1
-        move = _CODES[move_rows]
-        count = move(self.cast, self.clips, self.tell, self.scenario, steps, to_sumo)
+        count = _CODES[move_rows](self.cast, self.clips, self.tell, self.scenario, steps, to_sumo)
         now = steps * self.settings.step
         return self.let_leave(now, count, as_read) if self.may_leave(now) else (count, ())
 
     def see(self, *, sampling: bool = False, as_read: bool = False) -> int:
         """Take in what SUMO shows at the end of the step; the number of cases that ended."""
         self.steps += 1
-        see, line = _CODES[see_rows], self.cast.line
-        return int(see(self.scenes, self.scenario, line, self.steps, sampling, as_read))
+        see = _CODES[see_rows]
+        return int(see(self.scenes, self.scenario, self.cast.line, self.steps, sampling, as_read))
 
     def read(self, numbers: IntArray, read: FloatArray, odd: IntArray) -> int:
         """Take in what SUMO shows of vehicles, as in `read_rows`."""
@@ -288,11 +287,6 @@ class World:
         return any(case.reacts for case in self.cases)
 
     @property
-    def end_of_lanes(self) -> float:
-        """x at which SUMO removes a vehicle's front, m."""
-        return self.cases[0].road.end - _ARRIVED
-
-    @property
     def time(self) -> float:
         """s since the start of the cases."""
         return float(self.steps * self.settings.step)
@@ -324,8 +318,8 @@ class World:
         """
         place = fault_place(error, driver, folder)
         if place or not isinstance(error, ControllerError):
-            self.logs[case] = self.logs.get(case, "") + traceback_of(error)
-        self.places[case] = self.places.get(case) or place
+            self.logs[case] += traceback_of(error)
+        self.places[case] = self.places[case] or place
 
     def touched(self, counts: Mapping[str, int], ignored: Mapping[str, str]) -> None:
         """Record how often the ADS of a case alone changed other things than its ego.
@@ -334,7 +328,7 @@ class World:
         ignored: TraCI call -> why SUMO ignored it, for the log.
         """
         for call, why in ignored.items():
-            self.logs[0] = f"{self.logs.get(0, '')}SUMO ignored {call}: {why}.\n"
+            self.logs[0] += f"SUMO ignored {call}: {why}.\n"
         for what, count in counts.items():
             self.note(0, what, float(count), float(count), count=count, first=0.0)
 
@@ -439,8 +433,8 @@ class World:
                 continue
             error = self.errors.get(case)
             recordings.append(self.ended[case](
-                None if error is None else clean(error), clean_log(self.logs.get(case, "")),
-                self.latencies.of(case), wall_time / len(self.cases), self.places.get(case, ""),
+                None if error is None else clean(error), clean_log(self.logs[case]),
+                self.latencies.of(case), wall_time / len(self.cases), self.places[case],
                 batched,
             ))  # fmt: skip
         return recordings
