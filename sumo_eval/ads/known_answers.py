@@ -42,7 +42,7 @@ def _no_reaction(
 
 
 class NoReaction(Compiled):
-    """ADS `no_reaction`: keeps its speed and its wheel straight, whatever is ahead; on a curve,
+    """ADS `no_reaction`: keeps its speed, whatever is ahead, and its wheel straight or, on a curve,
     its lane.
     """
 
@@ -52,11 +52,11 @@ class NoReaction(Compiled):
 no_reaction = NoReaction()
 """ADS `no_reaction`, ready-made: it holds nothing of a case."""
 
-# m; a vehicle that turns into the lane reaches at most this much further along the road once it is
-# straight
+# m; a vehicle that turns into the lane reaches up to this much further along the road once it is
+# straight than while it turns
 _TURNED = 0.2
 _KNOWN = fields(*Foresight._fields)
-"""A `Foresight` in numbers: knowledge of one actor."""
+"""Fields of a record of a `Foresight`: what is known of one actor."""
 
 
 @kernel
@@ -71,7 +71,7 @@ def is_too_close_to_see(
         return False
     for j in range(len(others)):
         if watched[j].meets > 0.0 and watched[j].hidden > 0.0 and time < watched[j].noticed:
-            build_up = p.deceleration / scenario.vehicle.brake_jerk
+            build_up = p.deceleration / scenario.vehicle.brake_jerk  # s until it brakes fully
             safe = safe_gap(me.along, others[lead].along, p.deceleration, build_up)
             return bool(bumper_gap(me, others[lead]) < safe)
     return False
@@ -94,6 +94,7 @@ def full_braking(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time
     begins = math.inf
     for j in range(len(others)):
         other = others[j]
+        # an actor ahead, in the ego's path, that the ego comes nearer to
         closes = other.x > me.x and me.along > other.along and lateral_overlap(me, other) > 0.0
         calls = closes and time > first_noticed
         if watched[j].meets > 0.0:
@@ -131,14 +132,14 @@ class IdealBraking(Compiled):
     """ADS `ideal_braking`, the reference Ug of Eq. 17: perfect perception, immediate braking at the
     road's limit.
 
-    It knows what the actors will do (`foresight`). It keeps its speed where that touches no
-    vehicle: only braking could then cause a contact.
+    It knows what the actors will do (`foresight`). It keeps its speed where that causes no contact:
+    braking could only cause one.
 
     Where it would touch a vehicle, it brakes as hard as the road allows, from the first change of
     that vehicle's state that it can see. It brakes as long as it is alongside that vehicle or
-    faster than its lowest speed in the case; it never speeds up again. From that first change on it
-    also brakes while it closes on any vehicle in its path: `foresight` supposes an ego of constant
-    speed, and one that has braked meets vehicles that it would have passed.
+    faster than the vehicle's lowest speed in the case; it never speeds up again. From the first
+    change on it also brakes while it closes on any vehicle in its path: `foresight` supposes an ego
+    of constant speed, and one that has braked meets vehicles that it would have passed.
 
     It does not know what a lead vehicle hides. So it keeps a safe distance to that vehicle
     (`safe_gap`, with its own brakes and the time that they need): while it is nearer it brakes
@@ -172,8 +173,8 @@ class IdealBraking(Compiled):
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Always an error: this rule needs `foreseeing`, which the loop calls for this very class
-        alone.
+        """Always an error: this rule needs `foreseeing`, which the loop calls for this class alone,
+        not for its subclasses.
         """
         raise ControllerError(
             "The ideal vehicle must know the scripts of the actors; only `ideal_braking` does"
@@ -187,7 +188,7 @@ class IdealBraking(Compiled):
         settings: Sequence[SimulationSettings],
     ) -> tuple[Records, ...]:
         """`arrays` of a rule that knows the scripts: with the evasion of each case and a
-        `Foresight` of each actor, (cases, actors). All cases have as many actors.
+        `Foresight` of each actor, (cases, actors). All cases have the same number of actors.
         """
         own, foresights = cls.own_records(together), list(map(foresee, cases, settings))
         of_each = zip(together, cases, settings, foresights, strict=True)

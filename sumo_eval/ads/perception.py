@@ -17,7 +17,7 @@ from sumo_eval.kernels import kernel
 
 LEAST_GAP = 2.0  # m between two vehicles at rest: the least following distance of UN R157
 COURTESY = 1.0  # s between the ego and a road user crossing its path; if less, the ego yields
-CROSSES = 0.1  # m/s, least speed towards the path of a road user that crosses it
+CROSSES = 0.1  # m/s; a road user that moves slower than this towards the path does not cross it
 
 
 @kernel
@@ -48,9 +48,9 @@ def lateral_overlap(me: Any, other: Any) -> float:
 
 @kernel
 def lead_in_path(me: Any, others: Any) -> int:
-    """Index of the lead: the nearest vehicle in front whose body reaches into the strip of road
-    that the ego's body sweeps straight ahead, -1: none. A vehicle behind that lead is not the
-    lead: it is hidden until the first one has left the strip.
+    """Index of the lead, -1: none: the nearest vehicle in front whose body reaches into the strip
+    of road that the ego's body sweeps straight ahead. Any vehicle in the strip beyond the lead is
+    hidden until the lead has left it.
     """
     nearest = -1
     for j in range(len(others)):
@@ -79,7 +79,7 @@ def coming_into_path(me: Any, others: Any) -> int:
         if not other.x > me.x or (nearest >= 0 and other.x >= others[nearest].x):
             continue
         apart, reach = other.y - me.y, me.half_width + other.half_width
-        towards = -other.across if apart > 0.0 else other.across
+        towards = -other.across if apart > 0.0 else other.across  # speed towards the path, m/s
         closing, gap = me.along - other.along, bumper_gap(me, other)
         if abs(apart) < reach or towards < CROSSES or closing <= 0.0 or gap < 0.0:
             continue
@@ -162,10 +162,10 @@ def is_visible(me: Any, others: Any, index: int, hiding_share: float) -> bool:
     other = others[index]
     if math.isnan(other.x):
         return False
-    least = 2.0 * other.half_width * hiding_share
+    allowed = 2.0 * other.half_width * hiding_share  # width that may be covered, m
     for j in range(len(others)):
         nearer = others[j]
-        if me.x < nearer.x < other.x and lateral_overlap(nearer, other) > least:
+        if me.x < nearer.x < other.x and lateral_overlap(nearer, other) > allowed:
             return False
     return True
 
@@ -206,8 +206,8 @@ def covers(
     the eye to it.
 
     nearer_half, other_half: half their extents across the road, m.
-    share: of the way from the eye to the other vehicle, at which the nearer one is. Lines of sight
-        meet in the eye, so the other's width appears there scaled by this share.
+    share: where the nearer vehicle is on the way from the eye to the other one, 0..1. Lines of
+        sight meet in the eye, so the other's width appears there scaled by this share.
     """
     half = other_half * share  # of the other, as it appears where the nearer one is, m
     # from the line of sight to the nearer vehicle's middle, m
@@ -219,7 +219,7 @@ def covers(
 
 @kernel
 def take(to: Any, other: Any) -> None:
-    """Write a vehicle into another record."""
+    """Copy a vehicle's state from `other` into the record `to`."""
     to.x, to.y, to.heading = other.x, other.y, other.heading
     to.along, to.across, to.speed = other.along, other.across, other.speed
     to.half_length, to.half_width = other.half_length, other.half_width

@@ -6,12 +6,12 @@ halved again and again. A sample further from a box than the box's length is far
 summed at the box's nodes only, and a polynomial through the nodes gives their field at every point
 of the box. Near samples are summed at the points themselves.
 
-The result is that of `trajectory_field.trajectory_fields` to 1e-11, relative. How fast a polynomial
-converges depends on how near the function's singularities are: on the largest Bernstein ellipse
-around the interval -1..1 that holds none. The larger the sum of its half-axes, the fewer nodes are
-needed. A sample's field is singular at the sample itself (along x) and above and below it in the
-complex plane of y. Far samples of a box of length L begin one length away, in a strip of half-width
-h <= L/3.2. So the sums of half-axes are
+The result is that of `trajectory_field.trajectory_fields` to 1e-11, relative. A polynomial
+converges the faster, the further the function's singularities are from the interval -1..1: the
+largest Bernstein ellipse around it that holds none decides. The larger the sum of its half-axes,
+the fewer nodes are needed. A sample's field is singular at the sample itself (along x) and above
+and below it in the complex plane of y. Far samples of a box of length L begin one length away, in a
+strip of half-width h <= L/3.2. So the sums of half-axes are
 
 - along x, where a box is -1..1 and far samples begin at 3: 3 + sqrt(3^2 - 1) = 5.8, for which 16
   nodes are enough,
@@ -42,14 +42,14 @@ NODES = 16  # in a box, along x
 REACH = 1.0  # distance from which on a sample is far from a box, in lengths of the box
 # least length of a box over the strip's half-width; shorter boxes cost more than they save
 SLENDER = 3.2
-ERROR_ACROSS = 6.5e-12  # of the nodes across, as a share of a sample's field; gives their number
+ERROR_ACROSS = 6.5e-12  # largest error of the nodes across, relative; it decides how many there are
 LARGEST_K1 = 1.0  # a field that decays faster is summed plainly
 LARGEST_EXPONENT = 0.5  # largest k2 v; a field that grows faster with speed is summed plainly
 NARROWEST = 0.5  # m, least half-width of a strip
 
 
 class Stretch(NamedTuple):
-    """The part of a road that is divided into boxes: between which x and which y, m."""
+    """The part of a road that is divided into boxes: its limits in x and in y, m."""
 
     west: float
     east: float
@@ -77,7 +77,7 @@ class Stretch(NamedTuple):
         return int(np.log2(max(self.length / self.half / SLENDER, 1.0)))
 
     def holds(self, x: FloatArray, y: FloatArray) -> BoolArray:
-        """Whether it holds all points of each row across.
+        """Whether each row across lies inside with all its points, (s,).
 
         x: (s,), m.
         y: (s, k), m.
@@ -101,9 +101,9 @@ class Grid(NamedTuple):
         (2, p, p).
     counts: number of nodes across on each level, (levels + 1,), at most q.
     across: y of these nodes, (levels + 1, q), m.
-    finer: (levels + 2, q, q), transposed: at l = 1 .. levels the matrix from values at the nodes
-        across of level l - 1 to values at those of level l; at levels + 1 from the last level's to
-        a Chebyshev series; at 0 zeros.
+    finer: matrices, transposed, (levels + 2, q, q). At 1 <= l <= levels: from values at the nodes
+        across of level l - 1 to values at those of level l; at levels + 1: from values at the last
+        level's nodes to a Chebyshev series; at 0: zeros.
     """
 
     bounds: FloatArray
@@ -118,7 +118,7 @@ class PointRows(NamedTuple):
     """Rows of points across the road, box after box.
 
     points: (s, k, 2), m.
-    order: row of each in the field that is asked for, (s,).
+    order: index of each row in the field that was requested, (s,).
     starts: the first row of each box, and s at the end.
     shares: weight of each of the p nodes of its box in the value at a row, (p, s).
     across: y of the points, where the strip is -1..1, (k, s).
@@ -167,7 +167,7 @@ class SharedFields:
         self._trajectories, self._stretch, self._constants = trajectories, stretch, constants
         smooth = constants.k1 <= LARGEST_K1 and constants.superposition == "magnitude"
         self._by_boxes = smooth and _pays(points, stretch)
-        self._prepare = functools.cache(self._prepared)
+        self._prepared_once = functools.cache(self._prepared)
 
     def at(self, x: FloatArray, y: FloatArray, places: Sequence[int]) -> FloatArray:
         """Eq. 9: S of m trajectories at s rows of k points across the road, (m, s, k).
@@ -187,10 +187,10 @@ class SharedFields:
             rows = _point_rows(self._stretch, points, np.flatnonzero(inside))
         fields = np.empty((len(places), *y.shape))
         for index, field in zip(places, fields, strict=True):
-            boxed = None if rows is None else self._prepare(index)
+            boxed = None if rows is None else self._prepared_once(index)
             if boxed is not None:
-                put_field(rows, *boxed, float(self._constants.k1), field)
-            plainly = ~inside | (boxed is None)
+                put_field(rows, *boxed, float(self._constants.k1), field)  # writes into `fields`
+            plainly = np.ones_like(inside) if boxed is None else ~inside
             if plainly.any():
                 drives = [self._trajectories[index]]
                 plain = trajectory_fields(points[plainly].reshape(-1, 2), drives, self._constants)
@@ -230,19 +230,20 @@ def _point_rows(stretch: Stretch, points: FloatArray, rows: IntArray) -> PointRo
     position = (x - stretch.west) / (stretch.length / number)  # in lengths of a box
     box = np.minimum(position.astype(np.int64), number - 1)
     starts = np.searchsorted(box, np.arange(number + 1))
-    # the place in its box on -1..1, as a polynomial through the nodes needs it
-    along = chebyshev.chebvander(2.0 * (position - box) - 1.0, NODES - 1) @ _nodes()[2]
+    # weight of each node of its box in the value at a row, (s, p); its place in the box is -1..1
+    series = _nodes()[2]
+    along = chebyshev.chebvander(2.0 * (position - box) - 1.0, NODES - 1) @ series
     across = np.ascontiguousarray((y.T - stretch.middle) / stretch.half)
     return PointRows(points, order, starts, np.ascontiguousarray(along.T), across)
 
 
 def _pays(points: int, stretch: Stretch) -> bool:
-    """Whether boxes need fewer terms of samples than the plain sum at n `points`."""
+    """Whether boxes need fewer terms than the plain sum at this number of points."""
     levels = stretch.levels
     if levels == 0:
         return False
-    # Samples whose terms a node or point takes: at nodes, those that are far from the box, but near
-    # its parent; at points, those near the smallest box. Both fill this many lengths of the box.
+    # Terms, in units of the samples on the stretch: a node takes the samples far from its box, but
+    # near the parent; a point those near the smallest box. Both fill `near` lengths of the box.
     near = 1.0 + 2.0 * REACH
     nodes = NODES * sum(_boxes(stretch)[0].counts.tolist())
     return bool(near * (nodes + points / 2**levels) < points)
@@ -250,13 +251,13 @@ def _pays(points: int, stretch: Stretch) -> bool:
 
 @functools.lru_cache(maxsize=1)
 def _boxes(stretch: Stretch) -> tuple[Grid, FloatArray, FloatArray]:
-    """The boxes of a stretch, and the x between which a sample is near each box, level after
-    level, m; those of the last one are kept.
+    """The boxes of a stretch, and the least and largest x of samples near each box, level after
+    level, m. Cached for the last stretch alone.
     """
     lengths = [stretch.length / 2**level for level in range(stretch.levels + 1)]
     counts, places, finer = _across([length / stretch.half for length in lengths])
     bounds, across = np.array([stretch.west, stretch.east]), stretch.middle + stretch.half * places
-    # each box's length, number within its level and begin, level after level
+    # of each box, level after level: length, number in its level (2^l - 1 boxes before), begin
     boxes = 2 ** np.arange(len(lengths))
     length = np.repeat(lengths, boxes)
     begin = bounds[0] + length * (np.arange(boxes.sum()) - np.repeat(boxes - 1, boxes))
@@ -286,7 +287,7 @@ def _across(slender: Sequence[float]) -> tuple[IntArray, FloatArray, FloatArray]
 
     slender: length over half-width of the boxes of each level.
     """
-    # the longer a box, the larger the ellipse, and the fewer nodes it needs
+    # sums of half-axes, see the file's docstring: the longer a box, the larger, the fewer nodes
     ellipses = [REACH * ratio + math.hypot(REACH * ratio, 1.0) for ratio in slender]
     counts = np.array([math.ceil(-math.log(ERROR_ACROSS) / math.log(size)) for size in ellipses])
     most = counts.max()
@@ -294,8 +295,8 @@ def _across(slender: Sequence[float]) -> tuple[IntArray, FloatArray, FloatArray]
     places, finer = np.zeros((len(counts), most)), np.zeros((len(counts) + 1, most, most))
     for level, positions in enumerate(nodes):
         places[level, : len(positions)] = positions
-        series = _to_series(positions)
+        matrix = _to_series(positions)
         if level + 1 < len(nodes):
-            series = chebyshev.chebvander(nodes[level + 1], len(positions) - 1) @ series
-        finer[level + 1, : len(positions), : len(series)] = series.T
+            matrix = chebyshev.chebvander(nodes[level + 1], len(positions) - 1) @ matrix
+        finer[level + 1, : len(positions), : len(matrix)] = matrix.T
     return counts, places, finer

@@ -24,7 +24,7 @@ HISTORY = "history.sqlite"
 FORMAT_VERSION = 1
 DONE, GATE_FAILED, NOT_EVALUATED = 0, 1, 3  # exit statuses of a night
 REGRET_OF_LOSSES = "regret of losses"
-"""Quantity of a night whose regret has no unit; `regret` is in m/s."""
+"""Name of the regret in the history where it is one of losses, without unit; `regret` is in m/s."""
 GOOD = (DONE, NOT_EVALUATED)
 """Exit statuses of a night in which no limit failed."""
 
@@ -74,8 +74,9 @@ _FIX = "Put a copy of it back, or begin a history in another folder. No night wa
 class Night(NamedTuple):
     """One line of the history.
 
-    night: when it began, UTC, and its folder's name.
-    base: the night compared with.
+    night: its name: the UTC time at which it began; also the name of its folder.
+    wall_time: s.
+    base: night that it was compared with; None: none.
     """
 
     night: str
@@ -131,7 +132,7 @@ class Accepted(NamedTuple):
 
     at: when, UTC.
     until: the last day on which it counts.
-    itself: whether the night was accepted without a user.
+    itself: whether the nightly run accepted it, without a user.
     """
 
     night: str
@@ -142,7 +143,7 @@ class Accepted(NamedTuple):
 
     @property
     def words(self) -> str:
-        """`softer brakes on purpose, until 2026-12-31`."""
+        """Reason and last day: `softer brakes on purpose, until 2026-12-31`."""
         return f"{self.reason}, until {self.until}" if self.until else self.reason
 
 
@@ -269,8 +270,8 @@ class History:
     def stopped_last(self) -> list[str]:
         """Nights that began after the last one with a line, in the order of their beginning."""
         names = self._connection.execute(
-            "SELECT night FROM begun WHERE rowid > coalesce((SELECT max(b.rowid) FROM begun AS b "
-            "JOIN nights USING (night)), 0) ORDER BY rowid"
+            "SELECT night FROM begun WHERE rowid > coalesce("
+            "(SELECT max(b.rowid) FROM begun AS b JOIN nights USING (night)), 0) ORDER BY rowid"
         )
         return [night for (night,) in names]
 
@@ -295,6 +296,8 @@ class History:
 def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
     """The history file in a folder.
 
+    create: makes what is missing: the folder, the file, tables that older histories lack.
+
     Raises InputError where there is none, or one of another format.
     """
     path = folder / HISTORY
@@ -311,7 +314,7 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
         if version == 0 and connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
             raise InputError(f"{path} is not a history: it is a database of something else.")
         if version == FORMAT_VERSION:
-            # tables of every such history; one without the table of begun nights gets one
+            # an error where one of these is missing; later tables are added below, if `create`
             connection.execute("SELECT 1 FROM nights, quantities, gates LIMIT 0")
         if version in (0, FORMAT_VERSION) and create:
             connection.executescript(
@@ -334,7 +337,7 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
 def is_begun(folder: Path) -> bool:
     """Whether there is a history file in a folder, and something in it."""
     path = folder / HISTORY
-    return path.exists() and not (path.is_file() and path.stat().st_size == 0)
+    return path.exists() and (not path.is_file() or path.stat().st_size > 0)
 
 
 def _check(connection: sqlite3.Connection, path: Path) -> None:
@@ -348,8 +351,8 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def near_misses(cases: CaseTable) -> int:
-    """Cases without contact that came nearer than the zone of interest of a measure of the rule, by
-    its defaults.
+    """Number of cases without contact in which a measure of the rule, with its default settings,
+    entered its zone of interest.
     """
     inside = [
         (np.less if measure.higher_is_better else np.greater)(

@@ -31,12 +31,12 @@ Status = Literal[
 ]
 
 ALONE = "Simulated alone: "
-"""Beginning of the log of a case that was meant for a batch and was driven alone; why follows."""
+"""Begins the log of a case that was meant for a batch, but driven alone; the reason follows."""
 BATCHED = ("batched", "compared")
 """Values of `Outcome.batched` for a case that was driven in a batch."""
 
 IN_BLOCK = "in_block"
-"""Name of the clip of a case that was driven in a block; the block's size is its `requested`."""
+"""Clip that marks a case driven in a block; its `requested` is the number of cases of the block."""
 
 
 @frozen
@@ -67,8 +67,8 @@ class Case:
     point: its number in the sample.
     driver: name of the ADS or of the human driver; of a reference its role.
     controller: locator of the ADS or baseline; of a human driver the source of the drivers.
-    driver_index, driver_count: number of a synthetic driver, and of all at this point.
-    seed: of everything random in the drive.
+    driver_index, driver_count: index of a synthetic driver, number of them at this point.
+    seed: for everything random in the drive.
     population: the one that a synthetic driver is drawn from.
     fingerprint: hash of all that the outcome depends on; equal ones mean equal facts.
     block: cases that an ADS over arrays drives together with this one; None for any other.
@@ -111,7 +111,7 @@ class Outcome:
     error_place: file, line and function of the user's code that an exception came from.
     batched: one of `BATCHED`, as in `Recording`; empty if the case was not driven in a batch.
     alone: why a case that was meant for a batch was driven alone; None for any other.
-    reads: path and hash of files that the process of a user's ADS has newly read.
+    reads: (path, hash) of each file that the process of a user's ADS has newly read.
     """
 
     case: Case
@@ -141,7 +141,7 @@ class Setup:
 
     folder: where relative paths in locators start.
     files: paths that ADSs depend on, by locator.
-    no_return: whether some more drives search the point of no return of each contact of an ADS.
+    no_return: whether more drives search for the point of no return of each contact of an ADS.
     """
 
     simulation: SimulationSettings

@@ -3,7 +3,7 @@ process that started them.
 
 On Linux the fork server makes the children: a process of multiprocessing that has loaded the
 simulator. A child never runs the user's script again. A child that only computes leads a process
-group of its own, so that a Ctrl-C at the terminal does not reach it. The kernel kills it when its
+group of its own, so that a Ctrl-C at the terminal does not reach it. Linux kills it when its
 owner's end of the lifeline closes (a watching thread could not run while C code holds the
 interpreter's lock). The pool gives a child that runs users' code a supervisor instead.
 
@@ -48,7 +48,7 @@ _ENVIRONMENT = {
 }
 
 # Any value keeps the working folder off the fork server's path. `loaded_loops` deletes the variable
-# where it has this one.
+# if it has this value.
 _SAFE_PATH = {"PYTHONSAFEPATH": "sumo_eval"}
 
 
@@ -144,9 +144,10 @@ def tie_to_owner(lifeline: Connection) -> None:
     # Opened again: all children share the pipe's open file, whose owner and signal would be those
     # of the last child.
     reopened = os.open(f"/proc/self/fd/{lifeline.fileno()}", os.O_RDONLY | os.O_NONBLOCK)
-    fcntl.fcntl(reopened, fcntl.F_SETOWN, -os.getpgrp())  # to this child's process group,
-    fcntl.fcntl(reopened, fcntl.F_SETSIG, signal.SIGKILL)  # this signal,
-    fcntl.fcntl(reopened, fcntl.F_SETFL, os.O_ASYNC | os.O_NONBLOCK)  # at an event of the pipe
+    # at an event of the pipe the system sends SIGKILL to this child's process group
+    fcntl.fcntl(reopened, fcntl.F_SETOWN, -os.getpgrp())
+    fcntl.fcntl(reopened, fcntl.F_SETSIG, signal.SIGKILL)
+    fcntl.fcntl(reopened, fcntl.F_SETFL, os.O_ASYNC | os.O_NONBLOCK)
     if lifeline.poll():  # the owner ended before the signal was set up
         os._exit(1)
 
@@ -158,8 +159,8 @@ def _leave_at_end_of(lifeline: Connection) -> None:
 
 @contextmanager
 def _users_code_out_of_sight() -> Iterator[None]:
-    """Hand on neither the script nor folders of users' files: a child imports the neighbours of its
-    own ADS alone.
+    """Hide from children the script and the folders of users' files: a child imports only files
+    beside its own ADS.
     """
     script, places = sys.modules["__main__"], sys.path[:]
     sys.modules["__main__"] = ModuleType("__main__")
@@ -174,7 +175,7 @@ def _begin_forkserver() -> None:
     """Start the fork server, deaf to a Ctrl-C at the terminal while it loads; a Ctrl-C that comes
     to this process meanwhile is not lost.
     """
-    # before the block below, because it unblocks SIGINT when it is done
+    # first, because it unblocks SIGINT at its end, which would undo the block below
     multiprocessing.resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

@@ -18,7 +18,7 @@ from sumo_eval.results import Evaluation, RankedAds, Ranking
 from sumo_eval.scoring.behaviour import Behaviour, behaviour_of, harm_beside, ranked
 
 SELDOM = 2.0 / 3.0
-"""Contacts a case, up to which the page says "one every n cases": n is at least 1.5."""
+"""Most contacts a case for which the text says "one every n cases", so that n is at least 1.5."""
 MOST_NAMED = 3
 """ADSs that share the first place and are named; the rest is a number."""
 
@@ -83,7 +83,7 @@ def safety_words(evaluation: Evaluation, behaviour: Behaviour) -> str:
     hits += f" in {count(behaviour.cases, 'case')}"
     hits += f", worst {3.6 * behaviour.worst:z.0f} km/h" if behaviour.worst else ""
     # an excess of losses has no unit, and so no contact at 50 km/h to compare it with
-    if not behaviour.excess > 0.0 or not evaluation.settings.method.collision.regret_unit:
+    if not (behaviour.excess > 0.0 and evaluation.settings.method.collision.regret_unit):
         return hits
     scenarios = {score.scenario for score in evaluation.scores}
     grids = "this grid" if len(scenarios) == 1 else "these grids"
@@ -101,7 +101,7 @@ def safety_words(evaluation: Evaluation, behaviour: Behaviour) -> str:
 def _safest(evaluation: Evaluation, every: Sequence[Behaviour]) -> str:
     graded = sorted(
         (behaviour for behaviour in every if behaviour.grade is not None),
-        key=lambda behaviour: -(behaviour.grade or 0.0),
+        key=lambda behaviour: -(behaviour.grade or 0.0),  # `or 0.0` for the type checker alone
     )
     if not graded:
         return "not known: no case could be evaluated."
@@ -144,7 +144,7 @@ def _best(ranking: Ranking, order: Sequence[RankedAds]) -> str:
     if not others or others[0].s_plus is None:
         return points
     pair = ranking.pair(best.ads, others[0].ads)
-    # of those that share the place, the last ones may differ from the best
+    # ADSs that share the place with the best may still be told apart from it
     equal = [
         it.ads
         for it in others

@@ -28,7 +28,7 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
     with taking_apart(path, FIX):
         study = json.loads(text)
         correlations = {name: _number(rho) for name, rho in study["correlations"].items()}
-        # a file of an earlier version has no intervals
+        # unary +: TypeError for what is no number; a file of an earlier version has no intervals
         intervals = {
             name: None if ends is None else (+ends[0], +ends[1])
             for name, ends in (study.get("intervals") or {}).items()
@@ -47,7 +47,7 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
                 "most": f"{_highest(name):g}",
                 "rho": correlations[name],
                 "interval": intervals.get(name),
-                # `share`: the score as a share of the highest, 0..1; `row`: of the copied table
+                # `share`: score over its highest value, 0..1; `row`: its line in the copied table
                 "dots": [
                     {
                         "opinion": row["opinion"],
@@ -79,5 +79,5 @@ def _number(value: Any) -> Any:
 
 
 def _highest(name: str) -> float:
-    """Highest value of a score: S and S+ are points, A, H, D and C shares."""
+    """Highest value of a score: 100 points for S and S+; 1 for A, H, D and C, which are shares."""
     return 100.0 if name.startswith("S") else 1.0

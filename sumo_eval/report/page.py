@@ -1,7 +1,7 @@
 """Pages: their templates, the files that go into them as they are, and how one is written.
 
-Text and bytes that travel inside a page are deflated, then in base64; `inflated` in
-templates/field.js unpacks them.
+In a page, `packed` text is deflated, then in base64; `packed_bytes` only puts bytes in base64.
+`inflated` in templates/field.js unpacks what is deflated.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def _environment() -> jinja2.Environment:
 
 
 def case_key(case: str) -> str:
-    """A case's key in an address."""
+    """A case's key, quoted for use in a URL."""
     return quote(case, safe="")
 
 
@@ -89,12 +89,12 @@ def asset(name: str) -> Markup:
 
 
 def packed_bytes(data: bytes) -> str:
-    """Bytes as they stand in a page."""
+    """Bytes in base64, as they stand in a page; not deflated here."""
     return base64.b64encode(data).decode("ascii")
 
 
 def packed(text: str) -> str:
-    """A text, deflated.
+    """A text, deflated and in base64.
 
     Nothing in it can be read as markup, whatever names and error texts it holds.
     """
@@ -106,9 +106,9 @@ def packed_json(value: Any) -> str:
     return packed(json.dumps(value, allow_nan=False, separators=(",", ":")))
 
 
-@functools.cache  # a fifth of a second for each page
+@functools.cache  # packing it takes a fifth of a second
 def plotly() -> str:
-    """The library that draws a page's figures."""
+    """The library that draws a page's figures, as `packed` gives it."""
     from plotly.offline import get_plotlyjs
 
     return packed(get_plotlyjs())

@@ -51,7 +51,7 @@ def implied(program: Program) -> set[Fact]:
     keeps what both have. Operations up to `ENDED` put a value on the stack. Later ones join two
     values, except `ABSOLUTE`.
     """
-    stack: list[set[Fact]] = [set()]
+    stack: list[set[Fact]] = [set()]  # what an empty program implies: nothing
     for k, (op, one, two, _) in enumerate(program):
         if op == played.ENDED:
             stack.append({(one, two)})
@@ -114,7 +114,7 @@ def of_vehicle(op: int, number: int, start: float = 0.0) -> DriveNumber:
 class Truth(NamedTuple):
     """A condition on the drive.
 
-    holds, fails: programs that leave on the stack whether it does.
+    holds, fails: programs that leave on the stack whether it holds, or whether it fails.
     start: whether it holds at the start.
     """
 
@@ -162,7 +162,7 @@ class Span:
         end = max((it.end for it in parts), default=begin.time)
         unending = any(it.end == NEVER and not it.ended for it in parts)
         if unending or not any(it.ended for it in parts):
-            return cls(begin, end)
+            return cls(begin, end)  # with `unending`, `end` is NEVER
         return cls(begin, end, _joined([it.ended or from_time(it.end) for it in parts], played.AND))
 
 
@@ -180,12 +180,12 @@ class Conditions:
     spans: list[tuple[str, str, Span]] = field(default_factory=list)
 
     def latch(self, program: Program, delay: float) -> Program:
-        """The condition that `program` held, `delay` s before or earlier, even if it fails again.
+        """The condition that `program` held `delay` s ago or earlier, even if it fails again.
 
         Programs remember nothing. The first actor gets a move that changes nothing, which begins
         `delay` s after `program` holds: the result is that this move has ended.
         """
-        if not self.actors:  # no move waits for it then
+        if not self.actors:  # their numbers are not known yet, so no move can wait for it
             return program
         actor = self.actors[0]
         actor.acts.append(Act(played.COSINE, delay, AT_ONCE, program=program))
@@ -228,17 +228,18 @@ class Conditions:
         live = [group for group in groups if group.time < NEVER]
         if not live:
             return Moment(NEVER)
-        # 1. all groups are times: the earliest counts, of equal ones that which lasts longest
+        # 1. all groups are times: the earliest counts; of equal ones the one that lasts longest
         if all(group.known for group in live):
             if after.known:
                 return Moment(min(self._later(after, group, trigger).time for group in live))
             begin = min(live, key=lambda group: (group.time, -group.until))
-        # 2. all are conditions on the drive: one of them must hold
+        # 2. several, of which some are times or have a delay
         elif len(live) > 1 and any(group.known or group.time > 0.0 for group in live):
             raise trigger.fault(
                 "groups of conditions of which some depend on the drive and some are times, or "
                 "have a delay, are not supported together"
             )
+        # 3. one condition on the drive, or several without a delay: one of them must hold
         else:
             program = _joined([group.program for group in live], played.OR)
             begin = replace(live[0], program=program, past=all(group.past for group in live))
@@ -268,7 +269,7 @@ class Conditions:
                 "a delay after a condition on the drive is not supported together with a time or "
                 "another such condition"
             )
-        # what counts even if it fails again is remembered; a time becomes a condition
+        # conditions first, then times as conditions; where `past` is enough, it is latched
         programs = [
             self.latch(it.program, it.time)
             if it.past and it.program
@@ -311,7 +312,7 @@ class Conditions:
                 return Moment(0.0, until=value) if edge == "none" else Moment(value)
             if rule == "equalTo" and value < 0.0:
                 return Moment(NEVER)
-            # any time but one: at the start already; as an edge it becomes true at that time
+            # `notEqualTo` holds from the start; with an edge it counts from `value` on
             at_start = rule == "notEqualTo" and edge == "none"
             return Moment(0.0 if at_start else max(value, 0.0))
         if edge == "falling":
@@ -396,12 +397,12 @@ class Conditions:
         if rule not in ("lessThan", "lessOrEqual", "greaterThan", "greaterOrEqual"):
             raise element.fault(f"`{rule}` between numbers of the drive is not supported")
         sides = (number.program, constant(limit).program)
-        # it holds where low < high, or low <= high; it fails where the reverse comparison is true
+        # it holds where low < high (or <=), and fails where high <= low (or <)
         low, high = sides if rule.startswith("less") else sides[::-1]
         strict, equal = operation(played.BELOW), operation(played.AT_MOST)
-        first, second = (strict, equal) if rule.endswith("Than") else (equal, strict)
+        holds, fails = (strict, equal) if rule.endswith("Than") else (equal, strict)
         start = element.compared(number.start, limit, default)
-        return Truth((*low, *high, first), (*high, *low, second), start)
+        return Truth((*low, *high, holds), (*high, *low, fails), start)
 
     # -- distances ---------------------------------------------------------------------------------
 
@@ -411,7 +412,7 @@ class Conditions:
         A place at an entity, without a shift, counts as the entity.
         """
         holder = element.find("TimeToCollisionConditionTarget") or element
-        named = holder.find("EntityRef") if holder.get("entityRef") is None else holder
+        named = holder if holder.get("entityRef") is not None else holder.find("EntityRef")
         if named is not None:
             return self.places.referred(named)
         position = holder.child("Position").only()
@@ -440,7 +441,9 @@ class Conditions:
         return centre if free or shift == 0.0 else centre + constant(shift)
 
     def _ahead(self, element: Node, one: Entity, other: Entity | Pose, axis: int) -> DriveNumber:
-        """Distance by which another body, or its reference point, is ahead or to the left, m."""
+        """Distance from one body to another, or between their reference points, m; it is above 0
+        where the other is ahead (X) or to the left (Y).
+        """
         free = element.flag("freespace")
         other_at = self._coordinate(other, axis, element, free=free)
         return other_at - self._coordinate(one, axis, element, free=free)
@@ -454,7 +457,7 @@ class Conditions:
             a, b = self._number(one, element), self._number(other, element)
             gaps = (played.GAP, a, b, 0.0), (played.GAP, b, a, 0.0), operation(played.LARGER)
             apart = DriveNumber(gaps, apart.start - bodies.start)
-            free = False
+            free = False  # GAP is between the bodies already
         scale = self._scale(element, one) if axis == played.X else 1.0
         if scale != 1.0:
             apart *= constant(scale)
@@ -475,8 +478,10 @@ class Conditions:
             return 1.0
         # angle from the first heading to the last, rad: curvature times length of each piece
         turned = sum(0.5 * (it.begin + it.end) * it.length for it in frame.line)
+        # m to the left of the frame's line: the file's reference line, or the entity's start
         left = -frame.way * frame.offset if system == "road" else entity.frame.y
-        return 1.0 - turned / length_of(frame.line) * left
+        curvature = turned / length_of(frame.line)  # mean, 1/m
+        return 1.0 - curvature * left
 
     def _distance(self, element: Node, entity: Entity) -> Compared:
         default = "euclidianDistance" if element.tag == "DistanceCondition" else None
@@ -565,7 +570,7 @@ class Conditions:
 
 
 def _joined(programs: list[Program], op: int) -> Program:
-    """Programs joined by and, or by or."""
+    """Programs joined by `op`, AND or OR; at least one."""
     first, *rest = programs
     return (*first, *(step for program in rest for step in (*program, operation(op))))
 
