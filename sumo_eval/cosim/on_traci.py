@@ -352,7 +352,7 @@ class _Hook:
                 self._flags[_PLACED] = MODEL
                 corner(self._mine, self._bend, self._limits)
                 if self._world.steps == 0:
-                    self._world.begin_as_model(self._world.rows.tolist().index(self._case))
+                    self._world.begin_as_model(self._case)
             return self._executor.command(wanted, self._state, time, late=late)
         except ControllerError as error:
             raise with_time(error, f"at {time:.2f} s") from error

@@ -73,7 +73,7 @@ from sumo_eval.trajectory import (
 
 _CODES: dict[Any, Any] = {}
 """The rules of a step as machine code: the same for all worlds, as their arrays have the same
-types. A call of it takes a third of the time of an ordinary call."""
+types. Called so, a rule takes a third of the time of an ordinary call."""
 _HELD = 0.99  # share of the tyres' grip that an ego uses at most as it begins in a curve
 _ARRIVED = 0.101  # m; SUMO removes a vehicle whose front is nearer to the end of the last lane
 
@@ -119,7 +119,7 @@ def _run(rule: Any, *arguments: Any) -> Any:
 class World:
     """One simulation: n cases on one road with m actors each.
 
-    At most 29 attributes: of an object with more Python 3.11 reads each attribute more slowly.
+    At most 29 attributes: Python 3.11 reads those of a larger object more slowly.
 
     rows: indices of the cases that have a row in the arrays, in the arrays' order; rows of ended
         cases stay until `keep`.
@@ -145,9 +145,8 @@ class World:
         self.ended: dict[int, Callable[..., Recording]] = {}
         self.errors: dict[int, str] = {}
         self.logs: dict[int, str] = defaultdict(str)
-        self.places: dict[int, str] = defaultdict(
-            str
-        )  # where in the user's code an exception came from
+        # where in the user's code an exception came from
+        self.places: dict[int, str] = defaultdict(str)
         # clips that no kernel counts, by case and name
         self.notes: dict[int, Any] = defaultdict(
             lambda: defaultdict(
@@ -194,16 +193,15 @@ class World:
         _run(begin_rows, self.cast, self.seen, self.samples, self.scenario)
         self.going = n
 
-    def begin_as_model(self, row: int) -> None:
+    def begin_as_model(self, case: int) -> None:
         """Begin a case again, at its start, in which the vehicle model moves the ego after all."""
-        road = self.cases[0].road
+        road, row = self.cases[0].road, self.rows.tolist().index(case)
         # the steering wheel in the first sample, nan as long as SUMO moves the ego
         self.samples[row, 0, 0, -1] = 0.0
         if road.bent:
-            vehicle = self.each[self.rows[row]].vehicle
-            _put_in_curve(self.egos[row : row + 1], road, vehicle)
+            _put_in_curve(self.egos[row : row + 1], road, self.each[case].vehicle)
             self.egos["samples"][row] = 0
-            begin_rows(self.cast, self.seen, self.samples, self.scenario)
+            _run(begin_rows, self.cast, self.seen, self.samples, self.scenario)
 
     def gather(self) -> None:
         """Renew `scenes` and `cast`, which hold the arrays, after an array has been replaced."""

@@ -92,7 +92,7 @@ class SmoothMotion(NamedTuple):
 
 
 class Course(NamedTuple):
-    """Series from which measures and extremes of a drive come; gap to thw (n,), at ego samples.
+    """Series for measures and extremes of a drive; gap to thw at the ego's samples, (n,).
 
     gap: to the nearest lead vehicle, m.
     closing: m/s.

@@ -245,7 +245,7 @@ def avoided_share_losses(
     severity, ideal, unreacting, weights: as in `avoided_share`.
 
     nan where a point is not known. Where nothing was at stake but something was lost, A is 0, and
-    each point has its share of what was lost.
+    the part of a point is its share of all that was lost.
     """
     stakes = Stakes.of(severity, ideal, unreacting, weights)
     weight = stakes.weight if stakes.weight.any() else stakes.known.astype(np.float64)

@@ -101,8 +101,8 @@ def judge_repeats(
 ) -> Iterator[GateResult]:
     """Whether two drives of a case are alike, within the tolerances, for each ADS.
 
-    It fails if all were alike in the last good night and n differ tonight, where the chance that
-    all n first differ tonight, 1/2 ** n, is small. An ADS without repeats then has no limit.
+    It fails if all were alike in the last good night, n differ tonight, and it is improbable that
+    by chance all n do so tonight: 1/2 ** n. An ADS that differed in that night, too, has no limit.
     """
     # an ADS whose repeats were all alike has a passed limit in that night
     passed = (good and good.night, "repeats", True)
