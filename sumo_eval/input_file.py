@@ -88,6 +88,20 @@ def writing(what: str) -> Iterator[None]:
         raise InputError(f"{what} cannot be written: {error}.") from error
 
 
+def write_whole(path: Path, text: str) -> None:
+    """Write the whole file, or leave it as it was."""
+    path = path.resolve()  # a link stays a link
+    if path.exists() and not path.is_file():  # a pipe
+        path.write_text(text, encoding="utf-8")
+        return
+    half = path.with_name(path.name + ".half")
+    try:
+        half.write_text(text, encoding="utf-8")
+        half.replace(path)
+    finally:
+        half.unlink(missing_ok=True)
+
+
 @contextmanager
 def taking_apart(path: Path, fix: str) -> Iterator[None]:
     """A block that parses a file written by this package. It raises InputError if the file was

@@ -3,6 +3,7 @@
 import os
 import random
 import re
+import resource
 import socket
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from sumo_eval.extras.openscenario.points import read_variation
 from sumo_eval.extras.openscenario.reading import read_openscenario, read_xml
 from sumo_eval.extras.rates.campaign import read_campaign
 from sumo_eval.extras.wheel.tape import read_tape
-from sumo_eval.input_file import hash_of, read_input
+from sumo_eval.input_file import hash_of, read_input, write_whole
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.number_table import read_numbers
@@ -186,3 +187,25 @@ def test_events_of_a_spreadsheet_with_a_byte_order_mark_are_read(tmp_path):
     path = tmp_path / "events.csv"
     path.write_text("a\n1\n2\n4\n", encoding="utf-8-sig")
     assert read_numbers(path, "events", {"a": "1"}).rows.tolist() == [[1.0], [2.0], [4.0]]
+
+
+def test_a_full_disk_leaves_a_file_as_it_was(tmp_path):
+    path = tmp_path / "report.html"
+    write_whole(path, "of yesterday")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        with pytest.raises(OSError, match="too large"):
+            write_whole(path, "x" * 1001)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert path.read_text() == "of yesterday"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_to_a_file_stays_a_link(tmp_path):
+    link = tmp_path / "latest.html"
+    link.symlink_to(tmp_path / "report.html")
+    write_whole(link, "today")
+    assert link.is_symlink()
+    assert (tmp_path / "report.html").read_text() == "today"

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from sumo_eval.input_file import write_whole
 from sumo_eval.nightly.bases import NIGHT
 from sumo_eval.nightly.history import Night
 from sumo_eval.nightly.judged import JudgedNight, Since
@@ -77,7 +78,7 @@ def write_night(
         (folder / SUMMARY, "\n".join(markdown_lines(night, judged, folder))),
         (history / CHAT, json.dumps({"text": chat_text(night, judged)})),
     ):
-        path.write_text(text + "\n", encoding="utf-8")
+        write_whole(path, text + "\n")
 
 
 def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:

@@ -173,6 +173,8 @@ def export(
 
 def _scored(folder: Path, name: str) -> Path:
     if not (folder / name).is_file():
+        with open_store(folder / run_folder.FACTS) as store:
+            run_folder.check_complete(store, folder)
         raise InputError(
             f"Run {folder} has not been scored, {name} is missing; first: sumo-eval score "
             f"{shlex.quote(str(folder))}."

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError
-from sumo_eval.input_file import sha256, writing
+from sumo_eval.input_file import sha256, write_whole, writing
 from sumo_eval.record.build import builds_of
 from sumo_eval.record.lock import held
 from sumo_eval.record.qualification import read_qualification
@@ -73,7 +73,7 @@ def refuse_foreign(folder: Path, resume: bool) -> None:
         raise InputError(
             f"{folder} already exists and is not a folder; a run needs a folder of its own."
         )
-    # files of SQLite and of `_write` count as the file that they belong to
+    # files of SQLite and of `write_whole` count as the file that they belong to
     names = {re.sub(r"(-wal|-shm|-journal|\.half)$", "", path.name) for path in folder.iterdir()}
     names -= {LOCK, GIVEN}  # written before the run
     if not names:
@@ -118,7 +118,7 @@ def create(
             (folder / name).mkdir(parents=True, exist_ok=True)
         inputs = {EVALUATION: to_toml(settings)} | _sumo_inputs(settings.simulation, examples)
         for name, text in inputs.items():
-            _write(folder / name, text)
+            write_whole(folder / name, text)
         manifest = {
             "format_version": FORMAT_VERSION,
             "name": settings.name,
@@ -136,7 +136,7 @@ def create(
             resumed = before.get("resumed", []) + ([] if another_round else [now])
             if resumed:
                 manifest["resumed"] = resumed
-        _write(folder / MANIFEST, sealed(manifest))
+        write_whole(folder / MANIFEST, sealed(manifest))
 
 
 def _sumo_inputs(
@@ -162,20 +162,13 @@ def write_exposures(folder: Path, exposures: Mapping[str, Any]) -> None:
     """Keep the exposure of every scenario and its sources: the recordings need not exist any more
     when the run is scored.
     """
-    _write(folder / EXPOSURES, sealed(exposures))
+    write_whole(folder / EXPOSURES, sealed(exposures))
 
 
 def read_exposures(folder: Path) -> dict[str, Any]:
     """Exposures that `write_exposures` kept; empty if a run has none."""
     path = folder / EXPOSURES
     return read_sealed(path) if path.exists() else {}
-
-
-def _write(path: Path, text: str) -> None:
-    """Write the whole file or nothing of it."""
-    half = path.with_name(path.name + ".half")
-    half.write_text(text, encoding="utf-8")
-    half.replace(path)
 
 
 def read_settings(folder: Path) -> EvaluationSettings:

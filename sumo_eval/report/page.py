@@ -20,7 +20,7 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
-from sumo_eval.input_file import writing
+from sumo_eval.input_file import write_whole, writing
 from sumo_eval.report.words import interval_words, number, percent, span
 from sumo_eval.text import point_words
 
@@ -40,7 +40,7 @@ def write_page(path: Path, page: str, what: str) -> Path:
     """
     with writing(f"{what} {path}"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(page, encoding="utf-8")
+        write_whole(path, page)
     return path
 
 

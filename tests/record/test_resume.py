@@ -369,6 +369,9 @@ def test_a_caller_can_stop_a_run_and_continue(whole, tmp_path):
         sumo_eval.evaluate(path, tmp_path / "run", progress=count, stopping=lambda: len(seen) > 3)
     with refusal("is not complete; continue with"):
         verify(tmp_path / "run", 1.0)
+    for command_line in (("export",), ("whatif", "--all-collisions")):
+        result = sumo_eval_cli(*command_line, tmp_path / "run", status=2)
+        assert "is not complete; continue with" in result.said
     assert_continues(path, whole)
 
 
