@@ -9,6 +9,7 @@ from refusals import refusal
 
 import sumo_eval
 from sumo_eval.scenario import catalogue, formats
+from sumo_eval.scenario.sampling.samples import sample
 
 EVALUATION = tomllib.loads("""
 name = "own format"
@@ -97,3 +98,15 @@ def test_own_format_without_entry_point_names_the_mend(tmp_path, monkeypatch):
     monkeypatch.setattr(formats, "_readers", dict)
     with refusal(r"no installed package reads `\.xosc` files.*`pip install -e \.` once more"):
         catalogue.find("any.xosc", tmp_path)
+
+
+@pytest.mark.parametrize("body, words", [("1 / 0", "Zero"), ("request", "no attribute 'points'")])
+def test_a_sampling_of_a_package_that_fails_is_refused(site, body, words):
+    (site / "lead_format.py").write_text(
+        "from sumo_eval.scenario.formats import Format\n"
+        f"mine = lambda logical, request: {body}\n"
+        "read = Format(None, samplings={'mine': (mine, frozenset())})"
+    )
+    install(site, "lead = lead_format:read")
+    with refusal("Sampling method `mine` failed: .*" + words):
+        sample(catalogue.load("cut_in"), "mine")

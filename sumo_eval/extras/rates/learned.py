@@ -237,6 +237,8 @@ def _learnt(encounters: Encounters, measured: Measured, path: Path) -> Learnt:
     path: of the files, without their ending.
     """
     if measured.logical is None:
+        for ending in (".toml", ".xosc", ".events.csv"):  # of earlier recordings
+            path.with_suffix(ending).unlink(missing_ok=True)
         return Learnt(encounters, measured)
     names = measured.logical.names
     low, high = _tuples(np.array([measured.logical.low, measured.logical.high]))

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.errors import InputError, check_known
+from sumo_eval.errors import InputError, SumoEvalError, check_known, users_code
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario.formats import formats
 from sumo_eval.scenario.logical import LogicalScenario
@@ -120,7 +120,10 @@ def sample(
                 f"`{extra}` of {owner_of(logical)} does nothing in method `{method}`, which takes "
                 f"{', '.join(f'`{name}`' for name in sorted(takes))}."
             )
-        drawn = choose(logical, request)
+        # a method of another package may raise anything
+        with users_code(f"Sampling method `{method}` failed", SumoEvalError):
+            drawn = choose(logical, request)
+            logical.feasible(drawn.points)  # raises where these are no points
     feasible = logical.feasible(drawn.points)
     points, refused = drawn.points[feasible], drawn.points[~feasible]
     if not len(points):
