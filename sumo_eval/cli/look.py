@@ -42,7 +42,7 @@ def explain(run: Path, case: str | None) -> None:
     fact = None if case is None else known_case(run, case)
     evaluation = scored(run)
     if fact is None:
-        # imported only here: a case does not need the libraries that it loads
+        # imported only here: it loads libraries that a case does not need
         from sumo_eval.report.terminal import ledger_lines
 
         lines = ledger_lines(evaluation)
@@ -131,8 +131,8 @@ def replay(
 def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: Path | None) -> None:
     """Write the cases, all drives and all trajectories of RUN as tables, or CASE as files.
 
-    A case is written as a SUMO configuration, as OpenSCENARIO, and as an evaluation that drives it
-    again; with --evidence it is what the run claims, for a safety case.
+    CASE becomes a SUMO configuration, OpenSCENARIO, and an evaluation that drives it again.
+    --evidence instead writes what the run claims, for a safety case.
     """
     out = out or run / "export"
     if evidence:

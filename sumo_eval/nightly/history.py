@@ -61,10 +61,10 @@ CREATE TABLE IF NOT EXISTS shaky (
 );
 CREATE TABLE IF NOT EXISTS builds (night TEXT NOT NULL, ads TEXT NOT NULL, build TEXT NOT NULL);
 """ + "".join(
-    f"CREATE TRIGGER IF NOT EXISTS {table}_{what.lower()} BEFORE {what} ON {table} "
+    f"CREATE TRIGGER IF NOT EXISTS {table}_{change.lower()} BEFORE {change} ON {table} "
     "BEGIN SELECT RAISE(ABORT, 'the history is only added to'); END;\n"
     for table in _TABLES
-    for what in ("UPDATE", "DELETE")
+    for change in ("UPDATE", "DELETE")
 )
 
 
@@ -199,11 +199,11 @@ class History:
             for score in evaluation.scores
             for quantity, value in _quantities(evaluation, score).items()
         ]
-        columns_of = attrgetter(*GateLine._fields[1:])  # all but `night`
+        columns_of = attrgetter(*GateLine._fields[1:])  # all but `night`; a GateResult has them too
         with self._connection:
             self._insert("nights", [night])
             self._insert("quantities", values)
-            self._insert("builds", [(name, *build) for build in builds.items()])
+            self._insert("builds", [(name, *ads_build) for ads_build in builds.items()])
             self._insert("gates", [(name, *columns_of(gate)) for gate in gates])
             self._insert("shaky", [(name, *case) for case in shaky])
             self._insert("accepted", [] if pin is None else [pin])
@@ -240,7 +240,7 @@ class History:
             return []
         columns = get_type_hints(kind)
         names = ", ".join(columns)
-        # SQLite gives these columns back as 0 and 1
+        # columns of a bool, which SQLite gives back as 0 or 1
         flags = [hint in (bool, bool | None) for hint in columns.values()]
         rows = read(f"SELECT {names} FROM {table} ORDER BY rowid")  # noqa: S608
         return [
@@ -254,7 +254,7 @@ class History:
         ]
 
     def begin(self, night: str) -> None:
-        """Note that a night begins: if it is stopped, its folder is known as one of a night."""
+        """Note that a night begins, so that its folder is known if it is stopped."""
         with self._connection:
             self._insert("begun", [(night,)])
 
@@ -314,7 +314,7 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
         if version == 0 and connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
             raise InputError(f"{path} is not a history: it is a database of something else.")
         if version == FORMAT_VERSION:
-            # an error where one of these is missing; later tables are added below, if `create`
+            # raises sqlite3.Error if one of these is missing; tables of later versions may be
             connection.execute("SELECT 1 FROM nights, quantities, gates LIMIT 0")
         if version in (0, FORMAT_VERSION) and create:
             connection.executescript(
@@ -337,6 +337,7 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
 def is_begun(folder: Path) -> bool:
     """Whether there is a history file in a folder, and something in it."""
     path = folder / HISTORY
+    # a folder of that name counts: `open_history` then says that it cannot be opened
     return path.exists() and (not path.is_file() or path.stat().st_size > 0)
 
 
@@ -351,8 +352,8 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def near_misses(cases: CaseTable) -> int:
-    """Number of cases without contact in which a measure of the rule, with its default settings,
-    entered its zone of interest.
+    """Number of cases of status `ok` with a measure inside its zone, by the defaults of
+    `NearMissSettings`.
     """
     inside = [
         (np.less if measure.higher_is_better else np.greater)(

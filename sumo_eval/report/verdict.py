@@ -51,24 +51,25 @@ class Additions(NamedTuple):
 def verdict(
     comparison: Comparison | None, gates: Sequence[GateResult], evaluation: Evaluation
 ) -> Verdict:
-    """Limits, changes, avoidable collisions and cases without an outcome of the newer run."""
+    """Verdict on the newer run: limits, changes, avoidable collisions, cases not evaluated."""
     word, standing = _standing(comparison, gates)
     avoidable = sum(score.avoidable_collisions for score in evaluation.scores)
-    hit = count(avoidable, "avoidable collision") if avoidable else "no avoidable collision"
+    ending = count(avoidable, "avoidable collision") if avoidable else "no avoidable collision"
     if missing := evaluation.not_evaluated:
-        hit += f", {count(missing, 'case')} not evaluated"
-    return Verdict(word, f"{standing}; {hit}.")
+        ending += f", {count(missing, 'case')} not evaluated"
+    return Verdict(word, f"{standing}; {ending}.")
 
 
 def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tuple[Word, str]:
     bad = failed(gates)
     limits = f"{count(len(bad), 'limit')} failed"
     if comparison is None:
-        alone = "there is no earlier good run to compare with"
-        return "first", f"NOT GOOD: {limits}; {alone}" if bad else f"FIRST: {alone}"
+        no_base = "there is no earlier good run to compare with"
+        return "first", f"NOT GOOD: {limits}; {no_base}" if bad else f"FIRST: {no_base}"
 
     base = Path(comparison.base_folder).name
-    against = {gate.against for gate in bad}  # "": failed not only beside the accepted night
+    # the accepted night, of which there is one, if every failed limit failed beside it alone
+    against = {gate.against for gate in bad}
     than = f"the accepted {against.pop()}" if bad and "" not in against else base
     if bad and all(gate.quantity == "pairs" for gate in bad):
         return "incomplete", f"INCOMPLETE beside {than}: {bad[0].sentence}"

@@ -1,5 +1,5 @@
-"""The sentences that the HTML report and the terminal share: what happened in a run, and why a
-score is so.
+"""The sentences that reports, terminal and nights share: what happened in a run, and why a score is
+so.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ GLOSSARY = {
     "T": "share of the driving task done: mean over the safe cases of t_i, how much of the way "
     "that the drivers and the reference car drove was driven in no more time than the slowest of "
     "them; 0 with an incident",
-    "A'": "grade of A: each ten times as much avoidable harm costs 0.37 to 0.48 of it. 1: as the "
-    "ideal vehicle; 0: as doing nothing",
+    "A'": "grade of A: by default 1 % of the avoidable harm costs 0.15, 10 % cost 0.52. 1: as "
+    "the ideal vehicle; 0: as doing nothing",
     "S+": "the score that orders: T A' (a + b H), 0 to 100 points; an A' below 0 counts 0",
     "departure": "a corner of the body is more than `road_margin`, 0.5 m by default, off the road; "
     "it weighs as a contact with a standing car at that speed",
@@ -163,7 +163,7 @@ _CAUSES = {
     "weak": "braked in time, not hard enough: full braking from {last} on avoids it",
     "never_braked": "did not brake: full braking from {last} on avoids it",
     "unavoidable_by_braking": "full braking from the start does not avoid it",
-    "not_repeatable": "no point of no return: its replay is another drive",
+    "not_repeatable": "no point of no return: no replay ends in this contact",
 }
 
 
@@ -288,7 +288,7 @@ def people_sentence(evaluation: Evaluation) -> str:
     words, drivers = _people_words(evaluation), evaluation.settings.drivers
     if drivers.source != "recorded":
         return words
-    # columns of `left_out`; the row of zeros is for an empty one
+    # columns of `left_out`; with a row of zeros they exist without any entry, too
     short, share, astray = zip((0, 0.0, 0), *evaluation.left_out, strict=True)
     if any(short):
         words += (
@@ -576,7 +576,7 @@ def _limit(means: Mapping[str, float], words: str) -> str:
 
 
 def parts_of_total(ranking: Ranking) -> str:
-    """Scenarios of an evaluation without S+, and those in which H counts 0; empty without any."""
+    """`: no task, so no S+, in cut_in; H counts 0, without people, in own`; empty without any."""
     parts = [
         f"{effect} in {', '.join(names)}"
         for names, effect in (

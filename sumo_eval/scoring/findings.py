@@ -37,7 +37,7 @@ LIKENESS_FACTORS = {
 }
 """The factors of a case's part in H: name -> field of CaseResult."""
 NOTICEABLE = 0.01
-"""A case is slow if its task share is below 1, the slowest reference's, by more than this."""
+"""A case is slow if its task share is below 1 by more than this; 1 is the slowest reference's."""
 
 
 class Part(NamedTuple):
@@ -101,7 +101,7 @@ class Findings(NamedTuple):
         cases, reason = self.cases, self.score.d_reason
         missed = cases.counts_for_index & np.isnan(cases.index)  # index: D_i
         if reason is not None and reason.why in ("collisions", "no_drivers"):
-            # whatever the D_i are, there is no D, so that none is missing from it
+            # there is no D that a case could be missing from
             missed = np.zeros(len(cases), dtype=np.bool_)
         return np.asarray(cases.missing | missed)
 
@@ -185,9 +185,10 @@ class Findings(NamedTuple):
     ) -> Part:
         """The part of a case in a mean of values, (n,), over the cases that are counted."""
         is_case = self.cases.case == case.case
-        in_mean = np.nan_to_num(weights[counted]).tolist()
+        counted_weights = np.nan_to_num(weights[counted]).tolist()
         share, value = self.shares(counted, weights)[is_case], values[is_case]
-        return Part(len(in_mean), math.fsum(in_mean), float(share[0]), float(value[0]))
+        total = math.fsum(counted_weights)
+        return Part(len(counted_weights), total, float(share[0]), float(value[0]))
 
     def shares(self, counted: BoolArray, weights: FloatArray) -> FloatArray:
         """Share of each case in a mean over those that are counted, (n,); 0 for any other."""
@@ -265,11 +266,11 @@ def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
         safe = cases.safe
         if not safe.any():
             continue
-        people = np.nan_to_num(cases.recorded_drivers[safe])
+        recorded = np.nan_to_num(cases.recorded_drivers[safe])
         points, group = np.unique(point_numbers([cases])[0][safe], return_inverse=True)
         # each ADS has a case at a point; the largest of their numbers of recorded drivers counts
         most = np.zeros(len(points))
-        np.maximum.at(most, group, np.where(people >= fewest, people, 0.0))
+        np.maximum.at(most, group, np.where(recorded >= fewest, recorded, 0.0))
         scenarios.append(
             PeopleBehind(name, len(points), int(np.count_nonzero(most)), int(most.sum()))
         )

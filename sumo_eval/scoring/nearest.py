@@ -26,23 +26,25 @@ def nearest(
     values: of some parameters.
     ads: only this ADS; None: every ADS.
     scenario: its name; None: the first scenario that has all of these parameters.
-    Raises InputError for one that the run does not have.
+    Raises InputError for a name that the run does not have, and for a value that is not finite.
     """
     scenarios = evaluation.scenarios
     having = [name for name, logical in scenarios.items() if values.keys() <= set(logical.names)]
-    # where none has them, the first one: the check of the parameters below then names the mistake
+    # without any, the first scenario: the check of the parameters below then names the mistake
     name = scenario or next(iter((*having, *scenarios)))
     check_known("scenario of this run", scenarios, name)
     names = [score.ads for score in evaluation.scores_in(name)]
-    check_known(f"ADS of scenario `{name}`", names, *([] if ads is None else [ads]))
+    chosen = names if ads is None else [ads]
+    check_known(f"ADS of scenario `{name}`", names, *chosen)
     logical = scenarios[name]
     check_known(f"parameter of scenario `{name}`", logical.names, *values)
-    if bad := [item for item in values.items() if not np.isfinite(item[1])]:
-        raise InputError(f"`{bad[0][0]}` must be a finite number, got {bad[0][1]}.")
+    for parameter, value in values.items():
+        if not np.isfinite(value):
+            raise InputError(f"`{parameter}` must be a finite number, got {value}.")
     columns = [logical.column(parameter) for parameter in values]
     spans = (logical.high - logical.low)[columns]
-    for one in names if ads is None else [ads]:
-        cases = evaluation.cases_of(one, name)
+    for ads_name in chosen:
+        cases = evaluation.cases_of(ads_name, name)
         away = (cases.parameters(list(values)) - list(values.values())) / spans
         with np.errstate(over="ignore"):  # beyond 1e154 all cases are equally far
             distance = (away**2).sum(axis=1)
