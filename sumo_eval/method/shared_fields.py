@@ -6,22 +6,22 @@ halved again and again. A sample further from a box than the box's length is far
 summed at the box's nodes only, and a polynomial through the nodes gives their field at every point
 of the box. Near samples are summed at the points themselves.
 
-The result is that of `trajectory_field.trajectory_fields` to 1e-11, relative. A polynomial
-converges the faster, the further the function's singularities are from the interval -1..1: the
-largest Bernstein ellipse around it that holds none decides. The larger the sum of its half-axes,
-the fewer nodes are needed. A sample's field is singular at the sample itself (along x) and above
-and below it in the complex plane of y. Far samples of a box of length L begin one length away, in a
-strip of half-width h <= L/3.2. So the sums of half-axes are
+The result is that of `trajectory_field.trajectory_fields` to 1e-11, relative. The error of a
+polynomial through n nodes on -1..1 falls like rho^-n. Here rho is the sum of the half-axes of the
+largest ellipse with foci -1 and 1 (Bernstein's) in which the function has no singularity. A
+sample's field is singular at the sample itself (along x) and above and below it in the complex
+plane of y. Far samples of a box of length L begin one length away, in a strip of half-width
+h <= L/3.2. So rho is
 
 - along x, where a box is -1..1 and far samples begin at 3: 3 + sqrt(3^2 - 1) = 5.8, for which 16
   nodes are enough,
-- across, where the strip is -1..1 and they begin at i L/h: L/h + sqrt((L/h)^2 + 1) >= 6.5, for
-  which at most 14 nodes are enough.
+- across, where the strip is -1..1 and singularities begin at i L/h: L/h + sqrt((L/h)^2 + 1) >= 6.5,
+  for which at most 14 nodes are enough.
 
 The error is then about 6.5e-12 of each sample's field; measured are 2.6e-12 (k1 = 0.5) to 6e-12
 (k1 = 1). Where this does not hold (large constants, superposition "vector", points off the
-stretch), or saves nothing, the plain sum is used. Users: `anthropomorphic`; `record/` prepares the
-loops.
+stretch), or saves nothing, the plain sum is used. Users: `anthropomorphic`; `record/`, which calls
+`prepare`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray, IntArray, Trajectory
 
 NODES = 16  # in a box, along x
 REACH = 1.0  # distance from which on a sample is far from a box, in lengths of the box
-# least length of a box over the strip's half-width; shorter boxes cost more than they save
+# least length of a box, in half-widths of the strip; shorter boxes cost more than they save
 SLENDER = 3.2
 ERROR_ACROSS = 6.5e-12  # largest error of the nodes across, relative; it decides how many there are
 LARGEST_K1 = 1.0  # a field that decays faster is summed plainly
@@ -169,12 +169,12 @@ class SharedFields:
         self._by_boxes = smooth and _pays(points, stretch)
         self._prepared_once = functools.cache(self._prepared)
 
-    def at(self, x: FloatArray, y: FloatArray, places: Sequence[int]) -> FloatArray:
+    def at(self, x: FloatArray, y: FloatArray, indices: Sequence[int]) -> FloatArray:
         """Eq. 9: S of m trajectories at s rows of k points across the road, (m, s, k).
 
         x: of the rows, (s,), m.
         y: of the points, (s, k), m.
-        places: indices of the trajectories, (m,).
+        indices: of the trajectories, (m,).
 
         Errors as in `trajectory_fields`.
         """
@@ -185,8 +185,8 @@ class SharedFields:
         rows = None
         if self._by_boxes and inside.any():
             rows = _point_rows(self._stretch, points, np.flatnonzero(inside))
-        fields = np.empty((len(places), *y.shape))
-        for index, field in zip(places, fields, strict=True):
+        fields = np.empty((len(indices), *y.shape))
+        for index, field in zip(indices, fields, strict=True):
             boxed = None if rows is None else self._prepared_once(index)
             if boxed is not None:
                 put_field(rows, *boxed, float(self._constants.k1), field)  # writes into `fields`
@@ -242,8 +242,9 @@ def _pays(points: int, stretch: Stretch) -> bool:
     levels = stretch.levels
     if levels == 0:
         return False
-    # Terms, in units of the samples on the stretch: a node takes the samples far from its box, but
-    # near the parent; a point those near the smallest box. Both fill `near` lengths of the box.
+    # Terms, as multiples of the samples on the stretch. `near` lengths of a box hold what a point
+    # takes, samples near its smallest box, and what a node takes, samples near its box's parent but
+    # not near the box. A level has 2**l boxes, each 2**-l of the stretch: l cancels.
     near = 1.0 + 2.0 * REACH
     nodes = NODES * sum(_boxes(stretch)[0].counts.tolist())
     return bool(near * (nodes + points / 2**levels) < points)
@@ -257,7 +258,7 @@ def _boxes(stretch: Stretch) -> tuple[Grid, FloatArray, FloatArray]:
     lengths = [stretch.length / 2**level for level in range(stretch.levels + 1)]
     counts, places, finer = _across([length / stretch.half for length in lengths])
     bounds, across = np.array([stretch.west, stretch.east]), stretch.middle + stretch.half * places
-    # of each box, level after level: length, number in its level (2^l - 1 boxes before), begin
+    # length and begin of each box, level after level; 2^l - 1 boxes stand before level l
     boxes = 2 ** np.arange(len(lengths))
     length = np.repeat(lengths, boxes)
     begin = bounds[0] + length * (np.arange(boxes.sum()) - np.repeat(boxes - 1, boxes))

@@ -73,8 +73,8 @@ class Batches:
         self._running = 0  # batches that were taken and have not ended
         self._largest_of: dict[Kind, int] = {}  # size of the next batches of a kind, at most
         self._in_time: dict[Kind, int] = {}  # size beyond which batches of a kind take too long
-        # By locator of an ADS on TraCI: its cases that ended in batches, the last of them and the
-        # rest compressed. They run again if it is found to keep state, for the reason noted then.
+        # By locator of an ADS on TraCI: its cases that ended in batches, the last ones as they are,
+        # the others compressed. All run again if it is found to keep state (`_keeps_state`: why).
         self._batched = defaultdict[str, list[Case]](list)
         self._compressed = defaultdict[str, list[bytes]](list)
         self._keeps_state: dict[str, Alone] = {}
@@ -108,7 +108,7 @@ class Batches:
         number = 1 if kind.controller in self._keeps_state else number
         if kind.block:
             while kind == self._last and self._make_ready(1):
-                pass  # until the whole block is ready
+                pass  # cases of a block are planned in a row: until one of another kind follows
             number = len(queue)
         queue.sort(key=itemgetter(0))
         batch = tuple(case for _, case in queue[-number:])
@@ -155,7 +155,7 @@ class Batches:
         size that is in time: every case of this batch has its result.
         """
         kind = _kind(batch[0])
-        size = self._largest_of.get(kind, 1)  # 1 also without a failure: nothing to restore
+        size = self._largest_of.get(kind, 1)  # 1: no failure, so nothing to restore
         if size > 1:
             self._largest_of[kind] = min(2 * size, self._in_time.get(kind, self._largest))
 

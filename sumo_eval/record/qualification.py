@@ -1,6 +1,4 @@
-"""The qualification of the tool that a run names: read before it simulates, kept in its
-manifest.
-"""
+"""The tool qualification that a run names: read before the run simulates, kept in its manifest."""
 
 from __future__ import annotations
 
@@ -19,7 +17,8 @@ def read_qualification(named: str, source: Path) -> dict[str, Any]:
     """Entry of a run's manifest for a `qualification.json`: its hash, when and on which machine it
     was made, the number of checks, and those that failed.
 
-    named: as the evaluation has it, relative to `source`; or a folder that contains it.
+    named: the file, or its folder, as the evaluation has it.
+    source: folder that `named` is relative to.
     Raises InputError for anything but a qualification.
     """
     path = source / named

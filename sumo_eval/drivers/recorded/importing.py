@@ -62,8 +62,8 @@ def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
     only one.
 
     Raises InputError at the call for an unknown format, for no path, and for a folder of canonical
-    tables. A path that is missing or has no such files, and a mistake in a file, are found when it
-    is the next to be read.
+    tables; for a missing path, one without such files, and a mistake in a file only when it is
+    reached.
     """
     if form not in FORMATS:
         raise unknown("format of recordings", form, FORMATS)
