@@ -39,7 +39,8 @@ def misplaced(
     """Vehicles with an impossible start, and paths that leave the map."""
     end = road.end
     furthest = max([_BESIDE, *(crossing.reach for crossing in road.crossings)])
-    # half: half its length, m; reach: m that it may be beside the lanes
+    # half: half its length, m (0: an end of the ego may be off the road); reach: m that it may be
+    # beside the lanes
     for name, start, half, reach in (
         ("ego", ego, 0.0, 0.0),
         *((it.name, it.start, it.length / 2, _reach(it, furthest)) for it in actors),
@@ -55,6 +56,7 @@ def misplaced(
     yield from _in_junctions(road, ego, ego_body, actors)
     for item in actors:
         reach = _reach(item, furthest)
+        # the path of an actor with `on_map` is straight on the map, not in road coordinates
         paths = [act.table for act in item.acts if act.kind == played.PATH]
         for x, y in itertools.chain(*(paths if item.on_map is None else ())):
             if not (0.0 <= x <= end and road.right_edge - reach <= y <= road.left_edge + reach):
@@ -63,8 +65,8 @@ def misplaced(
     # (name, start, half length, half width), m along and across the road
     boxes = [("ego", ego, *half_sizes(0.0, ego_body.length, ego_body.width))]
     boxes += [(it.name, it.start, *half_sizes(it.heading, it.length, it.width)) for it in actors]
-    for (one, a, long, wide), (two, b, long2, wide2) in itertools.combinations(boxes, 2):
-        if long + long2 - abs(a.x - b.x) > _TOUCH and wide + wide2 - abs(a.y - b.y) > _TOUCH:
+    for (one, a, long_a, wide_a), (two, b, long_b, wide_b) in itertools.combinations(boxes, 2):
+        if long_a + long_b - abs(a.x - b.x) > _TOUCH and wide_a + wide_b - abs(a.y - b.y) > _TOUCH:
             got = f"x = {b.x:g} m beside {a.x:g} m"
             yield Misplaced(f"Vehicle `{two}`", two, f"clear of `{one}` at the start", got)
 
@@ -89,10 +91,10 @@ def _in_junctions(
 def _reach(actor: Actor, furthest: float) -> float:
     """Largest allowed distance of an actor from the lanes at its start, m.
 
-    0 if SUMO drives it and no act brings it to a lane; 0 for a motor vehicle whose script depends
-    on time alone.
+    `furthest` for a vulnerable road user and a `lively` vehicle; 0 for any other, and for one that
+    SUMO drives and that no act brings to a lane.
     """
-    along = all(act.kind in (played.SPEED, played.KEEP, played.FOLLOW) for act in actor.acts)
-    if actor.model is not None and actor.heading == 0.0 and along:
+    keeps_lane = all(act.kind in (played.SPEED, played.KEEP, played.FOLLOW) for act in actor.acts)
+    if actor.model is not None and actor.heading == 0.0 and keeps_lane:
         return 0.0
     return furthest if actor.body in VULNERABLE or actor.lively else 0.0

@@ -46,7 +46,7 @@ class StreamTable(Checked):
         0.0, "speeds are spread evenly, up to this far from the mean", "m/s"
     )
     spacing_spread: NotNegativeFloat = setting(
-        0.3, "distances are spread evenly, up to this share of their mean from it"
+        0.3, "distances are spread evenly around their mean, by up to this share of it"
     )
     seed: Natural = setting(0, "what speeds and distances are drawn from")
     model: Literal["Krauss", "IDM", "EIDM"] = setting(
@@ -79,13 +79,13 @@ class StreamTable(Checked):
 
         Raises InputError for a stream that is denser than its lane holds, or too long.
         """
-        owner, body, wanted = f"stream `{self.name}`", BODIES[self.body], numbers["speed"]
-        # mean: of the distances, front to front, m; `wanted` is the mean speed, m/s
-        begin, end, mean = numbers["begin"], numbers["end"], 1000.0 / numbers["density"]
+        owner, body, mean_speed = f"stream `{self.name}`", BODIES[self.body], numbers["speed"]
+        # spacing: mean distance, front to front, m
+        begin, end, spacing = numbers["begin"], numbers["end"], 1000.0 / numbers["density"]
         if not begin < end:
             raise must_be("`begin`", owner, f"below `end` ({end:g} m)", begin)
         # least distance between two vehicles, front to front, m, and the distance that one needs
-        least, room = mean * (1.0 - self.spacing_spread), body.length + numbers["min_gap"]
+        least, room = spacing * (1.0 - self.spacing_spread), body.length + numbers["min_gap"]
         if least < room:
             most = 1000.0 * (1.0 - self.spacing_spread) / room
             raise must_be(
@@ -97,17 +97,18 @@ class StreamTable(Checked):
         vehicles = int((end - begin) / least) + 1
         if vehicles > MOST:
             raise must_be("The vehicles", owner, f"at most {MOST}", f"up to {vehicles}")
-        if self.speed_spread >= wanted:
+        if self.speed_spread >= mean_speed:
             raise must_be(
-                "`speed_spread`", owner, f"below `speed` ({wanted:g} m/s)", self.speed_spread
+                "`speed_spread`", owner, f"below `speed` ({mean_speed:g} m/s)", self.speed_spread
             )
+        # two rows of a fixed length: another one would change the draws of the second row
         draws = np.random.Generator(np.random.PCG64(self.seed)).uniform(-1.0, 1.0, (2, MOST + 1))
         x = end
         # faster, further: each vehicle's speed and distance within their spreads, -1..1
         for count, (faster, further) in enumerate(draws.T.tolist(), 1):
             if x < begin:
                 break
-            speed = wanted + self.speed_spread * faster
+            speed = mean_speed + self.speed_spread * faster
             start = Start(ego.x + x, road.lane_width * self.lane, speed)
             model = sumo_model(self.model, speed, numbers)
             yield Actor(
@@ -119,7 +120,7 @@ class StreamTable(Checked):
                 body=self.body,
                 model=model,
             )
-            x -= mean * (1.0 + self.spacing_spread * further)
+            x -= spacing * (1.0 + self.spacing_spread * further)
 
 
 def sumo_model(name: str, desired: float, numbers: Mapping[str, float]) -> Model:

@@ -8,7 +8,7 @@ from os.path import realpath
 from pathlib import Path
 
 from sumo_eval.errors import did_you_mean
-from sumo_eval.extras.openscenario.reading import Node, depends_on, read_openscenario
+from sumo_eval.extras.openscenario.reading import Node, read_openscenario, watch
 
 
 class Catalogs:
@@ -28,7 +28,7 @@ class Catalogs:
         """The catalogs by name; files may share a name, and then all their entries count."""
         catalogs: dict[str, list[Node]] = {}
         for _, at in self.folders:
-            depends_on(at)  # adding a file changes the folder, and then scenes are read again
+            watch(at)  # adding a file changes the folder, and then scenes are read again
         # one folder may be named for several kinds of catalogs
         for file in dict.fromkeys(
             Path(realpath(it)) for _, at in self.folders for it in sorted(at.glob("*.xosc"))
@@ -89,6 +89,6 @@ class Catalogs:
 def named_file(part: Node) -> Path:
     """A file that an element names, relative to its own; refused where it is not there."""
     path = part.file.parent / part.text("filepath")
-    if depends_on(path) < 0:  # its time of change: -1 without a file
+    if watch(path) < 0:  # its time of change: -1 without a file
         raise part.fault(f"the file {path} is not there")
     return path

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.errors import InputError, did_you_mean
-from sumo_eval.extras.openscenario.reading import Node, depends_on
+from sumo_eval.extras.openscenario.reading import Node, watch
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario.road.opendrive import (
     DRIVEN,
@@ -163,7 +163,7 @@ def read_network(path: Path) -> Network:
 
     Raises InputError with what cannot be read.
     """
-    return _read(path, depends_on(path))
+    return _read(path, watch(path))
 
 
 @lru_cache(maxsize=32)

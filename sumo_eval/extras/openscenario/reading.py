@@ -51,20 +51,20 @@ def _read_once(path: Path, changed: int) -> Node:
 
 def read_openscenario(path: Path) -> Node:
     """The root of an OpenSCENARIO file of a version that is known."""
-    return _read_once(path, depends_on(input_file(path, "OpenSCENARIO file")))
+    return _read_once(path, watch(input_file(path, "OpenSCENARIO file")))
 
 
-_DEPENDS_ON: dict[Path, int] = {}
+_WATCHED: dict[Path, int] = {}
 """Files and folders on which scenes depend, each with the time of its last change that was seen."""
 _CHANGES: list[Path] = []
 """One entry for each change that was seen."""
 
 
-def depends_on(path: Path) -> int:
+def watch(path: Path) -> int:
     """Record that scenes depend on a file or folder; return its time of change (`changed_at`)."""
     now = changed_at(path)
-    if _DEPENDS_ON.setdefault(path, now) != now:
-        _DEPENDS_ON[path] = now
+    if _WATCHED.setdefault(path, now) != now:
+        _WATCHED[path] = now
         _CHANGES.append(path)
     return now
 
@@ -77,8 +77,8 @@ def changes(*paths: Path) -> int:
 
     paths: none: all on which scenes depend.
     """
-    for path in paths or [*_DEPENDS_ON]:
-        depends_on(path)
+    for path in paths or [*_WATCHED]:
+        watch(path)
     return len(_CHANGES)
 
 
@@ -120,12 +120,18 @@ class Node:
         return InputError(f"{self.where}: {text}{'' if text.endswith('?') else '.'}")
 
     def unsupported(self, but: str = "") -> InputError:
-        """The error that it is not supported; but: what is, as `moves that are: SpeedAction`."""
+        """The error that it is not supported.
+
+        but: what is supported, as `moves that are: SpeedAction`.
+        """
         rest = f": {but}" if but else ""
         return self.fault(f"this is not supported{rest}, and nothing is guessed instead")
 
     def chosen(self, known: Mapping[str, Choice], what: str) -> Choice:
-        """The entry of `known` for its kind; else refused, naming the known kinds of `what`."""
+        """The entry of `known` for its kind; refused without one.
+
+        what: name of the known kinds in the error, `moves`.
+        """
         if self.tag not in known:
             raise self.unsupported(f"{what} that are: {', '.join(known)}")
         return known[self.tag]
@@ -267,7 +273,7 @@ class Node:
         """
         values = dict(self.values)
         written = dict[str, str]()
-        # a `$` before a declared name is of version 1.0
+        # a `$` before a declared name is of version 1.0; all parts share `values`, filled below
         parts = [
             (part.attribute("name").removeprefix("$"), replace(part, values=values))
             for part in self.all("ParameterDeclarations/ParameterDeclaration")
@@ -288,7 +294,7 @@ class Node:
         return replace(self, values=values), broken
 
     def within(self) -> Node:
-        """A story or a manoeuvre with the parameters from around it and its own."""
+        """The story or manoeuvre with its own parameters added; their constraints must hold."""
         inner, broken = self.declared({})
         if broken:
             raise self.fault(f"a constraint does not hold: {broken[0]}")
