@@ -38,7 +38,7 @@ class Actuation:
         self._steps = np.array(
             [max(math.ceil((it.actuation_delay - _ROUNDING) / step), 0) for it in conditions]
         )
-        # s of wall time
+        # s of wall time; a case with a budget is the only one
         self.budget, self._note = conditions[0].step_budget or math.inf, note
         # a ring over the last steps; zeros until the first command: speed kept, wheel straight
         self._given = np.zeros((self._steps.max() + 1, len(conditions)), kind)
@@ -56,8 +56,7 @@ class Actuation:
     def pass_on(self, commands: NDArray[np.void], cases: Any, now: int, *, has_new: bool) -> None:
         """Replace commands of cases, (n,), by those that arrive in step `now`.
 
-        commands: changed in place; unchanged without delay and budget, as the caller's array then
-            keeps the last ones itself.
+        commands: replaced in place; without delay and budget they are those that hold already.
         cases: their indices.
         now: number of the step.
         has_new: whether there are new commands; else the last ones hold.

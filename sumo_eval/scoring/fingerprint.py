@@ -1,5 +1,5 @@
-"""Keys of cached scores: hashes of all that the scores depend on, which are the recorded facts, the
-settings, the sources of this package, and files that users name.
+"""Keys of cached scores, zones and pages: hashes of all that these depend on, which are recorded
+facts, settings, sources of this package, and files that users name.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def _files_of(locator: str, source: Path) -> list[Path]:
     else:
         if not module.endswith(".py"):
             spec = None
-            # it may lie beside the evaluation, and is looked for there
+            # one that is not found lies beside the evaluation; `source /` keeps an absolute origin
             with suppress(ImportError, ValueError):
                 spec = importlib.util.find_spec(module)
             origin = spec.origin if spec is not None else None

@@ -43,7 +43,7 @@ def checked_command(command: str, folder: Path | None, scheme: str) -> tuple[str
     if not hasattr(os, "killpg"):
         raise InputError(f"{owner} needs a system with process groups (Linux, macOS).")
     program = words[0]
-    # `which` searches PATH for a name without a slash, and a `Path` drops `./`: so joined as text
+    # joined as text: a `Path` drops `./`, and `which` searches PATH for a name without a slash
     path = os.path.join(folder or ".", program) if os.sep in program else program
     if shutil.which(path, path=search_path()) is None:
         raise InputError(f"{owner}: there is no program `{program}` that can be run.")
@@ -82,7 +82,7 @@ class ChildProgram:
         variables: Mapping[str, str] | None = None,
     ) -> None:
         environment = {**os.environ, "PATH": search_path(), **(variables or {})}
-        # a TraCI program would load libsumo instead of connecting
+        # with it a TraCI program would load libsumo instead of connecting
         environment.pop("LIBSUMO_AS_TRACI", None)
         self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `stop`
         try:
@@ -124,7 +124,7 @@ class ChildProgram:
     def ended(self, closed: str) -> ControllerError:
         """The error of a program that ended, or still runs and does not talk any more.
 
-        closed: what it has closed then, as `output`.
+        closed: what it closed if it still runs, as `output`.
         """
         try:
             how = f"with status {self.process.wait(_PATIENCE)}"

@@ -132,7 +132,7 @@ def reference(
     recorded motorway may have had more lanes, or an exit. A driver counts once. Positions begin at
     the ego's start; lateral ones are stretched from the recorded lanes' width to the scenario's.
 
-    recorded: the events as which the scenario occurs on the road; None: unknown.
+    recorded: the events that correspond to the scenario; None: unknown.
     """
     named = _named_drives(concrete, people)
     if named is not None:
@@ -142,7 +142,7 @@ def reference(
     events = matching_events(people.events, concrete.scenario, recorded)
     own = settings.tolerance or {}
     tolerance = {name: own.get(name, within) for name, within in recorded.tolerance}
-    road = concrete.road.length - concrete.ego.x
+    route = concrete.road.length - concrete.ego.x
     drives, left_out = {}, list[float]()
     for event in _nearest(events, concrete.values, tolerance).itertuples():
         track = people.tracks[str(event.recording), str(event.ego)]
@@ -151,9 +151,9 @@ def reference(
             continue
         drive = _aligned(track, event.start, concrete, people)  # type: ignore[arg-type]
         ahead = drive.x.max() - concrete.ego.x
-        covers = drive.speed[-1] < _STANDS or ahead >= settings.coverage * road
+        covers = drive.speed[-1] < _STANDS or ahead >= settings.coverage * route
         if len(drive) < 2 or not covers:
-            left_out.append(ahead / road)
+            left_out.append(ahead / route)
         elif off_road(drive.x, drive.y, concrete.road, 0.0).any():
             left_out.append(math.inf)
         else:
@@ -210,7 +210,7 @@ def _aligned(
     # up to the first sample past the road's end, that one included
     kept = x.cummax().shift(fill_value=-np.inf) < concrete.road.length
     recording, lane = rows["recording"].iloc[0], rows["lane"].iloc[0]
-    centre = people.centres.get((recording, lane), 0.0)
+    centre = people.centres[recording, lane]
     right, left = (people.centres.get((recording, number), np.nan) for number in (0, 1))
     spacing = left - right  # of lanes 0 and 1; all lanes of a road are alike
     # a lane without a neighbour has spacing nan: it is as wide as the scenario's
@@ -269,7 +269,7 @@ def _drives_in(path: Path, line: Line) -> Sequence[tuple[str, Trajectory]]:
     """The drives of a file with columns t, x, y (road coordinates of the scenario) and what else is
     known, by driver.
 
-    line: the road's; along it, a speed that is not known is that on the map.
+    line: of a curved road; an unknown speed is then that on its map.
     """
     table = _table_of(path, changed_at(path))
     table = table.assign(driver=table.get("driver"))  # without such a column no driver is named

@@ -59,7 +59,7 @@ def rank(
         ends = None
         first, second = spreads[above], spreads[below]
         if first is not None and second is not None:
-            ends = first.less(second).interval(difference)
+            ends = first.minus(second).interval(difference)
         apart = ends is not None and ends[0] > 0.0
         pairs.append(RankedPair(above, below, difference, ends, apart))
     told_apart = {(pair.above, pair.below): pair.told_apart for pair in pairs}
@@ -137,9 +137,9 @@ class _Spread(NamedTuple):
     """Replicates of one ADS's mean S+, or of the difference of two ADSs'.
 
     worse: with one more case, (m,).
-    better: without, the part of each scenario in the mean, (k, m).
+    better: without that case, the part of each scenario in the mean, (k, m).
     freedom: degrees of freedom of each scenario, (k,).
-    lower, higher: how far missing cases may move it, at most 0 and at least 0.
+    lower, higher: how far missing cases may move it down, at most 0, and up, at least 0.
     """
 
     worse: FloatArray
@@ -148,7 +148,7 @@ class _Spread(NamedTuple):
     lower: float
     higher: float
 
-    def less(self, other: _Spread) -> _Spread:
+    def minus(self, other: _Spread) -> _Spread:
         """The difference; missing cases are worst for this ADS and best for the other one."""
         return _Spread(
             self.worse - other.worse,

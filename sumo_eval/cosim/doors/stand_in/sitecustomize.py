@@ -11,6 +11,7 @@ from importlib.util import module_from_spec
 from typing import Any
 
 HERE = os.path.dirname(os.path.abspath(__file__))
+# the usual finders must not find the stand-ins, or this file, again
 sys.path[:] = [folder for folder in sys.path if os.path.abspath(folder) != HERE]
 
 
