@@ -17,6 +17,7 @@ from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 from sumo_eval.cli.finish import ALL, finish, scored
 from sumo_eval.cli.options import (
     POSITIVE,
+    RESUME,
     RUN,
     WORKERS,
     Range,
@@ -66,7 +67,7 @@ from sumo_eval.text import without_numbers
     type=POSITIVE,
     help="Wall time a step of an ADS may take, s (default: the file's, else 1).",
 )
-@flag("--resume", help="Go on with the run in --out: simulate what is not recorded there.")
+@RESUME
 @click.option(
     "--shard", metavar="I/N", help="Simulate the I-th of N parts only; `merge` puts them together."
 )

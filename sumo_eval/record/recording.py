@@ -238,7 +238,7 @@ def record(
     done stay recorded.
     """
     versions, drivers = OneVersion(store.files_read()), plan.run.settings.drivers
-    work = _Work(store, plan.setup, progress, stopping, versions)
+    work = Recorder(store, plan.setup, progress, stopping, versions)
     by_space = [stages(space, plan) for space in spaces]
     # the ADSs in all scenarios first, then one role after another
     work.do(list(chain.from_iterable(zip(*by_space, strict=True))))
@@ -254,7 +254,7 @@ def record(
 
 
 @frozen
-class _Stage:
+class RoleCases:
     """Cases of one role in one logical scenario, with the name and total of their progress."""
 
     name: str
@@ -264,22 +264,22 @@ class _Stage:
     total: int
 
 
-def stages(space: Space, plan: Planner) -> list[_Stage]:
+def stages(space: Space, plan: Planner) -> list[RoleCases]:
     """Stages of one logical scenario: ADSs, references, synthetic drivers."""
     settings, points, name = plan.run.settings, len(space.numbers), space.logical.name
     # with `only`, the cases are made just to be counted: they are few
     total = sum(1 for _ in plan.ads(space)) if settings.run.only else points * len(settings.ads)
-    listed = [_Stage(f"{name}: ADSs", name, "ads", plan.ads(space), total)]
+    listed = [RoleCases(f"{name}: ADSs", name, "ads", plan.ads(space), total)]
     for role, words in REFERENCES.items():
         cases = plan.reference(space, role)
-        listed.append(_Stage(f"{name}: {words}", name, role, cases, points))
+        listed.append(RoleCases(f"{name}: {words}", name, role, cases, points))
     if settings.drivers.source == "synthetic":
         total = len(space.safe) * settings.drivers.count if space.logical.has_drivers else 0
-        listed.append(_Stage(f"{name}: drivers", name, "human", plan.humans(space), total))
+        listed.append(RoleCases(f"{name}: drivers", name, "human", plan.humans(space), total))
     return listed
 
 
-def _record_people(space: Space, plan: Planner, work: _Work) -> None:
+def _record_people(space: Space, plan: Planner, work: Recorder) -> None:
     """Record the drives of recorded drivers, or of the user's own reference, at every safe point.
 
     Where recorded drivers are too few, synthetic ones are added if `too_thin` is `fill`.
@@ -306,7 +306,7 @@ def _record_people(space: Space, plan: Planner, work: _Work) -> None:
     work.store.note(f"{LEFT_OUT} {name} {plan.run.shard}", json.dumps(counts))
     if added:
         title = f"{name}: drivers where too few are recorded"
-        work.do([_Stage(title, name, "human", added, len(added))])
+        work.do([RoleCases(title, name, "human", added, len(added))])
     keys.update(case.key for case in added)
     # drives from before the settings or recordings of a resumed run changed
     work.store.remove(case for case, _, _ in work.store.names("human", name) if case not in keys)
@@ -373,7 +373,7 @@ def refuse_to_lose_cases(
 
 
 @dataclass
-class _Work:
+class Recorder:
     """Runs cases and records their outcomes."""
 
     store: Store
@@ -382,7 +382,7 @@ class _Work:
     stopping: Stopping
     versions: OneVersion
 
-    def do(self, stages: Sequence[_Stage]) -> None:
+    def do(self, stages: Sequence[RoleCases]) -> None:
         """Drive the missing cases of all stages in one go, or raise StoppedError."""
         names = {(stage.scenario, stage.role): stage.name for stage in stages}
         totals = {stage.name: stage.total for stage in stages}

@@ -11,8 +11,10 @@ from commands import sumo_eval
 from refusals import refusal
 from tables import rows_of
 
+from sumo_eval.errors import StoppedError
 from sumo_eval.extras.studies.boundary import find_boundary, slice_of
 from sumo_eval.extras.studies.boundary_page import summary, write_boundary
+from sumo_eval.extras.studies.trials import trials_in
 from sumo_eval.method.criticality import required_gap
 from sumo_eval.record.cases import Setup
 from sumo_eval.scenario import catalogue
@@ -48,7 +50,8 @@ def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_pat
     # 9 m/s2 with 0.15 s of build-up needs `required_gap`
     sees_through = replace(SETUP, simulation=replace(SETUP.simulation, ideal_visible_share=0.0))
     logical = slice_of(catalogue.load("front_vehicle_cut_out"), {"ego_speed": 30.0})
-    found = find_boundary(logical, "ideal_braking", sees_through, budget=80, seed=2)
+    with trials_in(tmp_path, sees_through, ["ideal_braking"], resume=False) as trials:
+        found = find_boundary(logical, "ideal_braking", trials, budget=80, seed=2)
     middle = (np.arange(60) + 0.5) / 60
     points = logical.from_unit(np.stack(np.meshgrid(middle, middle), axis=-1).reshape(-1, 2))
     points = points[logical.feasible(points)]
@@ -73,11 +76,39 @@ def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_pat
     assert "http" not in paths[2].read_text().split("<script", 1)[0].replace("http-equiv", "")
 
 
-def test_an_ads_that_never_answers_has_no_boundary():
-    with refusal("None of 16 cases"):
-        find_boundary(
-            slice_of(CUT_OUT, {"ego_speed": 30.0}), "broken.py:drive", broken(), budget=16
-        )
+def test_an_ads_that_never_answers_has_no_boundary(tmp_path):
+    logical = slice_of(CUT_OUT, {"ego_speed": 30.0})
+    with (
+        trials_in(tmp_path, broken(), ["broken.py:drive"], resume=False) as trials,
+        refusal("None of 16 cases"),
+    ):
+        find_boundary(logical, "broken.py:drive", trials, budget=16)
+
+
+def test_a_stopped_search_goes_on_where_it_was(tmp_path):
+    logical, kept = slice_of(CUT_OUT, {"ego_speed": 30.0}), []
+
+    def found(folder, watch, *, resume=False):
+        folder.mkdir(exist_ok=True)
+        with trials_in(folder, SETUP, ["idm"], resume=resume) as trials:
+            kept.append(len(list(trials.recorder.store.facts("ads"))))
+            return find_boundary(logical, "idm", trials, budget=48, seed=3, watch=watch)
+
+    def stop(done, total):
+        if done > 32:  # in the second round
+            raise KeyboardInterrupt
+
+    whole = found(tmp_path / "whole", lambda done, total: None)
+    with pytest.raises(StoppedError, match=r"^Stopped\. \d+ drives are kept in .* --resume"):
+        found(tmp_path / "stopped", stop)
+    with refusal("a study that was stopped; --resume continues it"):
+        found(tmp_path / "stopped", stop)
+    again = found(tmp_path / "stopped", lambda done, total: None, resume=True)
+    assert kept[-1] > 32
+    assert np.array_equal(again.search.points, whole.search.points)
+    assert np.array_equal(again.search.outcomes, whole.search.outcomes)
+    with refusal("nothing to resume"):
+        found(tmp_path / "stopped", stop, resume=True)
 
 
 def broken():

@@ -36,11 +36,10 @@ from sumo_eval.extras.rates.importance import (
     resampled,
 )
 from sumo_eval.extras.rates.intervals import LEVEL, rate_interval
-from sumo_eval.extras.studies.boundary import outcomes_at
+from sumo_eval.extras.studies.trials import Trials
 from sumo_eval.frozen import frozen
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
-from sumo_eval.record.cases import Outcome, Setup
-from sumo_eval.record.engines import identify
+from sumo_eval.record.store import Fact
 from sumo_eval.scenario.logical import LogicalScenario, Occurrence
 from sumo_eval.scenario.resolved import find_with
 from sumo_eval.settings import AdsSettings, RunSettings, SimulationSettings
@@ -210,18 +209,18 @@ def spaces_of(settings: CampaignSettings, folder: Path) -> tuple[EncounterSpace,
 Watch = Callable[[str, int, int], None]
 
 
-def run_campaign(settings: CampaignSettings, folder: Path, watch: Watch) -> Campaign:
+def run_campaign(
+    settings: CampaignSettings, folder: Path, trials: Trials, watch: Watch
+) -> Campaign:
     """Drive every ADS through every scenario.
 
     folder: where relative paths start.
     watch: receives scenario and ADS, the number of drives done, and the budget.
     """
-    setup = Setup(settings.simulation, settings.run, folder)
-    identify([("ADS", item.locator) for item in settings.ads], setup)
     spaces = spaces_of(settings, folder)
     rates = []
     for item in settings.ads:
-        parts = [_drive(space, item, settings, setup, watch) for space in spaces]
+        parts = [_drive(space, item, settings, trials, watch) for space in spaces]
         rates.append(summed(item.name, item.controller, parts))
     return Campaign(settings, spaces, tuple(rates))
 
@@ -230,7 +229,7 @@ def _drive(
     space: EncounterSpace,
     item: AdsSettings,
     settings: CampaignSettings,
-    setup: Setup,
+    trials: Trials,
     watch: Watch,
 ) -> ScenarioRate:
     """Drive one ADS through one scenario until its interval is narrow or the budget is spent."""
@@ -238,8 +237,8 @@ def _drive(
     not_evaluated: Counter[str] = Counter()
     stopped = "budget"
     while len((draw := search.ask()).points):
-        outcomes = outcomes_at(
-            draw.points, space.logical, item.locator, setup,
+        outcomes = trials.at(
+            draw.points, space.logical, (item.name, item.locator),
             first=search.drives - len(draw.points),  # `ask` has counted these points already
             ended=lambda done: watch(f"{space.logical.name}: {item.name}", done, settings.budget),
         )  # fmt: skip
@@ -257,10 +256,10 @@ def _drive(
     return part_of(space, search, settings.seed, stopped, dict(sorted(not_evaluated.items())))
 
 
-def loss_of(outcome: Outcome) -> float:
+def loss_of(trial: Fact) -> float:
     """Eq. 14: L of a drive, 0 without a collision."""
-    hit = None if outcome.recording is None else outcome.recording.collision
-    if outcome.status != "collision" or hit is None:
+    hit = trial.collision
+    if trial.status != "collision" or hit is None:
         return 0.0
     return float(collision_loss(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap)))
 

@@ -12,9 +12,10 @@ import click
 
 from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
-from sumo_eval.cli.options import count_option, path_argument, path_option
+from sumo_eval.cli.options import RESUME, count_option, path_argument, path_option
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
+from sumo_eval.cli.stopping import stop_on_signal
 from sumo_eval.errors import InputError
 from sumo_eval.extras.rates import BUDGET
 
@@ -75,7 +76,10 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
     help="Drives of an ADS in a scenario, instead of the file's.",
 )
 @count_option("--workers", help="Processes that simulate, instead of the file's.")
-def campaign(file: Path, out: Path | None, budget: int | None, workers: int | None) -> None:
+@RESUME
+def campaign(
+    file: Path, out: Path | None, budget: int | None, workers: int | None, resume: bool
+) -> None:
     """Estimate collisions per million km of the ADSs of CAMPAIGN.toml, with intervals.
 
     Points of every scenario are drawn where encounters occur and collisions are likely, and
@@ -84,6 +88,8 @@ def campaign(file: Path, out: Path | None, budget: int | None, workers: int | No
     """
     from sumo_eval.extras.rates.campaign import read_campaign, run_campaign
     from sumo_eval.extras.rates.campaign_page import lost_words, sentences, write_campaign
+    from sumo_eval.extras.studies.trials import trials_in
+    from sumo_eval.record.cases import Setup
 
     settings = read_campaign(file)
     settings = replace(
@@ -93,11 +99,18 @@ def campaign(file: Path, out: Path | None, budget: int | None, workers: int | No
     )
     out = out or out_folder.default(settings.name)
     out_folder.ready(out)
-    with Progress() as progress:
-        result = run_campaign(settings, file.parent, progress)
-    say(sentences(result))
-    lost = sum((rate.lost for rate in result.rates), Counter())
-    if lost:
-        tell(lost_words(lost))
-    say(map(str, write_campaign(result, out)))
+    setup = Setup(settings.simulation, settings.run, file.parent)
+    locators = [ads.locator for ads in settings.ads]
+    with (
+        stop_on_signal() as stopping,
+        trials_in(out, setup, locators, resume=resume, stopping=stopping) as trials,
+    ):
+        say(trials.notes)
+        with Progress() as progress:
+            result = run_campaign(settings, file.parent, trials, progress)
+        say(sentences(result))
+        lost = sum((rate.lost for rate in result.rates), Counter())
+        if lost:
+            tell(lost_words(lost))
+        say(map(str, write_campaign(result, out)))
     sys.exit(NOT_EVALUATED if lost else DONE)

@@ -1,7 +1,5 @@
 """Boundary of an ADS's collisions, for `sumo-eval boundary`: drive the points that `straddle` asks
 for until the boundary is settled.
-
-`outcomes_at` also drives the points of `rates.campaign`.
 """
 
 from __future__ import annotations
@@ -16,10 +14,8 @@ import numpy as np
 from sumo_eval.cases import EVALUATED
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.studies.straddle import BoundarySearch
-from sumo_eval.record.cases import Case, Outcome, Setup
-from sumo_eval.record.engines import identify, run_cases
+from sumo_eval.extras.studies.trials import Trials
 from sumo_eval.scenario.logical import Constraint, LogicalScenario
-from sumo_eval.trajectory import FloatArray
 
 FIRST = 16  # trials of the first round, times the number of parameters
 ROUND = 16  # trials of each later round
@@ -58,7 +54,7 @@ class FailureBoundary(NamedTuple):
 def find_boundary(
     logical: LogicalScenario,
     controller: str,
-    setup: Setup,
+    trials: Trials,
     *,
     budget: int,
     tolerance: float = 0.001,
@@ -72,11 +68,10 @@ def find_boundary(
     tolerance: share of the space, 0..1; the search ends once a smaller share is expected to change
         sides of the boundary in the next round.
     watch: receives the number of simulations done and the budget.
-    Raises InputError for an ADS that does not exist or that no trial could evaluate.
+    Raises InputError for an ADS that no trial could evaluate.
     """
     if not 0.0 <= tolerance < 1.0:
         raise must_be("`tolerance`", "the search", "a share of the space within 0..1", tolerance)
-    identify([("ADS", controller)], setup)  # raises before the first simulation
     search = BoundarySearch(logical, seed)
     rounds: list[Round] = []
     not_evaluated: Counter[str] = Counter()
@@ -87,9 +82,10 @@ def find_boundary(
         if not len(points):
             stopped = "no point left"
             break
-        outcomes = outcomes_at(
-            points, logical, controller, setup, first=done, ended=lambda ended: watch(ended, budget)
-        )
+        outcomes = trials.at(
+            points, logical, ("ads", controller), first=done,
+            ended=lambda ended: watch(ended, budget),
+        )  # fmt: skip
         done += len(points)
         statuses = np.array([outcome.status for outcome in outcomes])
         evaluated = np.isin(statuses, EVALUATED)
@@ -105,31 +101,6 @@ def find_boundary(
         why = ", ".join(f"{number} {status}" for status, number in numbers.items())
         raise InputError(f"None of {done} cases of ADS `{controller}` could be evaluated ({why}).")
     return FailureBoundary(logical, controller, search, tuple(rounds), numbers, stopped)
-
-
-def outcomes_at(
-    points: FloatArray,
-    logical: LogicalScenario,
-    controller: str,
-    setup: Setup,
-    *,
-    first: int,
-    ended: Callable[[int], None],
-) -> list[Outcome]:
-    """Outcomes of an ADS at points (n, k), in their order.
-
-    first: number of the first point among all points of the search.
-    ended: called after each drive, with `first` plus the number of drives that ended.
-    """
-    cases = [
-        Case(first + number, concrete, "ads", "ads", controller)
-        for number, concrete in enumerate(logical.concretes(points))
-    ]
-    outcomes: list[Outcome] = []
-    for outcome in run_cases(cases, setup):
-        outcomes.append(outcome)
-        ended(first + len(outcomes))
-    return sorted(outcomes, key=lambda outcome: outcome.case.point)
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,10 @@ import click
 from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
 from sumo_eval.cli.named_values import named_values
-from sumo_eval.cli.options import SEED, count_option, path_option
+from sumo_eval.cli.options import RESUME, SEED, count_option, path_option
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say
+from sumo_eval.cli.stopping import stop_on_signal
 
 
 @click.command(
@@ -39,6 +40,7 @@ from sumo_eval.cli.sentences import say
                    "space.")  # fmt: skip
 @SEED
 @count_option("--workers", default=2, show_default=True, help="Processes that simulate.")
+@RESUME
 def boundary(
     scenario: str,
     ads: str,
@@ -48,6 +50,7 @@ def boundary(
     tolerance: float,
     seed: int,
     workers: int,
+    resume: bool,
 ) -> None:
     """Find the points of SCENARIO where ADS collides, in any shape, with few simulations.
 
@@ -56,6 +59,7 @@ def boundary(
     """
     from sumo_eval.extras.studies.boundary import find_boundary, slice_of
     from sumo_eval.extras.studies.boundary_page import sentences, write_boundary
+    from sumo_eval.extras.studies.trials import trials_in
     from sumo_eval.record.cases import Setup
     from sumo_eval.scenario.catalogue import find
     from sumo_eval.settings import RunSettings, SimulationSettings
@@ -65,11 +69,16 @@ def boundary(
     setup = Setup(SimulationSettings(), RunSettings(workers=workers), Path.cwd())
     out = out or out_folder.default(scenario, ads)
     out_folder.ready(out)
-    with Progress(at_most=True) as progress:
-        result = find_boundary(
-            logical, ads, setup, budget=budget, tolerance=tolerance, seed=seed,
-            watch=lambda done, total: progress(f"{logical.name}: {ads}", done, total),
-        )  # fmt: skip
-    say(sentences(result, held))
-    say(map(str, write_boundary(result, out, held)))
+    with (
+        stop_on_signal() as stopping,
+        trials_in(out, setup, [ads], resume=resume, stopping=stopping) as trials,
+    ):
+        say(trials.notes)
+        with Progress(at_most=True) as progress:
+            result = find_boundary(
+                logical, ads, trials, budget=budget, tolerance=tolerance, seed=seed,
+                watch=lambda done, total: progress(f"{logical.name}: {ads}", done, total),
+            )  # fmt: skip
+        say(sentences(result, held))
+        say(map(str, write_boundary(result, out, held)))
     sys.exit(NOT_EVALUATED if result.not_evaluated else DONE)

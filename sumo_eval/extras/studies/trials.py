@@ -1,0 +1,122 @@
+"""Trials: drives of an ADS at the points that `boundary` or `rates.campaign` asks for.
+
+Each is kept as it ends, until the study has written its results. A study that begins again asks
+for the same points, so one that was stopped goes on where it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from sumo_eval.errors import InputError, StoppedError
+from sumo_eval.frozen import frozen
+from sumo_eval.record import loops
+from sumo_eval.record.cases import Case, Outcome, Setup
+from sumo_eval.record.engines import identify
+from sumo_eval.record.identity import harness_identity, with_fingerprint
+from sumo_eval.record.kept import keep
+from sumo_eval.record.progress import Stopping, never
+from sumo_eval.record.reads import OneVersion
+from sumo_eval.record.recording import Recorder, RoleCases, find_stale
+from sumo_eval.record.store import Fact, Store
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.trajectory import FloatArray, Recording
+
+KEPT = "unfinished.sqlite"
+
+
+class _Outcomes(Store):
+    """A store without trajectories: a study of a million trials needs only their outcomes."""
+
+    def add(self, *outcomes: Outcome) -> None:
+        super().add(*map(_without_trajectories, outcomes))
+
+
+def _without_trajectories(outcome: Outcome) -> Outcome:
+    recording = outcome.recording
+    if isinstance(recording, Recording):
+        recording = keep(recording)
+    return replace(outcome, recording=recording and recording._replace(drives={}))
+
+
+@frozen(eq=False)
+class Trials:
+    """Drives the points of a study, and keeps the outcomes.
+
+    identities: of the ADSs, by locator.
+    notes: on trials that cannot be reused.
+    """
+
+    recorder: Recorder
+    identities: Mapping[str, str]
+    notes: tuple[str, ...]
+
+    def at(
+        self,
+        points: FloatArray,
+        logical: LogicalScenario,
+        ads: tuple[str, str],
+        *,
+        first: int,
+        ended: Callable[[int], None],
+    ) -> list[Fact]:
+        """Outcomes of an ADS at points (n, k), in their order.
+
+        ads: name and locator.
+        first: number of the first point among all points of the search.
+        ended: called after each drive, with `first` plus the number of drives that ended.
+        """
+        name, locator = ads
+        recorder, identity = self.recorder, self.identities[locator]
+        cases = [
+            with_fingerprint(
+                Case(number, concrete, "ads", name, locator),
+                recorder.setup.simulation, identity, harness_identity(),
+            )
+            for number, concrete in enumerate(logical.concretes(points), start=first)
+        ]  # fmt: skip
+        loops.ready(loops.of_cases(cases))
+        stage = RoleCases(name, logical.name, "ads", cases, len(cases))
+        watched = replace(recorder, progress=lambda stage, done, *_: ended(first + done))
+        watched.do([stage])
+        facts = (recorder.store.fact(case.key) for case in cases)
+        return [fact for fact in facts if fact]
+
+
+@contextmanager
+def trials_in(
+    folder: Path,
+    setup: Setup,
+    locators: Sequence[str],
+    *,
+    resume: bool,
+    stopping: Stopping = never,
+) -> Iterator[Trials]:
+    """Trials of a study of these ADSs; the block also writes its results into the folder.
+
+    resume: continue the study that was stopped there.
+    Raises InputError where an ADS cannot be loaded, or the folder does not fit `resume`.
+    """
+    path = folder / KEPT
+    if path.exists() and not resume:
+        raise InputError(f"{folder} holds a study that was stopped; --resume continues it.")
+    if resume and not path.exists():
+        raise InputError(f"{folder} holds no study that was stopped: there is nothing to resume.")
+    identities = identify([("ADS", locator) for locator in locators], setup)
+    with closing(_Outcomes(path, create=True)) as store:
+        notes = find_stale(store, setup.folder)
+        store.remove_stale()
+        versions = OneVersion(store.files_read())
+        recorder = Recorder(store, setup, lambda *_: None, stopping, versions)
+        try:
+            yield Trials(recorder, identities, notes)
+        except (StoppedError, KeyboardInterrupt):
+            drives = sum(number for *_, number, _ in store.counts())
+            raise StoppedError(
+                f"Stopped. {drives} drives are kept in {folder}; the same command with --resume "
+                "continues."
+            ) from None
+    path.unlink()
