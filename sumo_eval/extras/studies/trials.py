@@ -1,7 +1,7 @@
 """Trials: drives of an ADS at the points that `boundary` or `rates.campaign` asks for.
 
-Each is kept as it ends, until the study has written its results. A study that begins again asks
-for the same points, so one that was stopped goes on where it was.
+Each is kept as it ends, until the study has written its results. A study asks for the same points
+every time, so a stopped one can continue.
 """
 
 from __future__ import annotations
