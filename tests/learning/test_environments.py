@@ -331,6 +331,14 @@ def test_an_action_of_a_discrete_set_is_its_values():
         Interface(RAW.features, (set_of[0], Action("steering")))
 
 
+def test_refused_choices_name_their_right_number():
+    choice = (Action("acceleration", values=(-2.0, 1.0)),)
+    many = make_vec("sumo_eval/cut_in-v0", num_envs=2, interface=Interface(RAW.features, choice))
+    many.reset(seed=0)
+    with refusal("whole numbers from 0 to 1, 2 in all"):
+        many.step(np.array([0, 1, 1]))
+
+
 def test_what_the_environment_cannot_do_is_refused():
     with refusal("nothing in `conditions`"):
         make(

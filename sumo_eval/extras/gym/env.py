@@ -46,7 +46,7 @@ def _answers(interface: Interface, actions: Any, count: int) -> Floats:
         whole = len(index) == count and index.dtype.kind in "iu"
         if whole and 0 <= index.min() <= index.max() < width:
             return np.asarray(np.eye(width)[index])
-        wanted, given = f"whole numbers from 0 to {width - 1}", actions
+        wanted, given = f"whole numbers from 0 to {width - 1}, {count} in all", actions
     raise must_be("The actions", "an environment", wanted, given)
 
 
@@ -75,8 +75,8 @@ class ScenarioEnv(gymnasium.Env[Floats, Floats]):
         """Begin a case."""
         super().reset(seed=seed)
         self.episodes.begin(np.array([0]), [self.np_random], options or {})
-        (concrete,) = self.episodes.pack.world.cases
-        return self.episodes.show()[0], {"values": dict(concrete.values)}
+        values = dict(self.episodes.pack.world.cases[0].values)
+        return self.episodes.show()[0], {"values": values}
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """One step, or the steps of one `period`."""
@@ -163,7 +163,7 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
     def step(self, actions: Floats) -> tuple[Floats, Floats, BoolArray, BoolArray, dict[str, Any]]:
         """One step of all, or the steps of one `period`."""
         answers = _answers(self.interface, actions, self.num_envs)
-        # episodes that ended with the last step: their actions do not count, they restart below
+        # episodes that ended with the last step: their actions do not count, and they restart below
         restarts = self._over
         if restarts.any():
             if self._mode is AutoresetMode.DISABLED:
@@ -175,9 +175,10 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
         over = reasons != ""
         info: dict[str, Any] = {}
         if over.any():
+            # a copy, because `reset` changes `_over`
             info = {"end_reason": reasons, "_end_reason": over.copy()}
-        # After the step, which does not move an episode that is over: so a new one begins with its
-        # first observation. With SAME_STEP `_over` stays False, and none begins here.
+        # The step has not moved episodes that were over. Begun after it, the new ones show their
+        # first observation. With SAME_STEP `_over` stays False: none begins here.
         self.episodes.begin(np.flatnonzero(restarts), self._generators, {})
         seen = self.episodes.show()
         if self._mode is AutoresetMode.SAME_STEP and over.any():
