@@ -3,12 +3,11 @@ of the file.
 
 Readings, where the standard leaves a choice or this package supports less:
 
-- What is relative to the ego is relative to its start: a speed to its first speed, a lane or an
-  offset to its first place, because where an ADS will be is unknown before the drive.
+- A speed, lane or offset relative to the ego is relative to the one at its start, because an ADS's
+  motion is unknown before the drive. Only a move of `_relative` follows the drive.
 - SynchronizeAction is planned once, when it begins, for a master that keeps its speed
   (`synchronized`).
-- `sinusoidal` by `rate` has that peak lateral speed, by `maxLateralAcc` that peak lateral
-  acceleration.
+- A `rate` is the peak rate of a change, `maxLateralAcc` the peak lateral acceleration.
 - The sign of a `rate` is ignored; the target gives the direction.
 """
 
@@ -48,7 +47,7 @@ _DIMENSIONS = ("rate", "time", "distance")
 _SHAPES = ("linear", "step", "cubic", "sinusoidal")
 # kinds of acts that change a speed, and of those that move across
 _SPEEDS, _ACROSS = (played.SPEED, played.BY_TIME, played.MATCH), (played.COSINE, played.CONSTANT)
-# for no act: a move (actor's number, act's index) that is none, since the ego has no acts
+# a move (actor's number, act's index) that no act is, since the ego has none
 _NO_MOVE = played.EGO, 0
 _SHARES = np.arange(1, 33) / 32  # knots of a curved change of speed, as shares of its time
 _THERE = 0.05  # m and m/s: a distance and a speed within this count as reached
@@ -84,7 +83,7 @@ def synchronized(distance: float, time: float, speed: float, final: float, stead
     if abs(mean - final) <= SAME and abs(mean - speed) <= SAME:
         return ((rest, final),)
     if min(speed, final) + SAME < mean < max(speed, final) - SAME:
-        # one change, of `ramp` s: last if the mean speed is nearer to the first speed, else first
+        # one change, of `ramp` s: at the end if the mean is nearer to the first speed, else at once
         if abs(mean - speed) < abs(mean - final):
             ramp = 2.0 * (ahead - speed * rest) / (final - speed)
             return _knots((rest - ramp, speed), (rest, final))
@@ -151,8 +150,8 @@ class Moves:
         }  # fmt: skip
         move = entity.next_move
         span = element.chosen(known, "moves")(element, entity, moment)
-        # The action became no act, so the next act gets its number. In rows of `reads` of others,
-        # a move with this number (the last item) becomes none, or it would mean that act.
+        # The action became no act, so the entity's next act gets its number: in the `reads` of
+        # other entities, a plan of this number (last item) would seem to be that act's.
         if entity.next_move == move:
             for other in self.places.entities.values():
                 if other is not entity:
@@ -170,7 +169,7 @@ class Moves:
         other = self.places.referred(target)
         if other is not mover:
             if kinds == _ACROSS and other.moved != 0.0:
-                raise target.fault(f"`{other.name}`, to which it is relative, moves across itself")
+                raise target.fault(f"`{other.name}`, to which it is relative, also moves across")
             self._plan(other, begin, kinds, target, mover.next_move)
         return other
 
@@ -190,8 +189,8 @@ class Moves:
         entity.reads.append((begin.time if begin.known else math.inf, kinds, fault, move))
 
     def _add(self, entity: Entity, begin: Moment, act: Act, lasts: float) -> Span:
-        """Add an act and return its span. Raises a fault if the act may begin before a move that is
-        above it in the file and was planned without it.
+        """Add an act and return its span. Raises a fault if it may begin too early for a move above
+        it in the file, which was planned without it.
 
         lasts: duration, s; not used where it begins by a condition.
         """
@@ -226,9 +225,9 @@ class Moves:
         earliest, past = self._implied(begin)
         if span.begin.known:
             return span.end - SAME <= earliest
-        # what holds at the element's end must hold at the moment, too
-        _, ends = self._implied(Moment(0.0, span.ended))
-        return earliest == NEVER or (bool(span.ended) and ends <= past)
+        # all facts that are true at the element's end must be true at the moment, too
+        _, at_end = self._implied(Moment(0.0, span.ended))
+        return earliest == NEVER or (bool(span.ended) and at_end <= past)
 
     # -- speeds ------------------------------------------------------------------------------------
 
@@ -242,7 +241,7 @@ class Moves:
             entity.pace, value = speed, target.number("value")
             factor, added = (value, 0.0) if _by_factor(target) else (1.0, value)
             number = float(self.places.referred(target).number)
-            # pairs as in `_distance`: what it keeps is 0, a speed alone, so the last pair is unused
+            # pairs as in `_distance`; kept 0: the speed alone, so the last pair is unused
             return self._relative(entity, begin, (number, factor), (added, 0.0), (0.0, 0.0))
         shape = dynamics.one_of("dynamicsShape", _SHAPES)
         # During an earlier change, the speed lies between its ends: assume the end from which this
@@ -350,7 +349,7 @@ class Moves:
     def place_apart(self, element: Node, entity: Entity) -> None:
         """Put an entity at the distance of a LongitudinalDistanceAction at the start."""
         other, apart, gap = self._apart(element, entity)
-        # m over the ground, ahead: the time gap (below 0 if ahead) at the speed of the one behind
+        # m ahead over the ground: the time gap at the speed of the vehicle behind; gap < 0: `other`
         further = -gap * (other.speed if gap < 0.0 else entity.speed)
         x = other.frame.x + (apart + further / self.frame.ground(other.frame))
         entity.frame = entity.frame._replace(x=x)
@@ -367,7 +366,7 @@ class Moves:
             raise element.fault("a distance of an entity that drives on the map is not supported")
         sides = ("any", "leadingReferencedEntity", "trailingReferencedEntity")
         side = element.one_of("displacement", sides, "any")
-        ahead = entity.frame.x >= other.frame.x if side == "any" else side == sides[1]
+        ahead = entity.frame.x >= other.frame.x if side == "any" else side.startswith("leading")
         apart = 0.0 if element.get("timeGap") is not None else element.not_negative("distance")
         free = element.flag("freespace")
         if free:
@@ -390,8 +389,8 @@ class Moves:
         other, apart, gap = self._apart(element, entity)
         if other is not self.ego:  # the ego's speed during the drive is unknown
             entity.pace = other.pace
-        # pairs of `played.PLAY` under `match`: (whom it follows, factor), (speed added, what it
-        # keeps: 1 a position, 2 one within limits), (distance, time gap)
+        # pairs of `played.PLAY` under `match`: (followed vehicle, factor), (speed added, kept: 1 a
+        # position, 2 one within limits), (distance, time gap)
         keeps = (float(other.number), 1.0), (0.0, 1.0 if limits is None else 2.0), (apart, gap)
         if limits is None:
             return self._relative(entity, begin, *keeps)
@@ -414,19 +413,20 @@ class Moves:
         own, target_number = entity.number, other.number
         # a condition can read an act's end only: a move by 0 m shows that the action has begun
         self._add(entity, begin, Act(played.COSINE, 0.0, AT_ONCE), 0.0)
-        follows = entity.ended()
+        has_begun = entity.ended()
 
         x, ahead = of_vehicle(played.X, own), of_vehicle(played.X, target_number) + constant(apart)
         speed, target = (of_vehicle(played.ALONG, it) for it in (own, target_number))
-        # m that the time gap puts it behind, at the speed of the one behind
+        # m along the line that the time gap puts it behind, at the speed of the vehicle behind, as
+        # `played` has it: over the ground where the entity drives
         behind = constant(gap / self.frame.ground(entity.frame)) * (target if gap < 0.0 else speed)
         # the larger of both differences must be below `_THERE`
         off = abs(ahead - behind - x).joined(played.LARGER, abs(target - speed))
         ends = (*off.program, *constant(_THERE).program, operation(played.BELOW))
-        has_both = (*follows, *ends, operation(played.AND))
-        entity.acts.append(Act(played.KEEP, program=has_both))
+        has_arrived = (*has_begun, *ends, operation(played.AND))
+        entity.acts.append(Act(played.KEEP, program=has_arrived))
         # KEEP has no end that a condition could read: a second move remembers its begin
-        return self._add(entity, Moment(0.0, has_both), Act(played.COSINE, 0.0, AT_ONCE), NEVER)
+        return self._add(entity, Moment(0.0, has_arrived), Act(played.COSINE, 0.0, AT_ONCE), NEVER)
 
     # -- lateral moves -----------------------------------------------------------------------------
 
@@ -572,6 +572,7 @@ class Moves:
         # 3. its speeds, where the trajectory has times
         if not course.times:
             return self._add(entity, begin, Act(played.KEEP), NEVER)
+        # without <Timing>: the element itself, which has none of its attributes
         timing = element.find("TimeReference/Timing") or element
         times = np.array(course.times) * timing.number("scale", 1.0) + timing.number("offset", 0.0)
         domain = timing.one_of("domainAbsoluteRelative", ("absolute", "relative"), "relative")
@@ -605,19 +606,19 @@ class Moves:
         if self.frame.turns:  # along the path on which it turns
             at = in_frame(goal, self.frame.origin, self.frame.line)
             distance = at.x - start.seen_from(self.frame.origin).x
-        arrives = distance / master.speed - begin.time
+        lasts = distance / master.speed - begin.time  # s until the master is at its place
         final, steady = self._final_speed(element, master, entity)
         target = self.places.spot(element.child("TargetPosition")).pose
         pose = entity.placed().pose._replace(heading=entity.heading)
         ahead = target.seen_from(pose).x - entity.pace * begin.time
         try:
-            knots = synchronized(ahead, arrives, entity.pace, final, steady)
+            knots = synchronized(ahead, lasts, entity.pace, final, steady)
         except InputError as error:
             raise element.fault(
                 f"`{entity.name}` cannot be there when the ego is: {error}"
             ) from None
         entity.pace = final
-        return self._add(entity, begin, Act(played.BY_TIME, table=knots), arrives)
+        return self._add(entity, begin, Act(played.BY_TIME, table=knots), lasts)
 
     def _final_speed(self, element: Node, master: Entity, entity: Entity) -> tuple[float, float]:
         """The final speed of a SynchronizeAction, m/s, and the length of its steady part, m.
@@ -658,7 +659,7 @@ def target_speed(action: Node, places: Places) -> float:
     if target.tag == "RelativeTargetSpeed":
         other = places.referred(target)
         if other.waits:
-            raise UnplacedError("", other.name)
+            raise UnplacedError("", other.name)  # no text: `scene` tries again later
         speed = other.pace * speed if _by_factor(target) else other.pace + speed
     elif target.tag != "AbsoluteTargetSpeed":
         raise target.unsupported()
