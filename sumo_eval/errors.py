@@ -28,13 +28,13 @@ class InputError(SumoEvalError, ValueError):
 class NotInstalledError(InputError, ImportError):
     """A library cannot be loaded.
 
-    It is an ImportError too: Python's fork server ignores these while it imports modules in
-    advance.
+    It is an ImportError too, because Python's fork server ignores ImportErrors while it imports
+    modules in advance.
     """
 
 
 class ControllerError(SumoEvalError):
-    """The ADS under test raised, or returned something that is not a command."""
+    """The ADS under test raised or returned no command; `cosim.loop` ends the drive with it."""
 
 
 class ControllerTimeoutError(ControllerError):
@@ -84,7 +84,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     near = nearest(name, names)
     if near is not None:
         return f" Did you mean `{near}`?"
-    # characters of the list up to the end of each name, cut to `WORDS` so that two names always fit
+    # length of the list after each name; names are cut to `WORDS` characters, so two always fit
     ends = list(itertools.accumulate(len(it[:WORDS]) + len(", ") for it in names))
     fitting = bisect.bisect(ends, MOST_KNOWN)
     listed = ", ".join(it[:WORDS] for it in names[:fitting])
@@ -128,7 +128,7 @@ def install_command(extra: str) -> str:
     name = f"sumo_eval[{extra}]"
     editable = ""
     try:
-        # pip writes this file; none: the package came from a package index
+        # pip writes this file unless the package came from a package index
         origin = json.loads(distribution("sumo_eval").read_text("direct_url.json") or "{}")
     except PackageNotFoundError:  # run from its sources without being installed
         origin = {"url": Path(__file__).parents[1].as_uri(), "dir_info": {"editable": True}}
@@ -161,7 +161,7 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
     kind: "parameter of scenario `cut_in`"; without an owner: "parameter".
     name: "gpa".
     """
-    # group 1: "parameter"; group 2: " of scenario `cut_in`"; a last colon is left out
+    # group 1: "parameter"; group 2: " of scenario `cut_in`"; a last colon of `kind` is left out
     parts = re.fullmatch(r"(.*?)((?: of | in ).*?)?:?", kind, flags=re.DOTALL)
     what, owner = parts.groups(default="")  # type: ignore[union-attr]
     return InputError(f"Unknown {what} `{clean(name)}`{owner}.{did_you_mean(name, known)}")
@@ -198,11 +198,11 @@ def said(error: BaseException) -> str:
 
 @contextmanager
 def users_code(what: str, *stay: type[Exception]) -> Iterator[None]:
-    """A block that runs code of a user or of another package. Whatever it raises becomes an
-    InputError; Ctrl-C stays.
+    """A block that runs code of a user or of another package. All that it raises becomes an
+    InputError, except Ctrl-C.
 
     what: begins the sentence, ``Sampler `my.py:points` failed`` for example.
-    stay: errors that stay, too.
+    stay: further errors that are raised unchanged.
     """
     try:
         yield

@@ -1,8 +1,9 @@
-"""Brakes and motor in continuous time, for rules that are called once a step and also speed up.
+"""Brakes and motor in continuous time, for `lane_changer`, which is called once a step and also
+speeds up.
 
 As in `sumo_eval.ads.braking`, a rule's command is a path: an acceleration over time that may change
-anywhere within a step. At the beginning of the step the vehicle gets the one command with which it
-is, at the end of the step, as fast as on that path.
+anywhere within a step. The vehicle gets one command for the step, such that at its end the speed is
+that of the path.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from sumo_eval.kernels import fields, kernel
 _ROLLING = 1e3
 
 PEDALS = fields("level", "given", "owed")
-"""Memory of the acceleration that the rule intends and of the vehicle's own; all 0 at the start.
+"""Memory: the acceleration that the rule intends, and the vehicle's own; all 0 at the start.
 
 level: intended acceleration, m/s2.
 given: the vehicle's acceleration, m/s2.
@@ -43,6 +44,7 @@ def pedal_command(pedals: Any, speed: float, gained: float, vehicle: Any, step: 
 
     Brakes and drive bound it; a vehicle that comes to a standstill owes nothing.
     """
+    # computed for brakes; a drive that rises more slowly owes the rest
     command = mean_level(pedals.given, (gained + pedals.owed) / step, vehicle.brake_jerk, step)
     command = min(max(command, -vehicle.max_deceleration), vehicle.max_acceleration)
     given, after, _ = drive(_ROLLING, pedals.given, command, vehicle, step)

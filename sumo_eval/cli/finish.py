@@ -42,14 +42,14 @@ def show_scores(evaluation: Evaluation, everything: bool = False) -> None:
     """Print the headline and the table, as wide as the terminal; without one, 100 characters."""
     from sumo_eval.report.citation import citation
     from sumo_eval.report.headline import headline
-    from sumo_eval.report.score_table import WIDTH, WORDS, score_lines
+    from sumo_eval.report.score_table import LEGEND, WIDTH, score_lines
 
     first_words = headline(evaluation)
     say(f"{question}: {answer}" for question, answer in first_words.answers)
     say((f"! {ads}: {words}." for ads, words in first_words.alarms), fg="red")
     width = shutil.get_terminal_size((WIDTH, 24)).columns
     show(("", *score_lines(evaluation, width, everything), ""))
-    say((WORDS, citation(evaluation)))  # WORDS: what the columns mean
+    say((LEGEND, citation(evaluation)))
 
 
 def finish(

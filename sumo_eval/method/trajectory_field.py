@@ -10,7 +10,7 @@ Readings of the paper (docs/method.md) that this file is built on:
 - The velocity points along the heading.
 
 The sum of magnitudes is compiled by numba, which is imported at first use, because that takes a
-while. Users: `shared_fields` for the fields behind D_i, `operations`, `extras/`.
+while. Users: `shared_fields` for the fields behind D_i, figures and studies in `extras/`.
 """
 
 from __future__ import annotations
@@ -50,8 +50,7 @@ def trajectory_field(
     r: from a sample to p, m; v: its speed, m/s; theta: between its heading and r.
 
     points: p, (n, 2), m; (n,) comes back.
-    trajectory: sampled every `sample_interval` s from its first time on; one that already is
-        sampled so is used as it is.
+    trajectory: resampled every `sample_interval` s from its first time on, unless it already is so.
     k1: decay with distance.
     k2: growth with the speed towards p, s/m.
     sample_interval: s.
@@ -117,7 +116,7 @@ def _resampled(trajectory: Trajectory, interval: float) -> FloatArray:
     times = trajectory.time[0] + interval * np.arange(count)
     if count == len(trajectory) and np.all(np.abs(times - trajectory.time) <= SAME_TIME):
         return motion
-    # else a heading between those of -pi and pi would be near 0
+    # interpolated without this, a heading between -pi and pi would be near 0
     motion[:, 2] = np.unwrap(motion[:, 2])
     return np.column_stack([np.interp(times, trajectory.time, channel) for channel in motion.T])
 

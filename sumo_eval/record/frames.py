@@ -1,4 +1,4 @@
-"""Frames: the form in which a process that runs users' code sends a result to the pool.
+"""Frames: the form in which a child of `pool`, which runs users' code, sends a result to it.
 
 A frame is a header and plain values as `marshal` writes them; nothing in it executes. The header
 has the number of the item (of `record.pool`) that it answers, so that no other item takes it, and a
@@ -26,7 +26,7 @@ class FrameError(Exception):
 def frame(values: Any, number: int) -> bytes:
     """Bytes of the frame that answers an item.
 
-    values: lists, texts, bytes, numbers and None.
+    values: lists, texts, bytes, numbers and None, but not None alone.
     number: of the item.
     """
     body = marshal.dumps(values)
@@ -44,9 +44,9 @@ class FrameReader:
         self.received = bytearray()
 
     def feed(self, data: bytes) -> Any:
-        """The values, never None, once the frame is complete; before, None.
+        """The values of the frame once it is complete, before that None.
 
-        Raises FrameError as soon as it cannot become one.
+        Raises FrameError as soon as the bytes cannot become the frame.
         """
         self.received += data
         if len(self.received) < _HEADER.size:

@@ -96,7 +96,7 @@ class Work(Generic[Item]):
 
     task: called with an item and `shared`, in a child.
     affinity: of an item; a child serves items of one affinity only.
-    size: number of items that an item counts as.
+    size: number that an item counts for in `items_per_child`: of a batch, its cases.
     """
 
     task: Task
@@ -244,8 +244,8 @@ class Pool:
             for watched in child.watched():
                 watch.register(*watched)
         wait = min(child.deadline for child in busy) - clock.monotonic()
-        for ready_pipe, _ in watch.select(min(max(wait, 0.0), _LONGEST_WAIT)):
-            ready_pipe.data()
+        for key, _ in watch.select(min(max(wait, 0.0), _LONGEST_WAIT)):
+            key.data()  # the function that handles this pipe (`watched`)
         self._looked = clock.monotonic()
 
     def _drop(self, child: _Child) -> None:
@@ -276,7 +276,7 @@ class _Child:
             os.set_blocking(own.fileno(), False)
         self.affinity = affinity
         self.items = 0
-        # of the item, s: clock at its deadline and when it was given, processor time until then
+        # s: the clock at the item's deadline and at its begin, processor time used before it
         self.deadline = self._begun = self._used = 0.0
         self.is_last = False  # whether the child ends with its present item
         self._item: Any = None
@@ -288,7 +288,7 @@ class _Child:
         # item as well, text of a refusal, result].
         self._answer: Any = None
         self._fault = ""  # of its frame, in words
-        self._ended: Report | None = None
+        self._last_report: Report | None = None
         self._reported = False
         pipes = (orders, results, output, leash, report)
         self._process: Any = started(_begin, (pipes, memory_limit, str(self._folder)))
@@ -366,18 +366,18 @@ class _Child:
         if self._reported:
             if begun:
                 return "garbled", "ended amid its result"
-            if self._ended is not None and self._ended.held:
-                return "overfull", f"{self._ended.held:.0f}"
-            return "died", (_CLOSED if self._ended is None else self._ended.words)
+            if self._last_report is not None and self._last_report.held:
+                return "overfull", f"{self._last_report.held:.0f}"
+            return "died", (_CLOSED if self._last_report is None else self._last_report.words)
         if self.deadline <= clock.monotonic():
             if begun:
                 return "garbled", "began a result and did not end it"
-            # `overdue` needs no words
+            # closed without a report: `died`, in these words; `overdue` needs none
             return ("died" if self._results.closed else "overdue"), _CLOSED
         return None
 
     def _read_report(self) -> None:
-        self._ended = read_report(self._report.fileno())
+        self._last_report = read_report(self._report.fileno())
         self._reported = True
         self._read_results()  # a child may end right after it has sent its result
 
@@ -441,8 +441,8 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
     orders, results, output = ends
     _print_into(output)
     keep_open(orders, results)
-    # own memory, without what is shared with others: an allocation fails before the supervisor has
-    # to end the process
+    # Limit the process's own data to what the shared part (column 2) leaves, so that an allocation
+    # fails before the supervisor has to end the process.
     pid = os.getpid()
     limit = max(int(memory_limit * MEGABYTE - memory(pid, 2)), 1)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
@@ -473,7 +473,7 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
         left, twice = _left_processes(patience=_COPY_TIME if forks else 0.0)
         is_last = (
             left
-            or memory(pid, 5) > _FULL * limit
+            or memory(pid, 5) > _FULL * limit  # column 5: own data
             or len(sys._current_frames()) > threads
             or _resource_limits() != limits
         )

@@ -13,7 +13,7 @@ from sumo_eval.errors import needs_extra
 from sumo_eval.report.citation import citation
 from sumo_eval.report.headline import headline
 from sumo_eval.report.page import REPORT
-from sumo_eval.report.score_table import FIRST, MORE, WORDS, cells_of, score_lines
+from sumo_eval.report.score_table import FIRST, LEGEND, MORE, cells_of, score_lines
 from sumo_eval.report.terminal import closing_lines
 from sumo_eval.report.words import number
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -21,8 +21,8 @@ from sumo_eval.text import point_words
 
 
 def html_table(evaluation: Evaluation) -> str:
-    """The scores of every ADS in every logical scenario, a row each, and what must be known beside
-    them.
+    """The scores of every ADS in every logical scenario, a row each, with the headline above and
+    notes below.
     """
     head = "".join(f"<th>{escape(name)}</th>" for name in ("ADS", "scenario", *FIRST, *MORE))
     rows = "".join(
@@ -37,8 +37,9 @@ def html_table(evaluation: Evaluation) -> str:
         f'<br><span style="color:#b00">{escape(ads)}: {escape(words)}</span>'
         for ads, words in first_words.alarms
     )
-    words = WORDS, citation(evaluation), *closing_lines(evaluation)
-    lines = "<br>".join(map(escape, (*words, f"The report is {evaluation.folder / REPORT}")))
+    report = f"The report is {evaluation.folder / REPORT}"
+    notes = LEGEND, citation(evaluation), *closing_lines(evaluation), report
+    lines = "<br>".join(map(escape, notes))
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
     return f"<p>{above}{alarms}</p>{table}<p><small>{lines}</small></p>"
 

@@ -39,7 +39,7 @@ LONGEST_NAME = 24
 SHORTEST_NAME = 8
 """Least characters of a name, even if they make a line too long."""
 GAP = "  "
-WORDS = (
+LEGEND = (
     "Avoidable: the ideal vehicle has no collision there. T: share of the driving task done. A': "
     "grade of the avoidable harm, 1 as the ideal vehicle, 0 as doing nothing. H: human-likeness, 0 "
     "to 1. S+ = T A' (a + b H), of 100 points. S: the paper's score."

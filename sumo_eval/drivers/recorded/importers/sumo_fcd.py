@@ -61,7 +61,7 @@ def read(path: Path) -> Samples:
     )
     if "acceleration" in rows:
         table["acceleration"] = rows["acceleration"]
-    if "posLat" in rows:
+    if "posLat" in rows:  # empty: assumed in the middle of its lane
         table["offset"] = rows["posLat"].fillna(0.0)
     note = (
         f"{path.name} has no vehicle bodies: SUMO's default sizes are assumed ({LENGTH:g} m x "
