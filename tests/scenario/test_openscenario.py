@@ -813,6 +813,18 @@ def test_a_distance_of_a_lateral_move_counts_until_it_ends(tmp_path):
     assert [act.begin for act in acts] == [1.0, 10.0, 12.0]
 
 
+def test_a_lateral_move_by_0_m_needs_no_steady_speed(tmp_path):
+    """The other is 0.25 m beside its lane's centre already, and brakes twice over the 90 m."""
+    stay = ACROSS.replace('"rate"', '"distance"').replace('value="2"', 'value="90"')
+    stay = stay.replace('"Ego"', '"Other"').replace(
+        "<LaneChangeAction>", '<LaneChangeAction targetLaneOffset="0.25">'
+    )
+    gentle = timed(BRAKE.replace('value="0"', 'value="12"'), 2, n=2)
+    events = timed(stay, 1) + gentle + timed(BRAKE, 4, n=3)
+    acts = acts_of(tmp_path, ("overwrite", "parallel"), events=events)
+    assert [act.begin for act in acts] == [2.0, 4.0]
+
+
 @pytest.mark.parametrize("reads, value, moves, refused", [
     (5, 1, timed(BRAKE, 2, n=2), True),
     (5, 1, CUT_IN.replace(ACROSS, BRAKE).replace("lessThan", "greaterThan"), True),

@@ -154,10 +154,7 @@ class Moves:
         # other entities, a plan of this number (last item) would seem to be that act's.
         if entity.next_move == move:
             for other in self.places.entities.values():
-                if other is not entity:
-                    other.reads = [
-                        (*it[:3], _NO_MOVE) if it[3] == move else it for it in other.reads
-                    ]
+                other.reads = [(*it[:3], _NO_MOVE) if it[3] == move else it for it in other.reads]
         return span
 
     def _read(self, target: Node, mover: Entity, begin: Moment, kinds: tuple[int, ...]) -> Entity:
@@ -410,18 +407,19 @@ class Moves:
 
         apart, gap: as in `_apart`.
         """
-        own, target_number = entity.number, other.number
         # a condition can read an act's end only: a move by 0 m shows that the action has begun
         self._add(entity, begin, Act(played.COSINE, 0.0, AT_ONCE), 0.0)
         has_begun = entity.ended()
 
-        x, ahead = of_vehicle(played.X, own), of_vehicle(played.X, target_number) + constant(apart)
-        speed, target = (of_vehicle(played.ALONG, it) for it in (own, target_number))
+        x, target_x = (of_vehicle(played.X, it.number) for it in (entity, other))
+        speed, target = (of_vehicle(played.ALONG, it.number) for it in (entity, other))
         # m along the line that the time gap puts it behind, at the speed of the vehicle behind, as
         # `played` has it: over the ground where the entity drives
         behind = constant(gap / self.frame.ground(entity.frame)) * (target if gap < 0.0 else speed)
         # the larger of both differences must be below `_THERE`
-        off = abs(ahead - behind - x).joined(played.LARGER, abs(target - speed))
+        off = abs(target_x + constant(apart) - behind - x).joined(
+            played.LARGER, abs(target - speed)
+        )
         ends = (*off.program, *constant(_THERE).program, operation(played.BELOW))
         has_arrived = (*has_begun, *ends, operation(played.AND))
         entity.acts.append(Act(played.KEEP, program=has_arrived))
@@ -457,9 +455,10 @@ class Moves:
             if unsure or entity.pace <= 0.0:
                 raise dynamics.fault(_STEADY)
             value /= entity.pace
-            # a later act must not change the speed before the move has ended
-            until = begin.time + value if begin.known else math.inf
-            entity.reads.append((until, _SPEEDS, dynamics.fault(_STEADY), entity.next_move))
+            # a later act must not change the speed before the move has ended; by 0 m there is none
+            if abs(offset - entity.moved) > ON:
+                until = begin.time + value if begin.known else math.inf
+                entity.reads.append((until, _SPEEDS, dynamics.fault(_STEADY), entity.next_move))
         return self._across(element, entity, begin, offset, value, shape)
 
     def _lane_offset(self, element: Node, entity: Entity, begin: Moment) -> Span:
