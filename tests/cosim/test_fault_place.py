@@ -52,16 +52,28 @@ PLACES = {
 }
 
 
+def write_ads(folder):
+    (folder / "fault_place_helper.py").write_text("def plan():\n    raise ValueError('no path')\n")
+    (folder / "fault_place_ads.py").write_text(ADS)
+
+
 @pytest.mark.parametrize("name", PLACES)
 def test_the_place_is_the_innermost_line_of_the_users_own_file(tmp_path, monkeypatch, name):
     monkeypatch.syspath_prepend(str(tmp_path))
-    (tmp_path / "fault_place_helper.py").write_text(
-        "def plan():\n    raise ValueError('no path')\n"
-    )
-    (tmp_path / "fault_place_ads.py").write_text(ADS)
+    write_ads(tmp_path)
     found = simulate(case(), f"fault_place_ads.py:{name}", HALF_SECOND, folder=tmp_path)
     assert found.end_reason == "ads_error"
     assert found.error_place == PLACES[name]
+
+
+def test_through_a_link_to_the_folder_the_place_is_the_same(tmp_path, monkeypatch):
+    (tmp_path / "real").mkdir()
+    write_ads(tmp_path / "real")
+    link = tmp_path / "link"
+    link.symlink_to("real")
+    monkeypatch.syspath_prepend(str(link))
+    found = simulate(case(), "fault_place_ads:InHelper", HALF_SECOND, folder=link)
+    assert found.error_place == PLACES["InHelper"]
 
 
 def test_outside_the_users_file_it_is_the_innermost_line_of_no_library():
