@@ -56,7 +56,7 @@ def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
         orders = list(itertools.permutations(stats.rankdata(second) - mean_rank))
         # proportional to |rho| of each order; the first is the order of the opinions as given
         sums = np.abs(np.array(orders) @ ranks)
-        p_value = float(np.mean(sums >= sums[0] - 1e-9))  # 1e-9: sums equal up to rounding count
+        p_value = float(np.mean(sums >= sums[0] - 1e-9))  # 1e-9: rounding of equal sums
     return Agreement(float(rho.statistic), p_value, first.size)
 
 
@@ -67,7 +67,7 @@ def rank_interval(rho: float, n: int, level: float = 0.95) -> tuple[float, float
     n: pairs.
     level: probability with which the interval covers rho.
 
-    None under 4 pairs, for |rho| = 1 (rounded or not) and for nan: its spread is not known.
+    None where the spread of rho is not known: under 4 pairs, for nan, for |rho| = 1 up to rounding.
 
     Source: Bonett and Wright, Psychometrika 65, 23 (2000).
     """

@@ -182,7 +182,7 @@ def anthropomorphic_index(
     concrete scenario.
 
     f_L = min(1, L / mean human L); f_n = min(1, mean human n / n); the mean is over all points of
-    all slices between the ADS's start and min(L, mean human L).
+    all slices, from the ADS's start to where it or, on average, the drivers were last seen.
 
     ads: its trajectory in road coordinates.
     drivers: trajectories of at least two, in the same concrete scenario.
@@ -210,8 +210,8 @@ def indexes_by_group(
     road, settings: as in `anthropomorphic_index`.
 
     Lengths, operations and far fields of each trajectory are computed once. The fields at the
-    points of all pairings of a group are computed together. A group's indexes are the same to the
-    last bit, whatever other groups there are, if all drivers of those occur in the group too.
+    points of all pairings of a group are computed together. Other groups do not
+    change the indexes of a group in which all their drivers occur, to the last bit.
     """
     pairings = [pairing for group in groups for pairing in group]
     for pairing in pairings:
@@ -251,9 +251,8 @@ class _Vehicle(NamedTuple):
     operations: n of D_i.
     most_operations: n of H.
     manoeuvre: that of `whole`, because a lane change begun before the road's end may end beyond it.
-    still_driving: whether it drove on the road at its last sample, and neither stopped nor reached
-        the road's end.
-    left_the_road: the same, but off the road at its last sample.
+    still_driving, left_the_road: whether it neither stopped nor reached the road's end, and its
+        last sample is on the road, or off it.
     """
 
     whole: Trajectory
@@ -327,9 +326,9 @@ def _indexes(
     """The indexes of one group."""
     if not pairings:
         return []
-    # a pairing is compared in the mode of the settings and, for `Likeness`, in mixture mode;
-    # for each of both: the drivers that count and the slices
+    # `Likeness` needs mixture mode too
     modes: tuple[Mode, Mode] = settings.mode, "mixture"
+    # drivers that count, and slices, of each comparison
     choices = {
         (pairing, mode): _choice(pairing, mode, vehicles)
         for mode in modes
@@ -539,7 +538,7 @@ def slice_positions(start: float, length: float, spacing: float) -> FloatArray:
     """Eq. 11: x of the slices, (m,), m.
 
     start: x of the first slice, m: the ADS's start.
-    length: distance to the last slice, m: min(L, mean human L).
+    length: distance to the last slice, m: the lesser of the ADS's reach and the drivers' mean.
     spacing: between neighbouring slices, m, `slice_spacing` of the settings; the last two may be
         closer.
     """
@@ -582,8 +581,8 @@ def slice_points(
     road: its edges.
     settings: `side_width` and `points_per_side`, by default 1.5 m and 3.
 
-    Near an edge the points of that side divide the distance to the edge into equal parts. Beyond
-    the edge they all coincide with the centre.
+    Near an edge the points of its side divide the distance to it into equal parts. Beyond the edge
+    the points of this side coincide with the centre.
     """
     right = np.clip(centre - road.right_edge_at(slices), 0.0, settings.side_width)
     left = np.clip(road.left_edge_at(slices) - centre, 0.0, settings.side_width)

@@ -41,8 +41,10 @@ class PlausiblePeople(NamedTuple):
 def plausible_people(
     logical: LogicalScenario, store: Store, settings: PlausibilitySettings
 ) -> PlausiblePeople:
-    """The motorway people, or the run's recorded drivers in this scenario, each among vehicles that
-    move as if the ego kept its speed.
+    """The motorway people, or the run's recorded drivers in this scenario.
+
+    Recorded drives hold no other vehicles. Those of the concrete scenario take their place, as they
+    move while the ego keeps its speed.
 
     All drives of a person count as one. Fewer than `LEAST_PEOPLE` persons cannot resolve a share of
     5 %: the motorway people stand in.

@@ -18,7 +18,7 @@ from sumo_eval.trajectory import FloatArray
 LATTICE_POINTS = 32_000  # about, of the lattice of a whole space
 LEAST_LATTICE, MOST_LATTICE = 4, 73  # points on each axis of the lattice
 MAP_CELLS = 72  # cells on each axis of a zone map's background
-# both where the criticality of each point is searched, which takes 3 ms
+# of maps and lattices where a search finds the criticality, which takes 3 ms a point
 SEARCHED_CELLS, SEARCHED_LATTICE_POINTS = 16, 1_500
 
 Levels = NDArray[np.int16]
@@ -71,23 +71,23 @@ def lattice_points(logical: LogicalScenario) -> Lattice | None:
     if k < 2 or size**k > 4 * most:
         return None
     ticks = np.linspace(0.0, 1.0, size)
+    # clipped: rounding may move a point past the end of a range
     unit = np.stack(np.meshgrid(*[ticks] * k, indexing="ij"), axis=-1).reshape(-1, k)
     return Lattice(size, np.clip(logical.from_unit(unit), logical.low, logical.high))
 
 
 def rooms_of(logical: LogicalScenario, points: FloatArray) -> list[Levels]:
-    """Each constraint's room at points (n, k), 32000 the largest: below 0 at those that it rules
-    out.
-
-    One that only says yes or no has a room of 1 or -1.
+    """Each constraint's room at points (n, k), scaled to 1..32000, negated at those that it rules
+    out; 32000 everywhere if only its sign is known.
     """
     values = logical.columns(points)
     rooms = []
     for constraint in logical.constraints:
         holds = np.broadcast_to(constraint.holds(values), len(points))
         room = np.ones(len(points)) if constraint.room is None else np.abs(constraint.room(values))
+        # nan and inf become 0: the largest room scales all
         room = np.broadcast_to(np.nan_to_num(room, nan=0.0, posinf=0.0), len(points))
-        # 1 more than the room: a room of 0 or nan, too, shows whether the constraint holds
+        # 1 more than the room: a room of 0, too, shows whether the constraint holds
         steps = np.round(room / max(float(room.max()), 1e-300) * 31_999.0) + 1.0
         rooms.append(np.where(holds, steps, -steps).astype("<i2"))
     return rooms
@@ -95,5 +95,5 @@ def rooms_of(logical: LogicalScenario, points: FloatArray) -> list[Levels]:
 
 def _levels(y: FloatArray) -> Levels:
     levels = np.clip(np.round(y * 32000.0), -32000, 32000)
-    # rounding must move no point into the zone
+    # rounding must move no point into the hazardous zone
     return np.where((y > 0.0) & (levels == 0.0), 1.0, levels).astype("<i2")

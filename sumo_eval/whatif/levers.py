@@ -137,8 +137,8 @@ def moved(
 
     None: the scenario has no such point.
 
-    revealed: whether the ADS receives the parameters. If not, the case keeps the recorded ones,
-        which name its streams of random numbers.
+    revealed: whether the ADS receives the parameters. If not, `values` stay as recorded: random
+        numbers of the case depend on them.
     """
     if lever.name in logical.names:
         try:
@@ -161,7 +161,7 @@ def moved(
 
 
 def _ahead(concrete: ConcreteScenario) -> Actor | None:
-    """The nearest actor ahead in the ego's lane at the start; who crosses (`on_map`) is in none."""
+    """The nearest actor ahead in the ego's lane at the start; one on the map crosses it."""
     ego, half = concrete.ego, concrete.road.lane_width / 2.0
     return min(
         (

@@ -84,7 +84,7 @@ def zone_map(request: FigureRequest) -> Figure:
     """
     evaluation, scenario = request.evaluation, request.one_scenario
     scored = (score.ads for score in request.scores if score.scenario == scenario)
-    ads = next(scored, request.names[0]) if request.case is None else request.row.ads
+    ads = request.row.ads if request.case is not None else next(scored, request.names[0])
     zones, cases = zone_partitions(evaluation)[scenario], evaluation.cases_of(ads, scenario)
     axes = evaluation.settings.report.axes.get(scenario)
     view, note = _slice(choose_view(zones.logical, cases, axes), zones, cases)
@@ -105,7 +105,7 @@ def zone_map(request: FigureRequest) -> Figure:
 
 
 def _slice(view: View, zones: ZonePartition, cases: CaseTable) -> tuple[View, str]:
-    """The view, at the slice with most collisions where there are several, and a note on it."""
+    """The view at one slice, of several that with most collisions, and a note on this slice."""
     chosen = telling_slice(view, cases)  # empty if there is one slice only
     view = view._replace(fixed=chosen or view.fixed)
     items = ((zones.logical.parameters[column], value) for column, value in view.fixed.items())
@@ -163,8 +163,8 @@ def _map_panels(
 def _zones(zones: ZonePartition, view: View, number: int) -> tuple[_Map, _Map]:
     """Maps of the criticality y at the corners of cells, nan where no point is possible.
 
-    The first has 0.5 - y with the exact y (Eqs. 5-7), the second the learnt y (Eq. 8). A point with
-    y of at most 0 is hazardous; so `Panel.chance` shows an area as hazardous from 0.5 on.
+    The first has the exact y (Eqs. 5-7) as 0.5 - y, because `Panel.chance` shows values above 0.5
+    as hazardous and a hazardous point has y of at most 0. The second has the learnt y (Eq. 8).
 
     number: of the panel.
     """
@@ -376,11 +376,11 @@ def _ledger_bar(ax: Axes, account: Ledger, line: int, legend: dict[str, str]) ->
     line: y of the bar.
     legend: words -> colour; the losses are added.
     """
-    kept = max(account.total, 0.0)
+    kept = account.total
     ax.barh([line], [kept], color=KEPT, height=0.6)
     # the score stands within its bar, or right of one that is too short for it
     inside = kept > 12.0
-    ax.annotate(f"{account.total:.1f}", (kept, line),
+    ax.annotate(f"{kept:.1f}", (kept, line),
                 xytext=(-2 if inside else 2, 0), textcoords="offset points",
                 ha="right" if inside else "left", va="center",
                 fontsize=5.5, color="white")  # fmt: skip

@@ -28,13 +28,13 @@ OUTSIDE = (
     "not of accidents on the road."
 )
 BASIS = (
-    "Rates of ADSs hold the doubt of the drives and, where the recorded events are known, that of "
-    "the rate of encounters and of the events' distribution, both by resampling the events. "
-    "Intervals hold a distribution that varies as much as its events do, and one that varies as "
-    "much as its kernels make it; its form is assumed to be right otherwise."
+    "Intervals of ADSs' rates cover that the drives are few. Where the recorded events are known, "
+    "they also cover that these are few: the rate of encounters and the distribution of points are "
+    "resampled with them. They hold both for a distribution as wide as its events and for the one "
+    "driven, which its kernels widen. Otherwise its form is assumed to be right."
 )
 
-
+# the fields of `Occurrence` where the campaign file gives the rate
 _AS_GIVEN = {"events": None, "vehicle_km": None, "where": "as given"}
 
 
@@ -103,6 +103,7 @@ def _plain_part(part: ScenarioRate, total: float) -> dict[str, Any]:
         "share_of_collisions": part.collisions[0] / total if total > 0.0 else None,
         "collision_probability": estimate.probability[0],
         "collision_probability_interval": estimate.probability[1:],
+        # the estimate counts only drives at points drawn for it: the first ones explore
         "drives": estimate.drives,
         "drives_with_a_collision": estimate.collisions,
         "drawn_for_the_estimate": estimate.drawn,
@@ -142,7 +143,7 @@ def unseen_words(rate: AdsRate) -> str:
     names = ", ".join(part.space.logical.name for part in unseen)
     most = amount(max(part.limit for part in unseen))
     return (
-        f"The rate and its interval hold nothing of {names}: no collision was seen there, at most "
+        f"The rate and its interval do not include {names}: no collision was seen there, at most "
         f"{most} (95 %)."
     )
 
