@@ -1,8 +1,8 @@
 """The point of no return of a contact: the last step from which full braking still avoids it.
 
-The ADS is not called again. Its recorded commands are replayed up to a step; where SUMO or a plant
-moved the ego, its recorded motion. Then the ego brakes as strongly as it can, with the wheel
-straight. Steering away is not considered.
+The ADS is not called again. Up to a step, the replay repeats its recorded commands or, where SUMO
+or a plant moved the ego, the recorded motion. Then the ego brakes as strongly as it can, with the
+wheel straight or, on a curved road, as it was last. Steering away is not considered.
 
 `record/worker.py` adds it to the recordings of a batch.
 """
@@ -57,14 +57,14 @@ def with_no_return(
         for index, (it, case) in enumerate(zip(recordings, cases, strict=True))
         if isinstance(it, Recording) and it.collision is not None and it.commands is not None
     }
-    for index, last in _last_steps(contacts, settings).items():
+    for index, step in _last_steps(contacts, settings).items():
         contact = contacts[index]
         # the column before the last is the acceleration in both kinds of `Replay`
         braking = np.flatnonzero(contact.commands[:, -2] <= -BRAKES)
-        first = round(float(braking[0]) * settings.step, 6) if len(braking) else NEVER
-        # `UNKNOWN` and `NEVER` are below 0
-        time = last if last < 0.0 else round(last * settings.step, 6)
-        clip = Clip(NO_RETURN, 1, time, first, contact.hit.time)
+        braked = round(float(braking[0]) * settings.step, 6) if len(braking) else NEVER
+        # `UNKNOWN` and `NEVER`, which are no steps, are below 0
+        time = step if step < 0.0 else round(step * settings.step, 6)
+        clip = Clip(NO_RETURN, 1, time, braked, contact.hit.time)
         marked[index] = replace(contact.recording, clips=(*contact.recording.clips, clip))
     return marked
 
@@ -75,11 +75,11 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
     `UNKNOWN` where the replay of all commands has another contact, `NEVER` where braking from the
     start does not avoid it.
     """
-    # without conditions: their effect is in the recorded commands
+    # conditions and a plant have had their effect on what is replayed; only contacts matter here
     plain = replace(settings, conditions=ConditionSettings(), plant=None, end_when_decided=True)
 
     def braked(steps: Mapping[int, int]) -> dict[int, Collision | Alone | None]:
-        """The contacts of replays that brake from these steps on."""
+        """Contacts of replays that brake from these steps on; a failed replay counts as one."""
         replays = [Replay(contacts[i].commands, step) for i, step in steps.items()]
         drives = simulate_together([contacts[i].case for i in steps], replays, plain)
         hits = (it if isinstance(it, Alone) else it.collision for it in drives)

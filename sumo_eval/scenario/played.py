@@ -76,8 +76,8 @@ ACT = np.dtype(
 """A move.
 
 begin, end: s; begin is inf while the move waits for its condition.
-duration: s.
-speed: at the end of a move along the line; of a lateral move its own, m/s.
+duration: s; of a `FOLLOW`, between two positions of its rows.
+speed: at the end of a move along the line, or of a `CONSTANT` move across it, m/s.
 offset: of a lateral move, to the left, m.
 acceleration, jerk: largest, m/s2 and m/s3.
 delay: from the instant at which its condition holds to `begin`, s.
@@ -261,7 +261,7 @@ def _put(
 
 @kernel
 def _speed_up(pieces: Any, v: float, act: Any) -> int:
-    """Write the pieces from speed v to the act's, whose acceleration is finite; their number.
+    """Write the pieces from speed v to the act's, whose acceleration is finite; return how many.
 
     The acceleration builds up at the act's jerk and ends at once.
     """
@@ -281,14 +281,14 @@ def _speed_up(pieces: Any, v: float, act: Any) -> int:
 
 @kernel
 def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> int:
-    """Write the pieces of constant acceleration through the knots of a profile; their number."""
+    """Write the pieces of constant acceleration through the knots of a profile; return how many."""
     # last: the knot before; by time: s since `begin`, by position: x, m
     k = 0
     last = 0.0 if act.kind == BY_TIME else x
     for q in range(act.first, act.first + act.count):
         knot, speed = table[q].one, table[q].two
         apart = knot - last
-        if apart <= 0.0:
+        if apart <= 0.0:  # it is at or past this knot
             continue
         if act.kind == BY_TIME:
             duration = apart
@@ -393,7 +393,7 @@ def _over_ground(other: Any, line: Any) -> None:
     c, s = c / stretched, s / stretched
     along = inner * (other.speed * math.cos(other.heading) - other.across * math.sin(other.heading))
     left = other.speed * math.sin(other.heading) + other.across * math.cos(other.heading)
-    if other.heading != 0.0:
+    if other.heading != 0.0:  # 0 stays 0
         other.heading = math.atan2(s, c)
     other.speed, other.across = along * c + left * s, left * c - along * s
     other.acceleration *= stretched
@@ -492,10 +492,10 @@ def _compare(stack: Any, k: int, margin_before: float, margin: float, equal: int
 
 @kernel
 def _joint_share(stack: Any, k: int, op: int) -> float:
-    """Share of the step at which both of two conditions (`AND`), or the first of them (`OR`),
-    became true.
+    """Share of the step at which the later (`AND`) or the earlier (`OR`) of two conditions became
+    true.
 
-    k: row of the first condition, the second is above it.
+    k: row of one condition; the other has row k + 1.
     """
     first, second = stack[k, SHARE], stack[k + 1, SHARE]
     if op == AND:
@@ -633,7 +633,7 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
 def begin_due(play: Any, acts: Any, pieces: Any, table: Any, time: float, step_ends: bool) -> bool:
     """Begin all moves of a vehicle that are due by a time, in order; whether any began.
 
-    step_ends: whether SUMO has moved the vehicle up to this time. Before, it takes over none.
+    step_ends: whether SUMO has moved the vehicle up to this time; only then can a `FOLLOW` begin.
     """
     begun = False
     while True:
@@ -654,8 +654,8 @@ def _end_path(play: Any, acts: Any, pieces: Any, table: Any, before: float, now:
     """Write when the vehicle came to the last point of its path, if it did in this step."""
     for q in range(play.acts):
         act = acts[q]
-        ends = act.kind == PATH and act.state == BEGUN and math.isinf(act.end)
-        if not ends or act.first != play.path:
+        underway = act.kind == PATH and act.state == BEGUN and math.isinf(act.end)
+        if not underway or act.first != play.path:
             continue
         length = 0.0
         x = play.x
@@ -664,10 +664,10 @@ def _end_path(play: Any, acts: Any, pieces: Any, table: Any, before: float, now:
             dx, dy = table[p].one - x, table[p].two - y
             length += math.sqrt(dx * dx + dy * dy)
             x, y = table[p].one, table[p].two
-        s, was = driven(play, pieces, now)[0], driven(play, pieces, before)[0]
+        s, last_s = driven(play, pieces, now)[0], driven(play, pieces, before)[0]
         if s - play.line_s >= length:
-            moved = s - was
-            share = (length - (was - play.line_s)) / moved if moved > 0.0 else 1.0
+            moved = s - last_s
+            share = (length - (last_s - play.line_s)) / moved if moved > 0.0 else 1.0
             act.end = before + min(max(share, 0.0), 1.0) * (now - before)
 
 
@@ -683,49 +683,49 @@ def _match(cast: Any, j: int, now: float) -> None:
     distance, headway = table[first + 2].one, table[first + 2].two
 
     other = _body_of(cast, int(table[first].one), NOW)
-    since = now - play.since
+    elapsed = now - play.since
     speed = max(table[first].two * _of(other, ALONG) + added, 0.0)
     if len(cast.line) and not play.on_map:
+        # along the road's line: over the ground the offset y makes it longer or shorter
         speed /= 1.0 - line_at(cast.line, own.x).curvature * own.y
-    ahead = 0.5 * (play.v + speed) * since  # distance to drive in this step, m
+    ahead = 0.5 * (play.v + speed) * elapsed  # distance to drive in this step, m
     if kept > 0.0:  # a position
         ahead = other.x + distance - on_line(play, table, play.s)[0]
         if headway < 0.0:
             ahead -= headway * speed
         if kept > 1.0:  # within limits
-            speed = _approach(play, speed, ahead, headway, since, table)
-            ahead = 0.5 * (play.v + speed) * since
+            speed = _approach(play, speed, ahead, headway, elapsed, table)
+            ahead = 0.5 * (play.v + speed) * elapsed
         elif headway > 0.0:
-            # the gap that is left, ahead - driven, shall be headway * driven / since
-            ahead = ahead * since / (since + headway) if since > 0.0 else 0.0
-            speed = ahead / since if since > 0.0 else play.v
+            # the gap that is left, ahead - driven, shall be headway * driven / elapsed
+            ahead = ahead * elapsed / (elapsed + headway) if elapsed > 0.0 else 0.0
+            speed = ahead / elapsed if elapsed > 0.0 else play.v
     play.s += ahead
     play.since, play.v = now, max(speed, 0.0)
 
 
 @kernel
 def _approach(
-    play: Any, speed: float, ahead: float, headway: float, since: float, table: Any
+    play: Any, speed: float, ahead: float, headway: float, elapsed: float, table: Any
 ) -> float:
     """Speed, within its limits, of a vehicle that closes in on its position of a `MATCH`, m/s.
 
     speed: of the other vehicle, m/s.
     ahead: distance to the position, m.
-    headway: times the own speed, the distance by which the position moves back, s; below 0: it does
-        not.
-    since: time since the last step, s.
+    headway: above 0, the position is further back by the headway times the own speed, s.
+    elapsed: time since the last step, s.
     """
     rates = table[play.match + 2]  # one: limit of acceleration, two: of deceleration
     top_speed = table[play.match + 3].one
     behind = max(headway, 0.0)
-    # distance before this step, in which the position moved with the other vehicle
-    apart = ahead - speed * since - behind * play.v
+    # distance to the position at the last step; since then it has moved as the other vehicle
+    apart = ahead - speed * elapsed - behind * play.v
     # the fastest closing speed that ends in time, and does not pass the position in this step
     # (1e-9: not by 0)
     rate = rates.two if apart > 0.0 else rates.one
-    closing = min(math.sqrt(2.0 * rate * abs(apart)), abs(apart) / max(since + behind, 1e-9))
+    closing = min(math.sqrt(2.0 * rate * abs(apart)), abs(apart) / max(elapsed + behind, 1e-9))
     wanted = min(speed + (closing if apart > 0.0 else -closing), top_speed)
-    slowest, fastest = play.v - rates.two * since, play.v + rates.one * since
+    slowest, fastest = play.v - rates.two * elapsed, play.v + rates.one * elapsed
     return float(max(min(wanted, fastest), slowest, 0.0))
 
 
