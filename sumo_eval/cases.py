@@ -106,7 +106,7 @@ class CaseProperties:
 
     @_rule
     def missing(self: Any) -> Any:
-        """Whether it was not evaluated, or its Ug or U0 is not known."""
+        """Whether a mean lacks it: it was not evaluated, or its Ug or U0 is not known."""
         # a sum is nan where one of its terms is
         references = _number(self.ideal_severity) + _number(self.no_reaction_severity)
         return np.logical_not(self.evaluated) | np.isnan(references)

@@ -170,7 +170,7 @@ class LaneChanger(Compiled):
     It begins at 10 s TTC or 2.5 s headway (the medians of recorded drivers, DLR-HT 2024) and takes
     8 s, or the time that is left to be clear of the lead, but not less than a lateral acceleration
     of 2 m/s2 allows (3.2 s). In danger, where braking alone would need over 80 % of the brakes,
-    this acceleration is 4 m/s2 (2.25 s). The left lane must be free: see
+    it allows 4 m/s2 across (2.25 s). The left lane must be free: see
     `sumo_eval.ads.overtaking`. If it cannot change, it follows by the enhanced IDM. It sees a
     hidden vehicle once nothing covers any of it.
     """

@@ -41,7 +41,7 @@ class _StageProgress:
     def __init__(self, now: float) -> None:
         self.task: Any = None  # its task in the bar of rich
         self.line_time = now  # when its latest plain line was printed, s
-        self.finished = 0  # total in its last final line
+        self.finished = 0  # items in its latest `done` line
         self._under_way = False  # whether an item has ended since the first report
         self._recent: list[_Burst] = []
 

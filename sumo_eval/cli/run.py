@@ -214,7 +214,7 @@ def verify(run: Path, share: float, workers: int | None) -> None:
     alike = defaultdict[str, list[str]](list)  # messages, by their reason without its numbers
     for case, why in differences:
         alike[without_numbers(why)].append(f"{case}: {why}.")
-    say(f"{line} So are {len(more)} more." if more else line for line, *more in alike.values())
+    say(f"{line} Likewise {len(more)} more." if more else line for line, *more in alike.values())
     if differences:
         tell(f"{len(differences)} of {drives} drives of {run} differ from the recorded ones.")
         sys.exit(GATE_FAILED)

@@ -158,6 +158,7 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
     seeds = [case.seed for case in cases]
     if block is not None:
         concretes, seeds = list(block.concretes), [first.seed] * len(block.concretes)
+    # a block by its own first case, whichever of its cases the run wants
     _seed_global_generators(replace(first, concrete=concretes[0]))
     before = _states_of_global_generators()
     drives = list(
@@ -197,8 +198,8 @@ def _with_no_return(
 def _settings(case: Case, setup: Setup) -> SimulationSettings:
     """Settings of the simulation of a case.
 
-    The run's conditions and vehicle model apply only to ADSs under test. Of the ideal vehicle only
-    the collision counts: it has brakes of its own, on a road that can hold them.
+    The run's conditions and vehicle model apply only to ADSs under test. The ideal vehicle has its
+    own brakes, and friction to match. Only its collision counts, so its drive may end early.
     """
     if case.role == "ads":
         return setup.simulation

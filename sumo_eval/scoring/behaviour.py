@@ -111,6 +111,7 @@ def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
     whole = sum(weight for _, weight in pairs)
     if not whole or any(value is None for value, weight in pairs if weight):
         return None
+    # a value that weighs 0 may be None
     return sum((value or 0.0) * weight for value, weight in pairs) / whole
 
 

@@ -19,10 +19,9 @@ def bare_seconds(
     steps: Sequence[int],
     hook: Callable[[Any, str, float], None] = _nothing,
 ) -> float:
-    """Processor time of simulations, s: of each the start, its steps, each after a call of the
-    hook, and the close.
+    """Processor time of whole simulations, s, from start to close.
 
-    steps: of each simulation.
+    steps: number in each simulation; the hook is called before each of them.
     """
     began = time.process_time()
     for command_line, count in zip(command_lines, steps, strict=True):

@@ -46,7 +46,7 @@ RULES = tuple(_RULES)
 
 
 def number_of(value: Value) -> float | None:
-    """A value as a number; None of a text that is none."""
+    """A value as a number; None for a text that is not a number."""
     if isinstance(value, float):
         return value
     if "_" in value:  # Python reads 1_0 as 10, other tools do not
