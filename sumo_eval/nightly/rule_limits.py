@@ -83,22 +83,18 @@ def judge_pairs(comparison: Comparison, settings: GateSettings, accept: str) -> 
 
 def _gone(comparison: Comparison) -> Iterator[str]:
     """ADSs and logical scenarios of the base that the new run has not."""
-    lost = [group for group in comparison.unpaired if group.of and group.lost == group.of]
-    known_ads = {part.base_ads for part in comparison.ads}
-    known_scenarios = {part.scenario for part in comparison.ads}
-    for kind, names, known in (
-        ("ADS", [group.ads for group in lost], known_ads),
-        ("logical scenario", [group.scenario for group in lost], known_scenarios),
-    ):
-        yield from (
-            f"{kind} `{name}` of the base is missing"
-            for name in dict.fromkeys(names)
-            if name not in known
-        )
+    groups = comparison.unpaired
+    lost = [(it.ads, it.scenario) for it in groups if it.of and it.lost == it.of]
+    driven = {(part.base_ads, part.scenario) for part in comparison.ads}
+    driven |= {(it.ads, it.scenario) for it in groups if it.added}  # at other points
+    known = [{group[k] for group in driven} for k in (0, 1)]
+    for k, kind in enumerate(("ADS", "logical scenario")):
+        names = dict.fromkeys(group[k] for group in lost)
+        yield from (f"{kind} `{it}` of the base is missing" for it in names if it not in known[k])
     yield from (
-        f"`{group.ads}` has no case of the base's {group.scenario} any more"
-        for group in lost
-        if group.ads in known_ads and group.scenario in known_scenarios
+        f"`{ads}` has no case of the base's {scenario} any more"
+        for ads, scenario in lost
+        if ads in known[0] and scenario in known[1]
     )
 
 

@@ -312,12 +312,20 @@ def side_by_side(
     if not partners and len(olds) == len(news) == 1:
         supposed = {news[0]: olds[0]}
     partners |= supposed
-    compared = []
-    for score in new.scores:
-        if (old := partners.get(score.ads)) is not None:
-            paired = _paired(base.cases_of(old, score.scenario), new.cases_behind(score))
-            if len(paired.new_rows):
-                compared.append(_compare_ads(base, new, paired, settings))
+    groups = [(partners.get(score.ads, ""), score.ads, score.scenario) for score in new.scores]
+    driven = {(old, scenario) for old, _, scenario in groups}
+    scores = [score for score in base.scores if (score.ads, score.scenario) not in driven]
+    groups += [(score.ads, "", score.scenario) for score in scores]
+    compared, unpaired = [], []
+    for old, name, scenario in groups:
+        cases = base.cases_of(old, scenario)
+        paired = _paired(cases, new.cases_of(name, scenario))
+        if len(paired.new_rows):
+            compared.append(_compare_ads(base, new, paired, settings))
+        lost, added = len(paired.lost), len(paired.added)
+        if lost or added:
+            examples = tuple(paired.lost[:MOST_EXAMPLES].case.tolist())
+            unpaired.append(Unpaired(old or name, scenario, lost, added, len(cases), examples))
     return Comparison(
         str(base.folder),
         str(base.manifest.get("created", "")),
@@ -328,34 +336,11 @@ def side_by_side(
         supposed,
         tuple(name for name in olds if name not in partners.values()),
         tuple(name for name in news if name not in partners),
-        tuple(_unpaired(base, new, compared)),
+        tuple(unpaired),
     )
 
 
 MOST_EXAMPLES = 5  # most keys of lost cases that are named
-
-
-def _unpaired(
-    base: Evaluation, new: Evaluation, compared: Sequence[AdsComparison]
-) -> Iterator[Unpaired]:
-    """Find cases without a partner, first those of the base's ADSs, then those of ADSs that only
-    the new run has.
-    """
-    by_base = {(part.base_ads, part.scenario): part for part in compared}
-    for score in base.scores:
-        cases = base.cases_behind(score)
-        part = by_base.get((score.ads, score.scenario))
-        lost = cases if part is None else part.changed.paired.lost
-        added = 0 if part is None else len(part.changed.paired.added)
-        if len(lost) or added:
-            examples = lost[:MOST_EXAMPLES].case.tolist()
-            yield Unpaired(score.ads, score.scenario, len(lost), added, len(cases), tuple(examples))
-
-    of_new = {(part.ads, part.scenario) for part in compared}
-    for score in new.scores:
-        if (score.ads, score.scenario) not in of_new:
-            added = len(new.cases_behind(score))
-            yield Unpaired(score.ads, score.scenario, 0, added, 0, ())
 
 
 def _partners(olds: Sequence[str], news: Sequence[str], pairs: Mapping[str, str]) -> dict[str, str]:

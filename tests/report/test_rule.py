@@ -17,7 +17,7 @@ from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_pairs
 from sumo_eval.report.gate_result import GateResult, failed
 from sumo_eval.report.sections import change_content
 from sumo_eval.report.verdict import Additions, verdict
-from sumo_eval.scoring.comparison import compare
+from sumo_eval.scoring.comparison import compare, side_by_side
 from sumo_eval.scoring.gate_settings import (
     OF_U,
     GateSettings,
@@ -265,6 +265,20 @@ def test_lost_ads_scenario_and_tenth_of_pairs_fail(evaluation):
     assert gone.endswith("If this is meant: accept it")
     part = without(lambda case: case.scenario == first.scenario and case.ads == first.ads)
     assert f"`{first.ads}` has no case of the base's {first.scenario} any more" in sentence(part)
+
+
+def test_an_ads_driven_at_other_points_is_not_called_missing(evaluation):
+    """As after another seed or a changed range: no point of the base is left."""
+    moved = [
+        replace(case, values={name: it + 0.5 for name, it in case.values.items()})
+        for case in evaluation.cases
+    ]
+    comparison = side_by_side(evaluation, replace(evaluation, cases=tuple(moved)), SETTINGS)
+    assert all(group.lost == group.of == group.added for group in comparison.unpaired)
+    (gate,) = judge_pairs(comparison, SETTINGS, "accept it")
+    assert "is missing" not in gate.sentence
+    first = evaluation.cases[0]
+    assert f"`{first.ads}` has no case of the base's {first.scenario} any more" in gate.sentence
 
 
 def test_the_same_is_said_of_equal_bits_alone(evaluation):
