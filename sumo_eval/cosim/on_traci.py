@@ -105,7 +105,7 @@ class OnTraci(EgoControl):
         for case, hook in enumerate(self._hooks):
             hook.take(world, stage, case)
         self.keep(world, world.rows)
-        self._each(world, _Hook.begin, 0.0)
+        self._each(world, _Hook.reset, 0.0)
 
     def keep(self, world: World, rows: IntArray) -> None:
         """Drop all rows but these; keep their order."""
@@ -121,7 +121,13 @@ class OnTraci(EgoControl):
         rows: None: those that drive on.
         """
         if self._alone:
-            do(self._rows[0], world, time)
+            hook = self._rows[0]
+            try:
+                do(hook, world, time)
+            except ControllerError as error:
+                cause = error.__cause__ or error.__context__ or error
+                world.keep_fault(0, cause, hook.ads.target, self._terms.folder)
+                raise
             return
         if rows is None:
             drives_on = (world.egos["live"] != 0) & (world.egos["reason"] == 0)
@@ -147,10 +153,8 @@ class OnTraci(EgoControl):
 
     def after(self, world: World, now: float) -> None:
         """Read the egos that SUMO moved."""
-        if self._alone:
-            self._rows[0].after(world, now)
-        else:
-            self._each(world, _Hook.after, now, self._stage.read_at_once(world))
+        rows = None if self._alone else self._stage.read_at_once(world)
+        self._each(world, _Hook.after, now, rows)
 
     def release(self, world: World, row: int) -> None:
         """Close the ADS and remove its listeners."""
@@ -217,28 +221,21 @@ class _Hook:
         # _flags: the same as whole numbers
         self._flags: Any = self._mine.view(np.int64).reshape(-1).data
 
-    def begin(self, world: World, time: float) -> None:
+    def reset(self, world: World, time: float) -> None:
         """Reset the ADS."""
         concrete, settings = world.cases[self._case], world.each[self._case]
         self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
         if self._native:
             self._calls.setSpeed(self.ego, -1)
         briefing = make_briefing(concrete, settings, self._terms)
-        error = error_of(self.ads.reset, briefing, TRACI, EGO)
-        if error is not None:
+        if (error := error_of(self.ads.reset, briefing, TRACI, EGO)) is not None:
             self._blamed(error, "in reset", time)
         self._driver._check_clock(world, time)
 
     def _blamed(self, error: BaseException, when: str, time: float) -> None:
-        """Raise an exception of the user's code as a ControllerError.
-
-        A refused call is not raised: the caller's `_check_clock` reports it.
-        """
-        self._world.keep_fault(self._case, error, self.ads.target, self._terms.folder)
-        if isinstance(error, RefusedCallError):
-            return
-        # an adapter, or the watch over the step, has put it in words
-        if isinstance(error, ControllerError):
+        """Raise an exception of the user's code as a ControllerError."""
+        # an adapter, or the watch over the step, has put it in words; `_check_clock` a refusal
+        if isinstance(error, ControllerError) and not isinstance(error, RefusedCallError):
             raise with_time(error, when) from error
         self._driver._check_clock(self._world, time)
         raise ControllerError(f"The ADS raised {when}: {said(error)}.") from error
@@ -426,7 +423,7 @@ class _Hook:
         front_x, front_y = calls.getPosition(self.ego)
         angle, speed = calls.getAngle(self.ego), calls.getSpeed(self.ego)
         last_s, last_speed = state[0], state[3]
-        last_x, last_y, last_heading = state[MAP], state[MAP + 1], state[MAP + 2]
+        last_x, last_y, last_heading = state[MAP : MAP + 3]
         if not (
             -LOST < front_x < LOST
             and -LOST < front_y < LOST

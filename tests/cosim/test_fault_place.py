@@ -35,6 +35,23 @@ def with_cause(traci, ego, time):
 def nonsense(traci, ego, time):
     return "brake"
 
+def swallows(traci, ego, time):
+    try:
+        traci.vehicle.setSpeed(ego, float("nan"))
+    except Exception:
+        pass
+
+def jumps(traci, ego, time):
+    traci.vehicle.moveToXY(ego, "", -1, 10.0, 0.0, 90.0, 2)
+
+class TakesNoReset:
+    def step(self, traci, ego, time): ...
+    def reset(self): ...
+
+class TakesNoClose:
+    def act(self, seen): return 0.0
+    def close(self, seen): ...
+
 class OverArrays:
     batch = True
     def act(self, seen):
@@ -47,8 +64,12 @@ PLACES = {
     "InLibrary": "fault_place_ads.py:11 in act",  # not numpy's
     "InReset": "fault_place_ads.py:15 in reset",
     "with_cause": "fault_place_ads.py:23 in with_cause",
-    "nonsense": "",  # nothing was raised
-    "OverArrays": "fault_place_ads.py:33 in close",
+    "nonsense": "fault_place_ads.py:25 in nonsense",  # nothing was raised: where it begins
+    "swallows": "fault_place_ads.py:28 in swallows",
+    "jumps": "fault_place_ads.py:34 in jumps",
+    "TakesNoReset": "fault_place_ads.py:39 in reset",
+    "TakesNoClose": "fault_place_ads.py:43 in close",
+    "OverArrays": "fault_place_ads.py:50 in close",
 }
 
 

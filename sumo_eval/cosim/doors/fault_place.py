@@ -35,15 +35,16 @@ def fault_place(error: BaseException | None, controller: Any, folder: Path | Non
     2. frames outside this package and installed libraries
     3. frames outside this package; not for an error message that a door raised
 
-    Without any, as where no exception but a result was at fault: the start of the user's function;
-    "" if it is not Python code. Paths within `folder` are relative to it.
+    Without any, as where a call or a result was at fault: the start of the user's function; ""
+    if it is not Python code. Paths within `folder` are relative to it.
     """
-    seen = set()
+    seen, methods = set(), ["act", "step"]
     own = _file_of(controller)
     by_door = type(error) is ControllerError  # a library that a door uses is not the user's
     while error is not None and id(error) not in seen:
         seen.add(id(error))
         frames = [(frame.f_code, line) for frame, line in walk_tb(error.__traceback__)]
+        methods = [it.co_name for it, _ in frames if it.co_name in ("reset", "close")] + methods
         outside = [it for it in frames if not it[0].co_filename.startswith(_OURS)]
         users = [it for it in outside if not it[0].co_filename.startswith(_INSTALLED)]
         owned = [it for it in frames if it[0].co_filename == own]
@@ -51,15 +52,14 @@ def fault_place(error: BaseException | None, controller: Any, folder: Path | Non
             if candidates:
                 return _place(*candidates[-1], folder)
         error = error.__cause__ or error.__context__
-    return _function_start(controller, folder)
+    return _function_start(controller, methods, folder)
 
 
-def _function_start(controller: Any, folder: Path | None) -> str:
-    """Place where the user's function begins, or `act` or `step` of the user's object; "" if it is
+def _function_start(controller: Any, methods: list[str], folder: Path | None) -> str:
+    """Place where the user's function, or the first of the methods that exist, begins; "" if it is
     not Python code.
     """
-    methods = (getattr(type(controller), name, None) for name in ("act", "step"))
-    candidates = (controller, *methods)
+    candidates = (controller, *(getattr(type(controller), name, None) for name in methods))
     code = next((it.__code__ for it in candidates if isinstance(it, FunctionType)), None)
     if code is None or code.co_filename.startswith(_OURS):
         return ""
