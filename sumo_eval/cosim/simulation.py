@@ -17,7 +17,6 @@ from __future__ import annotations
 import gc
 import inspect
 import logging
-import sys
 import time as clock
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -46,7 +45,7 @@ from sumo_eval.cosim.doors.controller import (
 )
 from sumo_eval.cosim.doors.entry import split_entry, steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
-from sumo_eval.cosim.doors.kept_state import first_change, kept_state, reached_modules
+from sumo_eval.cosim.doors.kept_state import first_change, kept_state, module_of, reaches_libsumo
 from sumo_eval.cosim.doors.traci_module import GUARD, seen_as_traci
 from sumo_eval.cosim.doors.traci_program import TraciProgram, served
 from sumo_eval.cosim.doors.traci_view import sharing
@@ -65,7 +64,6 @@ from sumo_eval.cosim.loop import (
 from sumo_eval.cosim.on_traci import OnTraci
 from sumo_eval.cosim.records import MODEL, SUMO
 from sumo_eval.cosim.stage import Stage
-from sumo_eval.cosim.sumo.insides import libsumo
 from sumo_eval.cosim.sumo.session import running, session
 from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
 from sumo_eval.cosim.traffic import Traffic
@@ -452,23 +450,22 @@ def _manner(
     if one_case and entry.period:  # a batch has one period
         return alone(Alone("asked", "period"))
     make = partial(adapted, user_code, name, entry.options)
-    with seen_as_traci():
-        ads: Any = make()
+    ads: Any = make()
     target = _driven_object(ads)
     if Compiled.rides(target):
         return _Manner(type(target), lambda: target)
     if not isinstance(ads, PolicyController):
-        can_share = isinstance(ads, ObjectController) and not _reaches_libsumo(user_code)
-        if not can_share or getattr(user_code, "vehicle_type", None) is not None:
+        own_type = getattr(user_code, "vehicle_type", None) is not None
+        if own_type or not isinstance(ads, ObjectController):
             return alone(ON_TRACI)
         if not inspect.isclass(user_code) and not inspect.isfunction(user_code):
             return alone(ONE_OBJECT)
+        if reaches_libsumo(user_code, target):
+            return alone(ON_TRACI)
         if getattr(user_code, "batch", True) is False:
             return alone(Alone("asked", "batch = False"))
         if user_code in _KEEPS_STATE:
             return alone(_KEEPS_STATE[user_code])
-        if inspect.isfunction(user_code):
-            make = partial(ObjectController, user_code)  # type: ignore[assignment]
         return _Manner(ObjectController, lambda: wrap(make()), hook=user_code)
     if _asks_traci(ads.target if ads.target is not None else ads.act):
         return alone(ASKS_SUMO)
@@ -486,23 +483,15 @@ def _manner(
     return alone(ONE_OBJECT)
 
 
-def _reaches_libsumo(hook: Any) -> bool:
-    """Whether a hook's code reaches libsumo past the view that shows each case its own row."""
-    return any(
-        it is libsumo or getattr(it, "__module__", "") == "libsumo.libsumo"
-        for module in reached_modules(hook)
-        for it in list(vars(module).values())
-    )
-
-
 def _asks_traci(target: Any) -> bool:
     """Whether the module of a policy holds TraCI: it may ask SUMO, so that its cases are driven
     alone. A policy that imports TraCI elsewhere is refused when it asks (`_Refused`).
     """
-    function = getattr(target, "__func__", target)
-    module = sys.modules.get(getattr(function, "__module__", "") or type(target).__module__)
-    values = [] if module is None else list(vars(module).values())
-    return any(isinstance(it, ModuleType) and it.__name__ in ("traci", "libsumo") for it in values)
+    module = module_of(getattr(target, "__func__", target))
+    return module is not None and any(
+        isinstance(it, ModuleType) and it.__name__ in ("traci", "libsumo")
+        for it in list(vars(module).values())
+    )
 
 
 def _chunks(items: Sequence[int], size: int) -> Iterator[Sequence[int]]:
@@ -558,7 +547,7 @@ def _difference(
         own = simulate(
             cases[index], manner.make(), settings, folder=terms.folder, seed=seeds[index],
             step_timeout=terms.step_timeout,
-            period=terms.every * settings.step if terms.every > 1 else None,
+            period=terms.every * settings.step,
         )  # fmt: skip
         together = drives[index]
         if not (isinstance(together, Recording) and own.same_drive(together)):

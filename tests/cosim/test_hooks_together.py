@@ -1,6 +1,7 @@
 """Hooks of TraCI in one SUMO have exactly what they have alone."""
 
 import ast
+import contextlib
 import importlib
 import logging
 import math
@@ -10,8 +11,10 @@ import tomllib
 from array import array
 from collections import Counter
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
+import numba
 import numpy as np
 import pytest
 from road_scenes import case, lead, once
@@ -244,6 +247,52 @@ def test_libsumo_bound_in_a_module_that_a_hook_imports_keeps_it_alone(tmp_path, 
     assert {reason.why for reason in why} == {"on_traci"}
 
 
+KEPT = {
+    "object": "class Hook:\n"
+    "    def __init__(self): self.ids = __import__('traci').vehicle.getIDList\n"
+    "    def step(self, traci, ego, time): return Command(-0.01 * len(self.ids()))\n",
+    "class": "class Hook:\n"
+    "    ids = staticmethod(vehicle.getIDList)\n"
+    "    def step(self, traci, ego, time): return Command(-0.01 * len(self.ids()))\n",
+    "default": "def Hook(traci, ego, time, ids=vehicle.getIDList):\n"
+    "    return Command(-0.01 * len(ids()))\n",
+    "partial": "IDS = [partial(vehicle.getIDList)]\n"
+    "def Hook(traci, ego, time): return Command(-0.01 * len(IDS[0]()))\n",
+}  # ways to keep a function of libsumo, which lists the vehicles of all rows
+
+
+@pytest.mark.parametrize("way", KEPT)
+def test_call_of_libsumo_kept_anywhere_drives_a_hook_alone(way, tmp_path):
+    imports = "from functools import partial\nfrom sumo_eval import Command\n"
+    (tmp_path / "hook.py").write_text(f"{imports}from traci import vehicle\n{KEPT[way]}")
+    cases = [case(lead(80.0, 20.0), speed=speed) for speed in (10.0, 20.0)]
+    why = reasons_to_leave(cases, f"{tmp_path / 'hook.py'}:Hook")
+    assert {reason.why for reason in why} == {"on_traci"}
+
+
+class AsksAsItIsMade:
+    def __init__(self):
+        self.vehicle = importlib.import_module("traci").vehicle
+
+    def step(self, traci, ego, time):
+        return Command(-0.1 * self.vehicle.getSpeed(ego) / 20.0)
+
+
+FASTER = numba.njit(lambda speed: speed + 0.1)
+ERROR = traci_module.TRACI.TraCIException
+
+
+def compiles(traci, ego, time):
+    with contextlib.suppress(ERROR):
+        return traci.vehicle.setSpeed(ego, FASTER(traci.vehicle.getSpeed(ego)))
+
+
+@pytest.mark.parametrize("hook", [AsksAsItIsMade, compiles])
+def test_hook_that_imports_traci_or_numba_stays_in_its_batch(hook):
+    cases = [case(lead(80.0, 20.0), speed=speed) for speed in (10.0, 20.0)]
+    assert not reasons_to_leave(cases, hook)
+
+
 CACHE = {}
 GENERATOR = random.Random(3)
 CALLS = 0
@@ -270,6 +319,11 @@ def sets_variables(traci, ego, time):
 def rebinds(traci, ego, time):
     global CALLS
     CALLS += 1
+    return Command(-0.001)
+
+
+def marks_traci(traci, ego, time):
+    traci.last = time
     return Command(-0.001)
 
 
@@ -305,11 +359,25 @@ class Slots:
     __slots__ = ("calls",)
 
 
+class AnswersAll:
+    __slots__ = ()
+
+    def __getattr__(self, name):
+        return lambda *_: None
+
+
+class AnswersNothing:
+    def __getattr__(self, name):
+        raise RuntimeError(name)
+
+
 def test_every_way_to_keep_state_is_seen_and_nan_is_none():
     held = Slots()
     generator = (item for item in range(9))
     kept = {"nan": math.nan, "slot": held, "bytes": bytearray(1), "numbers": array("d", [0.0]),
-        "space": SimpleNamespace(calls=0), "generator": generator}  # fmt: skip
+        "space": SimpleNamespace(calls=0), "generator": generator, "method": [].append,
+        "bound": Counts().step, "partial": partial(print, held), "numpy": np.random.default_rng(1),
+        "all": AnswersAll(), "nothing": AnswersNothing()}  # fmt: skip
 
     def hook():
         vars(hook)
@@ -320,7 +388,9 @@ def test_every_way_to_keep_state_is_seen_and_nan_is_none():
     changes = (
         lambda: setattr(held, "calls", 1), lambda: kept["bytes"].append(1),
         lambda: kept["numbers"].append(1.0), lambda: vars(kept["space"]).update(calls=1),
-        lambda: next(generator),
+        lambda: next(generator), lambda: kept["numpy"].normal(),
+        lambda: setattr(kept["bound"].__self__, "calls", 1),
+        lambda: kept["partial"].args[0].__setattr__("calls", 2),
     )  # fmt: skip
     for change in changes:
         before = kept_state(derived)
@@ -333,11 +403,11 @@ def test_every_way_to_keep_state_is_seen_and_nan_is_none():
     [
         (caches, "CACHE"), (remembers, "remembers"), (draws, "GENERATOR"), (Counts, "Counts"),
         (sets_variables, "os.environ"), (rebinds, "CALLS"), (enclosing, "encloses"),
-        (writes_files, "drives differently when it is alone"),
+        (marks_traci, "traci"), (writes_files, "drives differently when it is alone"),
     ],
 )  # fmt: skip
 def test_shared_state_drives_each_case_alone_and_is_named(hook, name, tmp_path, monkeypatch):
-    """Eight kinds: seven are seen in the state, that of a file in the cases compared alone."""
+    """Nine kinds: eight are seen in the state, that of a file in the cases compared alone."""
     monkeypatch.setenv("CALLS", "0")
     cases, why = [case(lead(80.0), speed=speed) for speed in (20.0, 18.0)], Counter()
     list(

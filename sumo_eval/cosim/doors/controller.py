@@ -321,9 +321,8 @@ def load_controller(controller: ControllerLike, folder: Path | None = None) -> A
 
     Raises InputError when it cannot be found or is not a controller.
     """
-    with seen_as_traci():
-        target, name, entry = located(controller, folder)
-        return adapted(target, name, entry.options)
+    target, name, entry = located(controller, folder)
+    return adapted(target, name, entry.options)
 
 
 def located(controller: ControllerLike, folder: Path | None) -> tuple[Any, str, Entry]:
@@ -333,6 +332,7 @@ def located(controller: ControllerLike, folder: Path | None) -> tuple[Any, str, 
     return controller, repr(controller), PLAIN
 
 
+@seen_as_traci()
 def find_controller(locator: str, folder: Path | None = None) -> Any:
     """Target of a locator, not yet made into a controller: a class stays a class."""
     locator, entry = split_entry(locator)
@@ -354,8 +354,7 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
             f"Unknown ADS `{locator}`: not one that ships, and not of the form `module:name` or "
             f"`file.py:name`.{did_you_mean(locator, (*SHIPPED, 'sumo:IDM'))}"
         )
-    with seen_as_traci():
-        loaded = load_object(target, folder, "ADS")
+    loaded = load_object(target, folder, "ADS")
     check_options(loaded, entry.options, locator)
     return loaded
 
@@ -467,6 +466,7 @@ def _check_attributes(attributes: Mapping[str, str], owner: str) -> None:
             raise must_be(f"`{name}`", owner, "a finite number", value)
 
 
+@seen_as_traci()
 def adapted(found: Any, described: str, options: Mapping[str, Any]) -> Adapter:
     """A fresh controller from what a locator names, or from what was given in its place.
 

@@ -9,23 +9,33 @@ from __future__ import annotations
 
 import inspect
 import os
+import pickle
 import random
 import sys
 from array import array
 from collections import deque
 from functools import cache
 from itertools import islice
-from types import FunctionType, GeneratorType, ModuleType
+from types import CellType, FunctionType, GeneratorType, MethodType, ModuleType
 from typing import Any
 
 import numpy as np
+
+from sumo_eval.cosim.doors.traci_module import TRACI
+from sumo_eval.cosim.sumo.insides import libsumo
 
 _DEEPEST = 12  # containers and objects within each other
 _MOST = 10_000  # members of a container, the rest of which is not looked at
 _CONTAINERS = (dict, list, tuple, set, frozenset, deque)
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
-_FOREIGN_PACKAGES = ("sumo_eval", "numpy", "traci", "libsumo")  # and the standard library
-_LOOKED_INTO = ("types", "collections", "queue")  # modules with objects that hold others
+_FOREIGN_PACKAGES = ("sumo_eval", "numpy", "numba", "traci", "libsumo")  # and the standard library
+# modules with objects that hold others
+_LOOKED_INTO = ("types", "collections", "queue", "functools")
+_LIBSUMO = "libsumo itself"  # snapshot of libsumo, and of a function of it
+# arrays and random generators: all that they hold is what they are pickled to
+_PICKLED = (
+    np.ndarray, bytearray, array, random.Random, np.random.Generator, np.random.RandomState
+)  # fmt: skip
 _ITERATOR = "itertools"  # module whose objects show their position in their `repr`
 
 
@@ -44,14 +54,28 @@ def kept_state(ads: Any) -> dict[str, object]:
         # numba sets variables of its own when its first function is compiled
         "os.environ": {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")},
         "the working directory": os.getcwd(),
+        "traci": [id(it) for part in (TRACI, *TRACI.DOMAINS) for it in vars(part).values()],
     }
     for module in reached_modules(ads):
-        own = [(k, v) for k, v in list(vars(module).items()) if not k.startswith("__")]
-        state |= {f"{module.__name__}.{name}": _frozen(value, 0) for name, value in own}
+        own = list(vars(module).items())
+        state |= {f"{module.__name__}.{k}": _frozen(v, 0) for k, v in own if k[:2] != "__"}
     named: dict[str, list[object]] = {}  # a derived class may have the name of its base
     for kind in ads.__mro__[:-1] if inspect.isclass(ads) else (ads,):
         named.setdefault(kind.__qualname__, []).append(_frozen(kind, 0))
     return state | named
+
+
+def reaches_libsumo(ads: Any, made: Any) -> bool:
+    """Whether an ADS's code reaches libsumo past the view that shows each case its own row.
+
+    made: an object of it.
+    """
+    return _holds_libsumo([_frozen(made, 0), *kept_state(ads).values()])
+
+
+def _holds_libsumo(snapshot: Any) -> bool:
+    within = isinstance(snapshot, list | tuple) and any(map(_holds_libsumo, snapshot))
+    return within or snapshot == _LIBSUMO
 
 
 def reached_modules(ads: Any) -> list[ModuleType]:
@@ -64,7 +88,7 @@ def reached_modules(ads: Any) -> list[ModuleType]:
     waiting = [ads]  # modules, and values whose modules are looked into
     while waiting:
         value = waiting.pop()
-        module = value if isinstance(value, ModuleType) else _module_of(value)
+        module = value if isinstance(value, ModuleType) else module_of(value)
         if module is None or module.__name__ in reached:
             continue
         package = module.__name__.partition(".")[0]
@@ -82,7 +106,7 @@ def _is_foreign(module: str) -> bool:
     return package in _FOREIGN_PACKAGES or package in sys.stdlib_module_names
 
 
-def _module_of(value: Any) -> ModuleType | None:
+def module_of(value: Any) -> ModuleType | None:
     """The module that defines a function, a class or an object's class; None: unknown.
 
     A module that was loaded from a file's path may be missing in `sys.modules`. Its variables are
@@ -103,9 +127,8 @@ def _module_of(value: Any) -> ModuleType | None:
 
 def first_change(before: dict[str, object], after: dict[str, object]) -> str | None:
     """Name of the first state that differs; None: all of it is the same."""
-    names = [*before, *(name for name in after if name not in before)]
     # `...` stands for a name that is missing: None may be a value
-    return next((name for name in names if before.get(name, ...) != after.get(name, ...)), None)
+    return next((it for it in before | after if before.get(it, ...) != after.get(it, ...)), None)
 
 
 def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> object:
@@ -121,12 +144,14 @@ def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> objec
     identity = len(value) if contains else id(value)
     if depth > _DEEPEST or id(value) in seen:
         return identity
-    content = _content(value)
-    if content is not None:
-        return content
-    seen |= {id(value)}
     members = value.items() if isinstance(value, dict) else value
-    parts = islice(members, _MOST) if contains else _parts(value)
+    try:
+        if (content := _content(value)) is not None:
+            return content
+        parts = islice(members, _MOST) if contains else _parts(value)
+    except Exception:  # noqa: BLE001 - attributes of a user's object are the user's code
+        return identity
+    seen |= {id(value)}
     return identity, [_frozen(it, depth + 1, seen) for it in parts]
 
 
@@ -134,17 +159,13 @@ def _content(value: Any) -> object:
     """Content of an array, or position of a random generator, an iterator or a cache; None: it is
     none of these.
     """
-    if isinstance(value, np.ndarray):
-        return value.dtype.str, value.shape, value.tobytes()
-    if isinstance(value, bytearray | array):
-        return bytes(value)
-    if isinstance(value, random.Random):
-        return value.getstate()
-    if isinstance(value, np.random.Generator):
-        return repr(value.bit_generator.state)
-    if isinstance(value, np.random.RandomState):
-        return _frozen(value.get_state(), 0)
-    if hasattr(value, "cache_info"):
+    if value is libsumo or (
+        isinstance(value, FunctionType) and value.__module__ == libsumo.libsumo.__name__
+    ):
+        return _LIBSUMO
+    if isinstance(value, _PICKLED):
+        return pickle.dumps(value)
+    if hasattr(type(value), "cache_info"):
         return id(value), repr(value.cache_info())
     return repr(value) if type(value).__module__ == _ITERATOR else None
 
@@ -152,18 +173,22 @@ def _content(value: Any) -> object:
 def _parts(value: Any) -> tuple[Any, ...]:
     """Parts of an object, class or function that can change; none where its code is foreign.
 
-    Functions within a `staticmethod`, `classmethod` or `property` are not looked into.
+    Functions within a `property` are not looked into.
     """
+    if isinstance(value, staticmethod | classmethod | MethodType):
+        return value.__func__, getattr(value, "__self__", None)
     if isinstance(value, GeneratorType):
-        return _generator_state(value)
+        frame = value.gi_frame
+        return () if frame is None else (frame.f_lasti, dict(frame.f_locals))
     kind = value if isinstance(value, type | FunctionType) else type(value)
     module = kind.__module__ or ""
     # objects of `_LOOKED_INTO` have parts, its classes and functions none
     if _is_foreign(module) and (kind is value or module not in _LOOKED_INTO):
         return ()
     if isinstance(value, FunctionType):
-        cells = map(_cell, value.__closure__ or ())
-        return vars(value), value.__defaults__, value.__kwdefaults__, [*cells]
+        # an empty cell is a variable that has no value yet
+        cells = [it.cell_contents for it in value.__closure__ or () if it != CellType()]
+        return vars(value), value.__defaults__, value.__kwdefaults__, cells
     # a class defines slots, its objects have values in them
     slots = [getattr(value, name, None) for name in _slots(kind) if kind is not value]
     return dict(getattr(value, "__dict__", {})), slots
@@ -172,15 +197,3 @@ def _parts(value: Any) -> tuple[Any, ...]:
 @cache
 def _slots(kind: type) -> list[str]:
     return [name for name, it in inspect.getmembers_static(kind) if inspect.ismemberdescriptor(it)]
-
-
-def _generator_state(generator: Any) -> tuple[Any, ...]:
-    frame = generator.gi_frame
-    return () if frame is None else (frame.f_lasti, dict(frame.f_locals))
-
-
-def _cell(cell: Any) -> Any:
-    try:
-        return cell.cell_contents
-    except ValueError:  # the variable has no value yet
-        return None
