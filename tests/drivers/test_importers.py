@@ -416,6 +416,32 @@ def test_commonroads_obstacles_that_are_left_out_are_counted_by_why(tmp_path):
     }
 
 
+def test_commonroad_offsets_are_to_the_left_of_the_drive(tmp_path):
+    """A vehicle overtakes 1 m to the right of the centre of the oncoming lane, at y = 3.5 m."""
+
+    def lanelet(begin, end, left, right):
+        points = "<point><x>{}</x><y>{}</y></point>".format
+        bounds = (
+            f"<{side}Bound>{points(begin, y)}{points(end, y)}</{side}Bound>"
+            for side, y in (("left", left), ("right", right))
+        )
+        return f"<lanelet>{''.join(bounds)}</lanelet>"
+
+    lanelets = lanelet(0, 90, 1.75, -1.75) + lanelet(90, 0, 1.75, 5.25)
+    state = (
+        "<state><position><point><x>{0}</x><y>2.5</y></point></position><orientation><exact>0.1"
+        "</exact></orientation><time><exact>{0}</exact></time><velocity><exact>10</exact></velocity>"
+        "</state>"
+    )
+    path = "<trajectory>" + "".join(state.format(k) for k in range(3)) + "</trajectory>"
+    (tmp_path / "a.xml").write_text(
+        f"<commonRoad timeStepSize='0.1'>{lanelets}<dynamicObstacle id='1'><type>car</type>{STATE}"
+        f"{path}</dynamicObstacle></commonRoad>"
+    )
+    table, _ = commonroad.read(tmp_path / "a.xml")
+    assert table["offset"].to_numpy() == pytest.approx(-1.0)
+
+
 def _bend(path, **columns):
     """Eight cars along a circle of 300 m, in two lanes of 3.5 m, on a map, one that stands, and one
     that reverses.

@@ -1,8 +1,8 @@
 """CommonRoad scenarios (XML, formats 2018b and 2020a): the dynamic obstacles' trajectories, in
 metres and radians.
 
-Positions are centres. The samples lie on a map, so they are straightened. Obstacles without a
-trajectory (standing, or with an `occupancySet` alone) are left out.
+Positions are of centres, on a map: `recorded.straighten` makes road coordinates of them. Obstacles
+without a trajectory (standing, or with an `occupancySet` alone) are left out.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def read(path: Path) -> Samples:
 
 def _why_left_out(obstacle: Any) -> str:
     """Reason why an obstacle is not a driven vehicle; empty: it is one."""
-    # 2020a has a tag of its own for what stands, 2018b a role
+    # standing: `staticObstacle` in 2020a, a `role` in 2018b
     if obstacle.tag == "staticObstacle" or obstacle.findtext("role", "dynamic") != "dynamic":
         return "which stand"
     if obstacle.find("shape/rectangle") is None:
@@ -96,11 +96,11 @@ def _samples(obstacle: Any, path: Path) -> list[dict[str, Any]]:
     area.
     """
     states = obstacle.findall("initialState") + obstacle.findall("trajectory/state")
-    for place in _SETS:
-        if any(state.find(place) is not None for state in states):
+    for tags in _SETS:
+        if any(state.find(tags) is not None for state in states):
             raise InputError(
                 f"Obstacle {obstacle.get('id', '')} in row {obstacle.sourceline} of {path} "
-                f"must have exact states, got sets of them (`{place}`): a set-based prediction "
+                f"must have exact states, got sets of them (`{tags}`): a set-based prediction "
                 "says where a vehicle may be, not where it was."
             )
     shape = obstacle.find("shape/rectangle")
@@ -111,8 +111,7 @@ def _samples(obstacle: Any, path: Path) -> list[dict[str, Any]]:
         "width": _value(shape, "width", path),
     }
     return [
-        row | {name: _value(state, place, path) for name, place in _EXACT.items()}
-        for state in states
+        row | {name: _value(state, tags, path) for name, tags in _EXACT.items()} for state in states
     ]
 
 
@@ -126,7 +125,7 @@ def _lane_centres(root: Any, path: Path) -> FloatArray:
             np.array([[_value(point, axis, path) for axis in "xy"] for point in bound])
             for bound in (lanelet.findall(f"{side}Bound/point") for side in ("left", "right"))
         ]
-        if min(len(side) for side in sides) < 2:
+        if min(len(side) for side in sides) < 2:  # one point has no course
             continue
         longer = max(float(distances(side)[-1]) for side in sides)
         count = max(2, math.ceil(longer) + 1)
@@ -145,16 +144,20 @@ def _even(line: FloatArray, count: int) -> FloatArray:
 
 
 def _offsets(table: pd.DataFrame, centres: FloatArray) -> FloatArray:
-    """Distance of each sample to the left of the nearest lanelet's centre line, m."""
-    places = table[["x", "y"]].to_numpy()
-    near = centres[cKDTree(centres[:, :2]).query(places)[1]]
-    dx, dy = (places - near[:, :2]).T
-    aside: FloatArray = -dx * np.sin(near[:, 2]) + dy * np.cos(near[:, 2])
-    return aside
+    """Distance of each sample to the left, as it is headed, of the nearest lanelet's centre line,
+    m.
+    """
+    samples = table[["x", "y", "heading"]].to_numpy()
+    near = centres[cKDTree(centres[:, :2]).query(samples[:, :2])[1]]
+    dx, dy, turned = (samples - near).T
+    course = near[:, 2]
+    aside = -dx * np.sin(course) + dy * np.cos(course)
+    # an oncoming lane, on which the vehicle overtakes, leads the other way
+    return np.asarray(aside * np.sign(np.cos(turned)))
 
 
-def _value(state: Any, place: str, path: Path) -> float:
-    return _number(state.findtext(place), path, state, place)
+def _value(state: Any, tags: str, path: Path) -> float:
+    return _number(state.findtext(tags), path, state, tags)
 
 
 def _number(text: str | None, path: Path, element: Any, what: str) -> float:
