@@ -21,9 +21,9 @@ from sumo_eval.scoring.drive_beside import (
     behind,
     braking_before,
     furthest,
+    mean_path,
     mean_speed,
     rarest_extreme,
-    way_of,
 )
 from sumo_eval.scoring.findings import LIKENESS_FACTORS
 from sumo_eval.scoring.plausible_people import plausible_people
@@ -120,12 +120,12 @@ def task_words(scene: CaseDrives, logical: LogicalScenario, margin: float) -> _S
     references = (delay.drivers, count(delay.drivers, "driver")), (delay.car, "the reference car")
     names = " and ".join(words for number, words in references if number)
     way, time = f"{delay.way:z.0f} m", f"{delay.time:z.1f} s"
-    short = f"{way} of {delay.of:z.0f} m, from {time} on; {names} drove on."
+    short = f"{way} of {delay.target:z.0f} m, from {time} on; {names} drove on."
     words = {
         "missed": f"Missed the lane change that was due after {way}.",
         "stood": f"Stood after {short}",
         "short": f"Came no further than {short}",
-        "late": f"Needed {time} for {way}; the slowest of {names} needed {delay.of:z.1f} s.",
+        "late": f"Needed {time} for {way}; the slowest of {names} needed {delay.target:z.1f} s.",
     }
     yield words[delay.what], delay.time
 
@@ -142,7 +142,7 @@ def likeness_words(scene: CaseDrives, people: Quantiles) -> _Said:
         elif name == "operations":
             yield "Worked wheel and pedals more often than the drivers did.", end
         elif name == "length":
-            gone, theirs = way_of(scene.ego), way_of(*scene.drivers)
+            gone, theirs = mean_path(scene.ego), mean_path(*scene.drivers)
             yield f"Drove {gone:z.0f} m, the drivers {theirs:z.0f} m in the mean.", end
 
 

@@ -26,18 +26,18 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import FloatArray, Trajectories, Trajectory
 
 LOW = 0.99
-"""A case's part in T, or a factor of its part in H, below this is explained."""
+"""A t_i, or a factor of a case's part in H, is explained where it is lower."""
 BRAKES = -1.0
 """Acceleration at or below which a vehicle counts as braking, m/s2."""
 SIDEWAYS = 0.5
-"""Distance from its first y from which on a vehicle counts as moving sideways, m."""
+"""Least distance from its first y at which a vehicle counts as moved sideways, m."""
 HALF_WINDOWS = {
     "max_deceleration": 0.5, "max_jerk": 1.0, "max_unrest": 1.0, "max_lateral_speed": 0.5,
     "max_lateral_acceleration": 1.0,
 }  # fmt: skip
 """Half of the time window that an extreme is measured over, s; 0 for extremes not named here."""
 LEAST_SPREADS = {"speed": 1.0, "y": 0.2}
-"""Least standard deviation of the drivers' speed, m/s, and y, m."""
+"""Standard deviation of speed, m/s, and y, m, used where the drivers' is less."""
 
 
 class CaseDrives(NamedTuple):
@@ -45,7 +45,7 @@ class CaseDrives(NamedTuple):
 
     road: the drives are in its coordinates.
     drivers: drives of the human drivers.
-    references: the same and the drive of the reference car, by name.
+    references: by name, the drives of the drivers and of the reference car (`task_reference`).
     """
 
     case: CaseResult
@@ -102,8 +102,8 @@ class Behind(NamedTuple):
         came no further. `late`: it was late there.
     way: distance of the place from the ego's start, m.
     time: at which the ego was there, s since its start.
-    of: what `way` or `time` is compared with: for `stood` and `short` the distance that was asked
-        for, m, for `late` the time of the slowest reference there, s; nan for `missed`.
+    target: for `stood` and `short` the distance that was asked for, m; for `late` the time of the
+        slowest reference there, s; nan for `missed`.
     drivers: number of drivers among the references.
     car: whether the reference car is one of these.
     """
@@ -111,7 +111,7 @@ class Behind(NamedTuple):
     what: Literal["missed", "stood", "short", "late"]
     way: float
     time: float
-    of: float
+    target: float
     drivers: int
     car: bool
 
@@ -134,20 +134,20 @@ def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind
     if share is None or share >= LOW or scene.case.incident or not task or not len(task.places):
         return None
     drivers = sum(trajectory in scene.drivers for trajectory in clean)
-    compared_with = drivers, len(clean) > drivers  # the last two fields: drivers, car
+    with_car = len(clean) > drivers
     if start.way is not None and misses(ego, start.way):
         when = times_at(ego, np.array([start.way.by]))[0]
-        return Behind("missed", start.way.by - start.x, float(when), np.nan, *compared_with)
+        return Behind("missed", start.way.by - start.x, float(when), np.nan, drivers, with_car)
     own = times_at(ego, task.places)
     places = task.places - start.x
-    if np.isinf(own[-1]):
+    if np.isinf(own[-1]):  # it never came to the last place
         furthest_way = max(ego.x.max() - start.x, 0.0)
         when = ego.time[np.argmax(ego.x)] - ego.time[0]
         what: Literal["stood", "short"] = "stood" if ego.speed[-1] < STANDING else "short"
-        return Behind(what, float(furthest_way), float(when), float(places[-1]), *compared_with)
+        return Behind(what, float(furthest_way), float(when), float(places[-1]), drivers, with_car)
     worst = int(np.argmax(own - task.slowest))
     way, late, slowest = (float(part[worst]) for part in (places, own, task.slowest))
-    return Behind("late", way, late, slowest, *compared_with)
+    return Behind("late", way, late, slowest, drivers, with_car)
 
 
 class Event(NamedTuple):
@@ -162,7 +162,7 @@ class Extreme(NamedTuple):
     """The extreme of a drive that fewest people reach.
 
     share: of people who go as far.
-    usual: what half of the people do not pass.
+    usual: the people's median.
     time: s, when it was first reached, the middle of its window.
     event: the move of an actor that is nearest in time, if any.
     """
@@ -191,11 +191,11 @@ def _reached(scene: CaseDrives, name: str, value: float) -> float:
     ego = scene.ego
 
     def has(samples: int) -> bool:
-        """Whether the drive's first samples reach the extreme; then any more do as well."""
+        """Whether the first `samples` samples reach the extreme; if they do, more do."""
         part = course_of(first_samples(ego, samples), scene.actors, None, scene.road)
         return bool(np.isclose(extremes_of(part)[name], value, rtol=1e-6))
 
-    least = bisect_left(range(len(ego.time)), True, lo=2, key=has)
+    least = bisect_left(range(len(ego.time)), True, lo=1, key=has)
     return float(ego.time[least - 1] - ego.time[0])
 
 
@@ -227,7 +227,7 @@ class Furthest(NamedTuple):
 
 
 def furthest(scene: CaseDrives) -> Furthest:
-    """Where path or speed differ most from the drivers' own spread."""
+    """Where speed or y deviates most from the drivers' mean, in their standard deviations."""
     ego = scene.ego
     end = min(float(trajectory.x.max()) for trajectory in (ego, *scene.drivers))
     # every metre, at least the first place
@@ -255,7 +255,7 @@ def _at_places(drive: Trajectory, places: FloatArray, channel: str) -> FloatArra
     return np.asarray(np.interp(places, reached, getattr(drive, channel)))
 
 
-def way_of(*drives: Trajectory) -> float:
+def mean_path(*drives: Trajectory) -> float:
     """Mean length of the paths of drives, m."""
     return float(np.mean([np.hypot(np.diff(it.x), np.diff(it.y)).sum() for it in drives]))
 

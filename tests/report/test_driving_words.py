@@ -72,6 +72,15 @@ def test_hard_braking_before_the_lead_brakes_in_words(case):
     assert 2.4 <= when <= 2.7, "the middle of the first whole second at 9 m/s2"
 
 
+def test_an_extreme_at_the_start_is_at_0_s(case):
+    """The lead pulls away from the start on: the least TTC, 55.5 m / 10 m/s, is the first."""
+    lead = drive([(0, 10), (10, 40)], x=110.0)
+    away = scene(replace(case, plausibility=0.0), drive([(0, 20), (10, 20)]), lead=lead)
+    ((sentence, when),) = words.likeness_words(away, MOTORWAY_PEOPLE)
+    assert sentence.startswith("Came within 5.5 s of a collision at 0.0 s")
+    assert when == 0.0
+
+
 def test_standing_and_crawling_name_the_references(case):
     """At 20 m/s the asked way ends 5 m short of 200 m; a stop from 20 m/s in 4 s takes 40 m."""
     logical, reference = catalogue.load(case.scenario), drive([(0, 20), (10, 20)], x=0.0)
