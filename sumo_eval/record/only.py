@@ -11,7 +11,7 @@ from sumo_eval.errors import InputError, check_known
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import EvaluationSettings
 
-Place = tuple[str, int, str]
+Parts = tuple[str, int, str]
 """Logical scenario, number of the point and ADS of a case."""
 
 
@@ -23,15 +23,16 @@ def narrowed(run: Resolved) -> Resolved:
     settings = run.settings
     if not settings.run.only:
         return run
-    places = []
+    named = []
     for case in settings.run.only:
-        place_of = _places(case, run.scenarios, settings)
-        check_known("case of the evaluation", place_of, case)
-        places.append(place_of[case])
-    scenarios = {scenario for scenario, *_ in places}
-    chosen_ads = {ads for *_, ads in places}
+        parts_of = _parts_by_key(case, run.scenarios, settings)
+        check_known("case of the evaluation", parts_of, case)
+        named.append(parts_of[case])
+    scenarios = {scenario for scenario, *_ in named}
+    chosen_ads = {ads for *_, ads in named}
     kept = [(entry, logical) for entry, logical in run.entries if logical.name in scenarios]
-    gone, method, report = run.scenarios.keys() - scenarios, settings.method, settings.report
+    gone = run.scenarios.keys() - scenarios
+    method, report = settings.method, settings.report
     weights = {name: w for name, w in method.ranking.weights.items() if name not in gone}
     axes = {name: pair for name, pair in report.axes.items() if name not in gone}
     settings = replace(
@@ -44,11 +45,13 @@ def narrowed(run: Resolved) -> Resolved:
     return replace(run, settings=settings, scenarios={logical.name: logical for _, logical in kept})
 
 
-def _places(case: str, scenarios: Iterable[str], settings: EvaluationSettings) -> dict[str, Place]:
-    """Places of the cases that a text may name, by key."""
-    # a name may hold a number, too: `ncap-2026-ccrs-0003-idm`
-    # without a number, point 0 gives keys for the error message
-    numbers = map(int, re.findall(r"-(\d{4,})(?=-)", case) or ["0"])
+def _parts_by_key(
+    case: str, scenarios: Iterable[str], settings: EvaluationSettings
+) -> dict[str, Parts]:
+    """Parts of the cases that a text may name, by key."""
+    # all numbers, as names hold some, too: `ncap-2026-ccrs-0003-idm`; point 0 if there is none, for
+    # the nearest key in the error message
+    numbers = map(int, re.findall(r"-(\d{4,9})(?=-)", case) or ["0"])
     return {
         f"{scenario}-{number:04d}-{ads.name}": (scenario, number, ads.name)
         for scenario, number, ads in product(scenarios, numbers, settings.ads)
@@ -67,8 +70,8 @@ def points_only(
     """
     if not settings.run.only:
         return numbers
-    named = [_places(case, [scenario], settings).get(case) for case in settings.run.only]
-    wanted = {place[1] for place in named if place is not None}
+    named = [_parts_by_key(case, [scenario], settings).get(case) for case in settings.run.only]
+    wanted = {parts[1] for parts in named if parts}
     if wanted and max(wanted) >= points:
         raise InputError(
             f"A case of {scenario} must be numbered 0000 to {points - 1:04d}, got "

@@ -158,6 +158,7 @@ def test_run_only_names_what_it_does_not_know(builds, tmp_path):
         ("front_vehicle_low_speed-0002-mime", "Did you mean `front_vehicle_low_speed-0002-mine`?"),
         ("front_vehicle_low_speed-9999-mine", "must be numbered 0000 to"),
         ("nonsense", "Unknown case `nonsense` of the evaluation."),
+        (f"cut_in-{'1' * 5000}-mine", "Unknown case `cut_in-1111"),
     ):
         done = sumo_eval(
             "run", builds / "evaluation.toml", "--only", case, "--out", tmp_path / "none", status=2
