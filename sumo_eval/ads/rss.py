@@ -1,4 +1,4 @@
-"""ADS `rss`: Responsibility-Sensitive Safety, as the JRC compares it with the models of UN
+"""ADS `rss`: Responsibility-Sensitive Safety, as in the JRC's comparison of models for UN
 Regulation No. 157.
 
 A vehicle that is too close both along the road and across it is unsafe. Source: Shalev-Shwartz,
@@ -8,7 +8,6 @@ lists the choices that the source leaves open.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from sumo_eval.ads.perception import bumper_gap
@@ -38,7 +37,7 @@ ROUNDING = 1e-6  # m/s by which the speed of a standing vehicle may be below 0
 @kernel
 def stopping_distance(speed: float, braking: float) -> float:
     """D(v, b) = v rho + a rho^2 / 2 + (v + rho a)^2 / (2 b), m."""
-    # squares are products: compiled code computes them to the same bits as Python
+    # x * x instead of x**2: compiled code then gives the same bits as Python
     faster = speed + RESPONSE * ACCELERATION
     reaction = speed * RESPONSE + 0.5 * ACCELERATION * RESPONSE * RESPONSE
     return reaction + faster * faster / (2.0 * braking)
@@ -48,7 +47,7 @@ def stopping_distance(speed: float, braking: float) -> float:
 def longitudinal_safe_distance(speed: float, other_speed: float) -> float:
     """d_lon = D(v, b) - w^2 / (2 bl), to an oncoming vehicle D(v, b) + D(|w|, bl), m.
 
-    speed: v, other_speed: w, m/s.
+    speed: v, other_speed: w, m/s, both along the road; an oncoming vehicle has w < 0.
     """
     own = stopping_distance(speed, BRAKING)
     if other_speed < -ROUNDING:
@@ -58,27 +57,27 @@ def longitudinal_safe_distance(speed: float, other_speed: float) -> float:
 
 @kernel
 def lateral_safe_distance(lateral_speed: float) -> float:
-    """d_lat = mu + |(2 vy + ay rho) rho / 2| + (vy + ay rho)^2 / (2 ay), m.
+    """d_lat = mu + (2 vy + ay rho) rho / 2 + (vy + ay rho)^2 / (2 ay), m.
 
-    lateral_speed: vy, m/s, without its sign: a vehicle that moves away counts as one that comes.
+    lateral_speed: vy >= 0, m/s: a vehicle that moves away counts as one that comes.
     """
     faster = lateral_speed + LATERAL_ACCELERATION * RESPONSE
-    driven = math.fabs((2.0 * lateral_speed + LATERAL_ACCELERATION * RESPONSE) * RESPONSE / 2.0)
+    driven = (2.0 * lateral_speed + LATERAL_ACCELERATION * RESPONSE) * RESPONSE / 2.0
     return LATERAL_MARGIN + driven + faster * faster / (2.0 * LATERAL_ACCELERATION)
 
 
 @kernel
 def rss_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
     """Deceleration that an actor ahead demands, m/s2: full braking where it is too close."""
-    along = longitudinal_safe_distance(me.along, other.along)
-    across = lateral_safe_distance(abs(closing_across(me, other)))
-    unsafe = bumper_gap(me, other) < along and lateral_gap(me, other) < across
+    d_lon = longitudinal_safe_distance(me.along, other.along)
+    d_lat = lateral_safe_distance(abs(closing_across(me, other)))
+    unsafe = bumper_gap(me, other) < d_lon and lateral_gap(me, other) < d_lat
     return HUMAN_BRAKING if unsafe else 0.0
 
 
 class ResponsibilitySensitiveSafety(Compiled):
-    """ADS `rss`: full braking while an actor ahead violates both distances; it decides at every
-    step.
+    """ADS `rss`: full braking, `RESPONSE` after an actor ahead violates both distances; it decides
+    at every step (`clocks`).
     """
 
     loop = staticmethod(braking_loop(rss_braking, clocks=1))

@@ -1,4 +1,4 @@
-"""Options that give values to names, NAME=VALUE."""
+"""Values of the command line by name, NAME=VALUE."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterable
 def named_values(texts: Iterable[str], option: str) -> dict[str, float]:
     """The numbers by name.
 
-    option: beginning of errors, e.g. `A parameter` or the option's name.
+    option: subject of the errors: the option's name, or e.g. `A parameter`.
     Raises InputError for a text that is not NAME=VALUE with a number, and for a name given twice.
     """
     from sumo_eval.errors import InputError
@@ -17,7 +17,7 @@ def named_values(texts: Iterable[str], option: str) -> dict[str, float]:
     for text in texts:
         name, _, number = (part.strip() for part in text.partition("="))
         if name in values:
-            raise InputError(f"{option} must be given once, got `{name}` twice.")
+            raise InputError(f"{option} of each name must be given once, got `{name}` twice.")
         try:
             value = float(number)
         except ValueError:

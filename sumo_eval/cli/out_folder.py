@@ -10,19 +10,16 @@ from sumo_eval.errors import InputError
 
 
 def default(*words: str) -> Path:
-    """The folder without `--out`: results/WORDS-TIME, as of a run."""
+    """The folder without `--out`: results/WORDS-TIME, in UTC."""
     from datetime import UTC, datetime
 
-    # "of" in place of a word that has no letter
+    # a word of symbols alone becomes "of": the name keeps its parts
     name = "-".join(re.sub(r"[^\w.-]+", "_", word).strip("_") or "of" for word in words)
     return Path("results") / f"{name}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
 
 
 def ready(folder: Path) -> None:
-    """Make the folder and write into it.
-
-    Raises InputError where that cannot be done.
-    """
+    """Make the folder; raises InputError unless a file can be written in it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

@@ -63,12 +63,12 @@ from sumo_eval.scenario.touch import Body
 from sumo_eval.trajectory import IntArray
 
 _SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
-_SHARPEST = 25.0  # m/s2 across; no vehicle that is faster sideways turns more sharply
-_ALONG = 0.5  # rad off the road's direction: up to it SUMO finds the lane on which a vehicle is
+_SHARPEST = 25.0  # m/s2, lateral acceleration that no vehicle exceeds at such a sideways speed
+_ALONG = 0.5  # rad, largest heading at which SUMO finds a vehicle's lane
 _PLACE_TOLERANCE = 1e-3  # m
 _AT_END = 0.1  # m before the end of a lane, where SUMO stops a vehicle
 _NEAR_END = 20.0  # m, more than a vehicle drives in two steps
-# share of a step's motion in a curve by which SUMO's may differ: its lanes are polylines, stretched
+# share by which a step's motion in a curve may differ in SUMO, whose lanes are stretched polylines
 _CHORD_SHARE = 0.03
 
 # indices among the numbers of an ego
@@ -86,8 +86,8 @@ class OnTraci(EgoControl):
     def __init__(self, ads: Sequence[Adapter], seeds: Sequence[int], terms: Terms) -> None:
         super().__init__(ads, seeds, terms)
         # a proxy: a circle of references would keep a batch's arrays until Python looks for circles
-        self._hooks = [_Hook(proxy(self), it, terms) for it in ads]
-        self.unguarded = ads[0].took is not None
+        self._rows = [_Hook(proxy(self), it, terms) for it in ads]
+        self.unguarded = ads[0].took is not None  # a program, which does not call through `GUARD`
 
     def begin(self, world: World, stage: Stage) -> None:
         """Reset the ADSs."""
@@ -98,18 +98,18 @@ class OnTraci(EgoControl):
         GUARD.positions, GUARD.speeds = stage.fronts, stage.speeds
         self._stage = stage
         world.egos["next"]["speed"] = world.egos["speed"]
-        note_unlimited(world)  # TraCI shows everything
+        note_unlimited(world)  # TraCI shows everything, whatever the conditions limit
         if not self._alone:
             for case in world.errors:
                 world.leave(case, LEFT_BATCH)
-        for case, hook in enumerate(self._hooks):
+        for case, hook in enumerate(self._rows):
             hook.take(world, stage, case)
         self.keep(world, world.rows)
         self._each(world, _Hook.reset, 0.0)
 
     def keep(self, world: World, rows: IntArray) -> None:
         """Drop all rows but these; keep their order."""
-        self._rows = [self._hooks[case] for case in world.rows.tolist()]
+        self._rows = [self._rows[row] for row in rows.tolist()]
         for row, hook in enumerate(self._rows):
             hook.watch(world, row)
 
@@ -137,11 +137,12 @@ class OnTraci(EgoControl):
             GUARD.names = hook.names
             try:
                 do(hook, world, time)
+                leaves = GUARD.refusal is not None
             except KeyboardInterrupt:
                 raise
             except BaseException:  # noqa: BLE001 - driven alone, the case reports it
-                GUARD.refusal = GUARD.refusal or ("", "")  # any: the row leaves
-            if GUARD.refusal is not None:
+                leaves = True
+            if leaves:
                 GUARD.refusal = None
                 world.leave(row, LEFT_BATCH)
 
@@ -153,6 +154,7 @@ class OnTraci(EgoControl):
 
     def after(self, world: World, now: float) -> None:
         """Read the egos that SUMO moved."""
+        # one reading of all rows leaves the egos that did not just drive straight ahead
         rows = None if self._alone else self._stage.read_at_once(world)
         self._each(world, _Hook.after, now, rows)
 
@@ -169,7 +171,7 @@ class OnTraci(EgoControl):
 class _Hook:
     """The ADS of one case, and its ego where SUMO moves it.
 
-    At most 29 attributes, as in `World`.
+    At most 29 attributes: see `World`.
     """
 
     def __init__(self, driver: OnTraci, ads: Adapter, terms: Terms) -> None:
@@ -178,7 +180,7 @@ class _Hook:
         self._bend = 0.0  # 1/m, the road's curvature beside the ego
         self._course = 0.0  # rad, the direction of its last motion, relative to the road
         self._lanes = 0, 0  # on a curved road: its lane before and after the last step
-        self._lane_end = 0.0  # x, m, where its lane ends; in a curve within `_NEAR_END`
+        self._lane_end = 0.0  # x of its lane's end, m; in a curve off by less than `_NEAR_END`
 
     # -- the ADS -----------------------------------------------------------------------------------
 
@@ -191,14 +193,15 @@ class _Hook:
         self.ego = stage.names[case][0]
         self.names = _names(concrete, suffix(case, len(world.cases)))
         self._native = isinstance(self.ads, NativeModel)
+        # a function needs no adapter, whose call takes time
         plain = type(self.ads) is ObjectController and type(self.ads.target) is FunctionType
         self._act = self.ads.target if plain else self.ads.step
         self._step, self._limits = world.settings.step, world.each[case].vehicle
         self._half = 0.5 * self._limits.length
-        self._take_wheel(world)
+        self._take_road(world)
 
-    def _take_wheel(self, world: World) -> None:
-        """Make the executor of commands, and find out what delays them."""
+    def _take_road(self, world: World) -> None:
+        """Keep the road and its curves, what delays commands, and their executor."""
         case, settings = self._case, world.each[self._case]
         self._latencies = world.latencies.own[case]
         self._settled = (
@@ -216,7 +219,8 @@ class _Hook:
         # _mine: the ego's record in the world, as an array of one
         self._mine = world.egos[row : row + 1]
         # Memory views: to read one number of them takes a tenth as long as of an array.
-        # _state: the numbers of an ego, first those of a `BODY` (x, y, heading, speed, ...)
+        # _state: the numbers of an ego, first those of a `BODY` (0: x, 1: y, 2: heading,
+        # 3: speed, ...), then 7: acceleration
         self._state: Any = self._mine.view(np.float64).reshape(-1).data
         # _flags: the same as whole numbers
         self._flags: Any = self._mine.view(np.int64).reshape(-1).data
@@ -253,7 +257,7 @@ class _Hook:
                 command = self._arriving(world, command, took)
             if command is not None:
                 self._take_over(world, command)
-            # else nothing changes, as in nearly every step: SUMO moves the ego already
+            # not so in nearly every step: SUMO moves the ego already
             elif self._flags[_PLACED] != SUMO or GUARD.mode_may_differ:
                 self._leave_to_sumo()
         except self._traci.TraCIException as error:
@@ -272,11 +276,11 @@ class _Hook:
         if not self._may_pass_lane_end():
             return
         edges, route = vehicle_edges(self.road, self._state[1]), vehicle.getRoute(self.ego)
-        number = vehicle.getRouteIndex(self.ego)
-        following = slice(number + 1, number + 2)
-        faster = vehicle.getSpeed(self.ego) > vehicle.getSpeedWithoutTraCI(self.ego)
-        if faster and edges[following] != route[following]:
-            vehicle.setRoute(self.ego, edges[number:])
+        index = vehicle.getRouteIndex(self.ego)
+        following = slice(index + 1, index + 2)
+        drives_on = vehicle.getSpeed(self.ego) > vehicle.getSpeedWithoutTraCI(self.ego)
+        if drives_on and edges[following] != route[following]:
+            vehicle.setRoute(self.ego, edges[index:])
 
     def _may_pass_lane_end(self) -> bool:
         """Whether SUMO may move the ego past the end of its lane in this step."""
@@ -314,7 +318,7 @@ class _Hook:
             if not GUARD.shared:
                 GUARD.call_listeners()
             answer = self._act(TRACI, EGO, time)
-        except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
+        except KeyboardInterrupt:  # the user's: the watch over an ADS replaces the ADS's own
             raise
         except BaseException as error:  # noqa: BLE001 - `_blamed` raises it, put in words
             self._blamed(error, f"at {time:.2f} s", time)
@@ -329,7 +333,7 @@ class _Hook:
         if not GUARD.shared:
             self._driver._check_clock(self._world, time)
         late = self._actuation.late(took)
-        # an ego that SUMO moves stays with SUMO where a command is late
+        # where a command is late, an ego that SUMO has moved stays with SUMO
         if answer is None or (late and self._world.steps and self._flags[_PLACED] == SUMO):
             self._executor.release()
             return None, took
@@ -339,8 +343,8 @@ class _Hook:
         return command, took
 
     def _obeyed(self, answer: object, time: float, *, late: bool = False) -> Command:
-        """The command by which the executor carries out an answer of the ADS; None: the last one
-        holds.
+        """The command by which the executor carries out the ADS's answer, or without one (None) its
+        last answer.
         """
         try:
             wanted = None if answer is None else checked_answer(answer)
@@ -364,13 +368,13 @@ class _Hook:
         if self._flags[_PLACED] != SUMO:
             self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
             self._flags[_PLACED] = SUMO
-            self._flags[_STALE] = 1
+            self._flags[_STALE] = 1  # in its first step
         elif not self._native and GUARD.mode_may_differ:
             mode = self._calls.getSpeedMode(self.ego)
             if mode != EGO_SPEED_MODE:
                 world.note(self._case, "speed_mode", mode, EGO_SPEED_MODE)
                 self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
-        if self.road.spans:  # such cases are driven alone
+        if self.road.spans:  # lanes begin or end; such cases are driven alone
             self._lead_along_lane()
 
     def _take_over(self, world: World, command: Command) -> None:
@@ -416,8 +420,8 @@ class _Hook:
     def _read_driven_ego(self, now: float) -> None:
         """Take in the ego as SUMO moved it.
 
-        Its speed becomes that over the ground. SUMO counts the motion along the lane and that
-        across it apart; on a curved road, the motion along the lane is counted on the road's line.
+        Its speed becomes that over the ground, of SUMO's two speeds: across the lane, and along it,
+        which on a curved road SUMO counts on the road's line.
         """
         calls, state = self._calls, self._state
         front_x, front_y = calls.getPosition(self.ego)
@@ -431,6 +435,7 @@ class _Hook:
             and 0.0 <= angle <= 360.0
         ):
             sizes = self._limits.length, self._limits.width
+            # SUMO has lost it beside its lanes
             if front_x <= -LOST and leaves_the_lanes(
                 Body(last_s, state[1], state[2], last_speed, *sizes), self.road, self._step
             ):
@@ -440,14 +445,13 @@ class _Hook:
             raise ControllerError(f"The ADS is responsible: {fault}") if GUARD.moved else fault
         heading = math.remainder(math.radians(STRAIGHT - angle), math.tau)
         x, y = front_x - self._half * math.cos(heading), front_y - self._half * math.sin(heading)
-        pointed = last_heading
-        # heading on the map before the step; SUMO inserts the ego along its lane, so for the first
-        # step that is the lane's
+        # before the first step it is the lane's, along which SUMO inserts the ego
+        heading_before = last_heading
         if not self._world.steps:
-            pointed, state[2] = last_heading - state[2], 0.0
+            heading_before, state[2] = last_heading - state[2], 0.0
         # motion of the front bumper
-        moved_x = front_x - last_x - self._half * math.cos(pointed)
-        moved_y = front_y - last_y - self._half * math.sin(pointed)
+        moved_x = front_x - last_x - self._half * math.cos(heading_before)
+        moved_y = front_y - last_y - self._half * math.sin(heading_before)
         stretch = 1.0  # metres on the map for each metre along the line
         pose: tuple[float, ...] = x, y, heading
         state[MAP], state[MAP + 1], state[MAP + 2] = pose
@@ -458,17 +462,17 @@ class _Hook:
             self._bend = float(curvatures(line, pose[0]))
             self._lanes = self._lanes[1], calls.getLaneIndex(self.ego)
             stretch = 1.0 - self._bend * pose[1]
-            # SUMO stretches a lane evenly, so a metre along it may be one of any of the road's
-            # curves: take the motion along the line that is nearest to the speed's
+            # SUMO stretches a lane evenly, as in any of the road's curves: of the lengths along the
+            # line that this motion may have, take the nearest to speed * step
             across = pose[1] - state[1] + self._half * (math.sin(pose[2]) - math.sin(state[2]))
             moved = math.sqrt(max(moved_x**2 + moved_y**2 - across**2, 0.0))
             lengths = [moved / (1.0 - bend * pose[1]) for bend in self._bends]
             moved_x, moved_y = min(max(speed * self._step, min(lengths)), max(lengths)), across
-        self._check_native_motion(moved_x, moved_y, speed, now)
+        self._check_motion(moved_x, moved_y, speed, now)
         self._check_course(pose, now)
         acceleration = (speed - state[_LANE_SPEED]) / self._step
         state[_LANE_SPEED] = speed
-        # the first step in which SUMO moves it: it may turn it into the lane
+        # in the first step in which SUMO moves the ego, SUMO may turn it into the lane
         if self._flags[_STALE]:
             self._flags[_STALE] = 0
             turned = abs(math.remainder(heading - last_heading, math.tau))
@@ -476,15 +480,15 @@ class _Hook:
             if turned > 1e-3 + abs(last_speed * self._step * self._bend):
                 self._world.note(self._case, "heading", last_heading, heading)
         turned_or_moved = self._bent or moved_y != 0.0 or heading != 0.0
-        across = calls.getLateralSpeed(self.ego) if turned_or_moved else 0.0
-        if not -FASTEST < across < FASTEST:
+        sideways = calls.getLateralSpeed(self.ego) if turned_or_moved else 0.0
+        if not -FASTEST < sideways < FASTEST:
             raise SimulationError(
-                f"SUMO gave vehicle `{EGO}` the speed {across:g} m/s across at {now:.2f} s."
+                f"SUMO gave vehicle `{EGO}` the speed {sideways:g} m/s across at {now:.2f} s."
             )
         if self._bent:
             speed *= stretch
-        if across:
-            speed = math.hypot(speed, across)
+        if sideways:
+            speed = math.hypot(speed, sideways)
         state[0], state[1], state[2] = pose
         state[3], state[7] = speed, acceleration
 
@@ -510,7 +514,7 @@ class _Hook:
         state[MAP] = x
         return True
 
-    def _check_native_motion(self, ahead: float, across: float, speed: float, now: float) -> None:
+    def _check_motion(self, ahead: float, across: float, speed: float, now: float) -> None:
         """Refuse motion that no vehicle can do, as TraCI calls may cause it.
 
         ahead, across: motion of the front bumper in the step, m.
@@ -520,20 +524,20 @@ class _Hook:
         step, limits, sideways = self._step, self._limits, _SIDEWAYS_SPEED * self._step
         lowest, highest = -limits.max_deceleration, limits.max_acceleration
         lane_speed = self._state[_LANE_SPEED]  # a step ago
-        gained = (speed - lane_speed) / step
-        if not lowest - LIMIT_TOLERANCE <= gained <= highest + LIMIT_TOLERANCE:
-            # SUMO stops a vehicle at once where its lane ends
+        acceleration = (speed - lane_speed) / step
+        if not lowest - LIMIT_TOLERANCE <= acceleration <= highest + LIMIT_TOLERANCE:
+            # SUMO stops a vehicle at once where its lane ends; a call may have put it there
             at_end = speed == 0.0 and self._left_of_lane() < _AT_END
             if at_end and not (GUARD.placed or self._native):
                 raise LeftTheRoadError
             self._unphysical(
-                "unphysical_acceleration", gained, min(max(gained, lowest), highest),
+                "unphysical_acceleration", acceleration, min(max(acceleration, lowest), highest),
                 f"The ADS must drive its vehicle within {lowest:g}..{highest:g} m/s2, "
-                f"got {gained:.1f} m/s2 at {now:.2f} s.",
+                f"got {acceleration:.1f} m/s2 at {now:.2f} s.",
             )  # fmt: skip
         # at a limit: SUMO may have held the vehicle back
-        elif not lowest + LIMIT_TOLERANCE <= gained <= highest - LIMIT_TOLERANCE:
-            self._world.note(self._case, "vtype_limit", gained, gained)
+        elif not lowest + LIMIT_TOLERANCE <= acceleration <= highest - LIMIT_TOLERANCE:
+            self._world.note(self._case, "vtype_limit", acceleration, acceleration)
         # the motion must fit a speed between the old and the new one
         slower, faster = (speed, lane_speed) if speed < lane_speed else (lane_speed, speed)
         tolerance = JUMP_TOLERANCE + (_CHORD_SHARE * faster * step if self._bent else 0.0)
@@ -548,12 +552,12 @@ class _Hook:
             self._lanes[0] != self._lanes[1] and abs(moved - possible) <= self._lanes_apart()
         ):
             self._world.note(self._case, "jump", moved, possible)  # by SUMO
-        elif moved != possible:
+        elif moved != possible:  # else only its direction is odd: see `_check_course`
             self._unphysical(
                 "jump", moved, possible,
-                f"The ADS moved its vehicle {moved:.2f} m in a step that its speed makes "
-                f"{max(least, 0.0):.2f}..{most:.2f} m long, at {now:.2f} s (moveToXY needs a "
-                "setSpeed to go with it).",
+                f"The ADS moved its vehicle {moved:.2f} m in a step that its speed limits to "
+                f"{max(least, 0.0):.2f}..{most:.2f} m, at {now:.2f} s (moveToXY needs a setSpeed "
+                "to go with it).",
             )  # fmt: skip
 
     def _left_of_lane(self) -> float:
@@ -591,6 +595,7 @@ class _Hook:
         moved, step = new - old, self._step
         course, last_course = cmath.phase(moved), self._course
         self._course = course
+        # lateral acceleration
         sharp = abs(moved * math.remainder(course - last_course, math.tau)) / step**2
         too_sharp = abs(moved.imag) > _SIDEWAYS_SPEED * step and sharp > _SHARPEST
         if too_sharp and not self._put_on_centre():
@@ -613,7 +618,7 @@ class _Hook:
 
 
 def _names(concrete: ConcreteScenario, suffix: str) -> SumoNames:
-    """Names of what a hook can ask SUMO about in a case."""
+    """Names that a hook can give SUMO in a case: vehicles, the edge, the route `along`, lanes."""
     lanes = [f"road_{lane}" for lane in range(concrete.road.lanes)]
     actors = [actor.name for actor in concrete.actors]
     return SumoNames((EGO, *actors, "road", "along", *lanes), suffix)

@@ -52,12 +52,12 @@ def effect_words(answer: Answer, hit: Collision | None) -> str:
     hit: contact of the recorded case.
     """
     lever = answer.lever
-    unit = unit_of(lever)
+    unit = _unit_of(lever)
     verb = "brings a collision" if hit is None else "avoids it"
     start = "no limit" if lever.unlimited else f"{lever.recorded:z.5g}"
     recorded = start if lever.unlimited else start + unit
     if not answer.felt:
-        return f"{recorded}: not felt, the ADS sees the world as it is"
+        return f"{recorded}: no effect, the ADS sees the world as it is"
     if not answer.flips:
         return f"{recorded}: none of {answer.tried} values {verb}"
     flip, *rest = answer.flips
@@ -69,7 +69,7 @@ def effect_words(answer: Answer, hit: Collision | None) -> str:
     return f"{start} -> {flip.after:z.5g}{unit} {verb}, {flip.before:z.5g} does not{further}"
 
 
-def unit_of(lever: Lever) -> str:
+def _unit_of(lever: Lever) -> str:
     """Unit behind a number, as ` m`; empty for a share."""
     return "" if lever.unit == "1" else f" {lever.unit}"
 
@@ -79,8 +79,8 @@ def _bar(answer: Answer, hit: Collision | None) -> dict[str, Any]:
 
     at: position of the recorded value.
     to: position of the nearest value that changes the outcome; without such a value: `at`.
-    share: distance between both, % of the range. low, width: of the part between both.
-    parts: those with a collision.
+    low, width: of the part from `at` to `to`. share: its width, % of the range.
+    parts: begin and width of each part with a collision.
     """
     lever, flips = answer.lever, answer.flips
     at = 100.0 * lever.place(lever.recorded)
@@ -89,7 +89,7 @@ def _bar(answer: Answer, hit: Collision | None) -> dict[str, Any]:
         "name": lever.name,
         "words": effect_words(answer, hit).replace("->", "→"),
         "share": f"{100.0 * answer.share:z.1f} %" if flips else "",
-        "range": f"{lever.low:g} to {lever.high:g}{unit_of(lever)}",
+        "range": f"{lever.low:g} to {lever.high:g}{_unit_of(lever)}",
         "at": f"{at:z.1f}",
         "to": f"{to:z.1f}",
         "low": f"{min(at, to):z.1f}",
@@ -102,7 +102,7 @@ def _collides(answer: Answer, hit: Collision | None) -> Iterator[tuple[str, str]
     """Begin and width of each part of the rail whose values collide."""
     lever = answer.lever
     changes = sorted(100.0 * lever.place(flip.after) for flip in answer.flips)
-    # at the left end: the recorded outcome, reversed by each change on the way there
+    # at `low`: the recorded outcome, reversed by each change between `low` and the recorded value
     below = sum(flip.after < lever.recorded for flip in answer.flips)
     collides = (hit is not None) != (below % 2 == 1)
     for begin, end in pairwise([0.0, *changes, 100.0]):

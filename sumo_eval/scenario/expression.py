@@ -43,12 +43,12 @@ _OPERATIONS: dict[str, tuple[Callable[..., Any], int | None]] = {
     "sqrt()": (np.sqrt, 1), "exp()": (np.exp, 1), "log()": (np.log, 1), "tanh()": (np.tanh, 1),
     "where()": (np.where, 3),
 }  # fmt: skip
-"""The language: operators by the names of Python's nodes, functions by their own with brackets;
-each with the number of its values, None: two or more, from left to right.
+"""The language, by an operator's class in `ast` or a function's name with `()`: what computes it,
+and the number of its values (None: two or more, from left to right).
 
 `where(condition, then, else)`.
 """
-ARITHMETIC = [name[:-2] for name in _OPERATIONS if name.endswith("()")]
+MATH_FUNCTIONS = [name[:-2] for name in _OPERATIONS if name.endswith("()")]
 """Names of the functions, without brackets."""
 
 
@@ -67,7 +67,7 @@ class Expression:
         return frozenset(
             node.id
             for node in ast.walk(_tree(self.text))
-            if isinstance(node, ast.Name) and node.id not in ARITHMETIC
+            if isinstance(node, ast.Name) and node.id not in MATH_FUNCTIONS
         )
 
     def value(self, values: Mapping[str, ArrayLike]) -> Any:
@@ -86,10 +86,10 @@ class Expression:
     def room(self, values: Mapping[str, ArrayLike]) -> Any:
         """Distance of a condition from its limit, in the unit of the compared values.
 
-        It is below 0 where the condition does not hold. values: as in `value`.
+        Above 0 the condition holds, below 0 it does not, 0 is its limit. values: as in `value`.
         """
         with np.errstate(all="ignore"):
-            return np.asarray(_work(_room(_tree(self.text)))(values))
+            return np.asarray(_evaluator(_room(_tree(self.text)))(values))
 
     def at(self, values: Mapping[str, ArrayLike]) -> Any:
         """The number or truth at one point.
@@ -188,7 +188,7 @@ def parsed(text: str, what: str) -> ast.expr:
             part
             for node in level
             for part in ast.iter_child_nodes(node)
-            if not isinstance(part, ast.expr_context)  # below a name, but not in the text
+            if not isinstance(part, ast.expr_context)  # `Load`, which Python adds to a name
         ]
     if level:
         raise InputError(f"{what} must not be nested more than {DEEPEST} deep.")
@@ -213,7 +213,7 @@ def _check(node: ast.expr, text: str, *, condition: bool | None = None) -> None:
     text: the whole expression, for messages.
     condition: True: the node must be a condition; False: a number; None: either.
     """
-    if condition not in (None, _is_condition(node)):
+    if condition is not None and condition != _is_condition(node):
         wanted = "a condition" if condition else "a number"
         raise must_be(f"`{ast.unparse(node)}`", f"expression `{text}`", wanted, ast.unparse(node))
     if isinstance(node, ast.Constant):
@@ -224,7 +224,7 @@ def _check(node: ast.expr, text: str, *, condition: bool | None = None) -> None:
             )
         return
     if isinstance(node, ast.Name):
-        if node.id in ARITHMETIC:
+        if node.id in MATH_FUNCTIONS:
             raise InputError(
                 f"`{node.id}` in expression `{text}` is a function: it must be given values in "
                 "brackets."
@@ -232,12 +232,12 @@ def _check(node: ast.expr, text: str, *, condition: bool | None = None) -> None:
         return
     name, parts = operation(node)
     if name.endswith("()"):
-        check_known(f"function in expression `{text}`:", ARITHMETIC, name[:-2])
+        check_known(f"function in expression `{text}`:", MATH_FUNCTIONS, name[:-2])
     if name not in _OPERATIONS:
         raise InputError(
             f"Expression `{text}` holds `{ast.unparse(node)}`, which the language does not "
             "have. It has numbers, names, + - * / **, comparisons, and, or, not, and the "
-            f"functions {', '.join(ARITHMETIC)}."
+            f"functions {', '.join(MATH_FUNCTIONS)}."
         )
     _, count = _OPERATIONS[name]  # None: two or more
     is_wrong = len(parts) < 2 if count is None else len(parts) != count
@@ -266,7 +266,7 @@ def operation(node: ast.expr) -> tuple[str, list[ast.expr]]:
             parts = [left, right]
         case ast.Compare(left=left, ops=ops, comparators=sides):
             pairs = zip(ops, [left, *sides], sides, strict=False)
-            op, parts = ast.And(), [ast.Compare(a, [one], [b]) for one, a, b in pairs]
+            op, parts = ast.And(), [ast.Compare(a, [sign], [b]) for sign, a, b in pairs]
         case ast.Call(func=ast.Name(id=name), args=parts, keywords=[]):
             return f"{name}()", parts
         case _:
@@ -286,16 +286,16 @@ def _is_condition(node: ast.expr) -> bool:
     return negated or isinstance(node, ast.Compare | ast.BoolOp)
 
 
-_Work = Callable[[Mapping[str, Any]], Any]
+_Evaluator = Callable[[Mapping[str, Any]], Any]
 
 
 @lru_cache(maxsize=2048)
-def _compiled(text: str) -> _Work:
+def _compiled(text: str) -> _Evaluator:
     """The expression as a function of the values by name."""
-    return _work(_tree(text))
+    return _evaluator(_tree(text))
 
 
-def _work(node: ast.expr) -> _Work:
+def _evaluator(node: ast.expr) -> _Evaluator:
     """A node as a function of the values by name, made of those of its parts."""
     if isinstance(node, ast.Constant):
         constant = np.float64(node.value)  # type: ignore[arg-type]
@@ -304,14 +304,14 @@ def _work(node: ast.expr) -> _Work:
         name = node.id
         return lambda values: np.asarray(values[name], float)
     name, parts = operation(node)
-    (function, takes), inner = _OPERATIONS[name], list(map(_work, parts))
+    (function, takes), inner = _OPERATIONS[name], list(map(_evaluator, parts))
     if takes in (2, None):  # of more than two values, two by two from the left
         return reduce(lambda a, b: lambda values: function(a(values), b(values)), inner)
     return lambda values: function(*[part(values) for part in inner])
 
 
 def _room(node: ast.expr) -> ast.expr:
-    """A condition as an expression of its room: a number that is below 0 where it does not hold.
+    """The expression of a condition's room, see `Expression.room`.
 
     Of `and` it is the least room, of `or` the largest.
     """

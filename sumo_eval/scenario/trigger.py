@@ -15,7 +15,7 @@ from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario import played
 from sumo_eval.scenario.expression import (
-    ARITHMETIC,
+    MATH_FUNCTIONS,
     Expression,
     checked_names,
     number,
@@ -165,7 +165,7 @@ class _Writer:
             part.id in moment
             if isinstance(part, ast.Name)
             else isinstance(part, ast.Call)
-            and operation(part)[0].removesuffix("()") not in ARITHMETIC
+            and operation(part)[0].removesuffix("()") not in MATH_FUNCTIONS
             for part in ast.walk(node)
         )
 

@@ -1,7 +1,7 @@
 """Motion of the actors while the ego keeps its speed, or brakes ideally: scripts, no simulation.
 
-Zones (`method.conflict`), the ideal vehicle (`ads.foresight`), readers of scenario files, exports
-and recorded drivers use it.
+Users: `method.conflict` (zones), `ads.foresight`, `scenario.reachable`, `cosim.openscenario`,
+`scoring.plausible_people`, `extras.rates`.
 Actors with a SUMO model are assumed to keep their speed: only SUMO knows what its models would do.
 """
 
@@ -32,7 +32,7 @@ from sumo_eval.trajectory import FloatArray
 CHANNELS = ("x", "y", "heading", "speed", "across")
 """Road coordinates of the centre, m; heading, rad; speeds along and left of the heading, m/s."""
 _STATE = fields(*CHANNELS)
-_BODY = [*_STATE, *fields("length", "width"), ("before", _STATE)]  # state one look before
+_BODY = [*_STATE, *fields("length", "width"), ("before", _STATE)]  # before: a `step` earlier
 # brakes_from: time at which ideal braking begins, s; inf: not known yet
 _EGO = np.dtype([*_BODY, *fields("start_x", "start_y", "start_speed", "brakes_from")])
 _OTHER = np.dtype([*_BODY, *fields("acceleration")])
@@ -57,14 +57,14 @@ def tracks(
     *,
     in_python: bool = False,
 ) -> Tracks:
-    """Tracks of cases with equally many actors, while the egos keep their speed.
+    """Tracks of cases on one road with equally many actors, while the egos keep their speed.
 
     bodies: length and width of each ego, m.
     step: between two looks, s.
     until: the tracks reach at least this time, s.
     in_python: run the kernels as plain Python, for a single case: nothing has to be compiled.
     """
-    cast = _begun(concretes, bodies)
+    cast = _at_start(concretes, bodies)
     others = np.zeros((*cast.others.shape, _looks(until, step), len(CHANNELS)))
     run = interpreted(_run_rows) if in_python else _run_rows
     run(cast, others, step)
@@ -99,14 +99,14 @@ def meetings(
         gap while the obstacle is in the ego's path, m (inf: never).
 
     step: between two looks, s.
-    until: end of each case, s, (n,). It must not depend on the other cases of the call.
+    until: end of each case, s, (n,), chosen for it alone: results must not depend on the batch.
     deceleration: of the egos, to a standstill, m/s2.
     obstacle: number of an actor.
     delays: from its first move until each ego brakes, s, (n,); from the start if it has no moves.
     """
     braking = Braking(deceleration, obstacle, np.array(delays, float), step, _looks(until, step))
     met = np.zeros((len(concretes), 3))
-    _meet_rows(_begun(concretes, bodies), braking, met)
+    _meet_rows(_at_start(concretes, bodies), braking, met)
     return met
 
 
@@ -116,7 +116,7 @@ def _looks(until: ArrayLike, step: float) -> Any:
     return np.maximum(steps, 1.0).astype(np.int64) + 1
 
 
-def _begun(concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, float]]) -> Cast:
+def _at_start(concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, float]]) -> Cast:
     """All vehicles at the start; arguments as in `tracks`."""
     n, m = len(concretes), len(concretes[0].actors)
     egos, others = np.zeros(n, _EGO), np.zeros((n, m), _OTHER)
@@ -158,7 +158,7 @@ def _brake(ego: Any, now: float, deceleration: float) -> None:
 
 
 @kernel
-def _look(case: Any, now: float, before: float, deceleration: float) -> None:
+def _advance(case: Any, now: float, before: float, deceleration: float) -> None:
     """Move a case from one look to the next.
 
     before, now: times of the looks, s.
@@ -187,7 +187,7 @@ def _run_rows(cast: Cast, tracks: FloatArray, step: float) -> None:
     for i in range(len(cast.egos)):
         case = case_of(cast, i)
         for k in range(tracks.shape[2]):
-            _look(case, k * step, max(k - 1, 0) * step, 0.0)
+            _advance(case, k * step, max(k - 1, 0) * step, 0.0)
             for j in range(len(case.others)):
                 other, row = case.others[j], tracks[i, j, k]
                 row[0], row[1] = other.x, other.y
@@ -213,7 +213,7 @@ def _meet_rows(cast: Cast, braking: Braking, met: FloatArray) -> None:
                 play = case.plays[obstacle]
                 begin = 0.0 if play.acts == 0 else play.first_begin
                 ego.brakes_from = begin + braking.delays[i]
-            _look(case, now, max(k - 1, 0) * step, braking.deceleration)
+            _advance(case, now, max(k - 1, 0) * step, braking.deceleration)
             # c, s: of the obstacle's heading. Bodies overlap where their centres are less than
             # `long` m apart along the road and less than `wide` m across it.
             c, s = math.cos(other.heading), math.sin(other.heading)
