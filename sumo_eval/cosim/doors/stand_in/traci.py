@@ -1,10 +1,10 @@
 """The `traci` that a program of `traci:COMMAND` imports: the library itself, whose `start` and
 `init` connect to the case. `libsumo.py` beside this file imports it, too.
 
-This folder stands first on the program's path. The library is found behind it, wherever the program
-has it. Only the opening of a connection is replaced: it goes to the port in SUMO_EVAL_PORT and
-takes the second place in SUMO's order of clients, so that a script that starts or reaches a
-simulation of its own works as it is. What is said here goes into the case's log.
+`sitecustomize` beside this file makes the program import it, and it imports the library from where
+the program has it. Only the opening of a connection is replaced: it goes to the port in
+SUMO_EVAL_PORT and takes the second place in SUMO's order of clients, so that a script that starts
+or reaches a simulation of its own works as it is. What is said here goes into the case's log.
 """
 
 from __future__ import annotations
