@@ -6,14 +6,16 @@ The lock ends with the process, however that ends.
 from __future__ import annotations
 
 import os
+import platform
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import writing
 
+LOCK = ".lock"  # of a folder
 _LOCKED_BYTE = 1 << 20  # Windows locks bytes: one behind all words, so that others can read them
 
 
@@ -35,6 +37,22 @@ def held(path: Path, words: str, folder: str, busy: Callable[[str], str]) -> Ite
         with suppress(PermissionError):  # Windows keeps an open file; the next holder takes it
             path.unlink(missing_ok=True)  # while still locked: see `_locked`
         os.close(file)
+
+
+def held_folder(folder: Path) -> AbstractContextManager[None]:
+    """Hold the right to write the folder of a run or a study, which is made if it does not exist.
+
+    Raises InputError if another process holds it.
+    """
+    return held(
+        folder / LOCK,
+        f"process {os.getpid()} on {platform.node()}",
+        f"The run folder {folder}",
+        lambda owner: (
+            f"Run {folder} is being written by another process ({owner}); a run has one writer at "
+            "a time."
+        ),
+    )
 
 
 def _locked(path: Path, words: str, busy: Callable[[str], str]) -> int:

@@ -5,7 +5,6 @@ run opens it here.
 
 from __future__ import annotations
 
-import os
 import platform
 import re
 import shlex
@@ -20,7 +19,7 @@ from typing import Any
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import sha256, write_whole, writing
 from sumo_eval.record.build import builds_of
-from sumo_eval.record.lock import held
+from sumo_eval.record.lock import LOCK, held_folder
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.sealed import read_sealed, sealed
 from sumo_eval.record.store import FORMAT_VERSION, Store
@@ -34,7 +33,6 @@ FACTS = "facts.sqlite"
 EVALUATION = "evaluation.toml"
 MANIFEST = "manifest.json"
 EXPOSURES = "exposure.json"
-LOCK = ".lock"
 SHARD = "shard"  # name of the note in `FACTS` with the number and count of shards, `1/4`
 GIVEN = "ads"  # folder of pickled ADSs, which have no file of their own (`record.given`)
 _PACKAGES = ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn")  # versions in the manifest
@@ -50,15 +48,7 @@ def only_writer(folder: Path, *, resume: bool) -> Iterator[None]:
     """
     refuse_foreign(folder, resume)  # before a lock file is written into it
 
-    with held(
-        folder / LOCK,
-        f"process {os.getpid()} on {platform.node()}",
-        f"The run folder {folder}",
-        lambda owner: (
-            f"Run {folder} is being written by another process ({owner}); a run has one writer at "
-            "a time."
-        ),
-    ):
+    with held_folder(folder):
         refuse_foreign(folder, resume)  # another process may have finished a run here just now
         yield
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sqlite3
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from tables import rows_of
 from sumo_eval.errors import StoppedError
 from sumo_eval.extras.studies.boundary import find_boundary, slice_of
 from sumo_eval.extras.studies.boundary_page import summary, write_boundary
-from sumo_eval.extras.studies.trials import trials_in
+from sumo_eval.extras.studies.trials import KEPT, trials_in
 from sumo_eval.method.criticality import required_gap
 from sumo_eval.record.cases import Setup
 from sumo_eval.scenario import catalogue
@@ -50,7 +51,7 @@ def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_pat
     # 9 m/s2 with 0.15 s of build-up needs `required_gap`
     sees_through = replace(SETUP, simulation=replace(SETUP.simulation, ideal_visible_share=0.0))
     logical = slice_of(catalogue.load("front_vehicle_cut_out"), {"ego_speed": 30.0})
-    with trials_in(tmp_path, sees_through, ["ideal_braking"], resume=False) as trials:
+    with trials_in(tmp_path, sees_through, ["ideal_braking"], "", resume=False) as trials:
         found = find_boundary(logical, "ideal_braking", trials, budget=80, seed=2)
     middle = (np.arange(60) + 0.5) / 60
     points = logical.from_unit(np.stack(np.meshgrid(middle, middle), axis=-1).reshape(-1, 2))
@@ -79,7 +80,7 @@ def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_pat
 def test_an_ads_that_never_answers_has_no_boundary(tmp_path):
     logical = slice_of(CUT_OUT, {"ego_speed": 30.0})
     with (
-        trials_in(tmp_path, broken(), ["broken.py:drive"], resume=False) as trials,
+        trials_in(tmp_path, broken(), ["broken.py:drive"], "", resume=False) as trials,
         refusal("None of 16 cases"),
     ):
         find_boundary(logical, "broken.py:drive", trials, budget=16)
@@ -90,7 +91,7 @@ def test_a_stopped_search_goes_on_where_it_was(tmp_path):
 
     def found(folder, watch, *, resume=False):
         folder.mkdir(exist_ok=True)
-        with trials_in(folder, SETUP, ["idm"], resume=resume) as trials:
+        with trials_in(folder, SETUP, ["idm"], "idm", resume=resume) as trials:
             kept.append(len(list(trials.recorder.store.facts("ads"))))
             return find_boundary(logical, "idm", trials, budget=48, seed=3, watch=watch)
 
@@ -109,6 +110,31 @@ def test_a_stopped_search_goes_on_where_it_was(tmp_path):
     assert np.array_equal(again.search.outcomes, whole.search.outcomes)
     with refusal("nothing to resume"):
         found(tmp_path / "stopped", stop, resume=True)
+
+
+def test_a_stopped_study_loses_no_drive_to_another_one(tmp_path):
+    def study(name, work, *, resume=False):
+        with trials_in(tmp_path, SETUP, ["idm"], name, resume=resume) as trials:
+            work(trials)
+
+    def stop(trials):
+        raise KeyboardInterrupt
+
+    def stop_after_two(trials):
+        points = CUT_OUT.from_unit(np.full((2, 3), 0.5))
+        trials.at(points, CUT_OUT, ("ads", "idm"), first=0, ended=lambda done: None)
+        stop(trials)
+
+    with refusal("is being written by another process"):
+        study("first", lambda trials: study("first", stop, resume=True))
+    with pytest.raises(StoppedError, match="2 drives are kept"):
+        study("second", stop_after_two)  # the first one holds no drive, so nothing is lost
+    with refusal("`second`; `third` needs another folder"):
+        study("third", stop, resume=True)
+    with sqlite3.connect(tmp_path / KEPT) as kept:
+        kept.execute("UPDATE facts SET status = 'off_road'")
+    with refusal("is not as it was recorded"):
+        study("second", stop, resume=True)
 
 
 def broken():

@@ -218,11 +218,15 @@ def run_campaign(
     watch: receives scenario and ADS, the number of drives done, and the budget.
     """
     spaces = spaces_of(settings, folder)
-    rates = []
-    for item in settings.ads:
-        parts = [_drive(space, item, settings, trials, watch) for space in spaces]
-        rates.append(summed(item.name, item.controller, parts))
-    return Campaign(settings, spaces, tuple(rates))
+    rates = tuple(
+        summed(
+            item.name,
+            item.controller,
+            [_drive(space, item, settings, trials, watch) for space in spaces],
+        )
+        for item in settings.ads
+    )
+    return Campaign(settings, spaces, rates)
 
 
 def _drive(

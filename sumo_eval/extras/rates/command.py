@@ -15,7 +15,6 @@ from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
 from sumo_eval.cli.options import RESUME, count_option, path_argument, path_option
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
-from sumo_eval.cli.stopping import stop_on_signal
 from sumo_eval.errors import InputError
 from sumo_eval.extras.rates import BUDGET
 
@@ -98,14 +97,13 @@ def campaign(
         run=replace(settings.run, workers=workers or settings.run.workers),
     )
     out = out or out_folder.default(settings.name)
-    out_folder.ready(out)
-    setup = Setup(settings.simulation, settings.run, file.parent)
-    locators = [ads.locator for ads in settings.ads]
-    with (
-        stop_on_signal() as stopping,
-        trials_in(out, setup, locators, resume=resume, stopping=stopping) as trials,
-    ):
-        say(trials.notes)
+    with trials_in(
+        out,
+        Setup(settings.simulation, settings.run, file.parent),
+        [ads.locator for ads in settings.ads],
+        f"{settings.name} seed={settings.seed}",
+        resume=resume,
+    ) as trials:
         with Progress() as progress:
             result = run_campaign(settings, file.parent, trials, progress)
         say(sentences(result))

@@ -77,8 +77,7 @@ def find_boundary(
     not_evaluated: Counter[str] = Counter()
     done, stopped = 0, "budget"
     while done < budget:
-        size = ROUND if rounds else FIRST * len(logical.names)
-        points = search.ask(min(size, budget - done))
+        points = search.ask(min(ROUND if rounds else FIRST * len(logical.names), budget - done))
         if not len(points):
             stopped = "no point left"
             break
@@ -146,11 +145,12 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
     }
     if logical.search is not None:
         functions["search"] = replace(logical.search, delay=_Filled(logical.search.delay, fixed))
-    constraints = [Constraint(it.about, _Filled(it.holds, fixed)) for it in logical.constraints]
     return replace(
         logical,
         parameters=tuple(free.values()),
-        constraints=tuple(constraints),
+        constraints=tuple(
+            Constraint(it.about, _Filled(it.holds, fixed)) for it in logical.constraints
+        ),
         zone_coordinates=None,  # one of them may be constant on the slice
         samples=(),
         default_sample="grid",

@@ -13,7 +13,6 @@ from sumo_eval.cli.named_values import named_values
 from sumo_eval.cli.options import RESUME, SEED, count_option, path_option
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say
-from sumo_eval.cli.stopping import stop_on_signal
 
 
 @click.command(
@@ -63,17 +62,15 @@ def boundary(
     from sumo_eval.record.cases import Setup
     from sumo_eval.scenario.catalogue import find
     from sumo_eval.settings import RunSettings, SimulationSettings
+    from sumo_eval.text import point_words
 
     held = named_values(fix, "--fix")
     logical = slice_of(find(scenario, Path.cwd()), held)
     setup = Setup(SimulationSettings(), RunSettings(workers=workers), Path.cwd())
     out = out or out_folder.default(scenario, ads)
-    out_folder.ready(out)
-    with (
-        stop_on_signal() as stopping,
-        trials_in(out, setup, [ads], resume=resume, stopping=stopping) as trials,
-    ):
-        say(trials.notes)
+    with trials_in(
+        out, setup, [ads], f"{scenario} {ads} {point_words(held)} seed={seed}", resume=resume
+    ) as trials:
         with Progress(at_most=True) as progress:
             result = find_boundary(
                 logical, ads, trials, budget=budget, tolerance=tolerance, seed=seed,

@@ -17,6 +17,7 @@ from sumo_eval.report.page import write_csv, write_json
 from sumo_eval.report.study_page import write_study
 from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.text import point_words
 from sumo_eval.trajectory import FloatArray
 
 TRIALS, CHANCES = "trials.csv", "chances.csv"
@@ -138,8 +139,7 @@ def sentences(boundary: FailureBoundary, held: Mapping[str, float]) -> list[str]
             "or the boundary still contradicts some trials."
         )
     if held:
-        words = ", ".join(f"{name} = {value:g}" for name, value in held.items())
-        lines.append(f"Held fixed: {words}.")
+        lines.append(f"Held fixed: {point_words(held)}.")
     if len(np.unique(boundary.search.outcomes)) < 2:
         lines.append(
             "Every trial ended alike: there is no boundary that these simulations could find."

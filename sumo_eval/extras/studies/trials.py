@@ -11,6 +11,8 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from sumo_eval.cli.sentences import say
+from sumo_eval.cli.stopping import stop_on_signal
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.frozen import frozen
 from sumo_eval.record import loops
@@ -18,7 +20,7 @@ from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import identify
 from sumo_eval.record.identity import harness_identity, with_fingerprint
 from sumo_eval.record.kept import keep
-from sumo_eval.record.progress import Stopping, never
+from sumo_eval.record.lock import held_folder
 from sumo_eval.record.reads import OneVersion
 from sumo_eval.record.recording import Recorder, RoleCases, find_stale
 from sumo_eval.record.store import Fact, Store
@@ -47,12 +49,10 @@ class Trials:
     """Drives the points of a study, and keeps the outcomes.
 
     identities: of the ADSs, by locator.
-    notes: on trials that cannot be reused.
     """
 
     recorder: Recorder
     identities: Mapping[str, str]
-    notes: tuple[str, ...]
 
     def at(
         self,
@@ -69,21 +69,18 @@ class Trials:
         first: number of the first point among all points of the search.
         ended: called after each drive, with `first` plus the number of drives that ended.
         """
-        name, locator = ads
-        recorder, identity = self.recorder, self.identities[locator]
+        recorder = self.recorder
         cases = [
             with_fingerprint(
-                Case(number, concrete, "ads", name, locator),
-                recorder.setup.simulation, identity, harness_identity(),
+                Case(number, concrete, "ads", *ads),
+                recorder.setup.simulation, self.identities[ads[1]], harness_identity(),
             )
             for number, concrete in enumerate(logical.concretes(points), start=first)
         ]  # fmt: skip
         loops.ready(loops.of_cases(cases))
-        stage = RoleCases(name, logical.name, "ads", cases, len(cases))
         watched = replace(recorder, progress=lambda stage, done, *_: ended(first + done))
-        watched.do([stage])
-        facts = (recorder.store.fact(case.key) for case in cases)
-        return [fact for fact in facts if fact]
+        watched.do([RoleCases(ads[0], logical.name, "ads", cases, len(cases))])
+        return [fact for case in cases if (fact := recorder.store.fact(case.key))]
 
 
 @contextmanager
@@ -91,32 +88,46 @@ def trials_in(
     folder: Path,
     setup: Setup,
     locators: Sequence[str],
+    study: str,
     *,
     resume: bool,
-    stopping: Stopping = never,
 ) -> Iterator[Trials]:
     """Trials of a study of these ADSs; the block also writes its results into the folder.
 
+    study: what its trials are of; another study does not continue it.
     resume: continue the study that was stopped there.
     Raises InputError where an ADS cannot be loaded, or the folder does not fit `resume`.
     """
     path = folder / KEPT
-    if path.exists() and not resume:
-        raise InputError(f"{folder} holds a study that was stopped; --resume continues it.")
     if resume and not path.exists():
         raise InputError(f"{folder} holds no study that was stopped: there is nothing to resume.")
-    identities = identify([("ADS", locator) for locator in locators], setup)
-    with closing(_Outcomes(path, create=True)) as store:
-        notes = find_stale(store, setup.folder)
-        store.remove_stale()
-        versions = OneVersion(store.files_read())
-        recorder = Recorder(store, setup, lambda *_: None, stopping, versions)
-        try:
-            yield Trials(recorder, identities, notes)
-        except (StoppedError, KeyboardInterrupt):
-            drives = sum(number for *_, number, _ in store.counts())
-            raise StoppedError(
-                f"Stopped. {drives} drives are kept in {folder}; the same command with --resume "
-                "continues."
-            ) from None
-    path.unlink()
+    with stop_on_signal() as stopping, held_folder(folder):
+        with closing(_Outcomes(path, create=True)) as store:
+            _refuse_another(store, study, resume)
+            store.note("study", study)
+            say(find_stale(store, setup.folder))
+            store.remove_stale()
+            recorder = Recorder(
+                store, setup, lambda *_: None, stopping, OneVersion(store.files_read())
+            )
+            try:
+                yield Trials(recorder, identify([("ADS", locator) for locator in locators], setup))
+            except (StoppedError, KeyboardInterrupt):
+                drives = sum(number for *_, number, _ in store.counts())
+                raise StoppedError(
+                    f"Stopped. {drives} drives are kept in {folder}; the same command with "
+                    "--resume continues."
+                ) from None
+        path.unlink()
+
+
+def _refuse_another(store: Store, study: str, resume: bool) -> None:
+    """Refuse to lose drives of a stopped study, and to use foreign or damaged ones."""
+    store.check()
+    if not store.counts():
+        return
+    holds = f"{store.path.parent} holds a study that was stopped"
+    if not resume:
+        raise InputError(f"{holds}; --resume continues it.")
+    if (kept := store.noted("study")) != study:
+        raise InputError(f"{holds}, `{kept}`; `{study}` needs another folder.")
