@@ -208,25 +208,26 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
         raise StoppedError(
             f"Stopped. The same command with --resume continues night {folder.name}."
         ) from None
-    except InputError as error:
-        if not resumed:
-            raise
-        raise InputError(
-            f"Night {folder.name} was not continued: {error} It stays; without --resume a new one "
-            "begins, and this one is removed unless its run is complete."
-        ) from error
-    except (OSError, sqlite3.Error) as error:
+    except (InputError, OSError, sqlite3.Error) as error:
+        cause = error.__cause__ or error  # of an InputError that names the file
+        full = (
+            getattr(cause, "errno", None) in (errno.ENOSPC, errno.EDQUOT)  # the user's share
+            or getattr(cause, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+        )
+        if isinstance(error, InputError) and not full:
+            if not resumed:
+                raise
+            raise InputError(
+                f"Night {folder.name} was not continued: {error} It stays; without --resume a new "
+                "one begins, and this one is removed unless its run is complete."
+            ) from error
         rest = "The same command with --resume continues."
-        full = errno.ENOSPC, errno.EDQUOT  # the disk, the user's share of it
-        if (
-            getattr(error, "errno", None) in full
-            or getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
-        ):
+        if full:
             # this night's cases must not keep the disk full until tomorrow
             shutil.rmtree(folder, ignore_errors=True)
             rest = "Its recorded cases were removed."
         raise InputError(
-            f"The night could not be finished: {said(error)}. Earlier nights are as they were. "
+            f"The night could not be finished: {said(cause)}. Earlier nights are as they were. "
             f"{rest}"
         ) from error
 

@@ -287,6 +287,23 @@ def test_a_full_disk_leaves_earlier_nights_alone(week, tmp_path, monkeypatch):
         run(folder / "evaluation.toml", history)
 
 
+def test_a_disk_full_of_recorded_cases_is_freed(week, tmp_path, monkeypatch):
+    """SQLite, not the operating system, reports a disk that fills up while cases are recorded."""
+    folder, history = copy_of(week, tmp_path)
+    before = nights(history)
+
+    def full(_, run, **__):
+        run.mkdir(parents=True)
+        with open_store(run / "facts.sqlite", create=True) as store:
+            store._connection.execute("PRAGMA max_page_count = 1")
+            store.note("filler", "x" * 1_000_000)
+
+    monkeypatch.setattr("sumo_eval.nightly.night.record_rounds", full)
+    with refusal("The night could not be finished: OperationalError: database or disk is full"):
+        run(folder / "evaluation.toml", history)
+    assert {path.name for path in (history / "nights").iterdir()} == {it.night for it in before}
+
+
 def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):
     """Two levels of three: the middle ones are gone, three of six cases, more than a tenth.
 
