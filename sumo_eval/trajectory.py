@@ -261,7 +261,8 @@ _ALONE: dict[AloneReason, str] = {
     "asks_sumo": "Its ADS asks SUMO, which then has to hold its case alone.",
     "left_batch": "Its ADS asked for something that a batch does not offer, or something out of "
     "the ordinary happened in it.",
-    "keeps_state": "The ADS keeps state that its cases share ({}): keep it on the object, `self`.",
+    "keeps_state": "The ADS keeps state that its cases share ({}), so that results may depend on "
+    "their order: keep it on the object, `self`.",
     "batch": "The ADS's numbers depend on which cases are driven together.",
     "draws": "The ADS draws from the global random generators, so that its cases have to follow "
     "one another.",

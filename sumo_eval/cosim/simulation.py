@@ -455,8 +455,8 @@ def _manner(
     if Compiled.rides(target):
         return _Manner(type(target), lambda: target)
     if not isinstance(ads, PolicyController):
-        own_type = getattr(user_code, "vehicle_type", None) is not None
-        if own_type or not isinstance(ads, ObjectController):
+        own_type = getattr(user_code, "vehicle_type", None)
+        if own_type is not None or not isinstance(ads, ObjectController):
             return alone(ON_TRACI)
         if not inspect.isclass(user_code) and not inspect.isfunction(user_code):
             return alone(ONE_OBJECT)
@@ -552,7 +552,10 @@ def _difference(
         together = drives[index]
         if not (isinstance(together, Recording) and own.same_drive(together)):
             # the report names this in place of the state that changed
-            return f"not found; {cases[index].label} drives differently when it is alone"
+            return (
+                "unknown which, or it reads a clock or draws without a seed: "
+                f"{cases[index].label} drives differently when it is alone"
+            )
         drives[index] = replace(together, batched="compared")
     return None
 

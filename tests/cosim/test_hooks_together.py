@@ -420,6 +420,18 @@ def test_shared_state_drives_each_case_alone_and_is_named(hook, name, tmp_path, 
     assert name in str(reason)
 
 
+def test_shared_state_is_named_with_its_file(tmp_path):
+    (tmp_path / "my_ads.py").write_text(
+        "CALLS = []\n"
+        "def step(traci, ego, time):\n"
+        "    CALLS.append(time)\n"
+        "    traci.vehicle.setSpeed(ego, 10.0)\n"
+    )
+    cases = [case(lead(80.0), speed=speed) for speed in (10.0, 10.1)]
+    (reason,) = reasons_to_leave(cases, f"{tmp_path / 'my_ads.py'}:step")
+    assert "(my_ads.py: CALLS), so that results may depend on their order" in str(reason)
+
+
 @pytest.mark.parametrize("hook", [logs, keeps_libsumo])
 def test_what_a_hook_keeps_from_a_batch_works_after_it(hook):
     slow, _ = simulate_many([case(lead(80.0), speed=speed) for speed in (10.0, 20.0)], hook, STEPS)

@@ -11,6 +11,7 @@ import inspect
 import os
 import pickle
 import random
+import re
 import sys
 from array import array
 from collections import deque
@@ -36,11 +37,13 @@ _LIBSUMO = "libsumo itself"  # snapshot of libsumo, and of a function of it
 _PICKLED = (
     np.ndarray, bytearray, array, random.Random, np.random.Generator, np.random.RandomState
 )  # fmt: skip
+_BY_PATH = re.compile(r"_sumo_eval_file_(.*)_\w{12}\.")  # module loaded from a file's path
 _ITERATOR = "itertools"  # module whose objects show their position in their `repr`
 
 
 def kept_state(ads: Any) -> dict[str, object]:
-    """State outside the ADS's objects that its code can change, by name (`module.variable`).
+    """State outside the ADS's objects that its code can change, by name (`module.variable`,
+    `file.py: variable`).
 
     Compared by identity alone: objects of the standard library (except those of `_LOOKED_INTO`) and
     of compiled code, and iterators of containers.
@@ -57,10 +60,10 @@ def kept_state(ads: Any) -> dict[str, object]:
         "traci": [id(it) for part in (TRACI, *TRACI.DOMAINS) for it in vars(part).values()],
     }
     for module in reached_modules(ads):
-        own = list(vars(module).items())
-        state |= {f"{module.__name__}.{k}": _frozen(v, 0) for k, v in own if k[:2] != "__"}
+        name, own = _BY_PATH.sub(r"\1.py: ", f"{module.__name__}."), list(vars(module).items())
+        state |= {f"{name}{k}": _frozen(v, 0) for k, v in own if k[:2] != "__"}
     named: dict[str, list[object]] = {}  # a derived class may have the name of its base
-    for kind in ads.__mro__[:-1] if inspect.isclass(ads) else (ads,):
+    for kind in getattr(ads, "__mro__", (ads, object))[:-1]:
         named.setdefault(kind.__qualname__, []).append(_frozen(kind, 0))
     return state | named
 
@@ -74,8 +77,9 @@ def reaches_libsumo(ads: Any, made: Any) -> bool:
 
 
 def _holds_libsumo(snapshot: Any) -> bool:
-    within = isinstance(snapshot, list | tuple) and any(map(_holds_libsumo, snapshot))
-    return within or snapshot == _LIBSUMO
+    return snapshot == _LIBSUMO or (
+        isinstance(snapshot, list | tuple) and any(map(_holds_libsumo, snapshot))
+    )
 
 
 def reached_modules(ads: Any) -> list[ModuleType]:
@@ -91,11 +95,11 @@ def reached_modules(ads: Any) -> list[ModuleType]:
         module = value if isinstance(value, ModuleType) else module_of(value)
         if module is None or module.__name__ in reached:
             continue
-        package = module.__name__.partition(".")[0]
-        file = getattr(module, "__file__", None)
-        if _is_foreign(package) or file is None or ("site-packages" in file and package != own):
+        name, file = module.__name__, getattr(module, "__file__", None)
+        installed = file is None or ("site-packages" in file and name.partition(".")[0] != own)
+        if installed or _is_foreign(name):
             continue
-        reached[module.__name__] = module
+        reached[name] = module
         # the values of a module lead to the modules that define them
         waiting += vars(module).values()
     return list(reached.values())
@@ -160,7 +164,7 @@ def _content(value: Any) -> object:
     none of these.
     """
     if value is libsumo or (
-        isinstance(value, FunctionType) and value.__module__ == libsumo.libsumo.__name__
+        isinstance(value, FunctionType) and value.__module__ == "libsumo.libsumo"
     ):
         return _LIBSUMO
     if isinstance(value, _PICKLED):
