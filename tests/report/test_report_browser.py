@@ -257,6 +257,27 @@ def test_play_at_a_contact_begins_at_the_start(opened):
 
 
 @needs_chromium
+def test_picture_of_a_contact_names_both_bodies(opened):
+    """The contact may be up to half a millisecond after the last sample of the struck body."""
+    names = opened.run("""(() => {
+        const drive = (x) => ({ time: [0, 1], x: [x, x + 9], y: [0, 0], heading: [0, 0],
+            speed: [9, 9], acceleration: [0, 0], steering_wheel_angle: [0, 0], length: 4, width: 2 });
+        const contact = { time: 1.0004, last: 0.2, other: "lead", side: "front", speed: 9 };
+        const road = { end: 100, left: 5, right: -2, lanes: 2, laneWidth: 3.5, crossings: [],
+            solid: [], gone: [], line: [] };
+        const canvas = document.body.appendChild(document.createElement("canvas"));
+        const sheet = CanvasRenderingContext2D.prototype, write = sheet.fillText, names = [];
+        sheet.fillText = function (words) { names.push(`${words}, ${this.textAlign}`); };
+        sumoReplay.moment(canvas, { road, bodies: {}, ghosts: [] },
+            { ego: drive(0), actors: [["lead", drive(4)]], contact }, "#000", contact.time);
+        sheet.fillText = write;
+        canvas.remove();
+        return names;
+    })()""")
+    assert {"ego, center", "lead, center"} <= set(names)
+
+
+@needs_chromium
 def test_a_case_that_the_page_lacks_is_said_to_be_elsewhere(opened):
     absent = "document.getElementById('case-absent')"
     for key in ("nowhere", "50%"):

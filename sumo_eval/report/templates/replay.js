@@ -39,7 +39,7 @@ const sumoReplay = (() => {
   const duration = (t) => t.time[t.time.length - 1] - t.time[0];
 
   /** Whether a trajectory lasts until a time: an actor may leave the road before the case is over. */
-  const there = (t, time) => time <= duration(t) + 1e-9;
+  const there = (t, time) => time <= duration(t) + MS; // the contact time is rounded finer
   const present = (view, time) => view.actors.filter(([, actor]) => there(actor, time));
 
   /** Gap m from an ego, which points along the road, to another body if that is ahead in its path; Infinity otherwise. */
@@ -323,8 +323,10 @@ const sumoReplay = (() => {
     outline(context, places);
     context.fillStyle = COLOURS.contact;
     context.font = `10px ${FONT}`;
-    context.textAlign = "right"; // behind the ego, where no vehicle covers the words
-    context.fillText("last moment to brake", Math.max(Math.min(...places.map(([x]) => x)) - 5, 108), places.reduce((sum, [, y]) => sum + y, 0) / 4 + 3);
+    const [rear, above] = [0, 1].map((axis) => Math.min(...places.map((place) => place[axis]))), behind = rear >= 113;
+    context.textAlign = behind ? "right" : "left"; // behind the ego or above it, where no vehicle covers the words
+    context.fillText("last moment to brake", behind ? rear - 5 : 2, behind ? places.reduce((sum, [, y]) => sum + y, 0) / 4 + 3 : above - 4);
+    context.textAlign = "center"; // as of the names that follow
     context.setLineDash([4, 3]);
     context.lineWidth = 2;
     context.strokeStyle = COLOURS.contact;
