@@ -27,7 +27,7 @@ def test_a_bad_controller(tmp_path):
     )
     done = check("mine.py:acc", tmp_path, status=1)
     assert "FAIL" in done.stdout
-    assert "-> forget everything in reset" in done.stdout
+    assert "-> forget everything in reset, keep state on the object alone" in done.stdout
     assert done.stdout.count("FAIL  ") == done.stdout.count("the second drive differs from") == 1, (
         "a cause is said once"
     )

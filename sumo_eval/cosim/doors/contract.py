@@ -325,8 +325,9 @@ def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
         "FAIL",
         f"{where}: the second drive differs from {when:.2f} s on: {one.ego.speed[i]:.4f} m/s, "
         f"then {two.ego.speed[i]:.4f} m/s",
-        "forget everything in reset (variables of the class and of the module too), draw random "
-        "numbers from a seed, do not read the wall clock",
+        "forget everything in reset, keep state on the object alone (cases of a batch run at once "
+        "and share its class and module), draw random numbers from a seed, do not read the wall "
+        "clock",
     )  # fmt: skip
 
 
