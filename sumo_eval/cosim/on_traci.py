@@ -53,7 +53,7 @@ from sumo_eval.cosim.records import (
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, LEFT_BATCH, Stage
 from sumo_eval.cosim.step_rules import goes_straight
 from sumo_eval.cosim.sumo.shared_files import suffix
-from sumo_eval.cosim.sumo.sumo_files import EGO, vehicle_edges
+from sumo_eval.cosim.sumo.sumo_files import EGO, gripped, vehicle_edges
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import World, corner
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
@@ -196,7 +196,7 @@ class _Hook:
         # a function needs no adapter, whose call takes time
         plain = type(self.ads) is ObjectController and type(self.ads.target) is FunctionType
         self._act = self.ads.target if plain else self.ads.step
-        self._step, self._limits = world.settings.step, world.each[case].vehicle
+        self._step, self._limits = world.settings.step, gripped(world.each[case].vehicle)
         self._half = 0.5 * self._limits.length
         self._take_road(world)
 

@@ -66,6 +66,7 @@ from sumo_eval.cosim.records import MODEL, SUMO
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.sumo.session import running, session
 from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
+from sumo_eval.cosim.sumo.sumo_files import gripped
 from sumo_eval.cosim.traffic import Traffic
 from sumo_eval.cosim.world import World, kind_of
 from sumo_eval.errors import ControllerError, InputError, SimulationError, must_be, said
@@ -371,7 +372,7 @@ def _kind(
     shared: object = None
     if concrete.changes and (concrete.reacts or manner.over_arrays):
         vehicle = concrete.simulation(basis).vehicle
-        shared = vehicle if manner.over_arrays else vehicle.max_deceleration
+        shared = vehicle if manner.over_arrays else gripped(vehicle).max_deceleration
     return (
         concrete.scenario, kind_of(concrete),
         # what SUMO sees of the actors

@@ -39,7 +39,7 @@ from sumo_eval.cosim.records import (
     TIME_LIMIT,
     Scenes,
 )
-from sumo_eval.cosim.vehicle_model import count_clip, move, move_dynamic
+from sumo_eval.cosim.vehicle_model import GRAVITY, count_clip, move, move_dynamic
 from sumo_eval.kernels import Records, kernel, rows
 from sumo_eval.scenario.played import BEGUN, Cast, play_actor
 from sumo_eval.scenario.road.lanes import left_edge_at, right_edge_at
@@ -280,12 +280,13 @@ def goes_straight(
     # off: m from the motion at the mean speed. The motions at the first and at the last speed are
     # `half * abs(speed - before)` from it: `off` may be that much.
     off, most = abs(ahead - half * (speed + before)), half * abs(speed - before) + JUMP_TOLERANCE
+    grip = vehicle.friction * GRAVITY
     return (
         aside == 0.0
         and off <= most
         and LOWEST_SPEED < speed < FASTEST
-        and LIMIT_TOLERANCE - vehicle.max_deceleration <= gained
-        and gained <= vehicle.max_acceleration - LIMIT_TOLERANCE
+        and LIMIT_TOLERANCE - min(vehicle.max_deceleration, grip) <= gained
+        and gained <= min(vehicle.max_acceleration, grip) - LIMIT_TOLERANCE
     )
 
 

@@ -126,6 +126,12 @@ def test_hooks_with_own_conditions_are_the_same_together(hook):
     assert not reasons_to_leave(cases, hook)
 
 
+@pytest.mark.parametrize("ads", [brakes, "sumo:Krauss"])
+def test_sumo_brakes_no_harder_than_the_tyres_hold(ads):
+    slippery = replace(case(lead(60.0), speed=20.0), changes=(("vehicle.friction", 0.2),))
+    assert simulate(slippery, ads).ego.acceleration.min() == pytest.approx(-0.2 * 9.81)
+
+
 def raises(traci, ego, time):
     if traci.vehicle.getSpeed(ego) < 15.0:
         raise ValueError("too slow")

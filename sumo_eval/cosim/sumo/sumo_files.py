@@ -21,6 +21,7 @@ from lxml import etree
 from lxml.builder import ElementMaker  # type: ignore[import-not-found]
 
 from sumo_eval.cosim.doors.observation import lane_at
+from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.scenario.bodies import BODIES, CAR
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.scenario.road.reference_line import curvatures, drawn_points, map_places, tightest
@@ -360,6 +361,7 @@ def vehicle_types(
 
     vehicle: settings of the ego, as `concrete.simulation` gives them.
     """
+    vehicle = gripped(vehicle)
     strongest = vehicle.max_deceleration
     ego = _texts(
         id=EGO, length=vehicle.length, width=vehicle.width, accel=vehicle.max_acceleration,
@@ -375,6 +377,16 @@ def vehicle_types(
         for actor in concrete.actors
     ]  # fmt: skip
     return [ego | dict(ego_type or {}), *others]
+
+
+@functools.lru_cache(maxsize=64)  # checked once for all cases
+def gripped(vehicle: VehicleSettings) -> VehicleSettings:
+    """The vehicle with no stronger brakes and drive than its tyres hold, for SUMO, which knows no
+    friction.
+    """
+    grip = vehicle.friction * GRAVITY
+    brakes, drive = min(vehicle.max_deceleration, grip), min(vehicle.max_acceleration, grip)
+    return replace(vehicle, max_deceleration=brakes, max_acceleration=drive)
 
 
 _EXACT = {"minGap": "0", "sigma": "0", "speedDev": "0"}
