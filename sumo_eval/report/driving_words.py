@@ -94,9 +94,9 @@ def _incident(scene: CaseDrives, fact: Fact) -> _Said:
             f"{hit.time:z.1f} s after the start, {remark}.",
             hit.time,
         )
-        braking = braking_before(scene.ego, hit.time)
+        braking = braking_before(scene.ego, hit.time, case.braking_time)
         yield (
-            f"The ADS braked from {braking.first:z.1f} s on, {hit.time - braking.first:z.1f} s "
+            f"The ADS braked from {braking.first:z.2f} s on, {hit.time - braking.first:z.1f} s "
             f"before it, with at most {braking.hardest:z.1f} m/s2."
             if braking
             else "Before it the ADS did not brake.",

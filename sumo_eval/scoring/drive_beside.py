@@ -84,15 +84,20 @@ class ObservedBraking(NamedTuple):
     hardest: float
 
 
-def braking_before(ego: Trajectory, contact: float) -> ObservedBraking | None:
-    """The ego's braking up to a time, s since its start; None without any."""
+def braking_before(
+    ego: Trajectory, contact: float, commanded: float | None
+) -> ObservedBraking | None:
+    """The ego's braking up to a time, s since its start; None without any.
+
+    commanded: when it began, s, by the recorded commands; None: they do not say, samples do.
+    """
     since = ego.time - ego.time[0]
-    brakes = np.flatnonzero((ego.acceleration <= BRAKES) & (since <= contact))
-    if not len(brakes):
+    felt = ego.acceleration[since <= contact]
+    brakes = since[: len(felt)][felt <= BRAKES]
+    if commanded is None and not len(brakes):
         return None
-    return ObservedBraking(
-        float(since[brakes[0]]), -float(ego.acceleration[since <= contact].min())
-    )
+    first = brakes[0] if commanded is None else commanded
+    return ObservedBraking(float(first), -float(felt.min()))
 
 
 class Behind(NamedTuple):
