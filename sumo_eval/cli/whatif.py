@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
-from itertools import chain
+from math import inf
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING
@@ -43,22 +43,18 @@ def whatif(
             levers = _of_all_collisions(WhatIf(run), run, lever, progress)
         else:
             levers = [WhatIf(run, progress).answers(known_case(run, case), lever)]
-    if case is None:
-        reasons = [it.why_not for it in levers if it.why_not]  # of collisions without answers
-        levers = [it for it in levers if not it.why_not]
-        if reasons and not levers:
-            raise InputError(reasons[0])
-        if reasons:
-            words = f"{count(len(reasons), 'collision')} left out. The first: {reasons[0]}"
-            tell(words, err=True)
-        lines = _table_of_all(levers)
-    else:
-        lines = _table(levers[0])
+    reasons = [it.why_not for it in levers if it.why_not]  # of collisions without answers
+    levers = [it for it in levers if not it.why_not]
+    if reasons and not levers:
+        raise InputError(reasons[0])
+    if reasons:
+        words = f"{count(len(reasons), 'collision')} left out. The first: {reasons[0]}"
+        tell(words, err=True)
     if as_json:
         plain = {it.fact.case: list(map(_plain, it.answers)) for it in levers}
         tell(json.dumps(plain, indent=1))
     else:
-        show(lines)
+        show(_table_of_all(levers) if case is None else _table(levers[0]))
 
 
 def _of_all_collisions(
@@ -109,12 +105,9 @@ def _table_of_all(levers: Sequence[CaseLevers]) -> Iterator[str]:
     groups = grouped(((lever.fact.driver, lever.fact.scenario), lever) for lever in levers)
     for (ads, scenario), cases in groups.items():
         yield f"{ads} in {scenario}: {count(len(cases), 'collision')}"
+        shares = grouped((it.lever.name, it.share) for one in cases for it in one.answers)
         # of each lever, the change of each collision that it avoids
-        avoided: dict[str, list[float]] = {}
-        for answer in chain.from_iterable(it.answers for it in cases):
-            changes = avoided.setdefault(answer.lever.name, [])
-            if answer.flips:
-                changes.append(answer.share)
+        avoided = {name: [it for it in shares[name] if it < inf] for name in shares}
         for name, changes in sorted(avoided.items(), key=lambda pair: -len(pair[1])):
             line = f"  {name:<28} avoids {len(changes)}"
             if changes:

@@ -56,8 +56,10 @@ def effect_words(answer: Answer, hit: Collision | None) -> str:
     verb = "brings a collision" if hit is None else "avoids it"
     start = "no limit" if lever.unlimited else f"{lever.recorded:z.5g}"
     recorded = start if lever.unlimited else start + unit
-    if not answer.felt:
-        return f"{recorded}: no effect, the ADS sees the world as it is"
+    if not answer.flips and not answer.felt:
+        sumo = lever.name == "conditions.actuation_delay"
+        why = " where SUMO moves the ego" if sumo else ", the ADS sees the world as it is"
+        return f"{recorded}: no effect{why}"
     if not answer.flips:
         return f"{recorded}: none of {answer.tried} values {verb}"
     flip, *rest = answer.flips
@@ -94,7 +96,7 @@ def _bar(answer: Answer, hit: Collision | None) -> dict[str, Any]:
         "to": f"{to:z.1f}",
         "low": f"{min(at, to):z.1f}",
         "width": f"{abs(to - at):z.1f}",
-        "parts": list(_collides(answer, hit)) if answer.felt else [],
+        "parts": list(_collides(answer, hit)) if answer.felt or answer.flips else [],
     }
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.cases import EVALUATED
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, check_known, unknown
 from sumo_eval.frozen import frozen
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import run_cases
@@ -24,8 +24,12 @@ from sumo_eval.record.run_folder import resolved_run
 from sumo_eval.record.store import Fact
 from sumo_eval.whatif.levers import Lever, first_values, levers_of, moved
 
-_OF_PERCEPTION = ("conditions.perception_delay", "conditions.sensor_range")
-"""Levers without effect on an ADS that reads the simulation past the limits of its perception."""
+_WITHOUT_EFFECT = {
+    "conditions.perception_delay": "perception_not_limited",
+    "conditions.sensor_range": "perception_not_limited",
+    "conditions.actuation_delay": "actuation_not_delayed",
+}
+"""Levers that some ADSs do not feel: the clip that records it."""
 
 Line = dict[float, bool]
 """Whether the ADS collides, by value of a lever."""
@@ -48,7 +52,7 @@ class Answer:
     flips: changes of outcome, the nearest to the recorded value first. The nearest on each side is
         located to a step, further ones to two values of the first round.
     tried: number of values whose outcome is known, the recorded one included.
-    felt: whether the lever acts on the ADS at all.
+    felt: whether the lever acts on the ADS at all times.
     """
 
     lever: Lever
@@ -89,6 +93,7 @@ class WhatIf:
         )
         self._locators = {ads.name: ads.locator for ads in settings.ads}
         self._drives = 0
+        self._error = ""  # of a rerun that could not be evaluated
 
     def answers(self, fact: Fact, name: str | None = None, *, fine: bool = True) -> CaseLevers:
         """Effects of all levers, or of the one called `name`.
@@ -97,6 +102,9 @@ class WhatIf:
         fine: locate the nearest changes to a step.
         Raises InputError for a case that was not evaluated or does not repeat.
         """
+        # an edited run: neither may be in its evaluation any more
+        check_known("scenario of the run", self._run.scenarios, fact.scenario)
+        check_known("ADS of the run", self._locators, fact.driver)
         logical = self._run.scenarios[fact.scenario]
         all_levers = levers_of(logical, fact.values, self._run.settings.simulation)
         levers = [it for it in all_levers if name in (None, it.name, it.name.split(".")[-1])]
@@ -117,15 +125,16 @@ class WhatIf:
         rerun, *outcomes = self._outcomes(
             fact, "levers", [(levers[0], levers[0].recorded), *trials]
         )
-        _check_repeats(fact, rerun)
+        _check_repeats(fact, rerun, self._error)
         lines: dict[Lever, Line] = {it: {it.recorded: fact.collision is not None} for it in levers}
         _fill(lines, trials, outcomes)
         if fine:
             self._locate(fact, lines)
         clips = {clip.what for it in outcomes if it and it.recording for clip in it.recording.clips}
-        unfelt = _OF_PERCEPTION if "perception_not_limited" in clips else ()
         answers = [
-            Answer(lever, _flips(lever, line), len(line), lever.name not in unfelt)
+            Answer(
+                lever, _flips(lever, line), len(line), _WITHOUT_EFFECT.get(lever.name) not in clips
+            )
             for lever, line in lines.items()
         ]
         answers.sort(key=lambda answer: answer.share)
@@ -185,6 +194,8 @@ class WhatIf:
         for number, outcome in enumerate(run_cases(cases, self._setup), start=1):
             if outcome.status in EVALUATED:
                 evaluated[outcome.case.point] = outcome
+            elif not outcome.case.point:
+                self._error = outcome.error or outcome.status
             self._progress(stage, number, len(cases))
         return evaluated
 
@@ -200,10 +211,10 @@ def _fill(
             lines[lever][value] = outcome.status == "collision"
 
 
-def _check_repeats(fact: Fact, outcome: Outcome | None) -> None:
+def _check_repeats(fact: Fact, outcome: Outcome | None, error: str) -> None:
     """Refuse a case whose rerun has another contact than the recorded drive.
 
-    outcome: of the rerun; None: it was not evaluated.
+    outcome: of the rerun; None: it was not evaluated, because of `error`.
     """
     rerun = None if outcome is None else outcome.recording
     if rerun is None or rerun.collision != fact.collision:
@@ -211,10 +222,11 @@ def _check_repeats(fact: Fact, outcome: Outcome | None) -> None:
             "no contact" if hit is None else f"a contact at {hit.time:.3f} s"
             for hit in (fact.collision, None if rerun is None else rerun.collision)
         )
+        now = after if rerun else f"not evaluated ({error})"
         raise InputError(
-            f"Case `{fact.case}` does not repeat: recorded {before}, now "
-            f"{'not evaluated' if rerun is None else after}. Its ADS must be the recorded one and "
-            "do the same in every drive: undo its changes, or run the evaluation again."
+            f"Case `{fact.case}` does not repeat: recorded {before}, now {now}. Its ADS must be "
+            "the recorded one and do the same in every drive: undo its changes, or run the "
+            "evaluation again."
         )
 
 

@@ -4,6 +4,7 @@ import json
 import math
 import re
 from dataclasses import replace
+from shutil import copytree
 
 import pytest
 from commands import sumo_eval as run
@@ -16,6 +17,7 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.report.explain import known_case
+from sumo_eval.report.levers_section import effect_words
 from sumo_eval.report.sent_drives import contact_of
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.contact_cause import cause_of_contact
@@ -32,6 +34,10 @@ class Brakes:
     def act(self, observation):
         return -99.0 if observation.time > {begin} - 1e-6 else 0.0
 '''
+HOOK = """
+def drives(traci, ego, time):
+    traci.vehicle.setSpeed(ego, traci.vehicle.getSpeed(ego))
+"""
 
 
 @pytest.fixture(scope="module")
@@ -39,11 +45,13 @@ def night(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whatif")
     (folder / "late.py").write_text(LATE.format(begin=1.5))
     (folder / "too_late.py").write_text(LATE.format(begin=3.4))
+    (folder / "hook.py").write_text(HOOK)
     low_speed = {"use": "front_vehicle_low_speed", "sampling": {"levels": 3}}
     evaluation = {
         "name": "night", "seed": 1, "scenario": [low_speed], "drivers": {"count": 2},
         "ads": [{"name": name, "controller": f"{folder / name}.py:Brakes"}
-            for name in ("late", "too_late")],
+            for name in ("late", "too_late")]
+            + [{"name": "hook", "controller": f"{folder}/hook.py:drives"}],
         "run": {"workers": 1},
     }  # fmt: skip
     done = sumo_eval.evaluate(evaluation, folder / "run")
@@ -156,3 +164,42 @@ def test_a_case_that_does_not_repeat_is_refused(night):
         assert "1 collision left out. The first: " in done.stderr
     finally:
         file.write_text(before)
+
+
+def test_a_case_of_a_missing_ads_is_refused_with_the_reason(night):
+    folder, case = night
+    file = folder.parent / "too_late.py"
+    hit = known_case(folder, case.replace("late", "too_late"))
+    moved_away = file.rename(file.with_suffix(".txt"))
+    try:
+        with refusal(r"now not evaluated \(ADS .*there is no file .*too_late\.py"):
+            WhatIf(folder).answers(hit)
+    finally:
+        moved_away.rename(file)
+
+
+@pytest.mark.parametrize("named", ['name = "too_late"', 'use = "front_vehicle_low_speed"'])
+def test_a_case_that_left_the_evaluation_is_refused(night, tmp_path, named):
+    folder, case = night
+    edited = copytree(folder, tmp_path / "run")
+    file = edited / "evaluation.toml"
+    assert named in file.read_text()
+    file.write_text(file.read_text().replace(named, named.split()[0] + ' = "cut_in"'))
+    with refusal("Unknown .* of the run"):
+        WhatIf(edited).answers(known_case(edited, case.replace("late", "too_late")))
+
+
+def test_a_delay_that_sumo_does_not_feel_is_named_so(night):
+    folder, case = night
+    fact = known_case(folder, case.replace("late", "hook"))
+    (delay,) = WhatIf(folder).answers(fact, "actuation_delay").answers
+    assert effect_words(delay, fact.collision) == "0 s: no effect where SUMO moves the ego"
+
+
+def test_explain_and_the_cause_name_one_moment_of_braking(night):
+    folder, case = night
+    lines = run("explain", folder, case.replace("late", "too_late")).stdout
+    last = float(re.search(r"Cause: braked \S+ s after .* avoids it, (\S+) s", lines)[1])
+    after = float(re.search(r"Cause: braked (\S+) s", lines)[1])
+    assert "The ADS braked from 3.40 s on" in lines
+    assert last + after == pytest.approx(3.4)
