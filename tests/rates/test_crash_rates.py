@@ -150,6 +150,7 @@ def test_a_driver_who_sleeps_has_a_higher_rate_than_one_who_does_not(tmp_path):
     assert part["collision_probability"] > 0.5
     assert asleep["collisions"] == pytest.approx(2e5 * part["collision_probability"])
     page = (tmp_path / "out" / "campaign.html").read_text()
+    assert "rates per million km by scenario" in page  # the unit of its column `collisions`
     assert "Outside these rates" in page
     assert "as given" in page
 

@@ -187,7 +187,7 @@ def parts(campaign: Campaign, content: Mapping[str, Any]) -> list[Piece]:
 
 
 def _of_ads(rate: AdsRate, content: dict[str, Any]) -> Fold:
-    """An ADS's rate by scenario, and the drives behind it.
+    """Rates of an ADS by scenario, and the drives behind them.
 
     content: of the ADS, as made by `plain`.
     """
@@ -200,4 +200,4 @@ def _of_ads(rate: AdsRate, content: dict[str, Any]) -> Fold:
             f"it rests on the {DEFENSIVE:.0%} of the drives that are drawn by exposure."
         )
         pieces.append(Text(limit))
-    return Fold(rate.ads, "the rate by scenario, and the drives behind it", pieces)
+    return Fold(rate.ads, "rates per million km by scenario, and the drives behind them", pieces)
