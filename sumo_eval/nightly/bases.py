@@ -30,7 +30,8 @@ class Bases(NamedTuple):
     comparison: with the last good night.
     pinned: comparison with the accepted night; None if both are one night.
     notes: on nights that could not be used.
-    unusable: whether there are good nights, but none can be compared with.
+    unusable: whether there are good nights, but none can be compared with; or an accepted one that
+        cannot.
     """
 
     good: Night | None
@@ -65,12 +66,13 @@ def find_bases(
 
     pin = pin_of(database)
     pinned_night = next((night for night in nights if pin and night.night == pin.night), None)
-    pinned = None
+    pinned, unusable = None, bool(good) and last is None
     if pinned_night is not None and pinned_night != last:
         pinned_night, pinned = _first_usable(history, [pinned_night], evaluation, settings, notes)
+        unusable |= pinned is None
     # an accepted night that was also tried as the last good one has its note twice
     once = tuple(dict.fromkeys(notes))
-    return Bases(last, pinned_night, comparison, pinned, once, bool(good) and last is None)
+    return Bases(last, pinned_night, comparison, pinned, once, unusable)
 
 
 def _first_usable(

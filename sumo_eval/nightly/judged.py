@@ -72,10 +72,10 @@ def judge_night(
         *judge_repeats(noise, bases.good, database, gate),
     ]
     if bases.unusable:
-        missing = (
-            "no earlier good night can be compared with, so no limit was evaluated. If this is "
-            f"meant: {accept}"
-        )
+        missing = "the accepted night cannot be compared with, so slow drift was not evaluated"
+        if bases.good is None:
+            missing = "no earlier good night can be compared with, so no limit was evaluated"
+        missing += f". If this is meant: {accept}"
         gates.append(GateResult("pairs", "every ADS", EVERYWHERE, False, missing, 0.0, None))
     for comparison in bases.comparisons:
         results = judge_pairs(comparison, gate, accept)

@@ -304,6 +304,23 @@ def test_a_disk_full_of_recorded_cases_is_freed(week, tmp_path, monkeypatch):
     assert {path.name for path in (history / "nights").iterdir()} == {it.night for it in before}
 
 
+def test_a_damaged_accepted_night_fails_until_another_is(week, tmp_path):
+    """Without it a slow drift passes night by night, and a note alone wakes no user."""
+    folder, history = copy_of(week, tmp_path)
+    plant(folder, "")
+    first = nights(history)[0]
+    (history / first.folder / "facts.sqlite").write_bytes(b"damaged")
+    result = run(folder / "evaluation.toml", history)
+    assert result.night.exit_status == 1
+    (failed,) = json.loads((result.report.parent / "night.json").read_text())["failed"]
+    assert failed["sentence"].startswith("the accepted night cannot be compared with, so slow")
+    assert any(first.night in note for note in result.notes)
+
+    sumo_eval("accept", history, "--reason", "the accepted one was damaged")
+    again = run(folder / "evaluation.toml", history)
+    assert again.night.verdict.startswith("THE SAME as")
+
+
 def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):
     """Two levels of three: the middle ones are gone, three of six cases, more than a tenth.
 
