@@ -80,9 +80,10 @@ def judge_night(
     for comparison in bases.comparisons:
         results = judge_pairs(comparison, gate, accept)
         if comparison is bases.pinned:  # with the accepted night
-            name = Path(comparison.base_folder).name
             results = [*judge_rule(comparison, gate, noise), *results]
-            results = [result._replace(against=name) for result in results]
+            results = [
+                result._replace(against=Path(comparison.base_folder).name) for result in results
+            ]
         known = {result.name for result in failed(gates)}
         gates += [result for result in failed(results) if result.name not in known]
     since = failing_since(database, gates, evaluation.folder.name)
@@ -121,19 +122,18 @@ def failing_since(
     database: History, gates: Sequence[GateResult], tonight: str
 ) -> dict[LimitName, Since]:
     """Since when each limit that failed tonight has failed, by its name."""
-    nights = [night.night for night in database.ran()]
     failing = {
-        (line.night, line.ads, line.scenario, line.quantity)
+        (line.night, *GateResult(line.quantity, line.ads, line.scenario, False, line.sentence).name)
         for line in database.gates()
         if line.passed is False
     }
     since = {}
     for gate in failed(gates):
         unbroken = [tonight]
-        for night in reversed(nights):
-            if (night, *gate.name) not in failing:
+        for night in reversed(database.ran()):
+            if (night.night, *gate.name) not in failing:
                 break
-            unbroken.append(night)
+            unbroken += [night.night]
         since[gate.name] = Since(unbroken[-1], len(unbroken))
     return since
 

@@ -11,7 +11,7 @@ from sumo_eval.text import point_words
 
 MOST_NAMED = 5  # cases of a failed limit that are shown with their values
 MOST_KEYS = 1_000  # cases that a failed limit names by key
-LimitName = tuple[str, str, str]  # ADS, scenario, quantity
+LimitName = tuple[str, str, str, bool]  # ADS, scenario, quantity, whether of a gate file
 
 
 class CaseChange(NamedTuple):
@@ -74,8 +74,11 @@ class GateResult(NamedTuple):
 
     @property
     def name(self) -> LimitName:
-        """Identity of the limit across nights: ADS, scenario, quantity."""
-        return self.ads, self.scenario, self.quantity
+        """Identity of the limit across nights: the rule and a gate file may limit one quantity.
+
+        Only the sentences of a gate file begin with the name of the quantity.
+        """
+        return self.ads, self.scenario, self.quantity, self.sentence.startswith(self.quantity)
 
 
 def in_order(

@@ -399,6 +399,16 @@ def test_a_failure_says_since_when_without_a_break(evaluation, tmp_path):
     assert (since.night, since.nights, since.words) == (LATER, 2, f"since {LATER}, 2 nights")
 
 
+def test_a_limit_of_a_file_is_not_that_of_the_rule(evaluation, tmp_path):
+    """Both limit the smallest gap; in the night before, only that of the gate file failed."""
+    of_the_file = FAILED._replace(sentence="min_gap is below 0.5 m in 1 of 9 cases", own=True)
+    add(tmp_path, TODAY, evaluation, of_the_file)
+    with open_history(tmp_path) as lines:
+        since = failing_since(lines, [FAILED, of_the_file], LATER)
+    assert since[FAILED.name].words == "new"
+    assert since[of_the_file.name].nights == 2
+
+
 def test_a_dead_mans_switch_knows_its_hours(evaluation, tmp_path):
     """From 02:00 to 04:00 of the next day are 26 h."""
     add(tmp_path, TODAY, evaluation)

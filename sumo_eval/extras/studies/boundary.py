@@ -81,12 +81,16 @@ def find_boundary(
         if not len(points):
             stopped = "no point left"
             break
-        outcomes = trials.at(
-            points, logical, ("ads", controller), first=done,
-            ended=lambda ended: watch(ended, budget),
+        statuses = np.array(
+            [
+                trial.status
+                for trial in trials.at(
+                    points, logical, ("ads", controller), first=done,
+                    ended=lambda ended: watch(ended, budget),
+                )
+            ]
         )  # fmt: skip
         done += len(points)
-        statuses = np.array([outcome.status for outcome in outcomes])
         evaluated = np.isin(statuses, EVALUATED)
         not_evaluated.update(statuses[~evaluated].tolist())
         search.skip(points[~evaluated])

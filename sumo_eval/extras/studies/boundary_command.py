@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 
 import click
@@ -74,7 +75,7 @@ def boundary(
         with Progress(at_most=True) as progress:
             result = find_boundary(
                 logical, ads, trials, budget=budget, tolerance=tolerance, seed=seed,
-                watch=lambda done, total: progress(f"{logical.name}: {ads}", done, total),
+                watch=partial(progress, f"{logical.name}: {ads}"),
             )  # fmt: skip
         say(sentences(result, held))
         say(map(str, write_boundary(result, out, held)))

@@ -78,8 +78,9 @@ class Trials:
             for number, concrete in enumerate(logical.concretes(points), start=first)
         ]  # fmt: skip
         loops.ready(loops.of_cases(cases))
-        watched = replace(recorder, progress=lambda stage, done, *_: ended(first + done))
-        watched.do([RoleCases(ads[0], logical.name, "ads", cases, len(cases))])
+        replace(recorder, progress=lambda stage, done, *_: ended(first + done)).do(
+            [RoleCases(ads[0], logical.name, "ads", cases, len(cases))]
+        )
         return [fact for case in cases if (fact := recorder.store.fact(case.key))]
 
 
