@@ -15,7 +15,7 @@ import numpy as np
 
 from sumo_eval.ads.known_answers import IdealBraking, no_reaction
 from sumo_eval.cosim.doors.controller import Adapter, load_controller
-from sumo_eval.cosim.doors.entry import loading, split_entry
+from sumo_eval.cosim.doors.entry import split_entry, take_load_report
 from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.cosim.loop import Terms
 from sumo_eval.cosim.no_return import with_no_return
@@ -65,7 +65,7 @@ def run_together(cases: Sequence[Case], setup: Setup) -> Results:
     """
     if on_its_own(cases):
         outcome = run_case(cases[0], setup)
-        return [replace(outcome, log=loading() + outcome.log)]
+        return [replace(outcome, log=take_load_report() + outcome.log)]
     faults: tuple[type[BaseException], ...] = (InputError, *interrupts_of_ads(setup.run))
     try:
         drives = list(_simulate_together(cases, setup))
@@ -73,7 +73,7 @@ def run_together(cases: Sequence[Case], setup: Setup) -> Results:
         return None  # each case reports its fault when it runs alone
     if all(isinstance(drive, Alone) and drive.by_nature for drive in drives):
         return None
-    loaded = loading()  # goes to the log of the first outcome
+    loaded = take_load_report()  # goes to the log of the first outcome
     results: list[Outcome | Alone] = []
     for case, drive in zip(cases, drives, strict=True):
         if isinstance(drive, Alone):

@@ -15,7 +15,13 @@ from tables import rows_of
 
 from sumo_eval import Command
 from sumo_eval.cosim.doors.controller import find_controller
-from sumo_eval.cosim.doors.entry import Entry, loading, made_absolute, split_entry
+from sumo_eval.cosim.doors.entry import (
+    Entry,
+    made_absolute,
+    read_query,
+    split_entry,
+    take_load_report,
+)
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.record.recording import planner
 from sumo_eval.scenario.resolved import Resolved
@@ -127,6 +133,23 @@ def test_files_of_a_locator_are_found_from_another_folder(folder):
     assert split_entry('mine.py:Mine?options.path="a?b:c"')[1].options == {"path": "a?b:c"}
 
 
+def test_a_file_named_sumo_takes_no_model_of_sumo_over(folder):
+    (folder / "sumo.py").write_text("class IDM: pass")
+    for locator in ("sumo:IDM", "sumo:IDM?tau=2"):
+        assert made_absolute(locator, folder) == locator
+
+
+def test_a_table_of_features_may_lie_in_any_folder():
+    absolute = made_absolute("onnx:a.onnx?features=f%26.toml&output=b", Path("/c++ & 100%25"))
+    query = read_query(absolute.partition("?")[2], "ADS `a`", "name=value")
+    assert query == {"features": "/c++ & 100%25/f&.toml", "output": "b"}
+
+
+def test_an_option_nested_too_deep_for_json_is_a_text():
+    text = 100_000 * "["
+    assert split_entry(f"mine.py:Mine?options.a={text}")[1].options == {"a": text}
+
+
 def test_an_ads_with_a_period_is_asked_that_often_and_its_answer_holds(folder):
     found = simulate(case(), "mine.py:Counting?period=0.2", HALF_SECOND, folder=folder)
     # asked at 0, 0.2 and 0.4 s: -1, -1.2, -1.4; samples are every 0.1 s
@@ -213,15 +236,15 @@ def test_a_program_receives_its_options(folder):
 
 
 def test_what_a_class_loads_is_loaded_once_in_a_process(folder):
-    loading()
+    take_load_report()
     locator = "mine.py:Network?options.size=7"
     for _ in simulate_many(
         [case(lead(100.0)), case(lead(90.0))], locator, HALF_SECOND, folder=folder
     ):
         pass
     simulate(case(), locator, HALF_SECOND, folder=folder)
-    assert loading().startswith("Loading Network took 0.0")
-    assert loading() == ""
+    assert take_load_report().startswith("Loading Network took 0.0")
+    assert take_load_report() == ""
     simulate(case(), "mine.py:Network?options.size=8", HALF_SECOND, folder=folder)
     assert find_controller(locator, folder).load_once.__globals__["loaded"] == [7, 8]
 

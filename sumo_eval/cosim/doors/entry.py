@@ -1,9 +1,9 @@
 """The rest of an `[[ads]]` entry: how often a controller is asked, and what its constructor is
 given.
 
-In one text with the locator: `my_ads.py:Planner?period=0.2&options.gain=2`. A class may load data
-that its objects share once in a process (`LOAD_ONCE`). `made` calls this, and its time does not
-count as driving.
+It follows the locator in the same text: `my_ads.py:Planner?period=0.2&options.gain=2`. `made` makes
+the controller. A class may first load data that all its objects share (`LOAD_ONCE`), once in a
+process; that time does not count as driving.
 """
 
 from __future__ import annotations
@@ -16,16 +16,17 @@ import shlex
 import sys
 import time as clock
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
-from urllib.parse import parse_qsl, unquote_plus
+from urllib.parse import parse_qsl, quote, unquote_plus
 
 from sumo_eval.errors import InputError, check_known, must_be, said, users_code
 
-_PERIOD, _BATCH, _OPTION = "period", "batch", "options."
-# The `?` that begins the entry: followed by a key of the entry, or by other pairs, each with `&`,
-# and then such a key. A command or a value may hold another `?`.
-_ENTRY = re.compile(rf"\?(?=([^?]*&)?({_PERIOD}=|{_BATCH}=|{re.escape(_OPTION)}))")
+_OWN = "period=", "batch=", "options."  # beginnings of an entry's pairs
+# The `?` before the entry: a key of the entry follows, at once or after other pairs of the same
+# query. Any other `?` belongs to a command or a value.
+_ENTRY = re.compile(rf"\?(?=([^?]*&)?({'|'.join(map(re.escape, _OWN))}))")
 LOAD_ONCE = "load_once"
 """The name of a class method that loads what all objects of the class share."""
 
@@ -61,22 +62,24 @@ def split_entry(locator: str) -> tuple[str, Entry]:
     if begin is None:
         return locator, PLAIN
     head, pairs = locator[: begin.start()], locator[begin.end() :].split("&")
-    own = [pair for pair in pairs if pair.startswith((f"{_PERIOD}=", f"{_BATCH}=", _OPTION))]
+    own = [pair for pair in pairs if pair.startswith(_OWN)]
     rest = "&".join(pair for pair in pairs if pair not in own)
     period, batch, options = 0.0, True, {}
     for pair in own:
         name, _, text = pair.partition("=")
-        value = _value(unquote_plus(text))
-        if name == _PERIOD:
+        value: Any = unquote_plus(text)
+        with suppress(ValueError, RecursionError):  # no JSON: a text
+            value = json.loads(value)
+        if name == "period":
             if type(value) not in (int, float) or not 0.0 < value <= sys.float_info.max:
                 raise must_be("`period`", f"ADS `{locator}`", "a number greater than 0 s", value)
             period = float(value)
-        elif name == _BATCH:
+        elif name == "batch":
             if not isinstance(value, bool):
                 raise must_be("`batch`", f"ADS `{locator}`", "true or false", value)
             batch = value
         else:
-            options[unquote_plus(name.removeprefix(_OPTION))] = value
+            options[unquote_plus(name.removeprefix("options."))] = value
     return f"{head}?{rest}" if rest else head, Entry(period, options, batch)
 
 
@@ -98,10 +101,9 @@ def made_absolute(locator: str, folder: Path) -> str:
     A program of `exec:` and `traci:` is run in `folder` by way of `env -C`.
     """
     bare = split_entry(locator)[0]
-    # A query of `onnx:` or `sumo:` may have pairs before and after those of the entry. Without a
-    # query the entry ends the locator: only the part before it is made absolute.
-    has_query = "?" in bare.partition(":")[2]
-    if bare != locator and not has_query:
+    # Without a query of its own, a locator ends with its entry, which is put back unchanged. In a
+    # query (of `fmu:`, `onnx:`, `sumo:`) pairs of the entry may stand anywhere, and stay there.
+    if bare != locator and "?" not in bare.partition(":")[2]:
         return made_absolute(bare, folder) + locator[len(bare) :]
     scheme, _, rest = locator.partition(":")
     if scheme in ("exec", "traci") and rest:
@@ -109,21 +111,17 @@ def made_absolute(locator: str, folder: Path) -> str:
     if scheme in ("fmu", "onnx"):
         file, mark, query = rest.partition("?")  # a mapping is no path: it may hold `//`
         if scheme == "onnx":
-            query = re.sub(r"(?<=features=)[^&]+", lambda table: str(folder / table[0]), query)
+            query = re.sub(
+                r"(?<=features=)[^&]+",
+                lambda it: quote(str(folder / unquote_plus(it[0]))),
+                query,
+            )
         return f"{scheme}:{folder / file}{mark}{query}"
     # `path.py:Class`, or `module:Class` of a file in the folder; else of an installed module
     module, _, name = locator.rpartition(":")
-    if module.isidentifier() and (folder / f"{module}.py").is_file():
+    if scheme != "sumo" and module.isidentifier() and (folder / f"{module}.py").is_file():
         module = f"{module}.py"
     return f"{folder / module}:{name}" if module.endswith(".py") else locator
-
-
-def _value(text: str) -> Any:
-    """Value of a text in a locator: JSON, and anything else itself."""
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text
 
 
 def check_options(kind: Any, options: Mapping[str, Any], described: str) -> None:
@@ -131,15 +129,11 @@ def check_options(kind: Any, options: Mapping[str, Any], described: str) -> None
     if not options or not inspect.isclass(kind):
         return
     try:
-        signature = inspect.signature(kind)
+        parameters = inspect.signature(kind).parameters.values()
     except (TypeError, ValueError):
         return
-    names = [
-        p.name
-        for p in signature.parameters.values()
-        if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)
-    ]
-    if not any(p.kind == p.VAR_KEYWORD for p in signature.parameters.values()):
+    names = [p.name for p in parameters if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    if not any(p.kind == p.VAR_KEYWORD for p in parameters):
         check_known(f"option of ADS `{described}`", names, *options)
 
 
@@ -175,14 +169,14 @@ def _load_once(kind: type, options: Mapping[str, Any], described: str) -> None:
     with users_code(f"ADS `{described}`: `{LOAD_ONCE}` failed"):
         load(**options)
     _loaded_with[kind] = options
-    took = clock.perf_counter() - began
-    _unreported.append(f"Loading {kind.__name__} took {took:.2f} s, once in this process.\n")
+    _unreported.append(
+        f"Loading {kind.__name__} took {clock.perf_counter() - began:.2f} s, "
+        "once in this process.\n"
+    )
 
 
-def loading() -> str:
-    """A sentence on what has been loaded in this process since this was asked last; "" where
-    nothing was.
-    """
+def take_load_report() -> str:
+    """Sentences on the loads in this process since the last call; "" if there were none."""
     sentences = "".join(_unreported)
     _unreported.clear()
     return sentences
