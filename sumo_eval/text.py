@@ -28,7 +28,7 @@ LOG = 16_000
 
 _LEFT_OUT = "[{} characters left out]"
 _MARK_ROOM = 40  # characters of `_LEFT_OUT` with its number and what stands around it
-_UNFIT = re.compile(
+UNFIT = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f"  # controls, escape among them; tab and line feed are kept
     "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"  # marks that turn the direction of writing
     # line ends of Unicode, byte order mark, noncharacters, surrogates
@@ -94,7 +94,7 @@ def _replaced(text: str, *, lines: bool) -> str:
     plain = plain.replace("\r", "\n") if lines else " ".join(plain.split("\n"))
     # ` at 0x7f…>` becomes `>`; an address without `>` is no object's
     plain = _ADDRESS.sub(lambda match: match[1] or match[0], plain)
-    return _UNFIT.sub(lambda match: ascii(match.group())[1:-1], plain)
+    return UNFIT.sub(lambda match: ascii(match.group())[1:-1], plain)
 
 
 def words_of(value: object, most: int = WORDS) -> str:

@@ -12,10 +12,11 @@ from typing import Any
 
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import named, read_input_text
-from sumo_eval.text import clean, shown, words_of
+from sumo_eval.text import UNFIT, shown, words_of
 
-# name or a.b.c, or one name in quotes
-_NAMES = r"(?P<name>[\w-]+(?:\s*\.\s*[\w-]+)*|\"[^\"]*\"|'[^']*')"
+_NAME = r"(?:[\w-]+|\"[^\"]*\"|'[^']*')"
+# a name, or several, as a.b."c d"
+_NAMES = rf"(?P<name>{_NAME}(?:\s*\.\s*{_NAME})*)"
 # [table] or [[list of tables]]
 _HEAD = re.compile(rf"\s*\[(?P<list>\[)?\s*{_NAMES}\s*\]")
 # name =
@@ -74,7 +75,7 @@ def line_of(text: str, place: Sequence[str | int]) -> int | None:
         named_line = head or _KEY.match(line)
         if not named_line:
             continue
-        names = [part.strip(" \t\"'") for part in named_line["name"].split(".")]
+        names = [part.strip("\"'") for part in re.findall(_NAME, named_line["name"])]
         if head:
             table = (*_within(names[:-1], last), names[-1])
             if head["list"]:
@@ -91,7 +92,7 @@ def line_of(text: str, place: Sequence[str | int]) -> int | None:
 def _outer_lines(text: str) -> Iterator[tuple[int, str]]:
     """Lines, numbered from 1, that do not begin within a text or a list over several lines."""
     open_brackets = 0
-    # a text over several lines becomes as many line breaks; a text in one line stays
+    # of a text over several lines only its line breaks stay; a text in one line stays whole
     flat = _QUOTED.sub(lambda it: "\n" * it[0].count("\n") or it[0], text)
     # by "\n" only, as TOML and editors count; `splitlines` splits at more
     for number, line in enumerate(flat.split("\n"), start=1):
@@ -143,8 +144,8 @@ def _check(value: Any, where: str, depth: int = 0) -> None:
     if isinstance(value, list):
         for item in value:
             _check(item, where, depth + 1)
-    # refused if cleaning would change it; line breaks, tabs, and any length are allowed
-    elif isinstance(value, str) and clean(flat := " ".join(value.split()), len(flat)) != flat:
+    # line breaks and tabs are allowed
+    elif isinstance(value, str) and UNFIT.search(value.replace("\r", "")):
         raise InputError(f"{where} must hold text without control characters, got {shown(value)}.")
     elif isinstance(value, int) and not -(2**63) <= value < 2**63:
         raise InputError(f"{where} must hold integers of at most 64 bits, got {shown(value)}.")

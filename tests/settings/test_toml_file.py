@@ -54,6 +54,22 @@ def test_a_line_ends_where_toml_ends_it():
     assert line_of("# one\u2028line\r\nname = 1\n", ("name",)) == 2
 
 
+@pytest.mark.parametrize("control", ["000b", "000c", "001c", "001f", "0085", "2028", "2029"])
+def test_law_no_control_character_passes_as_a_space(control):
+    with refusal("must hold text without control characters"):
+        toml_from(f'x = "a\\u{control}b"', "The file")
+
+
+def test_an_address_is_no_control_character():
+    assert toml_from('x = "meet at 0x12>"', "The file") == {"x": "meet at 0x12>"}
+
+
+def test_law_a_key_in_quotes_has_its_own_line():
+    text = '[a]\nx = 1\n[b."c.d".e]\ny = 2\n"p.q" = 3\n'
+    assert [line_of(text, ("b", "c.d", "e", key)) for key in ("y", "p.q")] == [4, 5]
+    assert line_of(text, ("a", "y")) == 1
+
+
 def test_long_texts_and_lists_hold_no_keys():
     text = 'a = """\nn = 1\n"""\n[[s]]\np = [\n  [1],\n  [2]\n]\nq = "[" # {\nn = 2'
     assert line_of(text, ("n",)) is None
