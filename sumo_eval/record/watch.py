@@ -31,8 +31,8 @@ from sumo_eval.errors import ControllerTimeoutError
 from sumo_eval.settings import RunSettings
 from sumo_eval.text import kind_of
 
-# exit code of a copy of the process that an ADS made by a fork in its step: it would drive the case
-# a second time
+# exit code of a copy of the process, which an ADS forked in its step: the copy must not drive the
+# case a second time
 COPY = 87
 _ALARM = int(getattr(signal, "SIGALRM", 0))
 
@@ -79,7 +79,7 @@ def interrupts_of_ads(limits: RunSettings) -> tuple[type[KeyboardInterrupt], ...
 
 
 class WatchedController(Adapter):
-    """A controller whose steps end in time, by an exception that is raised in them.
+    """A controller of which a step over its time is interrupted by an exception.
 
     Code that keeps the interpreter's lock gets no exception: there the deadline of the case ends
     the process.
@@ -149,6 +149,8 @@ class WatchedController(Adapter):
                 f"The ADS must answer within {self._allowed:g} s, took longer"
             ) from overdue
         except MemoryError as error:
+            if self._limits.engine == "serial":  # holds no limit
+                raise
             raise MemoryError(
                 f"more than the {self._limits.memory_limit:g} MB of `run.memory_limit`"
             ) from error

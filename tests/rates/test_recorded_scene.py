@@ -16,7 +16,8 @@ from tables import rows_of
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, write_csv
-from sumo_eval.extras.rates.departures import SceneDrive
+from sumo_eval.evaluation import evaluate
+from sumo_eval.extras.rates.departures import SceneDrive, write_departures
 from sumo_eval.extras.rates.recorded_scene import (
     FAR,
     NEVER,
@@ -25,8 +26,11 @@ from sumo_eval.extras.rates.recorded_scene import (
     thinned,
     write_scene,
 )
+from sumo_eval.record.run_folder import FACTS
+from sumo_eval.record.store import open_store
 from sumo_eval.scenario.concrete import departures, smooth_step
 from sumo_eval.scenario.file import read_scenario, scenario_from
+from sumo_eval.settings import AdsSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
 
 TIME = np.round(np.arange(0.0, 20.05, 0.1), 1)
 
@@ -136,6 +140,22 @@ def test_distance_from_a_recorded_ego_by_hand():
         "up to 5.0 m, at 9.0 s; 5.0 m at the end (time_limit); 2 react, from 1.2 s on"
         in told.sentence()
     )
+
+
+def test_drives_without_trajectories_are_counted_not_passed_over(scene, tmp_path):
+    settings = EvaluationSettings(
+        "x",
+        (ScenarioSettings(str(scene), sampling=SamplingSettings("grid")),),
+        (AdsSettings("a", "no_reaction"),),
+    )
+    run = evaluate(settings, tmp_path / "run", engine="serial").folder
+    with open_store(run / FACTS, create=True) as store:
+        cases = len(list(store.names("ads")))
+        store.discard_trajectories(lambda scenario, number: number == 0)
+    *drives, note = write_departures(run, tmp_path / "page.html")
+    assert len(drives) == 1 < cases
+    assert note == f"Drives left out, without trajectories: {cases - 1}."
+    assert note in (tmp_path / "page.html").read_text()
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -43,6 +43,19 @@ def test_under_the_watch_an_ads_drives_and_ends_as_without(ads):
     assert under_watch.ego.x.tobytes() == alone.ego.x.tobytes()
 
 
+@pytest.mark.parametrize(
+    "engine, words", [("serial", "^my own$"), ("processes", "MB of `run.memory_limit`")]
+)
+def test_a_limit_of_memory_is_named_only_where_it_holds(engine, words):
+    class Filling:
+        def act(self, seen):
+            raise MemoryError("my own")
+
+    ads = watched(load_controller(Filling), RunSettings(engine=engine))
+    with pytest.raises(MemoryError, match=words):
+        ads.act(None)
+
+
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no such alarm")
 def test_an_alarm_that_an_ads_leaves_behind_does_not_ring_in_the_harness():
     class Ringing:

@@ -522,6 +522,14 @@ def test_lanes_in_sumo_have_a_vertex_at_every_metre_of_curve():
     assert drawn_points(PIECES, 0.0, 600.0)[[0, 1, -1]].tolist() == [0.0, 80.0, 600.0]
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_law_no_corner_is_drawn_twice_where_pieces_meet(seed):
+    stream = np.random.default_rng(seed)
+    line = tuple(Piece(float(it), 0.001, 0.002) for it in stream.uniform(1.0, 99.0, 50))
+    corners = drawn_points(line, float(stream.uniform(0.0, 9.0)), 1000.0)
+    assert np.diff(corners).min() > 1e-6
+
+
 def test_a_bent_road_as_opendrive_has_its_pieces():
     root = etree.fromstring(
         opendrive_xml(Road("chain", 500.0, 2, 3.5, 100.0, line=PIECES)).encode()

@@ -46,9 +46,9 @@ class SceneDrive(NamedTuple):
     def cells(self) -> tuple[str, ...]:
         """The drive's row of the table under `HEAD`."""
         peak = self.apart.argmax()
-        reacted = "", ""
-        if self.reacted is not None:
-            reacted = f"{self.reacted[0]:.2f}", f"{self.reacted[1]}"
+        reacted = (
+            ("", "") if self.reacted is None else (f"{self.reacted[0]:.2f}", f"{self.reacted[1]}")
+        )
         return (
             self.ads, self.scenario, self.point, f"{self.apart[peak]:.2f}",
             f"{self.time[peak]:.1f}", f"{self.apart[-1]:.2f}", *reacted, self.end,
@@ -56,28 +56,30 @@ class SceneDrive(NamedTuple):
 
     def sentence(self) -> str:
         """The drive in words."""
-        reacts = "no actor reacts"
-        if self.reacted is not None:
-            reacts = f"{self.reacted[1]} react, from {self.reacted[0]:.1f} s on"
+        reacts = (
+            "no actor reacts"
+            if self.reacted is None
+            else f"{self.reacted[1]} react, from {self.reacted[0]:.1f} s on"
+        )
         peak = self.apart.argmax()
         return (
             f"{self.ads} in {self.scenario} ({self.point}): up to {self.apart[peak]:.1f} m, at "
-            f"{self.time[peak]:.1f} s; {self.apart[-1]:.1f} m at the end ({self.end}); {reacts}"
+            f"{self.time[peak]:.1f} s; {self.apart[-1]:.1f} m at the end ({self.end}); {reacts}."
         )
 
 
-def departures_in(run: Path) -> list[SceneDrive]:
-    """Every drive of an ADS in a recorded scene.
+def departures_in(run: Path) -> tuple[list[SceneDrive], int]:
+    """Drives of ADSs in recorded scenes, and the number of those left out, without trajectories.
 
     Raises InputError where there is none.
     """
-    scenarios = resolved_run(run).scenarios
-    drives = []
+    scenarios, drives, left_out = resolved_run(run).scenarios, [], 0
     with open_store(run / FACTS) as store:
         for fact in store.facts("ads"):
             recorded = scenarios[fact.scenario].concrete(**fact.values).ego.recorded
             drive = store.trajectories(fact.case).get(EGO) if recorded else None
-            if drive is None:  # not a recorded scene, or its trajectories were discarded
+            if drive is None:
+                left_out += bool(recorded)  # its trajectories were discarded, or it never began
                 continue
             # an actor that begins to react is handed over to SUMO
             reactions = ((it.first_time, it.count) for it in fact.clips if it.what == "handed_over")
@@ -90,20 +92,21 @@ def departures_in(run: Path) -> list[SceneDrive]:
             )  # fmt: skip
     if not drives:
         raise InputError(
-            f"{run} must hold a drive in a recorded scene ([ego] `recorded` of its file), got none."
+            f"{run} must hold trajectories in a recorded scene ([ego] `recorded` of its file), got "
+            "none."
         )
-    return drives
+    return drives, left_out
 
 
-def write_departures(run: Path, path: Path) -> list[SceneDrive]:
-    """Write the page of a run folder to a path, and return its drives."""
-    drives = departures_in(run)
-    marks = [
-        Marks(f"{it.ads}, {it.scenario}, {it.point}", it.time, it.apart, *look)
-        for it, look in zip(drives, cycle(LOOKS))
-    ]
+def write_departures(run: Path, path: Path) -> list[str]:
+    """Write the page of a run folder to a path, and return its drives in words."""
+    drives, left_out = departures_in(run)
+    note = f"Drives left out, without trajectories: {left_out}."
     panel = Panel(
-        marks,
+        [
+            Marks(f"{it.ads}, {it.scenario}, {it.point}", it.time, it.apart, *look)
+            for it, look in zip(drives, cycle(LOOKS))
+        ],
         "time, s",
         "distance from the recorded vehicle, m",
         verticals=[it.reacted[0] for it in drives if it.reacted is not None],
@@ -112,9 +115,10 @@ def write_departures(run: Path, path: Path) -> list[SceneDrive]:
     sentences = (
         "Distance of each ADS, at each time, from the vehicle that was recorded in its place.",
         "Dotted: from then on actors react. Before, and without reactions, they drive as recorded.",
+        note,
     )
     write_study(
         path, kicker=run.name, title=title, sentences=sentences,
-        figures={title: on_page([panel], 1, 520)}, rows=[HEAD, *(it.cells() for it in drives)],
+        figures={title: on_page([panel], 1, 520)}, rows=[HEAD, *map(SceneDrive.cells, drives)],
     )  # fmt: skip
-    return drives
+    return [*map(SceneDrive.sentence, drives), note]

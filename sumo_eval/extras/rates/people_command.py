@@ -165,8 +165,8 @@ def departure(run: Path, out: Path | None) -> None:
     from sumo_eval.extras.rates.departures import PAGE, write_departures
 
     path = run / PAGE if out is None else out
-    for drive in write_departures(run, path):
-        tell(f"{drive.sentence()}.")
+    for sentence in write_departures(run, path):
+        tell(sentence)
     tell(f"Page: {path}")
 
 

@@ -1,5 +1,4 @@
-"""The reference line of a road: pieces whose curvature is linear in their length, and the frame
-along them.
+"""The reference line of a road: pieces along which curvature changes linearly, and their frame.
 
 Everything on curved roads uses it.
 
@@ -31,8 +30,8 @@ from sumo_eval.trajectory import FloatArray
 _TURN = 0.2  # rad
 _LONGEST = 200.0  # m
 _FAR = 1e9  # m: length of the straight before the line, as a stretch of its own
-# What a file may ask of a piece: more would take minutes and all memory.
-_MOST = 1e5  # m
+# Limits of a piece: beyond them a line would take minutes and all memory.
+_MOST_LENGTH = 1e5  # m
 _MOST_TURN = 2000.0 * math.pi  # rad
 
 # Newton's method for the foot of a perpendicular
@@ -85,8 +84,8 @@ class Piece:
     end: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.length <= _MOST:
-            must = f"greater than 0 m and at most {_MOST:g} m"
+        if not 0.0 < self.length <= _MOST_LENGTH:
+            must = f"greater than 0 m and at most {_MOST_LENGTH:g} m"
             raise must_be("`length`", "a piece of a road", must, self.length)
         for name in ("begin", "end"):
             curvature = getattr(self, name)
@@ -127,7 +126,7 @@ def length_of(pieces: Sequence[Piece]) -> float:
 
 def bends(pieces: Sequence[Piece]) -> bool:
     """Whether a line is not straight."""
-    return any(piece.begin != 0.0 or piece.end != 0.0 for piece in pieces)
+    return any(piece.begin or piece.end for piece in pieces)
 
 
 @functools.lru_cache(maxsize=256)
@@ -189,7 +188,7 @@ def stretch_at(knot: Any, u: float) -> Position:
     chord = u if abs(half_turn) < 1e-9 else u * math.sin(half_turn) / half_turn
     x = knot.x + chord * math.cos(knot.heading + half_turn)
     y = knot.y + chord * math.sin(knot.heading + half_turn)
-    return Position(x, y, knot.heading + 2.0 * half_turn, float(knot.curvature))
+    return Position(x, y, knot.heading + 2.0 * half_turn, knot.curvature)
 
 
 @kernel
@@ -240,7 +239,7 @@ def to_frame(line: Any, x: float, y: float, heading: float, near: float) -> Posi
         ahead, d = dx * cos + dy * sin, dy * cos - dx * sin
         step = ahead / max(1.0 - curvature * d, _LEAST)
         s += step
-        course += step * curvature
+        course += step * curvature  # at the new s, to first order
         if abs(step) < _CLOSE:
             break
     return Position(s, d, within_a_turn(heading - course), curvature)
@@ -338,7 +337,7 @@ def drawn_points(pieces: Line, begin: float, end: float, longest: float = 1.0) -
     longest: m between two corners, at most, where the line is curved. Also where two pieces meet
         there is a corner.
     """
-    corners = [begin]
+    corners = [begin, end]
     s = 0.0
     for piece in pieces:
         low, high = max(s, begin), min(s + piece.length, end)
@@ -347,8 +346,8 @@ def drawn_points(pieces: Line, begin: float, end: float, longest: float = 1.0) -
             continue
         # - 1e-9: rounding must not add a corner
         count = max(math.ceil((high - low) / longest - 1e-9), 1) if bends([piece]) else 1
-        corners += [low, *(low + (high - low) * k / count for k in range(1, count + 1))]
-    return np.unique([*corners, end])
+        corners += [low, *(low + (high - low) * k / count for k in range(1, count)), high]
+    return np.unique(corners)
 
 
 @functools.lru_cache(maxsize=64)
@@ -357,8 +356,9 @@ def comes_back(pieces: Line, length: float, width: float) -> bool:
 
     length, width: of the road, m.
     """
+    # points every 10 m: where two parts of the road touch, a point of each is within `near`
     near, s = width + 10.0, np.arange(0.0, length, 10.0)
     x, y, _ = map_places(pieces, s, 0.0)
     apart = np.abs(np.subtract.outer(x + 1j * y, x + 1j * y))
-    # two points near to each other on the map, but far apart along the road
+    # but not along the road: there, neighbours are near on any curve
     return bool((apart < near)[np.subtract.outer(s, s) > 4.0 * near].any())
