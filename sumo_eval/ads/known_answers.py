@@ -1,8 +1,8 @@
 """ADSs whose result is known in closed form: one that does nothing, and the ideal vehicle of Eq.
 17. `record/` drives both in every concrete scenario, for U0 and Ug.
 
-The kernels take what `cosim.compiled.each_row` hands to a rule. Of a `MOVER`, x and `along` are the
-place and the speed along the road.
+The kernels take what `cosim.compiled.each_row` hands to a rule. In a `MOVER`, x is the position and
+`along` the speed, both along the road.
 """
 
 from __future__ import annotations
@@ -52,19 +52,19 @@ class NoReaction(Compiled):
 no_reaction = NoReaction()
 """ADS `no_reaction`, ready-made: it holds nothing of a case."""
 
-# m; a vehicle that turns into the lane reaches up to this much further along the road once it is
-# straight than while it turns
+# m; allowance for a vehicle that is turning into the lane: once it is straight, its body reaches
+# further along the road
 _TURNED = 0.2
 _KNOWN = fields(*Foresight._fields)
 """Fields of a record of a `Foresight`: what is known of one actor."""
 
 
 @kernel
-def is_too_close_to_see(
+def is_too_close_to_hider(
     me: Any, others: Any, watched: Any, p: Any, scenario: Any, time: float
 ) -> bool:
-    """Whether a vehicle that the ego would touch is still hidden, and the gap to the lead vehicle
-    is not safe.
+    """Whether a vehicle that the ego would touch is still hidden, and the gap to the lead vehicle,
+    which may hide it, is not safe.
     """
     lead = lead_in_path(me, others)
     if lead < 0:
@@ -86,7 +86,7 @@ def full_braking(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time
 
     watched: a `Foresight` of each actor, its flags as 0 or 1.
     """
-    level = p.deceleration if is_too_close_to_see(me, others, watched, p, scenario, time) else 0.0
+    level = p.deceleration if is_too_close_to_hider(me, others, watched, p, scenario, time) else 0.0
     first_noticed = math.inf  # of the vehicles that the ego would touch
     for j in range(len(others)):
         if watched[j].meets > 0.0:
@@ -158,7 +158,7 @@ class IdealBraking(Compiled):
 
     loop = staticmethod(each_row(ideal_braking))
     memory, watched = [("path", PATH), *fields("curvature")], _KNOWN
-    """path: to the lane on the left, if it steers. curvature: that is steered now, 1/m."""
+    """path: to the lane on the left, if it steers. curvature: of its present steering, 1/m."""
     numbers = fields("deceleration")
 
     def __init__(self, deceleration: float = 9.0) -> None:

@@ -27,7 +27,7 @@ def write_confidence(confidence: Confidence, folder: Path) -> Path:
 
 
 def confidence_json(confidence: Confidence) -> dict[str, Any]:
-    """Everything that the section shows but its pictures, in plain values."""
+    """All that the section shows, except its pictures, in plain values."""
     return {
         "scores": [
             _assessment_json(item, confidence.coverage[item.scenario])
@@ -58,7 +58,7 @@ def _further(item: Assessment, confidence: Confidence) -> dict[str, Any]:
         return plain | {"points": []}
     # the parameters, in the order of the columns of `further.points`
     names = list(confidence.coverage[item.scenario].empty_centre)
-    # of the interval of S that the choice of cases alone causes, points
+    # points, of the interval of S if only the choice of cases were uncertain
     half_width = item.sources["s"]["cases"]
     return plain | {
         "count": len(further.points),
@@ -93,7 +93,7 @@ def _picture(pair: PairCoverage) -> dict[str, Any]:
     """Cells of one pair's heat map, y upwards: darker is more cases, white none, hatched
     impossible.
 
-    `row` of a cell: its line in the saved table: number of x's bucket and of y's, from 1, points.
+    `row` of a cell, in the saved table: bucket of x and of y, counted from 1; number of points.
     """
     height, width = pair.counts.shape
     most = max(float(pair.counts.max()), 1.0)

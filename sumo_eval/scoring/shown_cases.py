@@ -19,7 +19,7 @@ _NAMED, _LOST, HIT = 5.0, 4.0, 2.0
 
 
 def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str, IntArray]:
-    """Cases on the page: of each scenario their indices among the cases of any of its ADSs.
+    """Cases on the page: by scenario, indices into the cases of each of its ADSs.
 
     named: cases of failed limits, which come first, with the worst case and the least human-like
         one.
@@ -39,7 +39,7 @@ def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str
     order = [ads.ads for ads in ranked(evaluation)]
     extremes = worst_case(evaluation, order), least_human(evaluation, order[0])
     named = {*named, *(case.case for case in extremes if case)}
-    quota = max(MOST_SHOWN // max(len(evaluation.scores), 1), 2)
+    quota = max(MOST_SHOWN // len(evaluation.scores), 2)
     shown = {}
     for name, tables in cases.items():
         weights = np.zeros(most[name])
@@ -48,7 +48,7 @@ def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str
         number = min(quota, len(weights))
         first, rest = np.split(np.argsort(-weights, kind="stable"), [number // 2])
         further = number - number // 2
-        evenly = np.sort(rest)[np.arange(further) * len(rest) // max(further, 1)]
+        evenly = np.sort(rest)[np.arange(further) * len(rest) // further]
         shown[name] = np.sort(np.concatenate([first, evenly]))
     return shown
 

@@ -25,7 +25,7 @@ WIDTHS: Final[dict[str, float]] = {"column": 88.0 * MM, "page": 180.0 * MM}
 ENDINGS: Final = {"svg": {"Date": None}, "png": {}, "pdf": {"CreationDate": None}}
 """Ending of a figure's file -> its metadata: without a date, the same figure is the same bytes."""
 
-# of ADSs in order, as many as `COLOURS`, for `look_of`
+# one for each of `COLOURS`; `look_of` combines them
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "*")
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
 
@@ -100,7 +100,7 @@ def new_figure(width: str, height: float, rows: int, columns: int = 1) -> tuple[
 
     across = width_of(width)
     figure = Drawing(figsize=(across, across * height), layout="constrained")
-    FigureCanvasAgg(figure)
+    FigureCanvasAgg(figure)  # attaches itself: the figure draws without a window
     return figure, list(figure.subplots(rows, columns, squeeze=False).flat)
 
 

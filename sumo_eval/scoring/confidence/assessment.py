@@ -125,7 +125,7 @@ def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
     """
     moved, whole = np.zeros(len(terms.exposure)), worth(method.score)
     hit = np.isfinite(terms.ratio) & np.isfinite(terms.weight)
-    # a case that voids D leaves no D that a case could move
+    # a case that voids D: there is no D, so no case moves it
     counted = np.isfinite(terms.index) & ~terms.voids.any()
     for rows, points, weights, values in (
         (hit, whole.c, terms.weight, terms.ratio),
@@ -154,15 +154,19 @@ def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] 
     loss: L of Eq. 14, (n,), 0 without a collision.
     name: parts of the random stream's name.
 
-    Where none or all of the cases with exposure collided, all replicates are alike. Then one end of
-    the interval is the value, and the other the exact binomial limit for n effective cases, at a
-    distance of 1 - ((1 - level) / 2)^(1 / n).
+    Where none or all of the cases with exposure collided, no replicate has the other outcome. Then
+    u = 1 - ((1 - level) / 2)^(1 / n), the exact binomial limit for n effective cases, is the upper
+    end, or the lower end is multiplied by 1 - u.
     """
     n = len(exposure)
     if n < 2 or not exposure.sum() > 0.0:
-        got = f"{n} with exposure {exposure.sum():g}"
-        raise must_be("The cases", "a risk", "at least 2, with exposure above 0", got)
-    hit = (loss > 0.0).astype(np.float64)
+        raise must_be(
+            "The cases",
+            "a risk",
+            "at least 2, with exposure above 0",
+            f"{n} with exposure {exposure.sum():g}",
+        )
+    hit = (loss > 0.0).astype(float)
     terms = np.column_stack([exposure, exposure * hit, exposure * loss])
     sums = np.zeros((REPLICATES, 3))
     for part in resamples(one_list(n), REPLICATES, seed, ("risk", *name)):
@@ -171,15 +175,15 @@ def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] 
     drawn = over > 0.0  # replicates with exposure
     effective = float(exposure.sum() ** 2 / np.sum(exposure**2))
     tail = (1.0 - LEVEL) / 2.0
-    # largest probability of what none of the effective cases shows
+    # upper limit of the probability of an outcome that none of the effective cases had
     unseen = 1.0 - tail ** (1.0 / effective)
-    weighing = hit[exposure > 0.0]  # outcomes of the cases that have exposure
+    exposed_hit = hit[exposure > 0.0]
 
     def interval(values: FloatArray, drawn_sums: FloatArray) -> Interval:
         low, high = np.quantile(drawn_sums[drawn] / over[drawn], [tail, 1.0 - tail])
-        if not weighing.any():
+        if not exposed_hit.any():
             high = unseen  # a loss is at most 1
-        elif weighing.all():
+        elif exposed_hit.all():
             low = float(low) * (1.0 - unseen)
         return Interval(float(exposure @ values / exposure.sum()), float(low), float(high))
 
