@@ -17,11 +17,11 @@ from sumo_eval.frozen import frozen
 from sumo_eval.kernels import kernel
 
 GRAVITY = 9.81  # m/s2
-KINEMATIC_UP_TO = 0.4 * GRAVITY  # m/s2 across, up to which tyres may be taken not to slip
+KINEMATIC_UP_TO = 0.4 * GRAVITY  # lateral, m/s2, up to which tyres are assumed not to slip
 # m/s, below which the dynamic model moves as the kinematic one: its slip angles divide by the speed
 _SLOWEST_SLIP = 2.0
 _PARTS = 10  # of a step, in each of which the dynamic model is integrated once
-_GRANTED = 1e-9  # m/s2, a request met as closely as this is granted
+_GRANTED = 1e-9  # m/s2, a request missed by no more than this is granted
 _SAME = 1e-12  # m/s2, accelerations closer than this are one
 
 
@@ -29,11 +29,11 @@ _SAME = 1e-12  # m/s2, accelerations closer than this are one
 class Command:
     """Wish of an ADS for the next step: an acceleration, or instead a speed.
 
-    acceleration: along the vehicle, m/s2, negative brakes; nan beside a speed.
+    acceleration: along the vehicle, m/s2, negative brakes; nan if a speed is given.
     steering: steering wheel angle, rad, positive to the left.
     speed: m/s, wanted from now on; `TrackerSettings.speed_time` says how soon.
 
-    Either an acceleration or a speed must be given; `...`: no acceleration.
+    Either an acceleration or a speed must be given; `...` is a missing acceleration.
     """
 
     acceleration: float
@@ -100,7 +100,7 @@ _ACCELERATION_RATE, _BEYOND_KINEMATIC = 6, 7
 def count_clip(clips: Any, what: int, time: float, requested: float, applied: float) -> None:
     """Count a clip at `time` (s) and keep its worst instance.
 
-    clips: of one case, by number.
+    clips: of one case, by number. what: the number.
     """
     clip = clips[what]
     if clip.count == 0:
@@ -122,9 +122,9 @@ def move(
     limits: `VehicleSettings` or a record of them.
     clips: where limits that the command runs into are counted, by number.
 
-    The tyres hold a total acceleration of friction * g at the end of every step: steering comes
-    first, braking and drive get the rest of the friction circle, and what brakes and drive cannot
-    release within the step is taken from the steering.
+    At the end of every step the total acceleration is at most friction * g. Steering has priority:
+    braking and drive get the rest of the friction circle. Only acceleration that cannot be released
+    within the step takes from the steering.
     """
     if steering == 0.0 and ego.steering == 0.0:  # straight, as nearly always
         end = curvature = lateral = 0.0
@@ -157,7 +157,7 @@ def slip_rates(
     grip: float,
 ) -> tuple[float, float, float]:
     """Rates of side slip, rad/s, and yaw rate, rad/s2, of the dynamic single-track model; and the
-    largest share that linear tyres would use of an axle's limit.
+    largest F / (grip Fz) of an axle if its tyres were linear, 0 without a limit.
 
     Force of an axle across, N: F = mu C Fz alpha, of friction mu, cornering stiffness C, slip angle
     alpha, and load Fz, N, with the load transfer of the acceleration.
@@ -187,12 +187,9 @@ def slip_rates(
     if not math.isinf(grip):
         along = acceleration / GRAVITY
         left = math.sqrt(max(grip * grip - along * along, 0.0))  # coefficient left for F
-        limit_front, limit_rear = left * load_front, left * load_rear
-        used = 1.0
-        if left != 0.0:
-            used = max(abs(force_front) / limit_front, abs(force_rear) / limit_rear)
-        force_front = side_force(force_front, limit_front)
-        force_rear = side_force(force_rear, limit_rear)
+        used = max(abs(force_front) / (grip * load_front), abs(force_rear) / (grip * load_rear))
+        force_front = side_force(force_front, left * load_front)
+        force_rear = side_force(force_rear, left * load_rear)
     yaw_acceleration = (front * force_front - rear * force_rear) / limits.yaw_inertia
     return (force_front + force_rear) / (limits.mass * speed) - yaw_rate, yaw_acceleration, used
 
@@ -223,9 +220,9 @@ def move_dynamic(
 ) -> None:
     """Move an ego by the dynamic model, with its side slip, rad, and yaw rate, rad/s.
 
-    Arguments as in `move`. Steering, drive and brakes have the kinematic model's limits except the
-    tyres', which here slip by themselves. Side slip, yaw and place are integrated by Heun's
-    method in ten parts of the step; speed and distance along the path are the exact ones of
+    Arguments as in `move`. Steering, drive and brakes have the kinematic model's limits, except
+    that the tyres do not limit the steering: they slip. Side slip, yaw and position are integrated
+    by Heun's method in ten parts of the step; speed and distance along the path are those of
     `drive`.
     """
     # begin, end: steering wheel angles, rad; `wheel` and `wheel2` are those of the road wheels
@@ -244,12 +241,12 @@ def move_dynamic(
         behind = (1.0 - limits.front_share) * limits.wheelbase
         ego.slip, ego.yaw_rate = math.atan(behind * bend), end_speed * bend
         return
-    # m from the body's centre, in the middle between the axles, ahead to the centre of gravity
+    # m, distance of the centre of gravity ahead of (x, y), which is midway between the axles
     ahead = (0.5 - limits.front_share) * limits.wheelbase
     heading = at.heading
     x, y = at.x + ahead * math.cos(heading), at.y + ahead * math.sin(heading)
     part, path = step / _PARTS, distance / _PARTS  # s and m of a part
-    most = 0.0
+    most = 0.0  # largest share of the friction that linear tyres would use
     for k in range(_PARTS):
         # Heun's method: rates at the start of the part, then (names with a 2) at its predicted end
         share, next_share = k / _PARTS, (k + 1) / _PARTS
@@ -269,10 +266,12 @@ def move_dynamic(
         yaw_rate += 0.5 * part * (turning + turning2)
         heading += 0.5 * part * (before + yaw_rate)
         course = 0.5 * (course + heading + slip)  # the part's mean
-        x, y = x + path * math.cos(course), y + path * math.sin(course)
-    if most > 1.0:
-        held = limits.friction * GRAVITY
-        count_clip(clips, _LATERAL_FRICTION, ego.time, most * held, held)
+        x += path * math.cos(course)
+        y += path * math.sin(course)
+    most *= limits.friction * GRAVITY
+    held = _grip_left(limits, acceleration)
+    if most > held:
+        count_clip(clips, _LATERAL_FRICTION, ego.time, most, held)
     at.x, at.y, at.heading = x - ahead * math.cos(heading), y - ahead * math.sin(heading), heading
     ego.slip, ego.yaw_rate = slip, yaw_rate
 
@@ -284,12 +283,12 @@ def _steer(
     """Steering wheel angle at the end of the step, mean curvature and highest lateral acceleration
     within the step.
     """
-    # m/s2 along the vehicle, of which brakes and drive cannot get rid within the step
+    # m/s2 along the vehicle that remain at the end of the step even if released from its start
     carried = max(abs(ego.acceleration) - limits.brake_jerk * step, 0.0)
     fastest = ego.speed + step * max(ego.acceleration, min(wanted, limits.max_acceleration), 0.0)
-    grip = grip_steering_wheel_angle(fastest, limits, carried)
-    end = _limit_steering(ego, steering, grip, limits, step, clips)
-    curvature = _curvature(min(max(0.5 * (ego.steering + end), -grip), grip), limits)
+    largest = grip_steering_wheel_angle(fastest, limits, carried)
+    end = _limit_steering(ego, steering, largest, limits, step, clips)
+    curvature = _curvature(min(max(0.5 * (ego.steering + end), -largest), largest), limits)
     return end, curvature, fastest * fastest * max(abs(curvature), abs(_curvature(end, limits)))
 
 
@@ -301,12 +300,12 @@ def _curvature(steering_wheel_angle: float, limits: Any) -> float:
 
 @kernel
 def _limit_steering(
-    ego: Any, requested: float, grip: float, limits: Any, step: float, clips: Any
+    ego: Any, requested: float, largest: float, limits: Any, step: float, clips: Any
 ) -> float:
     """Steering wheel angle at the end of the step: within its end stops, its rate, and the grip of
     the tyres.
 
-    grip: largest angle that the tyres hold, rad.
+    largest: angle that the tyres hold, rad.
     """
     stop = math.radians(limits.max_steering_wheel_angle_deg)
     angle = min(max(requested, -stop), stop)
@@ -316,7 +315,7 @@ def _limit_steering(
     reachable = min(max(angle, ego.steering - reach), ego.steering + reach)
     if reachable != angle:
         count_clip(clips, _STEERING_RATE, ego.time, angle, reachable)
-    held = min(max(reachable, -grip), grip)
+    held = min(max(reachable, -largest), largest)
     if held != reachable:
         count_clip(clips, _LATERAL_FRICTION, ego.time, reachable, held)
     return float(held)
@@ -372,7 +371,7 @@ def drive(
         duration = left if jerk == 0.0 else (goal - a) / jerk
         duration = min(duration, left)
         reached = a + jerk * duration
-        # a loose bound: it can stop only if twice the part's strongest braking would stop it
+        # cheap test before the exact one: stops only if twice the part's strongest braking would
         if v + 2.0 * min(a, reached) * duration <= 0.0:
             stop = _time_to_stop(v, a, jerk, duration)
             if stop >= 0.0:
@@ -380,9 +379,8 @@ def drive(
                 if target < _SAME:
                     return 0.0, 0.0, distance
                 # at a standstill, brakes that are still being released hold nothing: drive begins
-                a = 0.0
-                v = 0.0
-                left = left - stop
+                a = v = 0.0
+                left -= stop
                 continue
         square = duration * duration
         distance += v * duration + 0.5 * a * square + jerk * (square * duration) / 6.0
@@ -432,7 +430,8 @@ def _along_arc(at: Any, distance: float, curvature: float, wheelbase: float) -> 
     """
     c, s = math.cos(at.heading), math.sin(at.heading)
     if curvature == 0.0:
-        at.x, at.y = at.x + distance * c, at.y + distance * s
+        at.x += distance * c
+        at.y += distance * s
         return
     half = 0.5 * wheelbase
     turn = distance * curvature

@@ -317,13 +317,13 @@ def test_slip_and_yaw_rates_of_linear_tyres_are_the_published_ones():
 DYNAMIC = VehicleSettings(model="dynamic")
 
 
-def drive_dynamic(speed, wheel, duration, step=0.05, wanted=0.0):
+def drive_dynamic(speed, wheel, duration, step=0.05, wanted=0.0, limits=DYNAMIC, **start):
     clips = [SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0) for _ in LIMITED]
     names = ("x", "y", "heading", "speed", "acceleration", "steering", "slip", "yaw_rate")
-    ego = SimpleNamespace(**dict.fromkeys(names, 0.0) | {"speed": speed, "time": 0.0})
+    ego = SimpleNamespace(**dict.fromkeys(names, 0.0) | {"speed": speed, "time": 0.0} | start)
     for _ in range(round(duration / step)):
-        move_dynamic(ego, ego, wanted, wheel, DYNAMIC, step, clips)
-    met = {name for name, clip in zip(LIMITED, clips, strict=True) if clip.count}
+        move_dynamic(ego, ego, wanted, wheel, limits, step, clips)
+    met = {name: clip for name, clip in zip(LIMITED, clips, strict=True) if clip.count}
     return [getattr(ego, name) for name in names], met
 
 
@@ -333,6 +333,20 @@ def test_a_gentle_curve_has_the_yaw_rate_of_the_linear_model():
     (*_, yaw_rate), clips = drive_dynamic(20.0, 16.0 * math.radians(0.3), 6.0)
     assert yaw_rate == pytest.approx(20.0 * math.radians(0.3) / 2.7, rel=0.01)
     assert not clips
+
+
+@pytest.mark.parametrize("friction, left", [(0.8, 0.0), (1.0, math.sqrt(GRAVITY**2 - 9.0**2))])
+def test_law_a_clip_names_the_grip_that_full_braking_leaves(friction, left):
+    limits = VehicleSettings(model="dynamic", friction=friction)
+    braking = -min(9.0, friction * GRAVITY)
+    _, clips = drive_dynamic(
+        30.0, 0.5, 0.05, wanted=braking, limits=limits, acceleration=braking, steering=0.5
+    )
+    clip = clips["lateral_friction"]
+    # m/s2: linear tyres at the angle of the front wheels
+    linear = friction * limits.cornering_stiffness * GRAVITY * 0.5 / limits.steering_ratio
+    assert clip.requested == pytest.approx(linear, rel=0.01)
+    assert clip.applied == pytest.approx(left)
 
 
 def test_tyres_of_the_dynamic_model_slip_at_the_friction_circle():
