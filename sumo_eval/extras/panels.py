@@ -4,6 +4,7 @@ matplotlib in a figure for print.
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
@@ -30,7 +31,9 @@ COLOURS: Final = (
     "#000000",
     "#8a8f00",
 )
-"""Colours of ADSs, in order: Okabe and Ito (2008), distinct for every colour vision."""
+"""Colours of ADSs, in order, distinct for every colour vision: of Okabe and Ito (2008), the
+yellow darker.
+"""
 
 LOOKS: Final = [(colour, line) for line in ("-", "--", "-.", ":") for colour in COLOURS]
 """Colours and lines of ADSs on pages, in order: a ninth ADS has the first colour and dashes."""
@@ -38,7 +41,7 @@ LOOKS: Final = [(colour, line) for line in ("-", "--", "-.", ":") for colour in 
 _ON_PAGES: Final = {
     "": None, "o": "circle", "X": "x", "-": "solid", "--": "dash", "-.": "dashdot", ":": "dot",
 }  # fmt: skip
-"""matplotlib's style of a line or marker -> plotly's name; None: plotly's default, not drawn."""
+"""matplotlib's style of a line or marker -> plotly's name; None where `mode` leaves it out."""
 
 
 @frozen(eq=False)
@@ -103,9 +106,9 @@ def on_page(panels: Sequence[Panel], columns: int, height: int) -> go.Figure:
         at = {"row": number // columns + 1, "col": number % columns + 1}
         if panel.chance is not None:
             x, y, z = panel.chance
-            line = {"start": 0.5, "end": 0.5, "size": 1, "coloring": "heatmap"}
+            levels = {"start": 0.5, "end": 0.5, "size": 1, "coloring": "heatmap"}
             figure.add_contour(
-                x=x, y=y, z=z, contours=line, colorscale=[[0.0, SAFE], [1.0, HAZARDOUS]],
+                x=x, y=y, z=z, contours=levels, colorscale=[[0.0, SAFE], [1.0, HAZARDOUS]],
                 zmin=0.0, zmax=1.0, showscale=False, line={"color": INK, "width": 2},
                 hoverinfo="skip", **at,
             )  # fmt: skip
@@ -147,7 +150,8 @@ def draw(ax: Axes, panel: Panel, named: set[str]) -> None:
         ax.contourf(*panel.chance, levels=[-np.inf, 0.5, np.inf], colors=[SAFE, HAZARDOUS])
         edge_of(ax, panel.chance, 0.5, INK, "-")
     for it in panel.marks:
-        label = "" if it.name in named else it.name
+        # matplotlib leaves a label that begins with `_` out of the legend
+        label = "" if it.name in named else re.sub("^_", " _", it.name)
         named.add(it.name)
         # Unclipped, a marker at the axes' edge is drawn whole. But unclipped marks without points,
         # as for the legend, would make the layout fail.

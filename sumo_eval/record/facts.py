@@ -82,7 +82,7 @@ def resolve(
 ) -> Resolved:
     """An evaluation with its scenarios, of which `run.only` keeps those that it names.
 
-    ads, changes: as of `settings_of`.
+    ads, changes: as in `settings_of`.
 
     Raises InputError if `report.axes` names a scenario that the evaluation does not have.
     """
@@ -126,7 +126,7 @@ def settings_of(
 def _read(
     evaluation: Evaluable, folder: Path, resume: bool, own_ads: bool
 ) -> tuple[EvaluationSettings, Path]:
-    """Settings of an evaluation as they stand there, and the folder where their paths start.
+    """Settings of an evaluation as written, and the folder where their paths start.
 
     own_ads: whether its ADSs are used.
     """
@@ -221,7 +221,7 @@ def planned(
 ) -> tuple[Planner, list[Space]]:
     """The cases of an evaluation, and the points of every scenario with their zones.
 
-    looked_at: as of `space_of`.
+    looked_at: as in `space_of`.
 
     Raises InputError for a mistake, before anything is compiled or driven.
     """
@@ -359,7 +359,7 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
             raise InputError(f"{folder} is shard {i}/{n}, among shards of {count}.")
     run = Resolved.of(settings, Path(manifest["source_folder"]))
     with run_folder.only_writer(out, resume=False), _filled_folder(out, run, _spaces(run)) as store:
-        # a run whose shards this user all recorded or trusts is trusted, too
+        # this also trusts each shard's code; the merged run is trusted only if every shard is
         if run_folder.give_what_is_own(*shards):
             remember(out, settings, run.source)
         for shard in sorted(folders):
@@ -392,9 +392,12 @@ def _shard_of(
 def parse_shard(text: str) -> tuple[int, int]:
     """`2/8`: the second of eight."""
     first, _, last = text.partition("/")
-    if first.isdecimal() and last.isdecimal() and 1 <= int(first) <= int(last):
+    # `float`, because `int` raises ValueError for thousands of digits
+    if first.isdecimal() and last.isdecimal() and 1 <= float(first) <= float(last) < 1e9:
         return int(first), int(last)
-    raise InputError(f"A shard must have the form i/n with 1 <= i <= n, e.g. 2/8, got {text!r}.")
+    raise InputError(
+        f"A shard must have the form i/n with 1 <= i <= n, e.g. 2/8, got {text[:20]!r}."
+    )
 
 
 def verify(
@@ -462,8 +465,8 @@ def space_of(run: Resolved, number: int, looked_at: int | None = None) -> Space:
     """The points of one scenario of an evaluation, with their zones; a shard does every n-th.
 
     number: of the scenario in the evaluation.
-    looked_at: number of points, at most, that are checked and classified as safe or hazardous; each
-        stands for the points up to the next one. None: all points.
+    looked_at: most points to check and classify as safe or hazardous, evenly spread; each stands
+        for those up to the next one. None: all points.
 
     Raises InputError for a scenario that is impossible to run at any of its points.
     """
@@ -476,8 +479,8 @@ def space_of(run: Resolved, number: int, looked_at: int | None = None) -> Space:
     check_points(logical, points.points[::every])
     hazardous = exactly_hazardous(logical, points.points[::every], settings.method.zones)
     index, count = run.shard
-    # Each scenario deals its points from another shard on: scenarios with few points would
-    # otherwise all fill the first shards.
+    # Each scenario gives its first point to another shard. Otherwise all scenarios with few points
+    # would fill the first shards.
     share = range((index - 1 - number) % count, total, count)
     return Space(
         logical,

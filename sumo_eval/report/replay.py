@@ -33,8 +33,8 @@ def write_replay(
 ) -> Path:
     """Write the animation of a recorded case to `path` and return it.
 
-    beside: name of another ADS, or of a driver (`driver_03`), to show next to it in the same
-        concrete scenario.
+    beside: name of another ADS, of a driver (`driver_03`), or of the ideal vehicle, to show next to
+        it in the same concrete scenario.
     """
     with open_store(run / FACTS) as store:
         trajectories: list[Trajectory] = []
@@ -48,7 +48,7 @@ def write_replay(
     if concrete.ego.recorded:
         at = np.array(concrete.ego.recorded)  # (n, 2): x and y, m
         times = np.arange(len(at)) * RECORDED_EVERY
-        trajectories.append(Trajectory(times, at[:, 0], at[:, 1]))
+        trajectories.append(Trajectory(times, *at.T))
     ghosts = list(range(first_ghost, len(trajectories)))
     data = {
         "channels": CHANNEL_STEPS,
@@ -87,14 +87,13 @@ def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> dict[str,
     vehicles = store.trajectories(fact.case)
     places = {name: len(trajectories) + index for index, name in enumerate(vehicles)}
     trajectories += vehicles.values()
-    hit = contact_of(fact, vehicles[EGO])
-    return {"name": fact.driver, "vehicles": places, "contact": hit}
+    return {"name": fact.driver, "vehicles": places, "contact": contact_of(fact, vehicles[EGO])}
 
 
 def _companion(fact: Fact, store: Store, name: str) -> Fact:
     """The drive of an ADS or of a driver at the point of a drive.
 
-    Raises InputError where it has no recorded drive there.
+    Raises InputError if none is there, or for one that cannot be played.
     """
     at_point = [
         other
@@ -103,8 +102,8 @@ def _companion(fact: Fact, store: Store, name: str) -> Fact:
         if other.case != fact.case
     ]
     for other in at_point:
-        if other.driver == name and store.trajectories(other.case):
-            return other
+        if other.driver == name:
+            return recorded(store.path.parent, other.case)
     raise unknown(
         "ADS or driver of this concrete scenario", name, [other.driver for other in at_point]
     )

@@ -86,7 +86,7 @@ def write_study(
     parts: list[Piece] = [Chart(*item, least_width) for item in figures.items()]
     if rows:
         head, *cells = rows
-        about = f"{len(cells)} rows"
+        about = f"{len(cells)} row{'' if len(cells) == 1 else 's'}"
         if len(cells) > MOST_ROWS:
             about += f", the first {MOST_ROWS} here; the files beside this page have all"
         parts.append(Fold("Table", about, (Table(head, cells[:MOST_ROWS]),)))

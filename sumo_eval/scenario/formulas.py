@@ -1,7 +1,7 @@
 """Formulas of a scenario file: read, checked against the names that are known, evaluated at points.
 
-Reading the tables of a scenario file makes them. They are plain data throughout: two readings of
-one file are equal, and all of it can be sent to another process.
+The tables of a scenario file make them. They are plain data: two readings of one file are equal,
+and both can be sent to another process.
 """
 
 from __future__ import annotations
@@ -114,13 +114,14 @@ class ExposureDensity:
                 )
         if self.expression is not None:
             factor = self.expression.value(self.definitions.extend(values))
-            # undefined: not finite, or below 0; wrong: this where all constraints hold
+            # undefined: not finite, or below 0; wrong: undefined where all constraints hold
             wrong = undefined = ~(np.isfinite(factor) & (factor >= 0.0))
             for constraint in self.constraints:
                 wrong = wrong & constraint.holds(values)
             if wrong.any():
+                found = np.broadcast_to(factor, wrong.shape)[wrong].item(0)
                 raise must_be(
-                    f"`{self.expression.text}`", "the exposure", "finite and at least 0", factor
+                    f"`{self.expression.text}`", "the exposure", "finite and at least 0", found
                 )
             density = density * np.where(undefined, 0.0, factor)
         return density
@@ -150,8 +151,8 @@ class LimitedFormula:
         wanted = "a number" if endless else "finite"
         wanted += f" and at least {least:g}" if least > -inf else ""
         wanted += f" and above {above:g}" if above > -inf else ""
-        what, got = f"{self.what} = `{self.expression.text}`", f"{value:g} at {point_words(values)}"
-        raise must_be(what, self.owner, wanted, got)
+        what = f"{self.what} = `{self.expression.text}`"
+        raise must_be(what, self.owner, wanted, f"{value:g} at {point_words(values)}")
 
 
 @frozen
@@ -225,9 +226,9 @@ class Names:
         listed = list(names)
         for name in listed:
             if listed.count(name) > 1:
-                where = owner or self.where
                 raise InputError(
-                    f"Every {kind} of {where} must have a name of its own, got `{name}` twice."
+                    f"Every {kind} of {owner or self.where} must have a name of its own, "
+                    f"got `{name}` twice."
                 )
         return listed
 

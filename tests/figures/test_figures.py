@@ -6,6 +6,7 @@ import re
 import tomllib
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
+from types import SimpleNamespace
 
 import commands
 import numpy as np
@@ -19,7 +20,9 @@ from tables import rows_of
 import sumo_eval
 from sumo_eval.evaluation import zone_partitions
 from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw
-from sumo_eval.extras.figures.style import MM, WIDTHS, look_of, save
+from sumo_eval.extras.figures.of_runs import intervals
+from sumo_eval.extras.figures.style import MM, WIDTHS, look_of, on_paper, save
+from sumo_eval.extras.panels import INK, Marks, Panel
 from sumo_eval.nightly.history import open_history
 from sumo_eval.nightly.night import import_runs
 from sumo_eval.report.html import write_report
@@ -130,6 +133,16 @@ def test_an_ads_without_an_outcome_has_no_boundary(done):
     cases = [replace(it, status="sim_error") if it.ads == first else it for it in done.cases]
     figure = draw(replace(done, cases=tuple(cases)), "boundary")
     assert f"{first}: 0 of 0 collide" in figure.legends[0].get_texts()[0].get_text()
+
+
+def test_names_of_any_signs_are_drawn_and_in_the_legend(done, tmp_path):
+    scores = [replace(score, ads="a$b_$c") for score in done.scores]
+    asked = SimpleNamespace(names=["a$b_$c"], scores=scores, width="page")
+    assert "a$b_$c" in save(intervals(asked), tmp_path / "intervals.svg").read_text()
+    marks = [Marks(name, [0.0, 1.0], [0.0, 1.0], INK, "-") for name in ("_mine", "a$b_$c")]
+    figure = on_paper([Panel(marks)], "page", 0.5, words="a$b_$c")
+    save(figure, tmp_path / "legend.svg")
+    assert [it.get_text().strip() for it in figure.legends[0].get_texts()] == ["_mine", "a$b_$c"]
 
 
 @pytest.mark.campaign

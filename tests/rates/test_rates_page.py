@@ -6,7 +6,7 @@ import pytest
 from browser import Page, needs_chromium
 
 from sumo_eval.extras.rates.page import amount, interval, table
-from sumo_eval.report.study_page import Chart, Fold, Table, Text, write_parts
+from sumo_eval.report.study_page import Chart, Fold, Table, Text, write_parts, write_study
 
 HOSTILE = "</script><b>bold"
 
@@ -27,6 +27,13 @@ def test_a_column_is_one_of_numbers_when_all_its_cells_are(tmp_path, monkeypatch
     monkeypatch.setattr(Table, "numbers", property(lambda _: next(once)))  # not for every cell
     page = write_parts(tmp_path / "page.html", kicker="k", title="t", sentences=[], parts=parts)
     assert '<td class="n" data-label="gap">20' in page.read_text(), "a narrow screen names it"
+
+
+def test_a_table_of_one_row_has_one_row_and_not_rows(tmp_path):
+    common = {"kicker": "k", "title": "t", "sentences": [], "figures": {}}
+    for rows, words in (([["1"]], "1 row<"), ([["1"], ["2"]], "2 rows<")):
+        page = write_study(tmp_path / "page.html", **common, rows=[["a"], *rows])
+        assert words in page.read_text()
 
 
 @pytest.mark.campaign

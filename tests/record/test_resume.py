@@ -313,7 +313,7 @@ def test_shards_of_other_cases_make_no_whole(tmp_path):
         merge(folders, tmp_path / "merged")
 
 
-@pytest.mark.parametrize("text", ["0/4", "5/4", "1", "a/b", "1/", "-1/4"])
+@pytest.mark.parametrize("text", ["0/4", "5/4", "1", "a/b", "1/", "-1/4", "1/" + "9" * 5000])
 def test_a_shard_that_is_none_is_refused(text):
     with refusal("must have the form i/n"):
         parse_shard(text)

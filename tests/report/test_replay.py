@@ -212,6 +212,23 @@ def test_a_case_without_a_recording_and_a_companion_that_was_not_there_get_a_sen
         replay_of_collision(evaluation, tmp_path, "nobody")
 
 
+def test_a_companion_without_a_recording_is_not_called_unknown(evaluation, tmp_path):
+    crashed = next(case for case in evaluation.cases if case.status == "crashed")
+    facts = evaluation.folder / FACTS
+    with open_store(facts) as store:
+        point = store.fact(crashed.case).point
+        (other, *_) = (
+            it
+            for it in store.facts_at(range(point, point + 1), "ads", crashed.scenario)
+            if store.trajectories(it.case)
+        )
+    with refusal(f"Case `{crashed.case}` has no recording to replay"):
+        write_replay(
+            evaluation.folder, catalogue.load(other.scenario), other, tmp_path / "r.html",
+            beside=crashed.ads,
+        )  # fmt: skip
+
+
 def test_without_sumo_gui_a_sentence_says_how_to_get_it(monkeypatch, tmp_path):
     monkeypatch.setattr("sys.executable", str(tmp_path / "python"))
     monkeypatch.setenv("PATH", str(tmp_path))

@@ -25,7 +25,7 @@ from sumo_eval.scenario import (
     catalogue,
 )
 from sumo_eval.scenario.distribution import Distribution
-from sumo_eval.scenario.expression import Definitions
+from sumo_eval.scenario.expression import Definitions, Expression
 from sumo_eval.scenario.formulas import ExposureDensity
 from sumo_eval.scenario.number_table import read_numbers
 from sumo_eval.scenario.sampling.combinations import tuples_of
@@ -182,6 +182,12 @@ def test_drawn_by_exposure_a_parameter_has_its_distribution():
         points.T, (stats.truncnorm(-3, 7, 0.3, 0.1).cdf, "uniform"), strict=True
     ):
         assert stats.kstest(column, law).pvalue > 0.05
+
+
+def test_an_impossible_exposure_is_reported_by_one_value():
+    exposure = ExposureDensity((), Expression("a - 1.0"), Definitions(()))
+    with refusal("`a - 1.0` of the exposure must be finite and at least 0, got -0.5.$"):
+        exposure({"a": np.linspace(0.5, 9.0, 1000), "b": np.zeros(1000)})
 
 
 def test_shares_of_a_distribution_are_of_its_range():

@@ -34,15 +34,10 @@ def plot(
     boundary` wrote: boundary.
     """
     from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw, is_searched
-    from sumo_eval.extras.figures.style import (
-        ending_of,
-        refuse_without_matplotlib,
-        save,
-        width_of,
-    )
+    from sumo_eval.extras.figures.style import ending_of, refuse_without_matplotlib, save, width_of
 
     file = out or run / f"{figure}.svg"
-    # checked before the run is scored, which takes longer; of an unknown figure `draw` complains
+    # checked before the run is scored, which takes longer; `draw` refuses an unknown figure
     if figure in FIGURES:
         width_of(width)
         ending_of(file)

@@ -342,7 +342,7 @@ def _name_lines(ax: Axes, scores: Sequence[ScenarioResult]) -> None:
     ax.set_ylim(len(scores) - 0.5, -0.5)
     ax.tick_params(axis="y", length=0)
     names = [f"{score.ads}, {score.scenario.replace('_', ' ')}" for score in scores]
-    ax.set_yticks(range(len(scores)), names, fontsize=5.5)
+    ax.set_yticks(range(len(scores)), names, fontsize=5.5, parse_math=False)
 
 
 def points(request: FigureRequest) -> Figure:

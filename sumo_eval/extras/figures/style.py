@@ -58,6 +58,7 @@ _SETTINGS: Final = {
     "svg.fonttype": "path",  # letters as outlines
     "svg.hashsalt": "sumo_eval",  # else the file's identifiers are random
     "axes.unicode_minus": True,
+    "text.parse_math": False,  # a name may hold `$`
 }
 
 
