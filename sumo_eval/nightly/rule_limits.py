@@ -1,5 +1,5 @@
 """The rule's three parts as limits that passed, failed, or could not be evaluated, each with its
-cases. For `nightly.gates`.
+cases. For `nightly.judged` and `nightly.gates`.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ def judge_rule(comparison: Comparison, settings: GateSettings, noise: Noise) -> 
     # by identity, because a tally holds arrays
     certain = {id(tally) for tally, is_rejected in zip(noisy, rejected, strict=True) if is_rejected}
     for tally in tallied:
-        share = settings.shift.share
         if noise.of(tally.ads).noisy:
-            bad = id(tally) in certain and (tally.near or many(tally, settings, share))
+            enough = tally.near or many(tally, settings, settings.shift.share)  # of a shift
+            bad = enough and id(tally) in certain
         else:
             bad = got_worse(tally, settings)
         results.append(_result(tally, comparison, settings, noise, bad=bad))
@@ -58,8 +58,8 @@ def judge_rule(comparison: Comparison, settings: GateSettings, noise: Noise) -> 
 
 
 def judge_pairs(comparison: Comparison, settings: GateSettings, accept: str) -> list[GateResult]:
-    """Whether a night was compared at all, and lost no ADS, no scenario and at most a tenth of its
-    pairs.
+    """A failed limit if no case was compared, or if an ADS, a scenario or more than
+    `settings.lost_share` of the base's cases have no partner; else none.
 
     accept: the command that accepts the loss.
     """
@@ -76,7 +76,13 @@ def judge_pairs(comparison: Comparison, settings: GateSettings, accept: str) -> 
     sentence = f"{'; '.join(missing)}. If this is meant: {accept}"
     return [
         GateResult(
-            "pairs", "every ADS", EVERYWHERE, False, sentence, float(of - lost), cases=examples
+            "pairs",
+            "every ADS",
+            EVERYWHERE,
+            False,
+            sentence,
+            float(comparison.pairs),
+            cases=examples,
         )
     ]
 
@@ -108,7 +114,7 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
         for quantity, worse in newly_bad(part, settings, repeats).items():
             paired = part.changed.paired
             keys = paired.new.case[worse].tolist()
-            # bad by chance: in too few of tonight's drives of a noisy ADS, or in some before
+            # by chance: of a noisy ADS, bad in too few drives tonight, or once in some drives only
             least = settings.outcome.bad_of
             shaky = [
                 key
@@ -172,13 +178,14 @@ def _result(
     hit = [worse.part.scenario for worse in tally.worse if worse.which] if bad else where
     where = hit if len(hit) == 1 else where
     result = partial(GateResult, quantity, tally.ads, where[0] if len(where) == 1 else EVERYWHERE)
-    # the cases that could show a change, with the limit of their zone and without
-    of = zones = count(tally.cases, "case")
+    # the cases that could show a change; in `reason` without the limit of their zone, so that
+    # equal reasons share a line
+    of = alike = count(tally.cases, "case")
     if tally.near and zone is not None:
-        of, zones = f"{of} inside {zone:g}{unit}", f"{of} inside the zone of interest"
+        of, alike = f"{of} inside {zone:g}{unit}", f"{of} inside the zone of interest"
     if not can_fail(tally, settings, noisy=noise.of(tally.ads).noisy):
         none = "cannot see a change with"
-        return result(None, f"{words}: {none} {of}", reason=f"{none} {zones}", blind=words)
+        return result(None, f"{words}: {none} {of}", reason=f"{none} {alike}", blind=words)
 
     sentence = f"{words}: {tally.number} worse, {tally.better} better of {of}"
     if not bad:

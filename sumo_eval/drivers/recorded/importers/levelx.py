@@ -69,6 +69,6 @@ def read(path: Path) -> Samples:
     )
     if "lonAcceleration" in tracks:
         table["acceleration"] = tracks["lonAcceleration"]
-    without = int(tracks.loc[~has_box, "trackId"].nunique())
+    without = tracks.loc[~has_box, "trackId"].nunique()
     note = f"{without} road users without a box (on foot, on bicycles) in {path.name} are left out."
     return table[has_box], [note] if without else []
