@@ -1,5 +1,5 @@
 """The rule's three parts as limits that passed, failed, or could not be evaluated, each with its
-cases. For `nightly.judged` and `nightly.gates`.
+cases. For the verdict on a night, and for `nightly.gates`.
 """
 
 from __future__ import annotations
@@ -74,17 +74,8 @@ def judge_pairs(comparison: Comparison, settings: GateSettings, accept: str) -> 
     if not missing:
         return []
     sentence = f"{'; '.join(missing)}. If this is meant: {accept}"
-    return [
-        GateResult(
-            "pairs",
-            "every ADS",
-            EVERYWHERE,
-            False,
-            sentence,
-            float(comparison.pairs),
-            cases=examples,
-        )
-    ]
+    kept = float(comparison.pairs)
+    return [GateResult("pairs", "every ADS", EVERYWHERE, False, sentence, kept, cases=examples)]
 
 
 def _gone(comparison: Comparison) -> Iterator[str]:
@@ -114,7 +105,7 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
         for quantity, worse in newly_bad(part, settings, repeats).items():
             paired = part.changed.paired
             keys = paired.new.case[worse].tolist()
-            # by chance: of a noisy ADS, bad in too few drives tonight, or once in some drives only
+            # by chance: in too few drives tonight, of a noisy ADS, or in some of an earlier night
             least = settings.outcome.bad_of
             shaky = [
                 key

@@ -43,7 +43,7 @@ class PracticeSettings(Checked):
         0.8, "share of the trial within `offset` and `within`"
     )
     passes: Natural = setting(1, "trials that must be passed; 0: no practice")
-    most: PositiveInt = setting(6, "most trials; who has not passed by then goes home")
+    most: PositiveInt = setting(6, "most trials; a participant without enough passes goes home")
 
 
 @frozen
@@ -129,7 +129,7 @@ class StudyPlan(NamedTuple):
             for ads in self.ads:
                 driven = [case for case in self.cases
                     if case.concrete.scenario == scenario and ads in case.ads]  # fmt: skip
-                # a random choice in the order of the cases; the last line shuffles all replays
+                # chosen at random; sorted, so that the last line alone decides the order
                 chosen = draw.permutation(len(driven))[: self.settings.replays]
                 replays += [(driven[index], ads) for index in sorted(chosen)]
         return [replays[index] for index in draw.permutation(len(replays))]
@@ -160,7 +160,7 @@ def read_study(path: Path) -> StudyPlan:
     with open_store(run / FACTS) as store:
         # only safe points have drives of human drivers
         safe_keys = {_key(fact) for fact in store.facts("human")}
-        # drives that can be replayed: the trajectories of others have been discarded
+        # drives with trajectories, which alone can be replayed: some failed, some were discarded
         driven = [fact for fact in store.facts("ads") if store.trajectories(fact.case)]
     names = list(dict.fromkeys(fact.driver for fact in driven))  # of the ADSs
     drives: dict[str, dict[str, Fact]] = {}
