@@ -33,6 +33,7 @@ from sumo_eval.trajectory import (
 
 BRAKES = 0.5  # m/s2, commanded deceleration from which on an ADS counts as braking
 _LATE = 64  # steps: most points of no return are fewer than this before the contact
+_STANDS = 10.0  # s that a braked ego stands until its drive ends: it may be struck meanwhile
 _SAME = 1e-6  # s and m/s, contacts that differ by less are one
 
 
@@ -76,7 +77,13 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
     start does not avoid it.
     """
     # conditions and a plant have had their effect on what is replayed; only contacts matter here
-    plain = replace(settings, conditions=ConditionSettings(), plant=None, end_when_decided=True)
+    plain = replace(
+        settings,
+        conditions=ConditionSettings(),
+        plant=None,
+        end_when_decided=True,
+        standstill_time=max(settings.standstill_time, _STANDS),
+    )
 
     def braked(steps: Mapping[int, int]) -> dict[int, Collision | Alone | None]:
         """Contacts of replays that brake from these steps on; a failed replay counts as one."""

@@ -1,7 +1,7 @@
 """The point of no return: closed forms, monotone in time, and when there is none."""
 
 import pytest
-from road_scenes import case, lead
+from road_scenes import actor, case, lead
 
 from sumo_eval.cosim.loop import Replay
 from sumo_eval.cosim.no_return import with_no_return
@@ -89,3 +89,11 @@ def test_without_room_nothing_helps():
     for controller in ("no_reaction", drives_on):
         (found,) = with_no_return([simulate(tight, controller)], [tight], USUAL)
         assert clip_of(found).first_time == NEVER
+
+
+def test_braking_to_a_stop_does_not_avoid_a_vehicle_behind():
+    """It comes when the ego has stood for longer than a case lasts."""
+    concrete = case(lead(100.0, speed=5.0), actor("chaser", -39.0, speed=10.0), speed=20.0)
+    (found,) = with_no_return([simulate(concrete, "idm")], [concrete], USUAL)
+    assert found.collision.other == "chaser"
+    assert clip_of(found).first_time == NEVER
