@@ -324,7 +324,7 @@ def simulate_together(
                 members,
                 key=lambda index: probable_end(cases[index], decided=common.end_when_decided),
             )
-            size = TOGETHER if manners[members[0]].hook is None else HOOKS_TOGETHER
+            size = HOOKS_TOGETHER if manners[members[0]].is_hook else TOGETHER
             for part in _chunks(by_end, size):
                 driven = _drive_batch(
                     [cases[index] for index in part],
@@ -337,8 +337,8 @@ def simulate_together(
         # a later batch of this window may have shown that a hook keeps state; drives of earlier
         # windows have been yielded already
         for index in window:
-            hook, drive_or_reason = manners[index].hook, drives.pop(index)
-            yield drive_or_reason if hook is None else _KEEPS_STATE.get(hook, drive_or_reason)
+            code, drive_or_reason = manners[index].code, drives.pop(index)
+            yield drive_or_reason if code is None else _KEEPS_STATE.get(code, drive_or_reason)
 
 
 def _kind(
@@ -364,7 +364,7 @@ def _kind(
     not_shown = road.shaped or any(
         abs(it.heading) > 0.5 * pi or it.on_map is not None for it in concrete.actors
     )
-    if manner.hook is not None and (not_shown or comes_back(road.line, road.end, road.left_edge)):
+    if manner.is_hook and (not_shown or comes_back(road.line, road.end, road.left_edge)):
         return None
     lively = concrete.actors if concrete.lively else ()
     # what a case may change, but must be equal in a batch: the vehicle for a policy over arrays,
@@ -379,7 +379,7 @@ def _kind(
         tuple([(it.body, it.model is None, it.follows_at_once) for it in lively]),
         manner.driver_key,
         # a hook asks for actors by their names
-        () if manner.hook is None else tuple([it.name for it in concrete.actors]),
+        tuple([it.name for it in concrete.actors]) if manner.is_hook else (),
         shared,
     )  # fmt: skip
 
@@ -393,22 +393,25 @@ def _drive_batch(
 ) -> Sequence[Recording | Alone]:
     """The recording of each case of one kind, or why it has to be driven alone.
 
-    Some cases of a hook are driven alone as well and compared.
+    Some cases of a hook, or of a policy that keeps state, are driven alone as well and compared.
     """
     control = _control([manner.make() for manner in manners], seeds, terms)
-    hook = manners[0].hook
-    if hook is None:
+    code, is_hook = manners[0].code, manners[0].is_hook
+    if code is None:
         return _together(cases, control, settings)
-    if hook not in _KEEPS_STATE:
-        before = kept_state(hook)
+    if code not in _KEEPS_STATE:
+        before = kept_state(code)
         drives = _together(cases, control, settings)
-        changed = first_change(before, kept_state(hook)) or _difference(
-            cases, manners[0], seeds, terms, settings, drives
-        )
+        changed = first_change(before, kept_state(code))
+        differs = partial(_difference, cases, manners[0], seeds, terms, settings, drives)
+        if is_hook:
+            changed = changed or differs()
+        elif changed and not differs():
+            changed = None  # a cache, which changes no drive
         if changed is None:
             return drives
-        _KEEPS_STATE[hook] = Alone("keeps_state", changed)
-    return [_KEEPS_STATE[hook]] * len(cases)
+        _KEEPS_STATE[code] = Alone("keeps_state", changed)
+    return [_KEEPS_STATE[code]] * len(cases)
 
 
 class _Manner(NamedTuple):
@@ -419,14 +422,16 @@ class _Manner(NamedTuple):
     make: gives what drives one case.
     alone: why it is driven alone; None: it may share a simulation.
     over_arrays: one policy drives all cases at once.
-    hook: its class or function, where it is TraCI code that sees its own row of SUMO only.
+    code: the class or function of a user, of which each case has a fresh object; else None.
+    is_hook: whether it is TraCI code, which sees its own row of SUMO only.
     """
 
     driver_key: type | int | None
     make: Callable[[], Any]
     alone: Alone | None = None
     over_arrays: bool = False
-    hook: Any = None
+    code: Any = None
+    is_hook: bool = False
 
 
 def _manner(
@@ -467,7 +472,7 @@ def _manner(
             return alone(Alone("asked", "batch = False"))
         if user_code in _KEEPS_STATE:
             return alone(_KEEPS_STATE[user_code])
-        return _Manner(ObjectController, lambda: wrap(make()), hook=user_code)
+        return _Manner(ObjectController, lambda: wrap(make()), code=user_code, is_hook=True)
     if _asks_traci(ads.target if ads.target is not None else ads.act):
         return alone(ASKS_SUMO)
     if takes_arrays(ads.target):
@@ -480,7 +485,10 @@ def _manner(
         return _Manner(type(ads), lambda: ads)
     # a function or a class: fresh for each case
     if ads.target is None or isinstance(user_code, type):
-        return _Manner(type(ads), lambda: wrap(make()))
+        plain = inspect.isclass(user_code) or inspect.isfunction(user_code)
+        if plain and user_code in _KEEPS_STATE:
+            return alone(_KEEPS_STATE[user_code])
+        return _Manner(type(ads), lambda: wrap(make()), code=user_code if plain else None)
     return alone(ONE_OBJECT)
 
 
@@ -520,9 +528,9 @@ def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
 
 
 _COMPARED: WeakKeyDictionary[Any, int] = WeakKeyDictionary()
-"""By hook: how many of its cases were driven together and alone."""
+"""By hook or policy: how many of its cases were driven together and alone."""
 _KEEPS_STATE: WeakKeyDictionary[Any, Alone] = WeakKeyDictionary()
-"""By hook that keeps state: why all its cases are driven alone."""
+"""By hook or policy that keeps state: why all its cases are driven alone."""
 
 
 def _difference(
@@ -539,11 +547,14 @@ def _difference(
     drives: recordings of the batch; those that do not differ are marked as compared.
     """
     batched = [index for index, drive in enumerate(drives) if isinstance(drive, Recording)]
-    compared = _COMPARED.get(manner.hook, 0)
-    # as many as are still missing of the hook's first few, or a share of this batch; at least one
-    wanted = max(_COMPARED_FIRST - compared, round(_COMPARED_LATER * len(batched)), 1)
+    compared = _COMPARED.get(manner.code, 0)
+    # as many as are still missing of the first few; of a hook also a share of each batch
+    later = max(round(_COMPARED_LATER * len(batched)), 1) if manner.is_hook else 0
+    wanted = max(_COMPARED_FIRST - compared, later)
+    if not wanted:
+        return None
     chosen = batched[:: max(len(batched) // wanted, 1)][:wanted]  # evenly spread
-    _COMPARED[manner.hook] = compared + len(chosen)
+    _COMPARED[manner.code] = compared + len(chosen)
     for index in chosen:
         own = simulate(
             cases[index], manner.make(), settings, folder=terms.folder, seed=seeds[index],
@@ -557,7 +568,7 @@ def _difference(
                 "unknown which, or it reads a clock or draws without a seed: "
                 f"{cases[index].label} drives differently when it is alone"
             )
-        drives[index] = replace(together, batched="compared")
+        drives[index] = replace(together, batched=together.batched and "compared")
     return None
 
 

@@ -249,6 +249,38 @@ def test_every_case_has_a_policy_of_its_own_when_a_class_is_given():
         assert found.same_drive(simulate(concrete, Counts, SHORT))
 
 
+LAST = {}
+
+
+class Forgets:
+    """Its last gap is in a module's variable, cleared at each start: right only alone."""
+
+    def reset(self, scenario):
+        LAST.clear()
+
+    def act(self, seen):
+        gap = 100.0 if seen.lead is None else seen.lead.gap
+        rate, LAST["gap"] = gap - LAST.get("gap", gap), gap
+        return max(-6.0, min(1.0, 4.0 * rate + 0.05 * (gap - 2.0 * seen.ego.speed)))
+
+
+class Remembers:
+    """A cache of a pure function changes no drive."""
+
+    def act(self, seen):
+        return -LAST.setdefault(-1.0, 1.0)
+
+
+@pytest.mark.parametrize("ads, number", [(Forgets, 7), (Remembers, 0)])
+def test_a_policy_whose_shared_state_matters_drives_alone(ads, number):
+    cases, why = points("cut_in", 301), Counter()
+    together = list(simulate_many(cases, ads, DECIDED, alone=why))
+    assert sum(why.values()) == number
+    assert all("test_together.LAST" in str(it) for it in why)
+    for concrete, found in zip(cases, together, strict=True):
+        assert found.same_drive(simulate(concrete, ads, DECIDED))
+
+
 class AllAtOnce:
     """The ten lines of an ACC over arrays."""
 
