@@ -227,7 +227,8 @@ def move_dynamic(
     """
     # begin, end: steering wheel angles, rad; `wheel` and `wheel2` are those of the road wheels
     speed, begin = ego.speed, ego.steering
-    slip, yaw_rate = ego.slip, ego.yaw_rate
+    slip = ego.slip
+    yaw_rate = ego.yaw_rate
     end = _limit_steering(
         ego, steering, math.radians(limits.max_steering_wheel_angle_deg), limits, step, clips
     )
@@ -245,12 +246,15 @@ def move_dynamic(
     ahead = (0.5 - limits.front_share) * limits.wheelbase
     heading = at.heading
     x, y = at.x + ahead * math.cos(heading), at.y + ahead * math.sin(heading)
-    part, path = step / _PARTS, distance / _PARTS  # s and m of a part
+    part = step / _PARTS  # s
+    path = distance / _PARTS  # m
     most = 0.0  # largest share of the friction that linear tyres would use
     for k in range(_PARTS):
         # Heun's method: rates at the start of the part, then (names with a 2) at its predicted end
-        share, next_share = k / _PARTS, (k + 1) / _PARTS
-        v, v2 = speed + share * (end_speed - speed), speed + next_share * (end_speed - speed)
+        share = k / _PARTS
+        next_share = (k + 1) / _PARTS
+        v = speed + share * (end_speed - speed)
+        v2 = speed + next_share * (end_speed - speed)
         wheel = (begin + share * (end - begin)) / limits.steering_ratio
         wheel2 = (begin + next_share * (end - begin)) / limits.steering_ratio
         slipping, turning, used = slip_rates(
@@ -261,7 +265,8 @@ def move_dynamic(
         slipping2, turning2, used = slip_rates(
             v2, slip2, yaw2, wheel2, end_acceleration, limits, limits.friction
         )
-        before, course = yaw_rate, heading + slip  # course: direction of motion, rad
+        before = yaw_rate
+        course = heading + slip  # direction of motion, rad
         slip += 0.5 * part * (slipping + slipping2)
         yaw_rate += 0.5 * part * (turning + turning2)
         heading += 0.5 * part * (before + yaw_rate)
@@ -436,7 +441,8 @@ def _along_arc(at: Any, distance: float, curvature: float, wheelbase: float) -> 
     half = 0.5 * wheelbase
     turn = distance * curvature
     chord = distance if abs(turn) < 1e-12 else distance * math.sin(0.5 * turn) / (0.5 * turn)
-    x = at.x + (chord * math.cos(at.heading + 0.5 * turn) - half * c)
-    y = at.y + (chord * math.sin(at.heading + 0.5 * turn) - half * s)
+    at.x += chord * math.cos(at.heading + 0.5 * turn) - half * c
+    at.y += chord * math.sin(at.heading + 0.5 * turn) - half * s
     at.heading += turn
-    at.x, at.y = x + half * math.cos(at.heading), y + half * math.sin(at.heading)
+    at.x += half * math.cos(at.heading)
+    at.y += half * math.sin(at.heading)

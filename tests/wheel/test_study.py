@@ -256,6 +256,7 @@ def test_a_study_file_with_a_mistake_gets_a_sentence(plan):
             "low_speed-9999` of the run",
         ),
         (STUDY.replace("count = 2", 'ads = ["followr"]'), "Did you mean `follower`"),
+        (STUDY.replace("count = 2", 'ads = ["asleep", "asleep"]'), "`ads` of study `afternoon`"),
         (STUDY.replace('run = "run"', 'run = "nowhere"'), "nowhere"),
     ):
         path.write_text(text)

@@ -172,8 +172,9 @@ def read_study(path: Path) -> StudyPlan:
     keys = settings.cases or [safe[index * len(safe) // count] for index in range(count)]
     check_known("ADS of the run", names, *settings.ads)
     check_known("case of the run", drives, *keys)
-    if len(set(keys)) < len(keys):
-        raise must_be("`cases`", f"study `{settings.name}`", "distinct", ", ".join(keys))
+    for key, listed in (("`cases`", keys), ("`ads`", settings.ads)):
+        if len(set(listed)) < len(listed):
+            raise must_be(key, f"study `{settings.name}`", "distinct", ", ".join(listed))
     if not keys:
         raise InputError(
             f"The run {run} must have a safe point with drivers for a study, got none."
@@ -183,9 +184,9 @@ def read_study(path: Path) -> StudyPlan:
         fact = next(iter(drives[key].values()))  # all have the same point
         use, logical = uses[fact.scenario]
         file = resolved.source / use
-        # `use` is a file, or else the name of a shipped scenario
-        locator = str(file) if file.is_file() else use
-        cases.append(StudyCase(key, locator, logical.concrete(**fact.values), drives[key]))
+        if file.is_file():  # else the name of a shipped scenario
+            use = str(file)
+        cases.append(StudyCase(key, use, logical.concrete(**fact.values), drives[key]))
     folder = (path.parent / (settings.out or settings.name.replace(" ", "_"))).absolute()
     return StudyPlan(settings, run, folder, tuple(cases), settings.ads or tuple(names))
 
