@@ -41,6 +41,7 @@ from sumo_eval.record.recording import (
     refuse_to_lose_cases,
     stages,
 )
+from sumo_eval.record.scenario_files import hash_of_scenario
 from sumo_eval.record.spread import alongside
 from sumo_eval.record.store import Store, open_store
 from sumo_eval.record.trust import refuse_foreign_code, remember
@@ -488,7 +489,7 @@ def space_of(run: Resolved, number: int, looked_at: int | None = None) -> Space:
         np.repeat(hazardous, every)[:total],
         points_only(share, settings, logical.name, total),
         points.exposure,
-        exposure.plain(points.points),
+        exposure.plain(points.points) | {"file": hash_of_scenario(entry.use, run.source)},
     )
 
 

@@ -19,6 +19,7 @@ how results are shown."""
 
 ABSENT = "not set"  # shown instead of the value that one of the runs does not have
 INPUTS = ("networks/", "routes/")  # folders of a run with SUMO's files
+_FILE = "file of scenario "
 SIMULATORS = ("libsumo", "sumo", "eclipse-sumo")
 
 
@@ -48,7 +49,9 @@ def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
     for (decides, old), (_, now) in zip(_parts(base), _parts(new), strict=True):
         for key in old | now:
             before, after = old.get(key, ABSENT), now.get(key, ABSENT)
-            if before != after:
+            # a run of an earlier version has no hash of a scenario's file
+            unknown = key.startswith(_FILE) and ABSENT in (before, after)
+            if before != after and not unknown:
                 items.append(Difference(key, before, after, decides))
     return tuple(sorted(items, key=lambda item: not item.decides))
 
@@ -82,6 +85,7 @@ def _parts(evaluation: Evaluation) -> list[tuple[bool, dict[str, str]]]:
     # scores of a run have the same.
     cars = [score.task_reference or "none" for score in evaluation.scores[:1]]
     # by whether they decide: those of the simulator do
+    files = {f"{_FILE}{name}": it.get("file", "")[:12] for name, it in evaluation.exposures.items()}
     versions: dict[bool, dict[str, str]] = {True: {}, False: {}}
     for name, version in manifest.get("versions", {}).items():
         versions[name in SIMULATORS][f"version of {name}"] = str(version)
@@ -89,6 +93,7 @@ def _parts(evaluation: Evaluation) -> list[tuple[bool, dict[str, str]]]:
     return [
         (True, dict(_flat(plain, ""))),
         (True, written),
+        (True, {what: digest for what, digest in files.items() if digest}),
         (True, {"file of the severity": severity[:12]} if severity else {}),
         (True, {"reference car of T": cars[0]} if cars else {}),
         *versions.items(),

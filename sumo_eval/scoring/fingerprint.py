@@ -5,11 +5,8 @@ facts, settings, sources of this package, and files that users name.
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import os
-import re
 from collections.abc import Mapping
-from contextlib import suppress
 from functools import cache
 from importlib.metadata import entry_points, version
 from pathlib import Path
@@ -17,8 +14,9 @@ from typing import Any
 
 from sumo_eval.cases import COLUMNS
 from sumo_eval.record.kept_results import key_of
+from sumo_eval.record.scenario_files import files_of
 from sumo_eval.scenario.catalogue import options_of
-from sumo_eval.scenario.formats import GROUP, format_of
+from sumo_eval.scenario.formats import GROUP
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
 _PACKAGE = Path(__file__).parent.parent
@@ -27,10 +25,6 @@ _ROOMS = ("drivers", "method", "record", "scenario", "scoring", "settings")
 _FILES = ("cases.py", "coded.py", "evaluation.py", "results.py", "trajectory.py")
 _READERS = "extras/openscenario"  # makes scenarios of files, as the room `scenario` does
 _COMPUTES = ("numpy", "scipy", "numba")  # libraries whose version may change a score
-# a quoted text, which may name a file, and endings of files in which such texts are looked for
-_QUOTED = re.compile(r"""["']([^"'\n]{1,300})["']""")
-_WITH_NAMES = (".toml", ".xosc", ".py", ".json", ".xml")
-_LARGEST = 8 << 20  # bytes of a file whose text may name others
 
 
 @cache
@@ -83,51 +77,8 @@ def space_key(entry: ScenarioSettings, source: Path) -> str:
     digest = hashlib.blake2b()
     sampling = entry.sampling
     for locator in (options_of(entry.use)[0], sampling.method, sampling.file):
-        for file in _files_of(locator, source) if locator else []:
+        for file in files_of(locator, source) if locator else []:
             # a missing file matches no earlier state
             content = file.read_bytes() if file.is_file() else os.urandom(16)
             digest.update(str(file).encode() + b"\0" + content)
     return digest.hexdigest()
-
-
-def _files_of(locator: str, source: Path) -> list[Path]:
-    """The file that a locator names, and files that its text names; for Python also all Python
-    files of its folder.
-    """
-    paths: set[Path] = set()
-    module, colon, _ = locator.rpartition(":")
-    if locator.endswith((".toml", ".csv", ".json", ".xml")) or format_of(locator):
-        files = [source / locator]
-    elif not colon:
-        return []  # one that ships
-    else:
-        if not module.endswith(".py"):
-            spec = None
-            # one that is not found lies beside the evaluation; `source /` keeps an absolute origin
-            with suppress(ImportError, ValueError):
-                spec = importlib.util.find_spec(module)
-            origin = spec.origin if spec is not None else None
-            module = origin or module.replace(".", "/") + ".py"
-        files = [source / module, *(source / module).parent.glob("*.py")]
-    for file in files:
-        _add_with_named(paths, file)
-    return sorted(paths)
-
-
-def _add_with_named(paths: set[Path], file: Path) -> None:
-    """The file and, in turn, the files in its folder that its text names in quotes; of OpenSCENARIO
-    also whole folders.
-    """
-    if file in paths:
-        return
-    paths.add(file)
-    if file.suffix not in _WITH_NAMES or not file.is_file() or file.stat().st_size > _LARGEST:
-        return
-    for name in _QUOTED.findall(file.read_text(encoding="utf-8", errors="replace")):
-        with suppress(OSError, ValueError):  # a text that is no name of a file
-            other = (file.parent / name).resolve()
-            if other.is_file():
-                _add_with_named(paths, other)
-            elif file.suffix == ".xosc" and other.is_dir():
-                for path in other.glob("*.xosc"):
-                    _add_with_named(paths, path)

@@ -25,6 +25,7 @@ class ScenarioRun(NamedTuple):
     spread: maps a function over items: `map`, or that of `point_processes`.
     car: the reference car of T, "" where the run holds none.
     outside: numbers of the points outside the support of recorded events.
+    edited: whether the file of the scenario has changed since it was driven.
     """
 
     entry: ScenarioSettings
@@ -39,6 +40,7 @@ class ScenarioRun(NamedTuple):
     progress: Progress
     car: str
     outside: frozenset[int]
+    edited: bool
 
     @property
     def name(self) -> str:

@@ -22,6 +22,7 @@ from sumo_eval.record.human_reference import LeftOut
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.points import choose_points, kept_zones
 from sumo_eval.record.progress import Progress
+from sumo_eval.record.scenario_files import hash_of_scenario
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import Fact, Store
 from sumo_eval.results import ScenarioResult, ZoneResult
@@ -107,11 +108,14 @@ class Scoring(NamedTuple):
         """One scenario of the run."""
         settings = self._settings_in(logical.name)
         reference = settings.method.task.task_reference
+        kept = self.exposures.get(logical.name, {})
+        recorded = kept.get("file", "")
         return ScenarioRun(
             entry, logical, self._points(entry, logical), settings, self.run.source,
             self.severity, self.store, self.cache, self.spread, self.progress,
             car=reference if recorded_with(self.store, reference) else "",
-            outside=frozenset(self.exposures.get(logical.name, {}).get("outside_support", ())),
+            outside=frozenset(kept.get("outside_support", ())),
+            edited=recorded not in ("", hash_of_scenario(entry.use, self.run.source)),
         )  # fmt: skip
 
     def _settings_in(self, scenario: str) -> EvaluationSettings:
@@ -210,6 +214,8 @@ def _on_points(space: ScenarioRun, points: Sample, places: Sequence[IntArray]) -
     again = space.entry.exposure.kind != "recorded" or space.entry.sampling.file
     if points is not chosen and len(chosen.points) and again:
         yield "The settings choose other points now, so those that were driven count."
+    if space.edited:
+        yield "The scenario's file has changed since it was driven: zones are those of today's file."
     if space.settings.run.only:
         driven = len(np.unique(np.concatenate(places)))
         yield (

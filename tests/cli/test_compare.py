@@ -8,6 +8,7 @@ from commands import sumo_eval
 from tables import rows_of
 
 from cli.nights import evaluation
+from sumo_eval.scenario import catalogue
 
 LEVELS = "{ ego_speed = 10, lead_speed = 9 }"
 CASES = 70  # at least
@@ -187,3 +188,29 @@ def test_a_column_of_the_table_may_be_a_limit(builds, tmp_path, limit, sentence)
         status=1 if sentence else 0,
     )
     assert sentence in done.stdout
+
+
+EVALUATION = """
+name = "own"
+scenario = [{ use = "own.toml", sampling = { levels = 2 } }]
+ads = [{ name = "idm", controller = "idm" }]
+drivers = { count = 2 }
+"""
+
+
+def test_an_edited_scenario_file_is_told(tmp_path):
+    own, file = tmp_path / "own.toml", tmp_path / "evaluation.toml"
+    file.write_text(EVALUATION)
+    text = (catalogue.scenario_files()["front_vehicle_braking"]).read_text()
+    own.write_text(text)
+    sumo_eval("run", file, "--out", tmp_path / "base")
+    own.write_text(f"# the same\n{text}")
+    sumo_eval("run", file, "--out", tmp_path / "same")
+    assert "THE SAME" in sumo_eval("compare", tmp_path / "base", tmp_path / "same").said
+    own.write_text(text.replace("delay = 1.0", "delay = 2.0"))
+    sumo_eval("run", file, "--out", tmp_path / "edited")
+    words = "file of scenario front_vehicle_braking: "
+    assert words in sumo_eval("compare", tmp_path / "base", tmp_path / "edited", status=2).said
+    told = "The scenario's file has changed since it was driven"
+    assert told in sumo_eval("score", tmp_path / "base").said
+    assert told not in sumo_eval("score", tmp_path / "edited").said

@@ -1,0 +1,79 @@
+"""Files that a user's scenario comes from: which they are, and whether their content has changed."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import tomllib
+from contextlib import suppress
+from pathlib import Path
+
+from sumo_eval.input_file import sha256
+from sumo_eval.scenario.catalogue import options_of
+from sumo_eval.scenario.formats import format_of
+
+# a quoted text, which may name a file, and endings of files in which such texts are looked for
+_QUOTED = re.compile(r"""["']([^"'\n]{1,300})["']""")
+_WITH_NAMES = (".toml", ".xosc", ".py", ".json", ".xml")
+_LARGEST = 8 << 20  # bytes of a file whose text may name others
+
+
+def hash_of_scenario(use: str, source: Path) -> str:
+    """A hash of what a scenario's file and the files that it names hold; "" where it ships.
+
+    Python code does not count: that of an ADS may stand beside it.
+
+    use: as in the evaluation.
+    source: folder of the evaluation, where relative paths start.
+    """
+    files = [it for it in files_of(options_of(use)[0], source) if it.suffix != ".py"]
+    parts = [(it.name, _content(it)) for it in files if it.is_file()]
+    return sha256(repr(parts)) if parts else ""
+
+
+def _content(file: Path) -> object:
+    """Content without comments, as far as they are known."""
+    return tomllib.loads(file.read_text("utf-8")) if file.suffix == ".toml" else file.read_bytes()
+
+
+def files_of(locator: str, source: Path) -> list[Path]:
+    """The file that a locator names, and files that its text names; for Python also all Python
+    files of its folder.
+    """
+    paths: set[Path] = set()
+    module, colon, _ = locator.rpartition(":")
+    if locator.endswith((".toml", ".csv", ".json", ".xml")) or format_of(locator):
+        files = [source / locator]
+    elif not colon:
+        return []  # one that ships
+    else:
+        if not module.endswith(".py"):
+            spec = None
+            # one that is not found lies beside the evaluation; `source /` keeps an absolute origin
+            with suppress(ImportError, ValueError):
+                spec = importlib.util.find_spec(module)
+            origin = spec.origin if spec is not None else None
+            module = origin or module.replace(".", "/") + ".py"
+        files = [source / module, *(source / module).parent.glob("*.py")]
+    for file in files:
+        _add_with_named(paths, file)
+    return sorted(paths)
+
+
+def _add_with_named(paths: set[Path], file: Path) -> None:
+    """The file and, in turn, the files in its folder that its text names in quotes; of OpenSCENARIO
+    also whole folders.
+    """
+    if file in paths:
+        return
+    paths.add(file)
+    if file.suffix not in _WITH_NAMES or not file.is_file() or file.stat().st_size > _LARGEST:
+        return
+    for name in _QUOTED.findall(file.read_text(encoding="utf-8", errors="replace")):
+        with suppress(OSError, ValueError):  # a text that is no name of a file
+            other = (file.parent / name).resolve()
+            if other.is_file():
+                _add_with_named(paths, other)
+            elif file.suffix == ".xosc" and other.is_dir():
+                for path in other.glob("*.xosc"):
+                    _add_with_named(paths, path)
