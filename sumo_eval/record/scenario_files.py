@@ -1,4 +1,4 @@
-"""Files that a user's scenario comes from: which they are, and whether their content has changed."""
+"""Files that a user's scenario comes from, and a hash of what they hold."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LARGEST = 8 << 20  # bytes of a file whose text may name others
 def hash_of_scenario(use: str, source: Path) -> str:
     """A hash of what a scenario's file and the files that it names hold; "" where it ships.
 
-    Python code does not count: that of an ADS may stand beside it.
+    Python code does not count, because its folder may also hold an ADS.
 
     use: as in the evaluation.
     source: folder of the evaluation, where relative paths start.

@@ -215,7 +215,7 @@ def _on_points(space: ScenarioRun, points: Sample, places: Sequence[IntArray]) -
     if points is not chosen and len(chosen.points) and again:
         yield "The settings choose other points now, so those that were driven count."
     if space.edited:
-        yield "The scenario's file has changed since it was driven: zones are those of today's file."
+        yield "The scenario's file changed after it was driven: zones are those of today's file."
     if space.settings.run.only:
         driven = len(np.unique(np.concatenate(places)))
         yield (

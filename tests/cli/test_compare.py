@@ -211,6 +211,6 @@ def test_an_edited_scenario_file_is_told(tmp_path):
     sumo_eval("run", file, "--out", tmp_path / "edited")
     words = "file of scenario front_vehicle_braking: "
     assert words in sumo_eval("compare", tmp_path / "base", tmp_path / "edited", status=2).said
-    told = "The scenario's file has changed since it was driven"
+    told = "The scenario's file changed after it was driven"
     assert told in sumo_eval("score", tmp_path / "base").said
     assert told not in sumo_eval("score", tmp_path / "edited").said
