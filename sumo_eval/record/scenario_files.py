@@ -32,8 +32,11 @@ def hash_of_scenario(use: str, source: Path) -> str:
 
 
 def _content(file: Path) -> object:
-    """Content without comments, as far as they are known."""
-    return tomllib.loads(file.read_text("utf-8")) if file.suffix == ".toml" else file.read_bytes()
+    """Its bytes; of a TOML file, where a comment means nothing, its tables."""
+    content = file.read_bytes()
+    with suppress(ValueError):
+        return tomllib.loads(content.decode()) if file.suffix == ".toml" else content
+    return content
 
 
 def files_of(locator: str, source: Path) -> list[Path]:

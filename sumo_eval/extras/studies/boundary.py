@@ -77,7 +77,8 @@ def find_boundary(
     not_evaluated: Counter[str] = Counter()
     done, stopped = 0, "budget"
     while done < budget:
-        points = search.ask(min(ROUND if rounds else FIRST * len(logical.names), budget - done))
+        size = ROUND if rounds else FIRST * len(logical.names)
+        points = search.ask(min(size, budget - done))
         if not len(points):
             stopped = "no point left"
             break

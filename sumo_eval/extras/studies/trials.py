@@ -102,6 +102,7 @@ def trials_in(
     path = folder / KEPT
     if resume and not path.exists():
         raise InputError(f"{folder} holds no study that was stopped: there is nothing to resume.")
+    identities = identify([("ADS", locator) for locator in locators], setup)
     with stop_on_signal() as stopping, held_folder(folder):
         with closing(_Outcomes(path, create=True)) as store:
             _refuse_another(store, study, resume)
@@ -112,7 +113,7 @@ def trials_in(
                 store, setup, lambda *_: None, stopping, OneVersion(store.files_read())
             )
             try:
-                yield Trials(recorder, identify([("ADS", locator) for locator in locators], setup))
+                yield Trials(recorder, identities)
             except (StoppedError, KeyboardInterrupt):
                 drives = sum(number for *_, number, _ in store.counts())
                 raise StoppedError(
