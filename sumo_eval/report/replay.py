@@ -73,12 +73,17 @@ def recorded(run: Path, key: str) -> Fact:
     """
     fact = known_case(run, key)
     with open_store(run / FACTS) as store:
-        if store.is_discarded(key):
-            raise store.no_trajectory(key)
-        if not store.trajectories(key):
-            raise InputError(
-                f"Case `{key}` has no recording to replay: {fact.error or fact.status}."
-            )
+        return _playable(fact, store)
+
+
+def _playable(fact: Fact, store: Store) -> Fact:
+    """The fact, if its drive can be played; else an error says why not."""
+    if store.is_discarded(fact.case):
+        raise store.no_trajectory(fact.case)
+    if not store.trajectories(fact.case):
+        raise InputError(
+            f"Case `{fact.case}` has no recording to replay: {fact.error or fact.status}."
+        )
     return fact
 
 
@@ -103,7 +108,7 @@ def _companion(fact: Fact, store: Store, name: str) -> Fact:
     ]
     for other in at_point:
         if other.driver == name:
-            return recorded(store.path.parent, other.case)
+            return _playable(other, store)
     raise unknown(
         "ADS or driver of this concrete scenario", name, [other.driver for other in at_point]
     )

@@ -229,6 +229,16 @@ def test_a_companion_without_a_recording_is_not_called_unknown(evaluation, tmp_p
         )  # fmt: skip
 
 
+def test_a_driver_is_played_beside_an_ads(evaluation, tmp_path):
+    safe = next(it for it in evaluation.cases if it.safe and it.status == "ok")
+    fact = recorded(evaluation.folder, safe.case)
+    page = write_replay(
+        evaluation.folder, catalogue.load(safe.scenario), fact, tmp_path / "r.html",
+        beside="driver_01",
+    )  # fmt: skip
+    assert "driver_01" in page.read_text()
+
+
 def test_without_sumo_gui_a_sentence_says_how_to_get_it(monkeypatch, tmp_path):
     monkeypatch.setattr("sys.executable", str(tmp_path / "python"))
     monkeypatch.setenv("PATH", str(tmp_path))
