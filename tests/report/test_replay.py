@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from browser import Page, needs_chromium, needs_node, node
 from lxml import etree
+from packed_pages import unpacked
 from page_checks import press
 from refusals import refusal
 from report_cases import pick
@@ -236,7 +237,7 @@ def test_a_driver_is_played_beside_an_ads(evaluation, tmp_path):
         evaluation.folder, catalogue.load(safe.scenario), fact, tmp_path / "r.html",
         beside="driver_01",
     )  # fmt: skip
-    assert "driver_01" in page.read_text()
+    assert "driver_01" in unpacked(page.read_text(), "replay-data")
 
 
 def test_without_sumo_gui_a_sentence_says_how_to_get_it(monkeypatch, tmp_path):
