@@ -94,7 +94,8 @@ def write_whole(path: Path, text: str) -> None:
     if path.exists() and not path.is_file():  # a pipe
         path.write_text(text, encoding="utf-8")
         return
-    half = path.with_name(path.name + ".half")
+    # of this process alone: another one may write the same file
+    half = path.with_name(f"{path.name}.{os.getpid()}.half")
     try:
         half.write_text(text, encoding="utf-8")
         half.replace(path)

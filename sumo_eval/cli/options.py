@@ -35,7 +35,7 @@ WORKERS = count_option("--workers", help="Processes that simulate cases (default
 SEED = click.option(
     "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Source of randomness."
 )
-RESUME = flag("--resume", help="Go on in --out: simulate what is not recorded there.")
+RESUME = flag("--resume", help="Continue in --out: simulate what is not recorded there.")
 
 
 def _trust(context: click.Context, option: click.Parameter, trust_all: bool) -> None:

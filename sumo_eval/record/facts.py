@@ -59,6 +59,7 @@ from sumo_eval.settings.config import (
     settings_from,
 )
 from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.text import shown
 
 Evaluable = EvaluationSettings | Mapping[str, Any] | str | os.PathLike[str] | None
 """Settings, the content of their file as a dict, the path of such a file or of a run, or None: the
@@ -397,7 +398,7 @@ def parse_shard(text: str) -> tuple[int, int]:
     if first.isdecimal() and last.isdecimal() and 1 <= float(first) <= float(last) < 1e9:
         return int(first), int(last)
     raise InputError(
-        f"A shard must have the form i/n with 1 <= i <= n, e.g. 2/8, got {text[:20]!r}."
+        f"A shard must have the form i/n with 1 <= i <= n, e.g. 2/8, got {shown(text)}."
     )
 
 

@@ -47,10 +47,9 @@ def held_folder(folder: Path) -> AbstractContextManager[None]:
     return held(
         folder / LOCK,
         f"process {os.getpid()} on {platform.node()}",
-        f"The run folder {folder}",
+        f"The folder {folder}",
         lambda owner: (
-            f"Run {folder} is being written by another process ({owner}); a run has one writer at "
-            "a time."
+            f"{folder} is being written by another process ({owner}); it has one writer at a time."
         ),
     )
 

@@ -64,7 +64,9 @@ def refuse_foreign(folder: Path, resume: bool) -> None:
             f"{folder} already exists and is not a folder; a run needs a folder of its own."
         )
     # files of SQLite and of `write_whole` count as the file that they belong to
-    names = {re.sub(r"(-wal|-shm|-journal|\.half)$", "", path.name) for path in folder.iterdir()}
+    names = {
+        re.sub(r"(-wal|-shm|-journal|(\.\d+)?\.half)$", "", path.name) for path in folder.iterdir()
+    }
     names -= {LOCK, GIVEN}  # written before the run
     if not names:
         return

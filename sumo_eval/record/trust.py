@@ -15,7 +15,7 @@ import shlex
 from pathlib import Path
 
 from sumo_eval.errors import InputError
-from sumo_eval.input_file import sha256
+from sumo_eval.input_file import sha256, write_whole
 from sumo_eval.method.severity import CHOICES
 from sumo_eval.scenario.catalogue import is_file
 from sumo_eval.settings import EvaluationSettings
@@ -84,9 +84,7 @@ def remember(run: Path, settings: EvaluationSettings, source: Path) -> None:
     note = _note(run)
     try:
         note.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        part = note.with_name(f"{note.name}.{os.getpid()}")  # so that no half note is ever read
-        part.write_text(_hash(code), encoding="ascii")
-        part.replace(note)
+        write_whole(note, _hash(code))
     except OSError:  # only this process trusts it; a later one asks the user for `--trust`
         pass
 

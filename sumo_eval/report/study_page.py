@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from sumo_eval.report.page import packed, template, write_page
+from sumo_eval.report.words import count
 
 MOST_ROWS = 400  # of a study's table; the files beside the page have all of them
 
@@ -86,7 +87,7 @@ def write_study(
     parts: list[Piece] = [Chart(*item, least_width) for item in figures.items()]
     if rows:
         head, *cells = rows
-        about = f"{len(cells)} row{'' if len(cells) == 1 else 's'}"
+        about = count(len(cells), "row")
         if len(cells) > MOST_ROWS:
             about += f", the first {MOST_ROWS} here; the files beside this page have all"
         parts.append(Fold("Table", about, (Table(head, cells[:MOST_ROWS]),)))

@@ -576,7 +576,10 @@ def _limit(means: Mapping[str, float], words: str) -> str:
 
 
 def parts_of_total(ranking: Ranking) -> str:
-    """`: no task, so no S+, in cut_in; H counts 0, without people, in own`; empty without any."""
+    """Scenarios without S+, and those in which H counts 0; empty without any.
+
+    For example `: no task, so no S+, in cut_in; H counts 0, without people, in own`.
+    """
     parts = [
         f"{effect} in {', '.join(names)}"
         for names, effect in (

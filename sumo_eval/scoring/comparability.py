@@ -19,8 +19,8 @@ how results are shown."""
 
 ABSENT = "not set"  # shown instead of the value that one of the runs does not have
 INPUTS = ("networks/", "routes/")  # folders of a run with SUMO's files
-_FILE = "file of scenario "
 SIMULATORS = ("libsumo", "sumo", "eclipse-sumo")
+_FILE = "file of scenario "  # begins the name of a difference
 
 
 class Difference(NamedTuple):
@@ -84,8 +84,9 @@ def _parts(evaluation: Evaluation) -> list[tuple[bool, dict[str, str]]]:
     # Earlier runs have no reference car: their T and S+ are not comparable with later ones. All
     # scores of a run have the same.
     cars = [score.task_reference or "none" for score in evaluation.scores[:1]]
-    # by whether they decide: those of the simulator do
+    # a user's own scenario files, too
     files = {f"{_FILE}{name}": it.get("file", "")[:12] for name, it in evaluation.exposures.items()}
+    # by whether they decide: those of the simulator do
     versions: dict[bool, dict[str, str]] = {True: {}, False: {}}
     for name, version in manifest.get("versions", {}).items():
         versions[name in SIMULATORS][f"version of {name}"] = str(version)

@@ -63,7 +63,7 @@ def kept_state(ads: Any) -> dict[str, object]:
         name, own = _BY_PATH.sub(r"\1.py: ", f"{module.__name__}."), list(vars(module).items())
         state |= {f"{name}{k}": _frozen(v, 0) for k, v in own if k[:2] != "__"}
     named: dict[str, list[object]] = {}  # a derived class may have the name of its base
-    for kind in getattr(ads, "__mro__", (ads, object))[:-1]:
+    for kind in ads.__mro__[:-1] if inspect.isclass(ads) else (ads,):
         named.setdefault(kind.__qualname__, []).append(_frozen(kind, 0))
     return state | named
 

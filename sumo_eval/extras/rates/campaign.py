@@ -218,15 +218,11 @@ def run_campaign(
     watch: receives scenario and ADS, the number of drives done, and the budget.
     """
     spaces = spaces_of(settings, folder)
-    rates = tuple(
-        summed(
-            item.name,
-            item.controller,
-            [_drive(space, item, settings, trials, watch) for space in spaces],
-        )
-        for item in settings.ads
-    )
-    return Campaign(settings, spaces, rates)
+    rates = []
+    for item in settings.ads:
+        parts = [_drive(space, item, settings, trials, watch) for space in spaces]
+        rates.append(summed(item.name, item.controller, parts))
+    return Campaign(settings, spaces, tuple(rates))
 
 
 def _drive(

@@ -28,10 +28,10 @@ OUTSIDE = (
     "not of accidents on the road."
 )
 BASIS = (
-    "Intervals of ADSs' rates cover that the drives are few. Where the recorded events are known, "
-    "they also cover that these are few: the rate of encounters and the distribution of points are "
-    "resampled with them. They hold both for a distribution as wide as its events and for the one "
-    "driven, which its kernels widen. Otherwise its form is assumed to be right."
+    "Intervals of ADSs' rates allow for the small number of drives. Where the recorded events are "
+    "known, they also allow for their number: the rate of encounters and the distribution of "
+    "points are resampled with them. They hold both for a distribution as wide as its events and "
+    "for the one driven, which its kernels widen. Otherwise its form is assumed to be right."
 )
 
 # the fields of `Occurrence` where the campaign file gives the rate
