@@ -181,6 +181,8 @@ def test_that_sumo_moves_an_ego_that_has_a_vehicle_model_of_its_own_is_on_record
         (f"{MAPPED}&parameters.tau=1", "`tau`"),
         (f"{MAPPED}&parameters.headway=objects_gap", "must be an array to be given `objects_gap`"),
         (f"{MAPPED}&parameters.headway=ego_sped", "`ego_sped`. Did you mean `ego_speed`?"),
+        (f"{MAPPED}&inputs.gap=ego_speed", "outputs.NAME=NAME, each name once, got"),
+        ("fmu:Acc.fmu?inputs.v", "outputs.NAME=NAME, each name once, got 'inputs.v'"),
         (f"{MAPPED}&input.v=x", "must be inputs.NAME, outputs.NAME or parameters.NAME"),
     ],
 )

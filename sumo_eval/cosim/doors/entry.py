@@ -55,8 +55,8 @@ PLAIN = Entry()
 def split_entry(locator: str) -> tuple[str, Entry]:
     """The locator without its entry, and the entry.
 
-    Raises InputError for a period that is not a number above 0, or a batch that is not a truth
-    value.
+    Raises InputError for a key named twice, a period that is not a number above 0, or a batch that
+    is not a truth value.
     """
     begin = _ENTRY.search(locator)
     if begin is None:
@@ -64,6 +64,8 @@ def split_entry(locator: str) -> tuple[str, Entry]:
     head, pairs = locator[: begin.start()], locator[begin.end() :].split("&")
     own = [pair for pair in pairs if pair.startswith(_OWN)]
     rest = "&".join(pair for pair in pairs if pair not in own)
+    if len({pair.partition("=")[0] for pair in own}) < len(own):
+        raise must_be("The keys", f"ADS `{locator}`", "named once each", "&".join(own))
     period, batch, options = 0.0, True, {}
     for pair in own:
         name, _, text = pair.partition("=")
@@ -89,9 +91,12 @@ def read_query(query: str, owner: str, form: str) -> dict[str, str]:
     owner, form: for the error message.
     """
     try:
-        return dict(parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query)))
+        pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query))
+        if len(dict(pairs)) == len(pairs):
+            return dict(pairs)
     except ValueError:
-        raise must_be("The options", owner, f"of the form {form}", query) from None
+        pass  # refused as a name that stands twice is
+    raise must_be("The options", owner, f"of the form {form}, each name once", query)
 
 
 def made_absolute(locator: str, folder: Path) -> str:

@@ -26,9 +26,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qsl
 
 from sumo_eval.cosim.doors.controller import Adapter, Briefing
+from sumo_eval.cosim.doors.entry import read_query
 from sumo_eval.cosim.doors.observation import (
     KINDS,
     NO_LEAD_GAP,
@@ -462,7 +462,8 @@ class FmuController(Adapter):
         """
         file, _, query = text.partition("?")
         wiring: dict[str, dict[str, Any]] = {"inputs": {}, "outputs": {}, "parameters": {}}
-        for key, value in parse_qsl(query, keep_blank_values=True):
+        pairs = read_query(query, f"ADS `fmu:{text}`", "inputs.NAME=SIGNAL&outputs.NAME=NAME")
+        for key, value in pairs.items():
             group, _, name = key.partition(".")
             if group not in wiring or not name:
                 raise must_be(
