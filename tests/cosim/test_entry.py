@@ -209,7 +209,9 @@ idm?period=0.2 | ADS `idm` drives at every step; it takes no `period`
 sumo:IDM?tau=2&period=0.2 | drives at every step; it takes no `period`
 sumo:IDM?options.tau=2 | takes no `options`
 mine.py:Counting?period=1&period=2
-| The keys of ADS `mine.py:Counting?period=1&period=2` must be named once each, got
+| The options of ADS `mine.py:Counting?period=1&period=2` must be of the form
+mine.py:Counting?options.gain=1&options.%67ain=2
+| must be of the form period=SECONDS&options.NAME=VALUE, each name once, got
 sumo:IDM?tau=1&tau=2 | must be of the form name=value&name=value, each name once, got 'tau=1&tau=2'
 """),
         ("mine.py:Counting?period=" + 400 * "9", "must be a number greater than 0 s, got 999"),

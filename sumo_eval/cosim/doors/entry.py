@@ -62,16 +62,14 @@ def split_entry(locator: str) -> tuple[str, Entry]:
     if begin is None:
         return locator, PLAIN
     head, pairs = locator[: begin.start()], locator[begin.end() :].split("&")
-    own = [pair for pair in pairs if pair.startswith(_OWN)]
-    rest = "&".join(pair for pair in pairs if pair not in own)
-    if len({pair.partition("=")[0] for pair in own}) < len(own):
-        raise must_be("The keys", f"ADS `{locator}`", "named once each", "&".join(own))
+    own = "&".join(pair for pair in pairs if pair.startswith(_OWN))
+    rest = "&".join(pair for pair in pairs if not pair.startswith(_OWN))
     period, batch, options = 0.0, True, {}
-    for pair in own:
-        name, _, text = pair.partition("=")
-        value: Any = unquote_plus(text)
+    form = "period=SECONDS&options.NAME=VALUE"
+    for name, text in read_query(own, f"ADS `{locator}`", form).items():
+        value: Any = text
         with suppress(ValueError, RecursionError):  # no JSON: a text
-            value = json.loads(value)
+            value = json.loads(text)
         if name == "period":
             if type(value) not in (int, float) or not 0.0 < value <= sys.float_info.max:
                 raise must_be("`period`", f"ADS `{locator}`", "a number greater than 0 s", value)
@@ -81,7 +79,7 @@ def split_entry(locator: str) -> tuple[str, Entry]:
                 raise must_be("`batch`", f"ADS `{locator}`", "true or false", value)
             batch = value
         else:
-            options[unquote_plus(name.removeprefix("options."))] = value
+            options[name.removeprefix("options.")] = value
     return f"{head}?{rest}" if rest else head, Entry(period, options, batch)
 
 
@@ -95,7 +93,7 @@ def read_query(query: str, owner: str, form: str) -> dict[str, str]:
         if len(dict(pairs)) == len(pairs):
             return dict(pairs)
     except ValueError:
-        pass  # refused as a name that stands twice is
+        pass  # refused below, as a name that stands twice
     raise must_be("The options", owner, f"of the form {form}, each name once", query)
 
 
