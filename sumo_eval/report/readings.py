@@ -1,5 +1,5 @@
-"""Readings of the paper where it leaves something open, as in this run, and every setting with its
-unit and equation.
+"""Section of the report on settings: how this run reads the paper where it leaves something open,
+and every setting with its unit and equation.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def settings_content(evaluation: Evaluation, _: Additions) -> dict[str, Any]:
 
 
 def setting_rows(settings: EvaluationSettings) -> dict[str, list[SettingRow]]:
-    """Every setting that has one value, by the group of settings it belongs to."""
+    """Every setting outside the scenarios and the ADSs, by the group of settings it belongs to."""
     rows = _rows(settings, "")
     return grouped((row.path.rpartition(".")[0] or "evaluation", row) for row in rows)
 
@@ -53,7 +53,7 @@ def _rows(settings: Any, prefix: str) -> Iterator[SettingRow]:
         value = getattr(settings, item.name)
         if is_dataclass(value):
             yield from _rows(value, f"{prefix}{item.name}.")
-        elif not isinstance(value, tuple):  # the scenarios and the ADSs have tables of their own
+        elif item.name not in ("scenario", "ads"):  # these have tables of their own
             default: Any = value if item.default is MISSING else item.default
             if item.default_factory is not MISSING:
                 default = item.default_factory()
@@ -67,13 +67,16 @@ def _rows(settings: Any, prefix: str) -> Iterator[SettingRow]:
 
 
 def _word(value: object) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(value) or "none"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def readings(settings: EvaluationSettings) -> list[tuple[str, str]]:
     """(equation, sentence): how the method was read in this run."""
     method, simulation = settings.method, settings.simulation
-    zones, field, index = method.zones, method.anthropomorphic.field, method.anthropomorphic
+    zones, index = method.zones, method.anthropomorphic
+    field = index.field
     target = (
         f"The GP learns tanh((T² − T*²) / {zones.target_scale:g} s²), T = 1/max ITTC, "
         "smoothly through contact."

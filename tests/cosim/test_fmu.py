@@ -20,7 +20,6 @@ from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command, EgoState
-from sumo_eval.report.readings import setting_rows
 from sumo_eval.settings import PlantSettings, SimulationSettings
 from sumo_eval.settings.config import settings_from, to_plain
 
@@ -215,12 +214,6 @@ def test_the_mapping_in_the_evaluation_file_is_the_one_of_the_locator(fmus):
         case(lead(50.0)), f"{MAPPED}&parameters.headway=1.25", HALF_SECOND, folder=fmus
     )
     assert written.ego.speed.tolist() == typed.ego.speed.tolist()
-
-
-def test_the_report_lists_the_settings_of_a_vehicle_model():
-    settings = settings_from(EVALUATION | {"simulation": {"plant": {"file": "Car.fmu"}}}, "e.toml")
-    rows = setting_rows(settings)["simulation.plant"]
-    assert [row.value for row in rows if row.changed] == ["Car.fmu"]
 
 
 def test_unknown_keys_of_the_mapping_are_refused():

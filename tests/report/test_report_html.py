@@ -21,7 +21,7 @@ from sumo_eval.report import sent_drives
 from sumo_eval.report.html import term, write_report
 from sumo_eval.report.page import template
 from sumo_eval.report.page_data import gathered_words
-from sumo_eval.report.readings import readings
+from sumo_eval.report.readings import readings, setting_rows
 from sumo_eval.report.sections import Additions, ranking_content
 from sumo_eval.report.words import GLOSSARY, count
 from sumo_eval.results import RankedAds, RankedPair, Ranking
@@ -31,7 +31,7 @@ from sumo_eval.scoring.findings import unevaluated
 from sumo_eval.scoring.map_view import choose_view, telling_slice
 from sumo_eval.scoring.preventability import preventability
 from sumo_eval.scoring.zone_levels import rooms_of
-from sumo_eval.settings import DriverSettings
+from sumo_eval.settings import DriverSettings, PlantSettings, RunSettings, SimulationSettings
 
 
 class Tags(HTMLParser):
@@ -410,3 +410,16 @@ def test_the_reading_of_u_names_what_replaces_it(evaluation):
         dict(readings(replace(evaluation.settings, method=one)))["14–15"] for one in (method, own)
     )
     assert replaced == f"{plain} `injury:car_driver` replaces it."
+
+
+@pytest.mark.parametrize(
+    "table, settings, words",
+    [
+        ("simulation.plant", SimulationSettings(plant=PlantSettings(file="Car.fmu")), "Car.fmu"),
+        ("run", RunSettings(only=("cut_in-0000-idm", "~ideal")), "cut_in-0000-idm, ~ideal"),
+        ("drivers", DriverSettings(recordings=("day.csv",)), "day.csv"),
+    ],
+)
+def test_changed_setting_is_listed(evaluation, table, settings, words):
+    changed = replace(evaluation.settings, **{table.partition(".")[0]: settings})
+    assert [row.value for row in setting_rows(changed)[table] if row.changed] == [words]
