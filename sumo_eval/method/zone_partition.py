@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
@@ -217,28 +216,28 @@ def partition(
     learnt = _learn(logical, training, grid, feasible, settings, rounds)
     notes += learnt.notes
 
-    shape = tuple(len(axis) for axis in refined)
-    hazard = ((learnt.y <= 0.0) & feasible).reshape(shape)
+    shape = tuple(map(len, refined))
+    hazard = (learnt.y <= 0.0) & feasible
     # Each connected region of the dense grid gets a label from 1 on. The structure connects cells
     # that touch at a corner.
-    regions, _ = label(hazard, structure=generate_binary_structure(len(shape), len(shape)))
+    connected = generate_binary_structure(len(shape), len(shape))
+    regions = label(hazard.reshape(shape), structure=connected)[0].ravel()
     # A region without a point that is exactly hazardous is not a zone. Its most dangerous point
     # would lie on its edge. Eq. 16 divides by the distance from there to the edge: weights of up
     # to 10^9.
-    real = np.unique(regions[hazard & ~learnt.wrong.reshape(shape)])
-    in_zone = np.isin(regions, real)
+    real = np.unique(regions[hazard & ~learnt.wrong])
+    sizes = np.bincount(regions)
+    by_size = real[np.argsort(-sizes[real], kind="stable")]  # the zones' labels, the largest first
+    number_of = np.full(len(sizes), -1, dtype=np.intp)  # label -> number of the zone; -1: none
+    number_of[by_size] = range(len(real))
+    zone = number_of[regions]
+    in_zone = zone >= 0
     spurious = hazard & ~in_zone
     if spurious.any():
         share = 100.0 * float(spurious.sum() / feasible.sum())
         notes.append(
             f"{share:.2f} % of the space is hazardous for the GP alone, and forms no zone."
         )
-    # zones are numbered by size, the largest is 0
-    sizes = np.unique(regions[in_zone], return_counts=True)[1]
-    by_size = np.argsort(-sizes, kind="stable")
-    zone = np.full(hazard.size, -1, dtype=np.intp)
-    for number, region in enumerate(real[by_size]):
-        zone[regions.ravel() == region] = number
     surface = learnt.surface
     # The search for the most dangerous points asks this partition which points belong to a zone.
     # These points, the boundary and the notes are filled in afterwards.
@@ -248,10 +247,10 @@ def partition(
         training_points=learnt.training,
         surface=surface,
         most_dangerous=(),
-        zone_shares=tuple(float(size) / int(feasible.sum()) for size in sizes[by_size]),
+        zone_shares=tuple((sizes[by_size] / feasible.sum()).tolist()),
         notes=(),
-        zone_points=unit[in_zone.ravel()],
-        zone_index=zone[in_zone.ravel()],
+        zone_points=unit[in_zone],
+        zone_index=zone[in_zone],
         boundary=unit[:0],
     )
     if len(real):
@@ -292,10 +291,8 @@ def _dense_grid(
     logical: LogicalScenario, axes: list[list[float]], settings: ZoneSettings
 ) -> tuple[list[list[float]], FloatArray, BoolArray]:
     """Axes of the dense grid, its points (n, k), and which of them satisfy the constraints."""
-    allowed = (
-        settings.grid_points if logical.search is None else min(settings.grid_points, SEARCHED_GRID)
-    )
-    refined = _refine(axes, allowed)
+    most = settings.grid_points
+    refined = _refine(axes, most if logical.search is None else min(most, SEARCHED_GRID))
     grid = mesh(refined)
     feasible = logical.feasible(grid)
     if not feasible.any():
@@ -318,12 +315,12 @@ def fitted_parts(zones: ZonePartition) -> dict[str, Any]:
 
 
 def of_parts(
-    logical: LogicalScenario, settings: ZoneSettings, parts: Mapping[str, Any]
+    logical: LogicalScenario, settings: ZoneSettings, parts: dict[str, Any]
 ) -> ZonePartition:
     """The partition of a scenario under these settings, from its `fitted_parts`."""
     learnt_in = coordinates(logical, parts["training_points"])
     surface = replace(parts["surface"], coordinates=learnt_in)
-    return ZonePartition(logical, settings, **{**parts, "surface": surface})
+    return ZonePartition(logical, settings, **parts | {"surface": surface})
 
 
 class BoundaryError(NamedTuple):
@@ -445,9 +442,7 @@ def _own_axes(logical: LogicalScenario) -> tuple[list[list[float]], tuple[str, .
     # long is cut at once.
     while math.prod(counts) > OWN_GRID_POINTS:
         counts[counts.index(max(counts))] = min(max(counts) - 1, OWN_GRID_POINTS)
-    axes = [
-        _axis(parameter, count) for parameter, count in zip(logical.parameters, counts, strict=True)
-    ]
+    axes = list(map(_axis, logical.parameters, counts))
     if math.prod(counts) == own:
         return axes, ()
     return axes, (

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import errno
 import itertools
-import os
 import shlex
 import shutil
 import sqlite3
@@ -256,10 +255,8 @@ def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet)
 
 def _only_one(history: Path) -> AbstractContextManager[None]:
     """Lock of a history: only its holder may add a night."""
-    words = f"process {os.getpid()} since {datetime.now(UTC).isoformat(timespec='seconds')}"
     return held(
         history / LOCK,
-        words,
         f"The history folder {history}",
         lambda owner: f"Another night is running in {history} ({owner}); this one was not begun.",
     )

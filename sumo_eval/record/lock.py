@@ -1,6 +1,8 @@
 """One writer at a time: a file that one process holds locked.
 
 The lock ends with the process, however that ends.
+
+Users: runs (`run_folder`), studies (`extras.studies.trials`) and histories of nights.
 """
 
 from __future__ import annotations
@@ -10,27 +12,27 @@ import platform
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path
 
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import writing
 
 LOCK = ".lock"  # of a folder
-_LOCKED_BYTE = 1 << 20  # Windows locks bytes: one behind all words, so that others can read them
+_LOCKED_BYTE = 1 << 20  # Windows locks bytes: one behind the text, so that others can read it
 
 
 @contextmanager
-def held(path: Path, words: str, folder: str, busy: Callable[[str], str]) -> Iterator[None]:
-    """Hold the lock file `path`. It and its folder are made if they do not exist; the file is
-    removed at the end.
+def held(path: Path, folder: str, busy: Callable[[str], str]) -> Iterator[None]:
+    """Hold the lock file `path`, which names its owner. It and its folder are made if they do not
+    exist; the file is removed at the end.
 
-    words: name of its owner, written into it.
     folder: begins the InputError if the file cannot be made, e.g. `The run folder out`.
-    busy: makes the error message if another process holds it, from that owner's `words`.
+    busy: makes the error message if another process holds it, from that owner's name.
     """
     with writing(folder):  # makes an InputError of an OSError
         path.parent.mkdir(parents=True, exist_ok=True)
-        file = _locked(path, words, busy)
+        file = _locked(path, busy)
     try:
         yield
     finally:
@@ -46,7 +48,6 @@ def held_folder(folder: Path) -> AbstractContextManager[None]:
     """
     return held(
         folder / LOCK,
-        f"process {os.getpid()} on {platform.node()}",
         f"The folder {folder}",
         lambda owner: (
             f"{folder} is being written by another process ({owner}); it has one writer at a time."
@@ -54,12 +55,13 @@ def held_folder(folder: Path) -> AbstractContextManager[None]:
     )
 
 
-def _locked(path: Path, words: str, busy: Callable[[str], str]) -> int:
+def _locked(path: Path, busy: Callable[[str], str]) -> int:
     """The opened and locked file.
 
     Its last owner may have removed it between `open` and `_lock`. Then another process would make
     and lock a new file, so this one opens it again.
     """
+    now = datetime.now(UTC).isoformat(timespec="seconds")
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
@@ -72,7 +74,7 @@ def _locked(path: Path, words: str, busy: Callable[[str], str]) -> int:
         with suppress(FileNotFoundError):
             if os.path.samestat(path.stat(), os.fstat(file)):
                 os.truncate(file, 0)
-                os.write(file, f"{words}\n".encode())
+                os.write(file, f"process {os.getpid()} on {platform.node()} since {now}\n".encode())
                 return file
         os.close(file)
 

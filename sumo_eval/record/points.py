@@ -1,4 +1,7 @@
-"""The points of an evaluation's logical scenarios, and the zones they lie in."""
+"""The points of an evaluation's logical scenarios, and the zones they lie in.
+
+Users: `record/facts.py`, `scoring/`, the front door and commands that only look at the points.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +30,7 @@ if TYPE_CHECKING:
 
 ZONES: dict[bytes, ZonePartition] = {}
 """Partitions that this process has read or computed, by the hash of all that they depend on."""
-# more than scenarios ship: with fewer, a second round over all of them would find none, as the
-# oldest goes first
+# The oldest goes first, so a second round over more scenarios than this would find none of them.
 _MOST_ZONES = 64
 
 
@@ -83,8 +85,8 @@ def choose_points(
     weighted = logical if exposure is None else replace(logical, exposure=exposure)
     points = sample(weighted, request.method, request=request)
     if not points.exposure.any():
-        what = f"the points of scenario `{entry.use}`"
-        raise must_be("The exposure", what, "above 0 at one of them", 0.0)
+        owner = f"the points of scenario `{entry.use}`"
+        raise must_be("The exposure", owner, "above 0 at one of them", 0.0)
     return points
 
 

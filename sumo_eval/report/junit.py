@@ -66,6 +66,7 @@ Suite = tuple[Iterable[Test], Mapping[str, str]]
 Suites = Mapping[tuple[str, str], Suite]
 """Suites by (name of the suite, class name of its tests)."""
 _HELD = 1 << 18  # bytes of a suite that are held in memory; a larger suite goes to a file
+_FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def run_suites(evaluation: Evaluation) -> Suites:
@@ -113,19 +114,22 @@ def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]
         )
         for gate in gates
     ]
-    suites: dict[tuple[str, str], Suite] = {("gates", "gates"): (of_gates, {})}
-    for part in comparison.ads if comparison else ():
-        key = f"{part.ads} in {part.scenario} beside the base", f"change.{part.scenario}.{part.ads}"
-        suites[key] = _change_tests(part), {}
-    return suites
+    changes: dict[tuple[str, str], Suite] = {
+        (f"{part.ads} in {part.scenario} beside the base", f"change.{part.scenario}.{part.ads}"): (
+            _change_tests(part),
+            {},
+        )
+        for part in (comparison.ads if comparison else ())
+    }
+    return {("gates", "gates"): (of_gates, {})} | changes
 
 
 def _change_tests(part: AdsComparison) -> Iterator[Test]:
     """A test for each pair of cases, in the order of the new run."""
     changed = part.changed
-    row_of_pair = {pair: row for row, pair in enumerate(changed.which.tolist())}
+    rows = {pair: row for row, pair in enumerate(changed.which.tolist())}  # of the changed pairs
     for pair, case in enumerate(changed.paired.new):
-        change = changed[row_of_pair[pair]] if pair in row_of_pair else None
+        change = changed[rows[pair]] if pair in rows else None
         yield _change_test(case, change, part.units[1])  # unit of U in the new run
 
 
@@ -237,7 +241,7 @@ def _facts(case: CaseResult, unit: str) -> str:
 
 
 def _task_and_harm(case: CaseResult, unit: str) -> Iterator[str]:
-    """Lines on the case's part in T, A' and H: departure, giving up, t and h, where it has them."""
+    """Lines on the case's parts in T, A' and H: departure, giving up, t and h, if it has them."""
     if case.departed:
         harm = severity_words(case.departure_severity, unit, 2)
         yield (
@@ -265,27 +269,27 @@ def _change_test(case: CaseResult, change: ChangedCase | None, unit: str) -> Tes
     if kind == "not evaluated any more":
         reason = _first_line(placed(case.error or case.status, case))
         return result("error", case.status, f"{kind}: {reason}", case.case)
-    ending = (
-        ", not so in the base"
-        if change.by is None
-        else f" than in the base by {abs(change.by):z.3g}"
-    )
-    return result("failure", kind.replace(" ", "_"), kind + ending, _facts(case, unit))
+    message = f"{kind}, not so in the base"
+    if change.by is not None:
+        message = f"{kind} than in the base by {abs(change.by):z.3g}"
+    return result("failure", kind.replace(" ", "_"), message, _facts(case, unit))
 
 
 def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> Iterator[Test]:
     """One test for each cell of the sampled box that holds cases.
 
-    The test is a failure if any of its cases is a failure, else an error if any is an error.
+    tests: those of the cases.
+
+    It is a failure if any of its cases is a failure, else an error if any is an error.
     """
     if not len(cases):
         return
     names = list(cases[0].values)
-    places, edges_of = cells_of(cases.parameters(names), cells)
+    cell_of_case, edges_of = cells_of(cases.parameters(names), cells)
     # tests that passed are not kept, only their times: there may be a million
     seconds: defaultdict[tuple[int, ...], array[float]] = defaultdict(lambda: array("d"))
     bad: defaultdict[tuple[int, ...], list[Test]] = defaultdict(list)
-    for cell, test in zip(map(tuple, places.tolist()), tests, strict=True):
+    for cell, test in zip(map(tuple, cell_of_case.tolist()), tests, strict=True):
         seconds[cell].append(test.seconds)
         if test.verdict in ("failure", "error"):
             bad[cell].append(test)
@@ -308,10 +312,7 @@ def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> Iterator[Te
 
 
 def _first_line(text: str) -> str:
-    return text.strip().splitlines()[0] if text.strip() else ""
-
-
-_FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+    return next(iter(text.strip().splitlines()), "")
 
 
 def _clean(text: str) -> str:
