@@ -39,6 +39,14 @@ def node(program, given=None):
     return json.loads(done.stdout)
 
 
+def plain(trajectory):
+    """What a page reads of a trajectory."""
+    channels = {
+        name: getattr(trajectory, name).tolist() for name in ("time", "x", "y", "heading", "speed")
+    }
+    return {**channels, "length": trajectory.length, "width": trajectory.width}
+
+
 class Page:
     """One page.
 
@@ -109,6 +117,10 @@ class Page:
                 answer["exceptionDetails"]["exception"].get("description", "the script threw")
             )
         return answer["result"].get("value")
+
+    def asked_for(self):
+        """Addresses that it asked for, without what lies in the page itself."""
+        return [one for one in self.requests if not one.startswith(("data:", "blob:"))]
 
     def picture(self):
         """What is to be seen, as a PNG file."""

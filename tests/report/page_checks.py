@@ -94,9 +94,7 @@ def holds_what_every_page_holds(page, path, ready):
         )
         page.run("document.querySelectorAll('details').forEach((fold) => { fold.open = true; })")
         page.wait(f"document.documentElement.scrollWidth <= {width}", 20.0)
-    assert [one for one in page.requests if not one.startswith(("data:", "blob:"))] == [
-        path.as_uri()
-    ]
+    assert page.asked_for() == [path.as_uri()]
     for theme in ("Dark", "Light"):
         page.run(f"document.documentElement.dataset.theme === '{theme.lower()}' || "
                  "document.querySelector('[data-tools]').querySelectorAll('button').forEach((one) "

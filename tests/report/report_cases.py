@@ -7,6 +7,8 @@ from dataclasses import replace
 import builders
 
 from sumo_eval.nightly.history import Night
+from sumo_eval.scoring.findings import Findings
+from sumo_eval.settings import CollisionSettings
 
 
 def every(evaluation, which=lambda case: True, **values):
@@ -32,6 +34,22 @@ def pick(evaluation, *, collided, zone="hazardous"):
         and case.evaluated
         and (case.collided, case.zone) == (collided, zone)
     )
+
+
+def with_settings(evaluation, **values):
+    return replace(evaluation, settings=replace(evaluation.settings, **values))
+
+
+def with_losses(evaluation, **collision):
+    """The run with another loss of a collision."""
+    method = replace(evaluation.settings.method, collision=CollisionSettings(**collision))
+    return with_settings(evaluation, method=method)
+
+
+def findings(evaluation, ads, place):
+    """The score of an ADS in the scenario of this place, and its findings."""
+    score = evaluation.score(ads, builders.SCENARIOS[place])
+    return score, Findings.of(evaluation, score)
 
 
 def night(name, status=0, verdict="", wall_time=1.0):

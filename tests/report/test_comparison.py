@@ -6,7 +6,7 @@ from dataclasses import replace
 import builders
 import pytest
 from refusals import refusal
-from report_cases import HIT, pick, with_case
+from report_cases import HIT, pick, with_case, with_settings
 
 from sumo_eval.errors import InputError
 from sumo_eval.record.kept_results import KeptResults
@@ -174,16 +174,14 @@ def test_an_ads_without_a_partner_is_said_and_a_pair_can_be_named(evaluation):
 @pytest.mark.parametrize(
     "change, words",
     [
-        (lambda e: replace(e, settings=replace(e.settings, seed=2)), "seed: 1 in the base, 2 in "
+        (lambda e: with_settings(e, seed=2), "seed: 1 in the base, 2 in "
                                                                      "the new run"),
         (
-            lambda e: replace(
-                e, settings=replace(e.settings, simulation=replace(e.settings.simulation, step=0.1))
-            ),
+            lambda e: with_settings(e, simulation=replace(e.settings.simulation, step=0.1)),
             "simulation.step: 0.05 in the base, 0.1 in the new run",
         ),
         (
-            lambda e: replace(e, settings=replace(e.settings, scenario=e.settings.scenario[:1])),
+            lambda e: with_settings(e, scenario=e.settings.scenario[:1]),
             "scenario.front_vehicle_cut_out",
         ),
         (
@@ -211,9 +209,7 @@ def test_another_controller_or_another_version_of_numpy_is_shown_and_not_refused
     versions = {**evaluation.manifest["versions"], "numpy": "3.0"}
     ads = (AdsSettings(builders.CALM, "lane_changer"), *evaluation.settings.ads[1:])
     other = replace(
-        evaluation,
-        settings=replace(evaluation.settings, ads=ads),
-        manifest={**evaluation.manifest, "versions": versions},
+        with_settings(evaluation, ads=ads), manifest={**evaluation.manifest, "versions": versions}
     )
     words = [item.words for item in compare(evaluation, other, GATE).differences]
     assert "version of numpy: not set in the base, 3.0 in the new run" in words

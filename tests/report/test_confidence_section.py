@@ -8,6 +8,7 @@ import builders
 import pytest
 from lxml import html
 from refusals import refusal
+from report_cases import with_settings
 from scoring.confidence.scored_by_hand import with_intervals_of
 
 from sumo_eval.extras.studies.opinion import Opinion, RatedScore, opinion_json
@@ -25,13 +26,9 @@ def assessed(evaluation, partitions, tmp_path_factory):
     folder = tmp_path_factory.mktemp("section")
     shutil.copy(evaluation.folder / FACTS, folder)
     calm = with_intervals_of(evaluation, partitions, builders.CALM).scores
-    copy = replace(
-        evaluation,
-        folder=folder,
-        scores=calm,
-        settings=replace(evaluation.settings, run=RunSettings(workers=1)),
-    )
-    return replace(evaluation, folder=folder), assess(copy, partitions)
+    moved = replace(evaluation, folder=folder)
+    copy = with_settings(replace(moved, scores=calm), run=RunSettings(workers=1))
+    return moved, assess(copy, partitions)
 
 
 def test_the_section_has_the_numbers_of_the_assessment(assessed, partitions):

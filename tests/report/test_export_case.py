@@ -133,7 +133,8 @@ def test_an_exported_case_of_a_program_drives_again(run, tmp_path):
 
 def rerun_equals_recording(run, scenario, ads, tmp_path):
     case = f"{scenario}-0001-{ads}"
-    path = next(path for path in export_case(run, case, tmp_path).paths if path.suffix == ".toml")
+    export_case(run, case, tmp_path)
+    (path,) = tmp_path.glob("*.toml")
     recorded = drive(run, case)
     assert recorded[2] in ("ok", "collision")
     assert len(recorded[-1]["ego"]["time"]) > 20
@@ -197,6 +198,12 @@ def test_the_configuration_loads_and_steps_in_libsumo(run, tmp_path):
 # --- OpenSCENARIO and OpenDRIVE -------------------------------------------------------------------
 
 
+def exported(run, case, folder, ending):
+    """The root of one of the files that a case is exported to."""
+    export_case(run, case, folder)
+    return etree.parse(folder / f"{case}.{ending}").getroot()
+
+
 def vertices(root, name):
     """Where a vehicle's trajectory has it, by time."""
     (group,) = (g for g in root.iter("ManeuverGroup") if g.get("name") == name)
@@ -205,8 +212,7 @@ def vertices(root, name):
 
 def test_the_openscenario_file_has_the_cases_elements_and_numbers(run, tmp_path):
     case = "cut_in-0001-draws"
-    export_case(run, case, tmp_path)
-    root = etree.parse(tmp_path / f"{case}.xosc").getroot()
+    root = exported(run, case, tmp_path, "xosc")
     header = root.find("FileHeader")
     assert (root.tag, header.get("revMajor"), header.get("revMinor")) == ("OpenSCENARIO", "1", "2")
     assert header.get("description").endswith(f"Run again: sumo-eval run {case}.toml --out again")
@@ -261,17 +267,14 @@ def test_the_openscenario_file_has_the_cases_elements_and_numbers(run, tmp_path)
 
 def test_a_braking_vehicle_follows_its_braking_in_openscenario(run, tmp_path):
     case = "slow_truck-0001-draws"
-    export_case(run, case, tmp_path)
-    root = etree.parse(tmp_path / f"{case}.xosc").getroot()
+    root = exported(run, case, tmp_path, "xosc")
     path = {time: float(place.get("x")) for time, place in vertices(root, "truck").items()}
     # 10 m in the first second, then 4 m/s2: 10 t - 2 t^2, at rest after 2.5 s and 12.5 m
     travelled = [path[time] - path[0.0] for time in (1.0, 2.0, 3.5, 20.0)]
     assert travelled == pytest.approx([10.0, 10.0 + 8.0, 10.0 + 12.5, 10.0 + 12.5], abs=1e-5)
-    assert "moves on in this file" not in (tmp_path / f"{case}.rou.xml").read_text()
-    assert (
-        "`truck` brakes to a standstill with 4 m/s2 from 1 s on"
-        in (tmp_path / f"{case}.rou.xml").read_text()
-    )
+    routes = (tmp_path / f"{case}.rou.xml").read_text()
+    assert "moves on in this file" not in routes
+    assert "`truck` brakes to a standstill with 4 m/s2 from 1 s on" in routes
 
 
 def recorded(start, speed):
@@ -355,9 +358,7 @@ def test_asams_checker_finds_no_issue_and_skips_no_rule(tmp_path, request, kind)
 
 
 def test_the_opendrive_road_is_the_cases_road(run, tmp_path):
-    case = "cut_in-0001-draws"
-    export_case(run, case, tmp_path)
-    root = etree.parse(tmp_path / f"{case}.xodr").getroot()
+    root = exported(run, "cut_in-0001-draws", tmp_path, "xodr")
     assert root.tag == "OpenDRIVE"
     # two lanes of 3.5 m, the right one's centre at y = 0: the reference line, the left edge, lies
     # at 5.25
@@ -403,8 +404,8 @@ refinements = 0
 grid_points = 1000
 """)
     case = sumo_eval.evaluate(tmp_path / "evaluation.toml", tmp_path / "run").cases[-1].case
-    exported = export_case(tmp_path / "run", case, tmp_path / "out")
-    path = next(path for path in exported.paths if path.suffix == ".toml")
+    export_case(tmp_path / "run", case, tmp_path / "out")
+    (path,) = (tmp_path / "out").glob("*.toml")
     repeated = sumo_eval.evaluate(path, tmp_path / "out" / "again")
     assert repeated.settings.ads[0].fmu.parameters == {"headway": 1.25}
     assert repeated.settings.ads[0].controller == f"fmu:{tmp_path / 'Acc.fmu'}"
@@ -424,11 +425,8 @@ def test_paths_of_people_and_exposure_stay_what_they_were(run, tmp_path, monkeyp
     assert 'cases = "tests"' in text
     (folder / "evaluation.toml").write_text(text)
     monkeypatch.setattr("sumo_eval.record.trust._trust_all", True)  # as `--trust` does
-    path = next(
-        p
-        for p in export_case(folder, "cut_in-0001-draws", tmp_path / "out").paths
-        if p.suffix == ".toml"
-    )
+    export_case(folder, "cut_in-0001-draws", tmp_path / "out")
+    (path,) = (tmp_path / "out").glob("*.toml")
     alone = sumo_eval.settings.config.read_evaluation(path)
     drivers = alone.drivers
     assert alone.method.collision.severity == f"{run.parent / 'harm.py'}:loss"

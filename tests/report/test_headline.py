@@ -8,6 +8,7 @@ from urllib.parse import unquote
 import builders
 import numpy as np
 import pytest
+import report_cases
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.report.headline import headline, safety_words
@@ -19,6 +20,7 @@ from sumo_eval.scoring.behaviour import behaviour_of, harm_beside, worst_case
 from sumo_eval.scoring.failure_groups import failure_groups, failure_kinds
 from sumo_eval.scoring.findings import findings_of
 from sumo_eval.scoring.ledger import ledger_plus
+from sumo_eval.scoring.quantities import combine
 
 NAME = builders.SCENARIOS[1]
 UNRANKED = Ranking({}, 0.95, (), ())
@@ -30,15 +32,7 @@ def of_one_scenario(evaluation, cases):
     for score in evaluation.scores:
         own = [case for case in cases if case.ads == score.ads]
         if score.scenario == NAME and own:
-            counted = {
-                "cases": len(own),
-                "collisions": sum(case.collided for case in own),
-                "avoidable_collisions": sum(case.avoidable for case in own),
-                "departures": sum(case.departed for case in own),
-                "gave_up": sum(case.gave_up for case in own),
-                "not_evaluated": sum(not case.evaluated for case in own),
-            }
-            scores.append(replace(score, **counted))
+            scores.append(combine(score.ads, NAME, own, evaluation.settings.method))
     return replace(evaluation, scores=tuple(scores), cases=tuple(cases))
 
 
@@ -59,13 +53,7 @@ def clean(evaluation, ads, number=4):
     ]  # fmt: skip
 
 
-HIT = {
-    "status": "collision",
-    "collided": True,
-    "severity": 12.0,
-    "impact_speed": 12.0,
-    "ideal_severity": 0.0,
-}
+HIT = report_cases.HIT | {"severity": 12.0, "impact_speed": 12.0}
 ALARMS = {
     **tomllib.loads("""
 "left the road in 1 case" = { departure_time = 1.0, departure_speed = 20.0, departure_severity = 20.0 }

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import junitparser
 import pytest
-from report_cases import HIT, pick, with_case
+from report_cases import HIT, pick, with_case, with_settings
 
 from sumo_eval.nightly.gates import judge
 from sumo_eval.report.junit import comparison_suites, run_suites, write_junit
@@ -34,9 +34,7 @@ def read(suites):
 
 
 def with_report(evaluation, **values):
-    return replace(
-        evaluation, settings=replace(evaluation.settings, report=ReportSettings(**values))
-    )
+    return with_settings(evaluation, report=ReportSettings(**values))
 
 
 def test_every_case_is_a_test_with_the_verdict_of_the_table(evaluation, tmp_path):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import builders
 import pytest
-from report_cases import every
+from report_cases import every, findings, with_settings
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.report.terminal import ledger_sentences as sentences
@@ -57,45 +57,34 @@ def test_every_line_with_cases_is_the_sum_of_its_cases(evaluation):
 
 def test_scales_and_points_of_eq_18_are_in_the_sum(evaluation):
     """a = 60, k5 = 0.5, k6 = 2: S = 60 * 0.5 C + 40 * 2 D."""
-    settings = replace(
-        evaluation.settings, method=MethodSettings(score=ScoreSettings(a=60.0, k5=0.5, k6=2.0))
-    )
+    method = MethodSettings(score=ScoreSettings(a=60.0, k5=0.5, k6=2.0))
     for score in evaluation.scores:
-        found = ledger(Findings.of(replace(evaluation, settings=settings), score))
+        found = ledger(Findings.of(with_settings(evaluation, method=method), score))
         assert found.total == pytest.approx(
             30.0 * (score.c or 0.0) + 80.0 * (score.d or 0.0), abs=1e-9
         )
 
 
 def test_a_missing_d_is_a_line_with_the_collisions_that_took_it(evaluation):
-    score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
+    score, found = findings(evaluation, builders.HOSTILE, 1)
     assert score.d is None
-    line = line_of(ledger(Findings.of(evaluation, score)), "not computed")
+    line = line_of(ledger(found), "not computed")
     assert line.points == pytest.approx(-50.0)
     assert len(line.entries) == score.safe_collisions
 
 
 def test_what_cost_most_is_said_first(evaluation):
-    score = evaluation.score(builders.CALM, builders.SCENARIOS[1])
-    said = sentences(ledger(Findings.of(evaluation, score)))
+    said = sentences(ledger(findings(evaluation, builders.CALM, 1)[1]))
     lost = [float(sentence.split(" lost ")[1].split(" of ")[0]) for sentence in said]
     assert lost == sorted(lost, reverse=True)
     assert any("operations factor in" in sentence for sentence in said)
 
 
 def test_a_case_that_gains_leaves_the_points_of_its_term(evaluation):
-    found = ledger(Findings.of(evaluation, evaluation.score(builders.CALM, builders.SCENARIOS[1])))
+    found = ledger(findings(evaluation, builders.CALM, 1)[1])
     line = next(line for line in found.lines if line.term == "D" and line.entries)
     gain = replace(line, index=0.001)
     assert sentences(found._replace(lines=(*found.lines, gain))) == sentences(found)
-
-
-def scores_with_a_below_zero(evaluation):
-    """`calm` hits at 40 m/s wherever it hits: worse than doing nothing, which hits at 12."""
-    hard = lambda case: case.collided and case.ads == builders.CALM  # noqa: E731
-    worse = every(evaluation, hard, severity=40.0)
-    names = builders.CALM, builders.SCENARIOS[1]
-    return worse, combine(*names, list(worse.cases_of(*names)), worse.settings.method)
 
 
 def test_the_lines_of_s_plus_add_up_and_each_case_takes_its_part(evaluation):
@@ -114,16 +103,15 @@ def test_the_lines_of_s_plus_add_up_and_each_case_takes_its_part(evaluation):
 
 
 def test_a_case_given_up_costs_points_of_t(evaluation):
-    score = evaluation.score(builders.CALM, builders.SCENARIOS[0])
-    line = line_of(ledger_plus(Findings.of(evaluation, score)), "given up")
+    line = line_of(ledger_plus(findings(evaluation, builders.CALM, 0)[1]), "given up")
     assert line.term == "T"
     assert line.entries.status.tolist() == ["crashed"]
     assert line.points < 0.0
 
 
 def test_a_case_struck_from_behind_is_a_cause_of_its_own_in_t(evaluation):
-    score = evaluation.score(builders.CALM, builders.SCENARIOS[0])
-    rows = list(Findings.of(evaluation, score).cases)
+    score, found = findings(evaluation, builders.CALM, 0)
+    rows = list(found.cases)
     hit = next(row for row in rows if row.counts_for_index and not row.incident)
     struck = replace(hit, struck_from_behind=True, task_share=0.0)
     rows[rows.index(hit)] = struck
@@ -139,7 +127,10 @@ def test_a_case_struck_from_behind_is_a_cause_of_its_own_in_t(evaluation):
 
 
 def test_an_a_below_zero_is_shown_and_taken_as_zero(evaluation):
-    worse, score = scores_with_a_below_zero(evaluation)
+    """`calm` hits at 40 m/s wherever it hits: worse than doing nothing, which hits at 12."""
+    names = builders.CALM, builders.SCENARIOS[1]
+    worse = every(evaluation, lambda case: case.collided and case.ads == names[0], severity=40.0)
+    score = combine(*names, list(worse.cases_of(*names)), worse.settings.method)
     assert score.avoided_share < 0.0
     found = ledger_plus(Findings.of(worse, score))
     assert 1.0 + index(found, "A") == pytest.approx(score.avoided_share, abs=1e-12)
@@ -148,22 +139,19 @@ def test_an_a_below_zero_is_shown_and_taken_as_zero(evaluation):
 
 
 def test_a_collision_that_doing_nothing_avoids_is_called_caused(evaluation):
-    score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
-    rows = Findings.of(evaluation, score).cases
-    struck = [case for case in rows if case.avoidable and case.no_reaction_severity == 0.0]
+    score, found = findings(evaluation, builders.HOSTILE, 1)
+    struck = [case for case in found.cases if case.avoidable and case.no_reaction_severity == 0.0]
     assert score.caused_collisions == len(struck) > 0
     assert score.collisions == score.avoidable_collisions + score.unavoidable_collisions
-    line = line_of(ledger_plus(Findings.of(evaluation, score)), "caused")
+    line = line_of(ledger_plus(found), "caused")
     assert set(line.entries.case.tolist()) == {case.case for case in struck}
-    assert f"({len(struck)} of them caused by the ADS)" in explain_a(Findings.of(evaluation, score))
+    assert f"({len(struck)} of them caused by the ADS)" in explain_a(found)
 
 
 def test_a_safe_case_with_an_avoidable_collision_costs_its_whole_share_of_h(evaluation):
-    score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
-    line = line_of(ledger_plus(Findings.of(evaluation, score)), "incident in a safe case")
-    counted = [
-        case for case in Findings.of(evaluation, score).cases if case.human_likeness is not None
-    ]
+    _, found = findings(evaluation, builders.HOSTILE, 1)
+    line = line_of(ledger_plus(found), "incident in a safe case")
+    counted = [case for case in found.cases if case.human_likeness is not None]
     hits = [case for case in counted if case.collided]
     exposure = sum(case.exposure for case in counted)
     assert line.index == pytest.approx(-sum(case.exposure for case in hits) / exposure)

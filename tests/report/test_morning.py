@@ -26,7 +26,7 @@ from sumo_eval.nightly.bases import (
     pinned_by_itself,
 )
 from sumo_eval.nightly.gates import judge
-from sumo_eval.nightly.history import Accepted, GateLine, Night, open_history
+from sumo_eval.nightly.history import Accepted, GateLine, open_history
 from sumo_eval.nightly.judged import JudgedNight, Since, failing_since, judge_repeats, new_pin
 from sumo_eval.nightly.morning import _code, github_annotations, tell_github, write_night
 from sumo_eval.nightly.night import _prune, _refuse_without_history, _size
@@ -113,8 +113,7 @@ def test_night_json_names_case_and_ways_to_it(judged, folder):
 
 def test_accept_lists_the_cases_that_it_accepts(judged, folder, evaluation):
     history = folder.parents[1]
-    with open_history(history, create=True) as lines:
-        lines.add(night(SECOND, 1), evaluation, judged.gates)
+    add(history, SECOND, evaluation, *judged.gates)
     (gate,) = failed(judged.gates)
     told = json.loads((folder / "night.json").read_text())
     told["failed"].append({**told["failed"][0], "quantity": "pet"})
@@ -135,8 +134,7 @@ def test_a_limit_on_own_values_is_not_accepted(alone, judged, folder, evaluation
     write_night(
         folder.parents[1], night(SECOND, 1), "worse", judged._replace(gates=gates, since=since), ()
     )
-    with open_history(folder.parents[1], create=True) as lines:
-        lines.add(night(SECOND, 1), evaluation, gates)
+    add(folder.parents[1], SECOND, evaluation, *gates)
     if alone:
         with refusal("fails by limits on its own values alone"):
             accept(folder.parents[1], None, "on purpose", None)
@@ -233,9 +231,7 @@ def test_only_a_better_night_moves_the_pin(evaluation, tmp_path):
     base = calm(evaluation, 0.9)
     better, same = compare(base, nearer(base, 1.5), SETTINGS), compare(base, base, SETTINGS)
     assert pin_after(tmp_path, None) == "the first good night"
-    with open_history(tmp_path, create=True) as lines:
-        lines.add(night(FIRST), evaluation, ())
-    (tmp_path / "nights" / FIRST).mkdir(parents=True)
+    add(tmp_path, FIRST, evaluation)
     accept(tmp_path, FIRST, "begun", None)
     assert pin_after(tmp_path, better) == "paired cases only improved"
     assert pin_after(tmp_path, same) == ""
@@ -247,9 +243,7 @@ def test_only_a_better_night_moves_the_pin(evaluation, tmp_path):
 
 def test_an_acceptance_of_yesterday_counts_no_more(evaluation, tmp_path):
     for name in (FIRST, SECOND):
-        (tmp_path / "nights" / name).mkdir(parents=True)
-        with open_history(tmp_path, create=True) as lines:
-            lines.add(night(name), evaluation, ())
+        add(tmp_path, name, evaluation)
     for until, pinned in (("2999-01-01", SECOND), ("2026-11-24", FIRST)):
         accept(tmp_path, FIRST, "begun", None)
         with open_history(tmp_path) as lines:
@@ -259,9 +253,7 @@ def test_an_acceptance_of_yesterday_counts_no_more(evaluation, tmp_path):
 
 
 def test_the_trend_shows_departures_builds_and_acceptance(evaluation, tmp_path):
-    (tmp_path / "nights" / FIRST).mkdir(parents=True)
-    with open_history(tmp_path, create=True) as lines:
-        lines.add(night(FIRST), built(calm(evaluation, 0.9), "abc"), ())
+    add(tmp_path, FIRST, built(calm(evaluation, 0.9), "abc"))
     accept(tmp_path, FIRST, "softer brakes", "2999-01-01")
     with open_history(tmp_path) as lines:
         near = sum(one.value or 0.0 for one in lines.values() if one.quantity == "near_misses")
@@ -291,20 +283,16 @@ def test_the_command_for_a_folder_with_a_blank_is_quoted(tmp_path):
 # --- order of nights, accepted nights, since when a limit fails -----------------------------------
 
 
-FUTURE, TODAY, LATER = "2999-01-01T02-00-00Z", "2026-11-25T02-00-00Z", "2026-11-26T02-00-00Z"
+FUTURE, TODAY, LATER = "2999-01-01T02-00-00Z", SECOND, "2026-11-26T02-00-00Z"
 FAILED = GateResult(
     "min_gap", builders.CALM, builders.SCENARIOS[0], False, "smallest gap: 1 nearer", 1.0, None
 )
 
 
 def add(history, name, evaluation, *gates, imported=False):
-    (history / "nights" / name).mkdir(parents=True)
-    status = 1 if gates else 0
-    night = Night(
-        name, "made", f"nights/{name}", 1.0, status, None, "verdict", "0.1", "1.28", imported
-    )
+    (history / "nights" / name).mkdir(parents=True, exist_ok=True)
     with open_history(history, create=True) as lines:
-        lines.add(night, evaluation, gates)
+        lines.add(night(name, int(bool(gates)))._replace(imported=imported), evaluation, gates)
 
 
 def test_a_clock_that_ran_ahead_once_decides_nothing(evaluation, tmp_path):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import builders
 import pytest
+from report_cases import with_settings
 
 from sumo_eval.report.tables import scores_json
 from sumo_eval.report.words import LOOKS, reference_sentence
@@ -16,9 +17,7 @@ SCENARIO = builders.SCENARIOS[0]
 
 
 def against(evaluation, reference):
-    return replace(
-        evaluation, settings=replace(evaluation.settings, report=ReportSettings(reference))
-    )
+    return with_settings(evaluation, report=ReportSettings(reference))
 
 
 def made(evaluation, outcomes, ideal=None):
@@ -50,9 +49,9 @@ def made(evaluation, outcomes, ideal=None):
                 )
             )
     score = evaluation.score(builders.CALM, SCENARIO)
-    settings = replace(evaluation.settings, ads=tuple(AdsSettings(ads, ads) for ads in outcomes))
     scores = tuple(replace(score, ads=ads) for ads in outcomes)
-    return replace(evaluation, settings=settings, cases=tuple(cases), scores=scores)
+    run = replace(evaluation, cases=tuple(cases), scores=scores)
+    return with_settings(run, ads=tuple(AdsSettings(ads, ads) for ads in outcomes))
 
 
 def by_case(evaluation):
@@ -120,27 +119,6 @@ def test_the_reference_is_found_by_name_before_controller(evaluation):
     assert reference_ads(both) == "careful_driver"
     assert reference_ads(replace(both, ads=ads[:1])) == "first"
     assert "“first”" in reference_sentence(replace(both, ads=ads[:1]))
-
-
-def test_the_reference_prevents_nothing_of_its_own_and_is_never_better_than_itself(evaluation):
-    odd = against(evaluation, "idm")  # the controller of `calm`
-    own = [row for row in preventability(odd) if row.ads == builders.CALM]
-    assert own
-    for row in own:
-        assert (row.preventable, row.undecided, row.better) == (0, 0, 0)
-        assert row.unpreventable == row.incidents
-
-
-def test_an_ads_that_only_avoids_more_never_has_more_preventable_collisions(evaluation):
-    reference = [*"-XX--X-X"]
-    worse = preventability(made(evaluation, {"mine": [*"XXXX--XX"], "careful_driver": reference}))[
-        0
-    ]
-    gentler = preventability(
-        made(evaluation, {"mine": [*"-XXX--X-"], "careful_driver": reference})
-    )[0]
-    assert gentler.preventable <= worse.preventable
-    assert gentler.better >= worse.better
 
 
 def test_scores_json_carries_the_counts_and_the_reference(evaluation):

@@ -2,12 +2,13 @@
 recorded."""
 
 import json
+from dataclasses import replace
 from importlib.resources import files
 
 import builders
 import numpy as np
 import pytest
-from browser import Page, needs_chromium, needs_node, node
+from browser import Page, needs_chromium, needs_node, node, plain
 from lxml import etree
 from packed_pages import unpacked
 from page_checks import press
@@ -30,13 +31,6 @@ from sumo_eval.trajectory import Collision, Trajectory
 REPLAY_JS = str(files("sumo_eval.report") / "templates" / "replay.js")
 
 
-def plain(trajectory):
-    channels = {
-        name: getattr(trajectory, name).tolist() for name in ("time", "x", "y", "heading", "speed")
-    }
-    return {**channels, "length": trajectory.length, "width": trajectory.width}
-
-
 @needs_node
 @pytest.mark.parametrize("contact", [False, True])
 def test_the_page_computes_the_gap_and_ttc_of_the_method(contact):
@@ -44,7 +38,7 @@ def test_the_page_computes_the_gap_and_ttc_of_the_method(contact):
     an actor whose recording ends early."""
     ego = builders.drive(50.0, 0.0, 25.0, 6.0, offset=2.0)
     actors = {
-        "lead": lorry(builders.drive(90.0, 0.0, 20.0, 6.0, braking=2.0)),
+        "lead": replace(builders.drive(90.0, 0.0, 20.0, 6.0, braking=2.0), length=12.0, width=2.5),
         "fast": builders.drive(60.0, 3.5, 40.0, 6.0),
         "gone": builders.drive(70.0, 0.0, 15.0, 2.0),
         "across": Trajectory(ego.time, 80.0 + 0.0 * ego.time, 10.0 * (1.0 - ego.time)),
@@ -76,11 +70,6 @@ def test_the_page_computes_the_gap_and_ttc_of_the_method(contact):
     np.testing.assert_allclose(there["gap"], gap, atol=1e-9)
     np.testing.assert_allclose(there["ttc"], time_to_collision(gap, closing), rtol=1e-9)
     assert np.isfinite(gap).any()
-
-
-def lorry(driven):
-    channels = {name: getattr(driven, name) for name in ("time", "x", "y", "heading", "speed")}
-    return Trajectory(**channels, length=12.0, width=2.5)
 
 
 def collision(evaluation):
@@ -144,9 +133,7 @@ def test_the_replay_page_plays_in_a_browser(evaluation, tmp_path):
             "[...document.querySelectorAll('.replay-chase')].every((it) => it.getContext('webgl2'))"
         )
         assert page.problems == []
-        assert [one for one in page.requests if not one.startswith(("data:", "blob:"))] == [
-            path.as_uri()
-        ]
+        assert page.asked_for() == [path.as_uri()]
 
 
 def share_of(page, colour, within=40):

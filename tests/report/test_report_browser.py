@@ -7,7 +7,7 @@ from importlib.resources import files
 import builders
 import numpy as np
 import pytest
-from browser import Page, needs_chromium, needs_node, node
+from browser import Page, needs_chromium, needs_node, node, plain
 from packed_pages import unpacked, with_packed
 from page_checks import CONTRAST, WRITTEN_IN_CELLS, press, size
 from report_cases import pick
@@ -30,12 +30,6 @@ def in_the_page(program, given):
         """,
         given,
     )
-
-
-def plain(trajectory):
-    return {
-        name: getattr(trajectory, name).tolist() for name in ("time", "x", "y", "heading", "speed")
-    }
 
 
 def look_at(page, case):
@@ -199,8 +193,7 @@ def page_opened(report, tmp_path_factory):
 
 @needs_chromium
 def test_the_report_opens_without_an_error_and_without_a_request(opened, report):
-    outside = [address for address in opened.requests if not address.startswith(("data:", "blob:"))]
-    assert outside == [report.as_uri()]
+    assert opened.asked_for() == [report.as_uri()]
     assert opened.run("document.getElementById('failure').hidden")
     assert (
         opened.run("document.querySelectorAll('script, img, iframe, link').length") == 9

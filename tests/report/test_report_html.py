@@ -5,7 +5,6 @@ import json
 import re
 from dataclasses import replace
 from html import escape, unescape
-from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
 from urllib.parse import unquote
@@ -13,8 +12,10 @@ from urllib.parse import unquote
 import builders
 import numpy as np
 import pytest
+from lxml import html
 from packed_pages import unpacked
 from refusals import refusal
+from report_cases import with_losses, with_settings
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.report import sent_drives
@@ -34,22 +35,10 @@ from sumo_eval.scoring.zone_levels import rooms_of
 from sumo_eval.settings import DriverSettings, PlantSettings, RunSettings, SimulationSettings
 
 
-class Tags(HTMLParser):
-    """Every tag with its attributes, in order."""
-
-    def __init__(self):
-        super().__init__()
-        self.tags = []
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-
-
 @pytest.fixture(scope="module")
 def tags(page):
-    parser = Tags()
-    parser.feed(page)
-    return parser.tags
+    """Every tag with its attributes, in order."""
+    return [(element.tag, element.attrib) for element in html.fromstring(page).iter("*")]
 
 
 def embedded(page):
@@ -116,7 +105,7 @@ def test_jargon_has_a_line_in_the_glossary(page, name):
 
 
 def test_the_scores_headings_have_tooltips(tags):
-    told = {dict(attributes).get("title") for tag, attributes in tags if tag == "abbr"}
+    told = {attributes.get("title") for tag, attributes in tags if tag == "abbr"}
     assert {
         GLOSSARY[name]
         for name in ("A", "H", "S+", "C", "D", "S", "avoidable", "U", "Ug", "U0", "r")
@@ -160,7 +149,7 @@ def test_the_drivers_are_called_synthetic_and_only_when_they_are(evaluation, par
     words = "synthetic: drawn from distributions fitted to recorded traffic. They are not"
     assert visible(page).count(words) == 3  # first screen, scores, human-likeness
     drivers = DriverSettings(count=3, source="mine:drivers")
-    recorded = replace(evaluation, settings=replace(evaluation.settings, drivers=drivers))
+    recorded = with_settings(evaluation, drivers=drivers)
     other = visible(write_report(recorded, partitions).read_text())
     write_report(evaluation, partitions)
     assert "not recorded people" not in other
@@ -404,11 +393,8 @@ def test_drives_to_embed_are_the_hardest_of_all_scenarios(evaluation):
 
 
 def test_the_reading_of_u_names_what_replaces_it(evaluation):
-    method = evaluation.settings.method
-    own = replace(method, collision=replace(method.collision, severity="injury:car_driver"))
-    plain, replaced = (
-        dict(readings(replace(evaluation.settings, method=one)))["14–15"] for one in (method, own)
-    )
+    own = with_losses(evaluation, severity="injury:car_driver")
+    plain, replaced = (dict(readings(one.settings))["14–15"] for one in (evaluation, own))
     assert replaced == f"{plain} `injury:car_driver` replaces it."
 
 

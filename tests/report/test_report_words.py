@@ -9,6 +9,7 @@ from typing import get_args
 import builders
 import numpy as np
 import pytest
+from report_cases import findings, with_case, with_losses
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.method.anthropomorphic import IndexNote, NoteKind
@@ -31,20 +32,14 @@ from sumo_eval.report.words import (
 )
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.findings import Findings, unevaluated
-from sumo_eval.settings import CollisionSettings, MethodSettings, SamplingSettings
+from sumo_eval.settings import CollisionSettings, SamplingSettings
 
 CUT_OUT = builders.SCENARIOS[1]
 
 
-def with_loss(evaluation, loss):
-    method = MethodSettings(collision=CollisionSettings(loss=loss))
-    return replace(evaluation, settings=replace(evaluation.settings, method=method))
-
-
 @pytest.mark.parametrize("loss", ["severity", "class"])
 def test_the_parts_of_the_collisions_add_up_to_what_c_lost(evaluation, loss):
-    odd = with_loss(evaluation, loss)
-    found = Findings.of(odd, odd.score(builders.HOSTILE, CUT_OUT))
+    _, found = findings(with_losses(evaluation, loss=loss), builders.HOSTILE, 1)
     rows, lost = found.cases, found.lost_of_c[found.collisions]
     hits = [row for row in rows if row.collided]
     c = collision_avoidance_index(
@@ -66,15 +61,10 @@ def test_without_any_weight_every_collision_counts_the_same(evaluation):
 
 
 def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(evaluation):
-    score = evaluation.score(builders.CALM, CUT_OUT)
-    first = next(row for row in Findings.of(evaluation, score).cases if row.collided)
-    odd = replace(
-        evaluation,
-        cases=tuple(
-            replace(row, ideal_severity=None) if row is first else row for row in evaluation.cases
-        ),
-    )
-    found = Findings.of(odd, score)
+    _, found = findings(evaluation, builders.CALM, 1)
+    first = next(row for row in found.cases if row.collided)
+    odd = with_case(evaluation, first, ideal_severity=None)
+    _, found = findings(odd, builders.CALM, 1)
     last = found.collisions[-1]
     assert found.cases[last].case == first.case
     assert math.isnan(found.lost_of_c[last])
@@ -82,8 +72,8 @@ def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(evaluatio
 
 
 def test_c_is_explained_by_counts_of_each_zone(evaluation):
-    score = evaluation.score(builders.HOSTILE, CUT_OUT)
-    text = explain_c(Findings.of(evaluation, score))
+    score, found = findings(evaluation, builders.HOSTILE, 1)
+    text = explain_c(found)
     assert (
         f"{score.collisions - score.safe_collisions} of {score.hazardous_cases} hazardous cases"
         in text
@@ -94,31 +84,27 @@ def test_c_is_explained_by_counts_of_each_zone(evaluation):
 
 
 def test_no_collision_is_said_as_such(evaluation):
-    score = evaluation.score(builders.CALM, builders.SCENARIOS[0])
-    rows = Findings.of(evaluation, score).cases
-    sentence = explain_c(Findings.of(evaluation, score))
-    assert (
-        sentence
-        == f"calm did not collide in any of {sum(row.evaluated for row in rows)} evaluated cases, "
-        "so C = 1."
-    )
+    _, found = findings(evaluation, builders.CALM, 0)
+    number = sum(row.evaluated for row in found.cases)
+    sentence = f"calm did not collide in any of {number} evaluated cases, so C = 1."
+    assert explain_c(found) == sentence
 
 
 def test_d_names_the_factor_that_limits_it(evaluation):
-    score = evaluation.score(builders.CALM, CUT_OUT)
-    assert Findings.of(evaluation, score).factor_means["operations"] == pytest.approx(0.5)
-    text = explain_d(Findings.of(evaluation, score))
+    score, found = findings(evaluation, builders.CALM, 1)
+    assert found.factor_means["operations"] == pytest.approx(0.5)
+    text = explain_d(found)
     assert "limited most by the operations factor (mean 0.50; length 1.00" in text
     assert f"mean over {score.safe_cases} safe cases" in text
 
 
 def test_a_perfect_d_is_limited_by_nothing(evaluation):
-    score = evaluation.score(builders.CALM, CUT_OUT)
+    score, found = findings(evaluation, builders.CALM, 1)
     rows = [
         replace(
             row, index=1.0, length_factor=1.0, operation_factor=1.0, similarity=1.0, index_note=()
         )
-        for row in Findings.of(evaluation, score).cases
+        for row in found.cases
         if row.index is not None
     ]
     perfect = Findings(replace(score, d=1.0), CaseTable.of(rows), evaluation.settings)
@@ -128,14 +114,13 @@ def test_a_perfect_d_is_limited_by_nothing(evaluation):
 
 
 def test_no_d_is_a_value_with_a_reason(evaluation):
-    score = evaluation.score(builders.HOSTILE, CUT_OUT)
-    sentence = explain_d(Findings.of(evaluation, score))
+    score, found = findings(evaluation, builders.HOSTILE, 1)
     assert (
-        sentence
+        explain_d(found)
         == f"D is not computed: {count(score.safe_collisions, 'collision')} in the safe zone. "
         "Its term counts 0 points."
     )
-    assert "D, not computed, gives 0" in explain_s(Findings.of(evaluation, score))
+    assert "D, not computed, gives 0" in explain_s(found)
 
 
 def test_the_same_note_with_other_numbers_is_gathered(evaluation):
@@ -192,16 +177,15 @@ def test_no_number_is_shown_as_minus_zero():
 
 def test_a_loss_in_place_of_u_has_no_unit_anywhere(evaluation):
     """An injury risk of 0.05 is not 0.1 m/s, in JUnit, changes and limits alike."""
-    collision = CollisionSettings(severity="injury:car_driver")
-    method = replace(evaluation.settings.method, collision=collision)
-    risky = replace(evaluation, settings=replace(evaluation.settings, method=method))
+    own = evaluation.settings.method.collision
+    collision = with_losses(evaluation, severity="injury:car_driver").settings.method.collision
     case = next(one for one in evaluation.cases if one.collided)
     case = replace(case, severity=0.05, ideal_severity=0.0, no_reaction_severity=0.2)
     assert "U = 0.050, Ug of the ideal vehicle = 0.000, U0 of doing nothing = 0.200" in _facts(
-        case, risky.settings.method.collision.unit
+        case, collision.unit
     )
     assert end_change(case, case, (collision.unit, " m/s")).before == "contact with U 0.050"
-    assert severity_words(5.0, evaluation.settings.method.collision.unit) == "5.0 m/s"
+    assert severity_words(5.0, own.unit) == "5.0 m/s"
     assert CollisionSettings(severity="eq14").unit == " m/s", "L is computed from U"
 
 

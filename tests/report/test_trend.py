@@ -2,7 +2,6 @@
 on them."""
 
 import functools
-from dataclasses import replace
 
 import builders
 import pytest
@@ -11,6 +10,7 @@ from browser import Page, needs_chromium
 from page_checks import holds_what_every_page_holds, saved_table
 from record.edited_store import edit
 from refusals import refusal
+from report_cases import with_losses
 from tables import values_of
 
 from sumo_eval.nightly.history import HISTORY, REGRET_OF_LOSSES, open_history
@@ -25,7 +25,6 @@ from sumo_eval.nightly.trend import (
     write_trend,
 )
 from sumo_eval.report.gate_result import GateResult
-from sumo_eval.settings.method import CollisionSettings
 
 night = functools.partial(report_cases.night, verdict="NO GATE <b>FAILED</b>", wall_time=12.5)
 
@@ -137,9 +136,7 @@ def test_a_history_of_earlier_nights_without_the_newer_quantities_still_reads(hi
 
 def test_regrets_of_two_units_have_a_chart_each(history, evaluation):
     """Three nights in m/s, one of losses; each night's gate of the regret is in its own chart."""
-    collision = CollisionSettings(severity="injury:cyclist")
-    method = replace(evaluation.settings.method, collision=collision)
-    losses = replace(evaluation, settings=replace(evaluation.settings, method=method))
+    losses = with_losses(evaluation, severity="injury:cyclist")
     gate = GateResult("regret", builders.CALM, builders.SCENARIOS[0], True, "fine", 0.1, 0.2)
     with open_history(history, create=True) as lines:
         lines.add(night("2026-01-04T02-00-00Z"), losses, [gate])
