@@ -1,6 +1,7 @@
 """Wall times of an ADS's steps and, between them, of a fixed piece of work.
 
-The fixed work tells a slow ADS from a slow or busy machine.
+The fixed work tells a slow ADS from a slow or busy machine. `World` holds the times; `cosim/loop.py`
+and its controls measure them.
 """
 
 from __future__ import annotations
@@ -22,8 +23,7 @@ class Latencies:
     """Wall times of the ADS's steps in one simulation, s.
 
     own: of each case; callers append to `own[case]`.
-    shared: of the whole batch; callers append here where one call of the ADS serves all cases.
-        `own` is not read then.
+    shared: of the whole batch, where one call of the ADS serves all cases; `own` is not read then.
     """
 
     def __init__(self, cases: int) -> None:
@@ -53,7 +53,7 @@ class Latencies:
         return sorted(self._reference)[len(self._reference) // 2] if self._reference else 0.0
 
     def _of(self, times: array[float]) -> Latency:
-        steps = np.sort(np.frombuffer(times)) if times else np.zeros(1)  # from the shortest on
+        steps = np.sort(np.frombuffer(times)) if times else np.zeros(1)  # the shortest first
         return Latency(
             mean=float(steps.mean()),
             longest=float(steps[-1]),

@@ -30,7 +30,6 @@ from sumo_eval.cosim.doors.observation import (
     Observation,
     Observations,
     Perception,
-    kinds_of,
     present,
     sees_all,
     stream_of,
@@ -472,7 +471,7 @@ class Policies(EgoControl):
         super().begin(world, stage)
         self._road, self._alone = world.cases[0].road, len(world.cases) == 1
         self._tasks = [task_of(concrete) for concrete in world.cases]
-        self._kinds = [kinds_of(concrete) for concrete in world.cases]
+        self._kinds = [[actor.body for actor in concrete.actors] for concrete in world.cases]
         conditions = [settings.conditions for settings in world.each]
         self._limited = np.array([not sees_all(it) for it in conditions])
         self._perception = (

@@ -1,5 +1,7 @@
-"""Pages of studies in the style of the report: sentences, tables and charts that can be saved, some
-of them folded.
+"""Pages of studies in the style of the report: sentences, tables and charts, some of them folded.
+
+Users: `report/points_page.py`, `extras/rates/` and `extras/studies/`. The template reads the names
+of the classes and of their fields.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from typing import Any, NamedTuple
 from sumo_eval.report.page import packed, template, write_page
 from sumo_eval.report.words import count
 
-MOST_ROWS = 400  # of a study's table; the files beside the page have all of them
+MOST_ROWS = 400  # of the table of `write_study`; the files beside the page have all rows
 
 
 class Text(NamedTuple):
@@ -33,7 +35,7 @@ class Table(NamedTuple):
 
     @property
     def numbers(self) -> tuple[bool, ...]:
-        """Whether each column holds numbers alone, by how its cells begin."""
+        """Whether each cell of a column that is not empty begins as a number does."""
         columns = [[row[j] for row in self.rows if row[j]] for j in range(len(self.header))]
         return tuple(
             bool(cells) and all(re.match(r"-?\d", it) for it in cells) for cells in columns
@@ -74,10 +76,10 @@ def write_study(
 ) -> Path:
     """Write a page of charts and their table, and return its path.
 
-    kicker: the small line above the title.
-    figures: plotly figures by title; in print none is split over two sheets if it fits on one.
-    rows: the table below them, its head first.
-    least_width: of a chart, px; it scrolls on narrower screens.
+    kicker, sentences: as of `write_parts`.
+    figures: plotly figures by title; their margins and legends change.
+    rows: of the table below them, the header first.
+    least_width: of each chart, px.
     """
     for figure in figures.values():
         figure.update_layout(
@@ -86,26 +88,27 @@ def write_study(
         )
     parts: list[Piece] = [Chart(*item, least_width) for item in figures.items()]
     if rows:
-        head, *cells = rows
-        about = count(len(cells), "row")
-        if len(cells) > MOST_ROWS:
+        header, *rows = rows
+        about = count(len(rows), "row")
+        if len(rows) > MOST_ROWS:
             about += f", the first {MOST_ROWS} here; the files beside this page have all"
-        parts.append(Fold("Table", about, (Table(head, cells[:MOST_ROWS]),)))
+        parts.append(Fold("Table", about, (Table(header, rows[:MOST_ROWS]),)))
     return write_parts(path, kicker=kicker, title=title, sentences=sentences, parts=parts)
 
 
 def write_parts(
     path: Path, *, kicker: str, title: str, sentences: Sequence[str], parts: Sequence[Piece]
 ) -> Path:
-    """Write a page of pieces and return its path.
+    """Write a page and return its path.
 
-    sentences: under its title.
+    kicker: the small line above the title.
+    sentences: those below the title.
     """
     charts = [
-        piece
-        for part in parts
-        for piece in (part.parts if isinstance(part, Fold) else (part,))
-        if isinstance(piece, Chart)
+        part
+        for piece in parts
+        for part in (piece.parts if isinstance(piece, Fold) else (piece,))
+        if isinstance(part, Chart)
     ]
     for chart in charts:
         chart.figure.update_layout(title=None, width=None, template="none")

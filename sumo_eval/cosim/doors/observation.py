@@ -86,11 +86,6 @@ class Task(NamedTuple):
 _NO_TASK = Task(math.nan, (math.nan, math.nan))
 
 
-def kinds_of(concrete: ConcreteScenario) -> tuple[str, ...]:
-    """Kinds of the other vehicles of a concrete scenario (`scenario.bodies`)."""
-    return tuple(actor.body for actor in concrete.actors)
-
-
 def stream_of(seed: int, concrete: ConcreteScenario) -> str:
     """Name of the random numbers of a case's perception."""
     return f"{seed}/{concrete.scenario}/{concrete.label}"
@@ -98,17 +93,14 @@ def stream_of(seed: int, concrete: ConcreteScenario) -> str:
 
 def task_of(concrete: ConcreteScenario) -> Task:
     """The task of the ego in a concrete scenario."""
-    road, ego = concrete.road, concrete.ego
-    way = ego.way  # the lane change that is asked of it
-    offset = 0.0 if way is None else way.offset
-    goal = road.length, road.lane_centre(lane_at(road, ego.y + offset))
-    return Task(ego.speed, goal, None if way is None else (way.begin, way.by))
+    road, ego, change = concrete.road, concrete.ego, concrete.ego.way
+    goal_y = ego.y + change.offset if change else ego.y
+    goal = road.length, road.lane_centre(lane_at(road, goal_y))
+    return Task(ego.speed, goal, (change.begin, change.by) if change else None)
 
 
 class LaneLine(NamedTuple):
-    """A lane as lines of points (x, y), m, in the direction of travel: its centre, its left and its
-    right border.
-    """
+    """Centre and borders of a lane, each a line of points (x, y), m, in the direction of travel."""
 
     centre: Pairs
     left: Pairs
@@ -133,8 +125,11 @@ def lane_borders(road: Road) -> tuple[LaneLine, ...]:
 
 
 class SeenEgo(NamedTuple):
-    """The ego's own state: centre x, y m, heading rad, speed m/s, acceleration m/s2, lane (0:
-    right), body m.
+    """The ego's own state.
+
+    x, y: its centre, m; heading: rad; speed: m/s; acceleration: m/s2.
+    lane: 0 is the right-hand lane.
+    length, width: of its body, m.
     """
 
     x: float
@@ -151,17 +146,17 @@ class SeenVehicle(NamedTuple):
     """Another vehicle, relative to the ego at the instant it was seen.
 
     number: 1, 2, ..., the same vehicle throughout a case.
-    gap: free road along the road, m (ahead: from the ego's front to its rear; behind: from its
-        front to the ego's rear; negative beside the ego).
+    gap: distance along the road between the nearer ends of both bodies, m; negative beside the
+        ego.
     ahead: whether its centre is ahead of the ego's.
-    relative_speed: its speed along the road less the ego's, m/s (a lead that comes nearer:
-        negative).
+    relative_speed: its speed along the road less the ego's, m/s; negative of a lead that comes
+        nearer.
     offset: its centre to the left of the ego's, m.
     overlaps: whether its body reaches into the strip that the ego's body sweeps.
-    x, y, heading: its centre, m, and where it points, rad, in the coordinates of the ego's own.
+    x, y, heading: its centre, m, and its heading, rad, in road coordinates.
     acceleration: the rate at which its seen speed has changed since it was last seen, m/s2; 0 until
         it has been seen twice.
-    kind: what it is, `car`, `van`, `truck`, `motorcycle`, `bicycle`, `pedestrian` or `child`.
+    kind: `car`, `van`, `truck`, `motorcycle`, `bicycle`, `pedestrian` or `child`.
     """
 
     number: int
@@ -274,12 +269,12 @@ class Observation:
         """
         lane = self.ego.lane
         nearest = {}
-        for name, place in (
-            ("left_ahead", (lane + 1, True)), ("left_behind", (lane + 1, False)),
-            ("right_ahead", (lane - 1, True)), ("right_behind", (lane - 1, False)),
-            ("behind", (lane, False)),
+        for name, *place in (
+            ("left_ahead", lane + 1, True), ("left_behind", lane + 1, False),
+            ("right_ahead", lane - 1, True), ("right_behind", lane - 1, False),
+            ("behind", lane, False),
         ):  # fmt: skip
-            candidates = (v for v in self.vehicles if (v.lane, v.ahead) == place)
+            candidates = (v for v in self.vehicles if [v.lane, v.ahead] == place)
             nearest[name] = min(candidates, key=lambda v: v.gap, default=None)
         return nearest
 
@@ -464,27 +459,21 @@ class Observations:
         """
         vehicles, rows = self.vehicles, np.arange(len(self._egos))
         nothing = np.zeros(len(rows))
-        # a column more than vehicles: it stands for no lead
+        # the first column stands for no lead: it is the least where all are infinite
         gaps = np.column_stack(
-            [
-                np.where(vehicles.ahead & vehicles.overlaps, vehicles.gap, np.inf),
-                nothing + np.inf,
-            ]
+            [nothing + np.inf, np.where(vehicles.ahead & vehicles.overlaps, vehicles.gap, np.inf)]
         )
         nearest = gaps.argmin(axis=1)
-        gap = gaps[rows, nearest]
-        present = gap < np.inf
-        nearest[~present] = -1
 
-        def of_lead(values: FloatArray, otherwise: FloatArray) -> Any:
-            return np.column_stack([values, otherwise])[rows, nearest]
+        def of_lead(otherwise: FloatArray, values: FloatArray) -> Any:
+            return np.column_stack([otherwise, values])[rows, nearest]
 
         return SimpleNamespace(
-            present=present,
-            gap=gap,
-            relative_speed=of_lead(vehicles.relative_speed, nothing),
-            speed=of_lead(vehicles.speed, self._egos["speed"]),
-            offset=of_lead(vehicles.offset, nothing),
+            present=nearest > 0,
+            gap=gaps[rows, nearest],
+            relative_speed=of_lead(nothing, vehicles.relative_speed),
+            speed=of_lead(self._egos["speed"], vehicles.speed),
+            offset=of_lead(nothing, vehicles.offset),
         )
 
     @cached_property
@@ -541,7 +530,7 @@ class Perception:
     ) -> tuple[FloatArray, FloatArray]:
         """Egos and actors as they are seen at a step; call once a step.
 
-        Both are as old as the perception delay; before that time has passed, as at the start.
+        Both are as old as the perception delay; the first step serves until it has passed.
 
         egos, others: numbers of bodies, (n, 7) and (n, m, 7); x is nan of an actor that has left.
 
@@ -589,7 +578,7 @@ class Perception:
     def _late(
         self, time: float, egos: FloatArray, seen: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Each case as it was seen its own delay ago."""
+        """Egos and actors at the newest step that is as old as the delay of its case."""
         memory = self._memory
         memory.append((time, egos, seen))
         longest, shortest = self._delays
