@@ -1,7 +1,7 @@
 """Wall times of an ADS's steps and, between them, of a fixed piece of work.
 
-The fixed work tells a slow ADS from a slow or busy machine. `World` holds the times; `cosim/loop.py`
-and its controls measure them.
+The fixed work tells a slow ADS from a slow or busy machine. `World` holds the times;
+`cosim/loop.py` and its controls measure them.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Quantities of the paper from recorded facts: D_i, U, L, Ug, r of every case, then C, D, S.
 
-`scoring.steps` calls `harm_at`, `tabulate` and `combine`, in this order.
+`scoring.steps` calls `references_struck`, then `harm_at` and `tabulate` at some points at a time,
+then `combine`; it and `cli/space.py` call `describe_zones`.
 """
 
 from __future__ import annotations
@@ -49,17 +50,12 @@ from sumo_eval.scoring.requirements import requirements_missed
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.settings import MethodSettings
 from sumo_eval.text import without_numbers
-from sumo_eval.trajectory import NO_RETURN, BoolArray
+from sumo_eval.trajectory import NO_RETURN, BoolArray, FloatArray
 
 _RECORDED = {item.name for item in fields(CaseResult) if item.name != "clips"} & {
     item.name for item in fields(Fact)
 }
 """Fields that a row takes from its fact unchanged. `tabulate` makes one text of the clips."""
-STRUCK_FROM_BEHIND = "struck_from_behind"
-"""Clip of a collision in which a vehicle that reacts ran into the ego's rear; `applied`: time that
-the ego had been in the lane, s."""
-LEFT_THE_NETWORK = "actor_left_the_network"
-"""Clip of a drive in which an actor left SUMO's network."""
 
 
 class Remarks(NamedTuple):
@@ -100,10 +96,9 @@ class Remarks(NamedTuple):
         for scenario, role, _, status, number, _ in space.store.counts():
             if (scenario, role) == (space.name, "human"):
                 ended[status] = number
-        drives = ended.total()
-        del ended["ok"]
+        drives, good = ended.total(), ended.pop("ok", 0)
         if ended:
-            yield DrivesLeftOut(ended.total(), drives, tuple(sorted(ended.items())))
+            yield DrivesLeftOut(drives - good, drives, tuple(sorted(ended.items())))
         yield from plausible
         if alone := space.store.simulated_alone(space.name, ads):
             yield DrivenAlone(tuple(alone.items()))
@@ -111,7 +106,7 @@ class Remarks(NamedTuple):
             yield Counted("compared", _number(cases.batched == "compared"), together)
         if self.blocks:
             yield DrivenInBlocks(self.blocks.total(), tuple(sorted(self.blocks)))
-        if left := _number(np.strings.find(cases.clips, LEFT_THE_NETWORK) >= 0):
+        if left := _number(np.strings.find(cases.clips, "actor_left_the_network") >= 0):
             yield Counted("actors_left", left, len(cases))
         if moved := _number(np.strings.find(cases.clips, "actor_off_its_script") >= 0):
             yield Counted("actors_moved", moved, len(cases))
@@ -145,7 +140,8 @@ def struck_by_other(fact: Fact, space: ScenarioRun) -> bool:
     # An ego that has been in the lane since its start has been there long enough, even if the
     # collision comes sooner; 1e-6 s is rounding.
     enough = min(settings.others_fault_after, fact.collision.time - 1e-6)
-    return any(clip.what == STRUCK_FROM_BEHIND and clip.applied >= enough for clip in fact.clips)
+    # `applied`: time that the ego had been in the lane, s
+    return any(it.what == "struck_from_behind" and it.applied >= enough for it in fact.clips)
 
 
 def harm_at(
@@ -231,7 +227,7 @@ def tabulate(
     """
     for fact in facts:
         zone: Zone = "hazardous" if overview.hazardous[fact.point] else "safe"
-        hit, driven, struck = fact.collision, drives[fact.case], struck_by_other(fact, space)
+        driven, struck = drives[fact.case], struck_by_other(fact, space)
         severity = _severity(fact, space)
         ideal = harm[fact.point]["ideal_severity"]
         fields_of_row: dict[str, Any] = {
@@ -239,20 +235,10 @@ def tabulate(
             **harm[fact.point],
             **beside_people(fact, zone, people, space.settings.drivers),
             **driven.measures(plausible),
+            **_of_contact(fact, struck),
         }
         if fact.latency_median is not None and fact.latency_reference:
             fields_of_row["latency_relative"] = fact.latency_median / fact.latency_reference
-        if hit is not None:
-            fields_of_row |= {
-                "impact_speed": hit.relative_speed,
-                "overlap": hit.overlap,
-                "side": hit.side,
-            }
-            fields_of_row |= cause_of_contact(fact)._asdict()
-            if not struck:
-                # L is always that of the paper's U, whatever `severity` is
-                u = impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap)
-                fields_of_row["loss"] = float(collision_loss(u))
         if (departure := driven.departure) is not None:
             fields_of_row |= {
                 "departure_time": departure.time,
@@ -262,7 +248,7 @@ def tabulate(
         row = CaseResult(
             ads=fact.driver,
             zone=zone,
-            collided=hit is not None and not struck,
+            collided=fact.collision is not None and not struck,
             struck_from_behind=struck,
             severity=severity,
             beats_ideal=severity is not None and ideal is not None and severity < ideal,
@@ -278,6 +264,23 @@ def tabulate(
         )
         # H_i is computed from properties of the row
         yield replace(row, human_likeness=_human_likeness(row) if overview.people else None)
+
+
+def _of_contact(fact: Fact, struck: bool) -> dict[str, Any]:
+    """Fields on the contact of a case; none without a contact.
+
+    struck: whether it is the other vehicle's fault, so that there is no L.
+    """
+    hit = fact.collision
+    if hit is None:
+        return {}
+    contact = cause_of_contact(fact)._asdict()
+    contact |= {"impact_speed": hit.relative_speed, "overlap": hit.overlap, "side": hit.side}
+    if not struck:
+        # L is always that of the paper's U, whatever `severity` is
+        u = impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap)
+        contact["loss"] = float(collision_loss(u))
+    return contact
 
 
 def _human_likeness(row: CaseResult) -> float | None:
@@ -310,35 +313,16 @@ def combine(
         not missing.
     task_reference: the reference car that T compares with; empty: the run has none.
     """
-    notes = list(notes)
     cases = CaseTable.of(rows)
     terms = case_terms(cases, method)
     values = point_values(terms, method)
-    c, d = values["c"], values["d"]
-    safe, collided, indexed = cases.safe, cases.collided, np.isfinite(cases.index)
-    safe_cases, safe_hits = _number(safe), _number(safe & collided)
-    voiding = _number(cases.voids_index)
+    safe_cases, voiding = _number(cases.safe), _number(cases.voids_index)
     is_missing = cases.missing
     # a case without D_i is missing where their mean exists: with drivers, and no collision voids it
     if not voiding and people:
-        is_missing = is_missing | (cases.counts_for_index & ~indexed)
-    # their number by zone; + drops zones with 0
-    in_safe = _number(is_missing & safe)
-    missing = +Counter[Zone]({"safe": in_safe, "hazardous": _number(is_missing) - in_safe})
+        is_missing = is_missing | (cases.counts_for_index & ~np.isfinite(cases.index))
+    missing = Counter[Zone](cases.zone[is_missing].tolist())
     bounds = missing_bounds(cases, terms, values, method, people=people) if missing else {}
-    if missing:
-        notes.append(CasesMissing(tuple(sorted(missing.items()))))
-        notes += _references_missing(cases)
-    if "s" in bounds:
-        notes.append(WorstAndBest(bounds.get("c"), bounds.get("d"), bounds["s"]))
-    if struck := _number(cases.struck_from_behind):
-        notes.append(Counted("struck_from_behind", struck, len(cases)))
-    if excused := _number(cases.counts_for_index & cases.excused):
-        notes.append(Counted("excused", excused, safe_cases))
-    if beaten := _number(collided & cases.beats_ideal):
-        notes.append(Counted("gentler_than_ideal", beaten, _number(collided)))
-    if safe_hits > voiding:
-        notes.append(Counted("ideal_collides_too", safe_hits - voiding, safe_hits))
     human_likeness = values["human_likeness"]
     points = worth(method.score)
     # T max(A', 0), the part of S+ that a and b H multiply
@@ -353,22 +337,20 @@ def combine(
         scenario=scenario,
         **scores,
         d_reason=None
-        if d is not None
-        else _without_mean(safe_cases, voiding, _number(safe & indexed), people=people),
+        if values["d"] is not None
+        else _without_mean(cases.index[cases.safe], voiding, people=people),
         h_reason=None
         if human_likeness is not None
-        else _without_mean(
-            safe_cases, 0, _number(safe & np.isfinite(cases.human_likeness)), people=people
-        ),
-        c_points=points.c * (c or 0.0),
-        d_points=points.d * (d or 0.0),
+        else _without_mean(cases.human_likeness[cases.safe], 0, people=people),
+        c_points=points.c * (values["c"] or 0.0),
+        d_points=points.d * (values["d"] or 0.0),
         a_points=method.score.a * done,
         h_points=method.score.b * done * (human_likeness or 0.0),
         cases=len(cases),
         safe_cases=safe_cases,
         hazardous_cases=len(cases) - safe_cases,
-        struck_from_behind=struck,
-        notes=tuple(notes),
+        struck_from_behind=_number(cases.struck_from_behind),
+        notes=(*notes, *_case_notes(cases, missing, bounds)),
         task_reference=task_reference,
     )
 
@@ -376,6 +358,30 @@ def combine(
 def _number(flags: BoolArray) -> int:
     """How many flags are set."""
     return int(np.count_nonzero(flags))
+
+
+def _case_notes(
+    cases: CaseTable, missing: Counter[Zone], bounds: Mapping[str, tuple[float, float]]
+) -> Iterator[ScoreNote]:
+    """Notes on the cases of an ADS in a scenario.
+
+    missing: number of missing cases by zone.
+    bounds: ends that these leave open, by score.
+    """
+    if missing:
+        yield CasesMissing(tuple(sorted(missing.items())))
+        yield from _references_missing(cases)
+    if "s" in bounds:
+        yield WorstAndBest(bounds.get("c"), bounds.get("d"), bounds["s"])
+    safe, hits = _number(cases.safe), _number(cases.collided)
+    safe_hits = _number(cases.collided & cases.safe)
+    counted = (
+        Counted("struck_from_behind", _number(cases.struck_from_behind), len(cases)),
+        Counted("excused", _number(cases.counts_for_index & cases.excused), safe),
+        Counted("gentler_than_ideal", _number(cases.collided & cases.beats_ideal), hits),
+        Counted("ideal_collides_too", safe_hits - _number(cases.voids_index), safe_hits),
+    )
+    yield from (note for note in counted if note.number)
 
 
 def _references_missing(cases: CaseTable) -> Iterator[ReferenceMissing]:
@@ -388,20 +394,19 @@ def _references_missing(cases: CaseTable) -> Iterator[ReferenceMissing]:
             yield ReferenceMissing(reference, str(reasons[first]), 1 + len(more), cases[first].case)
 
 
-def _without_mean(safe: int, voiding: int, with_value: int, *, people: bool) -> NotComputed:
+def _without_mean(values: FloatArray, voiding: int, *, people: bool) -> NotComputed:
     """The reason why there is no mean over the safe cases.
 
-    safe: number of safe cases.
+    values: of the safe cases; nan: none.
     voiding: number of collisions, each of which alone voids the mean.
-    with_value: number of safe cases with a value.
     """
     if not people:
         return NotComputed("no_drivers")
     if voiding:
         return NotComputed("collisions", voiding)
-    if not safe:
+    if not values.size:
         return NotComputed("no_safe_case")
-    return NotComputed("no_exposure" if with_value else "nothing_compared")
+    return NotComputed("no_exposure" if np.isfinite(values).any() else "nothing_compared")
 
 
 def describe_zones(logical: LogicalScenario, zones: ZonePartition, points: Sample) -> ZoneResult:

@@ -65,36 +65,28 @@ def standing(
     budget = sampling.count or 0
     size = size_of_round(budget, sampling.round, f"the sampling of scenario `{scenario}`")
     rounds, done = max(len(sampling.rounds), 1), len(points.points)
-    # half the widest interval
+    further, until = size_of_next(budget, size, done), sampling.until
     if sampling.aim == "boundary":
-        pairs = zip(rows, places, strict=True)
         half = max(
-            (
-                _collided_half_width(case_terms(cases, method), points, place)
-                for cases, place in pairs
-            ),
-            default=0.0,
+            _collided_half_width(_collides(case_terms(cases, method)), points, place)
+            for cases, place in zip(rows, places, strict=True)
         )
-        width = f"{half:.2g}"
-        unit = " of the space"
+        width = f"{half:.2g} of the space"
     else:
-        ends = [score.s_plus_interval for score in scores]  # None: without one
-        widths = [math.inf if it is None else it[1] - it[0] for it in ends]
-        half = max(widths, default=math.inf) / 2.0
-        width = f"{half:.2f}"
-        unit = " points of S+"
-    state = "an ADS has no interval"
-    if math.isfinite(half):
-        state = f"half the widest 95 % interval is {width}{unit}"
-    further = size_of_next(budget, size, done)
+        intervals = [score.s_plus_interval or (0.0, math.inf) for score in scores]
+        half = max(high - low for low, high in intervals) / 2.0
+        width = f"{half:.2f} points of S+"
+    state = f"half the widest 95 % interval is {width}"
+    if half == math.inf:
+        state = "an ADS has no interval"
+    asked = "" if until is None else f" than the {until:g} asked for"
     # why there is no further round; where there is one, why it is not driven yet
-    reason = f"{state}; it was stopped, `--resume` drives more rounds"
-    if sampling.until is not None and half <= sampling.until:
-        further = 0
-        reason = f"{state}, no more than the {sampling.until:g} asked for"
-    elif not further:
-        asked = "" if sampling.until is None else f", more than the {sampling.until:g} asked for"
-        reason = f"all it may drive; {state}{asked}"
+    if until is not None and half <= until:
+        further, reason = 0, f"{state}, no more{asked}"
+    elif further:
+        reason = f"{state}; it was stopped, `--resume` drives more rounds"
+    else:
+        reason = f"all it may drive; {state}{asked and ', more'}{asked}"
     sentence = f"Adaptive sampling: {done} of at most {budget} points in {rounds} rounds; {reason}."
     return Standing(rounds, size, further, sentence)
 
@@ -126,7 +118,7 @@ def further_round(
     for cases in rows:
         terms = case_terms(cases, method)
         moved = (
-            np.where(terms.evaluated, terms.collided.astype(np.float64), 0.0)
+            _collides(terms)
             if sampling.aim == "boundary"
             else plus_influence(terms, points.stands_for, method)
         )
@@ -190,9 +182,15 @@ def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSetti
     return moved
 
 
-def _collided_half_width(terms: CaseTerms, points: Sample, place: IntArray) -> float:
+def _collides(terms: CaseTerms) -> FloatArray:
+    """1 of each case that collides, else 0, (n,)."""
+    return np.where(terms.evaluated & terms.collided, 1.0, 0.0)
+
+
+def _collided_half_width(hit: FloatArray, points: Sample, place: IntArray) -> float:
     """Half the 95 % interval of the share of the space in which an ADS collides.
 
+    hit: 1 of each case that collides, else 0.
     place: index of each case's point.
 
     The share is a stratified mean, with the cells of each round as strata. The variance of the mean
@@ -201,7 +199,6 @@ def _collided_half_width(terms: CaseTerms, points: Sample, place: IntArray) -> f
     """
     assert points.stratum is not None
     assert points.stands_for is not None
-    hit = np.where(terms.evaluated, terms.collided.astype(np.float64), 0.0)
     stratum, weight = points.stratum[place], points.stands_for[place] / len(points.points)
     number = np.maximum(np.bincount(stratum), 1)
     mean = np.bincount(stratum, hit) / number
