@@ -48,8 +48,8 @@ def _foresee_ego(then: Any, me: Any, acceleration: float, time: float) -> None:
 
 @kernel
 def wanted_at(scene: Any, after: float) -> float:
-    """Acceleration wanted `after` s from now, if all continue as now, m/s2. What would be decided
-    then is in `own.tried`.
+    """Acceleration wanted `after` s from now, if all continue as now, m/s2; writes the decision at
+    that instant into `own.tried`.
 
     scene: me, the ego; own, the rule's memory; watched, its memory of each actor; others_then,
         scratch records for the foreseen actors; way, the requested lane change; scenario, the
@@ -103,11 +103,11 @@ def _split_at(scene: Any, step: float) -> float:
     """Instant within the coming cycle, 0..`step` s, at which the lane change begins, or the wanted
     acceleration jumps; `step`: neither.
     """
-    memory = scene[1]
-    # `wanted_at` also writes `memory.tried`, so it stands first
-    now, changes_now = wanted_at(scene, 0.0), memory.tried.changing
-    end, changes = wanted_at(scene, step), memory.tried.changing
-    if changes_now != memory.decided.changing:
+    own = scene[1]
+    # `wanted_at` also writes `own.tried`, so it stands first
+    now, changes_now = wanted_at(scene, 0.0), own.tried.changing
+    end, changes = wanted_at(scene, step), own.tried.changing
+    if changes_now != own.decided.changing:
         return 0.0
     if changes != changes_now:
         return first_instant(_changes_at, scene, 0.5, 0.0, step)  # 0.5: between 0 and 1
@@ -123,7 +123,7 @@ def _decide(scene: Any) -> float:
     The cycle is split at the instant at which the lane change begins, or the wanted acceleration
     jumps. In each part, the acceleration that is wanted in its middle counts.
     """
-    me, memory, scenario = scene[0], scene[1], scene[5]
+    me, own, scenario = scene[0], scene[1], scene[5]
     step, vehicle = scenario.step, scenario.vehicle
     split = _split_at(scene, step)
     gained, rest = 0.0, step  # m/s so far; s of the cycle that are left
@@ -132,11 +132,11 @@ def _decide(scene: Any) -> float:
     else:
         if split > 0.0:
             before = max(wanted_at(scene, 0.5 * split), -vehicle.max_deceleration)
-            gained, rest = gained_towards(memory.pedals, before, split, vehicle), step - split
+            gained, rest = gained_towards(own.pedals, before, split, vehicle), step - split
         _decide_at(scene, split)  # what it decides there holds for the rest of the cycle
         wanted = wanted_at(scene, 0.5 * (split + step))
-    gained += gained_towards(memory.pedals, max(wanted, -vehicle.max_deceleration), rest, vehicle)
-    return float(pedal_command(memory.pedals, me.speed, gained, vehicle, step))
+    gained += gained_towards(own.pedals, max(wanted, -vehicle.max_deceleration), rest, vehicle)
+    return float(pedal_command(own.pedals, me.speed, gained, vehicle, step))
 
 
 @kernel
@@ -146,8 +146,8 @@ def lane_changer(
     """Acceleration and steering wheel angle: decide once a cycle, then steer along the path decided
     on.
 
-    While passing a lead, the rule may brake in one cycle and not in the next: just clear of
-    the lead it stops following, speeds up, and so may no longer be clear.
+    While passing, the rule may brake in every other cycle: once clear of the lead it stops
+    following and speeds up, which may make it less than clear.
 
     scenario: two records; the step of the first is the simulation's, of the second a cycle.
     """

@@ -159,12 +159,10 @@ def _steps_per_call(
     controller: ControllerLike, period: float | None, settings: SimulationSettings
 ) -> int:
     """Steps from one call of a controller to the next."""
-    if period is None:
-        # 0: it is called at every step
-        period = split_entry(controller)[1].period if isinstance(controller, str) else 0.0
-    return steps_between(
-        period, settings.step, f"ADS `{controller}`" if isinstance(controller, str) else "the ADS"
-    )
+    owner, usual = "the ADS", 0.0  # 0: it is called at every step
+    if isinstance(controller, str):
+        owner, usual = f"ADS `{controller}`", split_entry(controller)[1].period
+    return steps_between(usual if period is None else period, settings.step, owner)
 
 
 def _driven_object(ads: Adapter) -> Any:
@@ -265,17 +263,13 @@ def simulate_many(
         function every case gets a fresh object; a single object serves all cases in order.
     alone: counts the cases that are driven one by one, by reason.
     """
-    each = controller if isinstance(controller, list | tuple) else [controller] * len(cases)
-    for concrete, own_controller, driven in zip(
-        cases,
-        each,
-        simulate_together(cases, controller, settings, terms=Terms(folder=folder)),
-        strict=True,
-    ):
+    terms = Terms(folder=folder)
+    for index, driven in enumerate(simulate_together(cases, controller, settings, terms=terms)):
         if isinstance(driven, Alone):
             if alone is not None:
                 alone[driven] += 1
-            driven = simulate(concrete, own_controller, settings, folder=folder)
+            own = controller[index] if isinstance(controller, list | tuple) else controller
+            driven = simulate(cases[index], own, settings, folder=folder)
         yield driven
 
 
@@ -456,6 +450,8 @@ def _manner(
     if one_case and entry.period:  # a batch has one period
         return alone(Alone("asked", "period"))
     make = partial(adapted, user_code, name, entry.options)
+    is_code = inspect.isclass(user_code) or inspect.isfunction(user_code)
+    keeps_state = _KEEPS_STATE.get(user_code) if is_code else None
     ads: Any = make()
     target = _driven_object(ads)
     if Compiled.rides(target):
@@ -464,14 +460,14 @@ def _manner(
         own_type = getattr(user_code, "vehicle_type", None)
         if own_type is not None or not isinstance(ads, ObjectController):
             return alone(ON_TRACI)
-        if not inspect.isclass(user_code) and not inspect.isfunction(user_code):
+        if not is_code:
             return alone(ONE_OBJECT)
         if reaches_libsumo(user_code, target):
             return alone(ON_TRACI)
         if getattr(user_code, "batch", True) is False:
             return alone(Alone("asked", "batch = False"))
-        if user_code in _KEEPS_STATE:
-            return alone(_KEEPS_STATE[user_code])
+        if keeps_state is not None:
+            return alone(keeps_state)
         return _Manner(ObjectController, lambda: wrap(make()), code=user_code, is_hook=True)
     if _asks_traci(ads.target if ads.target is not None else ads.act):
         return alone(ASKS_SUMO)
@@ -485,10 +481,9 @@ def _manner(
         return _Manner(type(ads), lambda: ads)
     # a function or a class: fresh for each case
     if ads.target is None or isinstance(user_code, type):
-        plain = inspect.isclass(user_code) or inspect.isfunction(user_code)
-        if plain and user_code in _KEEPS_STATE:
-            return alone(_KEEPS_STATE[user_code])
-        return _Manner(type(ads), lambda: wrap(make()), code=user_code if plain else None)
+        if keeps_state is not None:
+            return alone(keeps_state)
+        return _Manner(type(ads), lambda: wrap(make()), code=user_code if is_code else None)
     return alone(ONE_OBJECT)
 
 

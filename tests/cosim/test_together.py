@@ -517,9 +517,10 @@ def test_other_vehicles_move_the_same_in_a_batch():
     assert not why
 
 
-def test_controllers_that_are_too_few_for_the_cases_are_refused():
-    with refusal("one for each of the 2 cases"):
-        list(simulate_many(SCRIPTS[:2], [SWAYS[0]]))
+@pytest.mark.parametrize("cases, ads", [(2, 1), (2, 0), (0, 1)])
+def test_controllers_that_are_not_one_for_each_case_are_refused(cases, ads):
+    with refusal(f"one for each of the {cases} cases"):
+        list(simulate_many(SCRIPTS[:cases], SWAYS[:ads]))
 
 
 def test_vehicles_of_different_roads_of_a_batch_are_apart():

@@ -290,6 +290,7 @@ dlr_highway | x.csv | timestamp,id\n1,2\n | must have the columns `center_eastin
             "`posLat` in row 2 of"),
         ("openacc", "x.csv", PLATOON + "0,10,\n0.1,\"1,5\",\n", "`Speed1` in row 8 of"),
         ("sumo_fcd", "x.xml", NO_ANGLE, "must have `angle`"),
+        ("sumo_fcd", "x.csv", FCD + "0;;;;;\n", "at least one vehicle (<fcd-export>), got none"),
         ("ngsim", "x.csv", NGSIM + "1," * 18 + "\n", "`Location` in row 2 of"),
         ("ngsim", "x.csv", NGSIM + "1," * 30 + "\n", "is not such a table"),
         ("openacc", "x.csv", 'a,"' + "b" * 200_000, "field larger than field limit"),
@@ -320,9 +321,9 @@ def test_identifiers_are_text_whatever_it_is(tmp_path, form):
         import_recordings(form, [tmp_path / "empty.csv"])
 
 
-def test_sumo_keeps_ids_of_digits_beside_a_step_without_vehicles(tmp_path):
-    (tmp_path / "a.csv").write_text(FCD + "0;;;;;\n1;90;01;3;2;3\n1;90;1;3;9;3\n")
-    assert sumo_fcd.read(tmp_path / "a.csv")[0]["vehicle"].tolist() == ["01", "1"]
+def test_sumo_keeps_every_id_beside_a_step_without_vehicles(tmp_path):
+    (tmp_path / "a.csv").write_text(FCD + "0;;;;;\n1;90;01;3;2;3\n1;90;1;3;9;3\n1;90;NA;3;5;3\n")
+    assert sumo_fcd.read(tmp_path / "a.csv")[0]["vehicle"].tolist() == ["01", "1", "NA"]
     typed = FCD.strip() + ";vehicle_type\n1;90;a;3;2;3;DEFAULT_BIKETYPE\n"
     (tmp_path / "b.csv").write_text(typed)
     bicycle = sumo_fcd.read(tmp_path / "b.csv")[0].iloc[0]

@@ -38,24 +38,28 @@ def read(path: Path) -> Samples:
     """The recordings of a file."""
     is_xml = path.suffix == ".xml"
     rows = _from_xml(path) if is_xml else _from_csv(path)
+    if rows.empty:
+        raise InputError(
+            f"{path} must be SUMO's FCD output with at least one vehicle (<fcd-export>), got none."
+        )
     numbers = [*rows.filter(["time", *_NEEDED, "acceleration", "posLat"])]
     lines = rows["row"].tolist() if is_xml else None
     checked_numbers(rows, numbers, path, rows=lines, gaps=["posLat"])
     kinds = rows.get("type", pd.Series("car", index=rows.index)).astype(str).str.lower()
     kinds = kinds.replace("default_biketype", "bicycle")  # the name of SUMO's own type
-    bodies = np.array([BODIES.get(kind, (LENGTH, WIDTH)) for kind in kinds])
+    length, width = np.array([BODIES.get(kind, (LENGTH, WIDTH)) for kind in kinds]).T
     heading = np.radians(90.0 - rows["angle"])
     table = pd.DataFrame(
         {
             "recording": path.stem,
             "vehicle": rows["id"].astype(str),
             "t": rows["time"],
-            "x": rows["x"] - bodies[:, 0] / 2 * np.cos(heading),
-            "y": rows["y"] - bodies[:, 0] / 2 * np.sin(heading),
+            "x": rows["x"] - length / 2 * np.cos(heading),
+            "y": rows["y"] - length / 2 * np.sin(heading),
             "heading": heading,
             "speed": rows["speed"],
-            "length": bodies[:, 0],
-            "width": bodies[:, 1],
+            "length": length,
+            "width": width,
             "class": kinds.where(kinds.isin([*BODIES, "car", "van"]), "car"),
         }
     )
@@ -72,9 +76,10 @@ def read(path: Path) -> Samples:
 
 def _from_csv(path: Path) -> pd.DataFrame:
     columns = "timestep_time", "vehicle_id", *(f"vehicle_{name}" for name in _NEEDED)
-    rows = read_table(path, columns, sep=";", converters={"vehicle_id": str})
-    # a step without vehicles is a row without a name
-    rows = rows[rows["vehicle_id"].fillna("") != ""]
+    names = {"vehicle_id": str}
+    # only empty cells are missing values: a vehicle may be called NA
+    rows = read_table(path, columns, sep=";", converters=names, keep_default_na=False, na_values="")
+    rows = rows.dropna(subset="vehicle_id")  # a row without a name is a step without vehicles
     rows.columns = rows.columns.str.removeprefix("timestep_").str.removeprefix("vehicle_")
     return rows
 
@@ -97,8 +102,4 @@ def _from_xml(path: Path) -> pd.DataFrame:
                 raise InputError(
                     f"The vehicle in row {row['row']} of {path} must have `{name}`, got none."
                 )
-    if not rows:
-        raise InputError(
-            f"{path} must be SUMO's FCD output with at least one vehicle (<fcd-export>), got none."
-        )
     return pd.DataFrame(rows)
