@@ -15,10 +15,11 @@ from refusals import refusal
 from sumo_eval.evaluation import score
 from sumo_eval.extras.studies.calibration import calibrate
 from sumo_eval.extras.studies.opinion import compare_opinion, read_ratings
-from sumo_eval.extras.studies.sensitivity import K3_LEFT_OUT, sensitivity, sensitivity_lines
+from sumo_eval.extras.studies.sensitivity import K3_IS_IDLE, sensitivity, sensitivity_lines
 from sumo_eval.method.plausibility import LEAST_PEOPLE, MOTORWAY_PEOPLE
 from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.facts import record_facts
+from sumo_eval.record.run_folder import read_settings
 from sumo_eval.record.store import RECORDED, open_store
 from sumo_eval.report.words import score_note
 from sumo_eval.results import PlausibleTo
@@ -310,8 +311,10 @@ def test_a_table_of_the_runs_own_drivers_needs_twenty(runs):
 
 def test_the_ranking_under_other_constants(runs):
     out, _, _ = runs["fill"]
-    rows = sensitivity(out, lambda stage, done, total: None, constants=("k2", "a"))
-    assert sensitivity_lines(rows, k3=False) == [*sensitivity_lines(rows), K3_LEFT_OUT]
+    rows = sensitivity(out, lambda stage, done, total: None, constants=("k2", "a", "k2"))
+    settings = read_settings(out)
+    for constants, idle in (((), True), (("a", "k3"), True), (("k2",), False)):
+        assert (sensitivity_lines(rows, constants, settings)[-1] == K3_IS_IDLE) is idle
     assert {(row.constant, row.index) for row in rows} == {
         ("k2", "D"),
         ("k2", "H"),
@@ -322,7 +325,7 @@ def test_the_ranking_under_other_constants(runs):
     assert [row.value for row in k2] == pytest.approx([0.0025, 0.005, 0.01])
     assert k2[1].tau == 1.0
     assert k2[0].scores != k2[1].scores
-    assert "nan" not in str(sensitivity_lines([k2[0]._replace(tau=np.nan)]))
+    assert "nan" not in str(sensitivity_lines([k2[0]._replace(tau=np.nan)], (), settings))
     a = [row for row in rows if (row.constant, row.index) == ("a", "S")]
     assert [row.value for row in a] == [10.0, 25.0, 50.0, 75.0, 90.0]
     assert all(row.ranking[0] == "lane_changer" for row in a)

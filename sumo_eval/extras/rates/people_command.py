@@ -223,18 +223,14 @@ def sensitivity(run: Path, constants: tuple[str, ...]) -> None:
     """Score RUN again with k1..k4, the deviation floors and a (b = 100 - a) changed; a table and a
     plot in RUN.
     """
-    from sumo_eval.extras.studies.sensitivity import (
-        k3_counts,
-        sensitivity_lines,
-        write_sensitivity_plot,
-    )
     from sumo_eval.extras.studies.sensitivity import sensitivity as score_again
+    from sumo_eval.extras.studies.sensitivity import sensitivity_lines, write_sensitivity_plot
     from sumo_eval.extras.studies.tables import write_rows
     from sumo_eval.record.run_folder import read_settings
 
     with Progress() as progress:
         rows = score_again(run, progress, constants=constants)
-    say(sensitivity_lines(rows, k3=k3_counts(read_settings(run))))
+    say(sensitivity_lines(rows, constants, read_settings(run)))
     write_rows(rows, run / "sensitivity.csv")
     write_sensitivity_plot(rows, run / "sensitivity.html")
     tell(f"Table and plot: {run / 'sensitivity.csv'}, {run / 'sensitivity.html'}")

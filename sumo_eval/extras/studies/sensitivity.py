@@ -36,16 +36,21 @@ _SETTING_OF = {
 }
 """Constants that change D and H: name -> path of the setting."""
 
-K3_LEFT_OUT = (
-    "k3 is left out: it is a threshold only where "
+K3_IS_IDLE = (
+    "k3 moves no score here: it is a threshold only where "
     '`method.anthropomorphic.steering_rule = "wheel"`; here a steering operation is a lateral '
     "manoeuvre."
 )
 
 _LIKENESSES = {"D": "d", "H": "human_likeness"}
 """Scores shown for the constants of `_SETTING_OF`: name -> field of ScenarioResult."""
-_TOTALS = {"S": "s", "S+": "s_plus"}
-"""Scores shown for the constant a: name -> field of ScenarioResult."""
+_TOTALS: dict[str, tuple[str, Callable[..., FloatArray], tuple[str, ...]]] = {
+    "S": ("s", paper_score, ("c", "d")),
+    "S+": ("s_plus", ordering_score, ("task_share", "avoidance_grade", "human_likeness")),
+}
+"""Scores shown for the constant a: name -> field of ScenarioResult; function that sums it up, and
+fields of its arguments.
+"""
 
 # The bands of the drivers' own scores take long and are not used here: slices of 100 m are enough.
 _COARSE_BANDS = "method.anthropomorphic.band_slice_spacing=100.0"
@@ -85,14 +90,15 @@ def sensitivity(
 
     progress: called with the stage, the number of values scored and the number of all.
     constants: any of k1, k2, k3, k4, `centre floor`, `field floor`, a (b = 100 - a); empty: all,
-        but k3 only where it matters (`k3_counts`).
+        but k3 only where it matters (`_k3_counts`).
+
     Raises InputError for any other constant.
     """
     known = (*_SETTING_OF, "a")
     check_known("constant of the sensitivity", known, *constants)
     base = score(run, [_COARSE_BANDS])
-    chosen = constants or [name for name in known if name != "k3" or k3_counts(base.settings)]
-    names = [name for name in chosen if name in _SETTING_OF]
+    chosen = constants or [name for name in known if name != "k3" or _k3_counts(base.settings)]
+    names = [name for name in _SETTING_OF if name in chosen]
     # name, value and evaluation for each value of each constant, first the value of `base`
     variants = []
     for name in names:
@@ -106,10 +112,14 @@ def sensitivity(
     values_of_a = _VALUES_OF_A if "a" in chosen else ()
     rows = []
     for scenario in dict.fromkeys(result.scenario for result in base.scores):
-        for index, field in _TOTALS.items():
+        for index, (field, sum_up, terms) in _TOTALS.items():
             before = _scores(base, scenario, field)
+            parts = [_scores(base, scenario, term) for term in terms]
             for a in values_of_a:
-                scores = _with_points(base, scenario, a, index)
+                points = replace(base.settings.method.score, a=a)  # b follows: 100 - a
+                totals = sum_up(*(np.array([*part.values()]) for part in parts), points)
+                # the same ADSs in every part
+                scores = dict(zip(parts[0], totals.tolist(), strict=True))
                 rows.append(_row((scenario, "a", a, index), scores, before))
         for index, field in _LIKENESSES.items():
             before = _scores(base, scenario, field)
@@ -119,7 +129,7 @@ def sensitivity(
     return sorted(rows, key=lambda row: (row.scenario, row.constant, row.index, row.value))
 
 
-def k3_counts(settings: EvaluationSettings) -> bool:
+def _k3_counts(settings: EvaluationSettings) -> bool:
     """Whether k3 matters: steering operations are turns of the wheel past k3, not manoeuvres."""
     return settings.method.anthropomorphic.steering_rule != "manoeuvre"
 
@@ -128,26 +138,6 @@ def _scores(evaluation: Evaluation, scenario: str, field: str) -> Scores:
     """One score of every ADS in a scenario; field: of ScenarioResult."""
     values = {result.ads: getattr(result, field) for result in evaluation.scores_in(scenario)}
     return {ads: math.nan if value is None else value for ads, value in values.items()}
-
-
-def _with_points(evaluation: Evaluation, scenario: str, a: float, index: str) -> Scores:
-    """S or S+ of every ADS with other points: `a` of 100 for avoiding harm, the rest for
-    human-likeness.
-
-    index: `S` or `S+`.
-    """
-    points = replace(evaluation.settings.method.score, a=a)  # b follows: 100 - a
-
-    def term(field: str) -> FloatArray:
-        return np.array([*_scores(evaluation, scenario, field).values()])
-
-    if index == "S":
-        totals = paper_score(term("c"), term("d"), points)
-    else:
-        task, grade = term("task_share"), term("avoidance_grade")
-        totals = ordering_score(task, grade, term("human_likeness"), points)
-    names = _scores(evaluation, scenario, "c").keys()  # the same ADSs for every score
-    return dict(zip(names, totals.tolist(), strict=True))
 
 
 def _row(key: tuple[str, str, float, str], now: Scores, before: Scores) -> SensitivityRow:
@@ -181,12 +171,15 @@ def _table(rows: Sequence[SensitivityRow]) -> list[tuple[str, ...]]:
     return table
 
 
-def sensitivity_lines(rows: Sequence[SensitivityRow], *, k3: bool = True) -> list[str]:
-    """The table for a terminal.
+def sensitivity_lines(
+    rows: Sequence[SensitivityRow], constants: Sequence[str], settings: EvaluationSettings
+) -> list[str]:
+    """The table for a terminal, and a sentence where k3 was wanted and moves no score.
 
-    k3: whether it matters in this run (`k3_counts`); where not, a last line reports it.
+    constants: as in `sensitivity`.
     """
-    return [*aligned(_table(rows)), *([] if k3 else [K3_LEFT_OUT])]
+    idle = "k3" in (constants or _SETTING_OF) and not _k3_counts(settings)
+    return [*aligned(_table(rows)), *([K3_IS_IDLE] if idle else [])]
 
 
 def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
