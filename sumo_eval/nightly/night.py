@@ -231,12 +231,12 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
         ) from error
 
 
-def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet) -> list[Night]:
-    """Add finished runs to a history as nights of the time they were recorded.
+def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet) -> Iterator[Night]:
+    """Add finished runs to a history as nights of the time they were recorded, each once it is
+    asked for.
 
     No imported night is a base: no gate evaluated it.
     """
-    added = []
     with _only_one(history), open_history(history, create=True) as database:
         for run in runs:
             evaluation = score(run, progress=progress)
@@ -249,8 +249,7 @@ def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet)
                 "Imported; no gate evaluated it.",
             )
             database.add(night, evaluation, ())
-            added.append(night)
-    return added
+            yield night
 
 
 def _only_one(history: Path) -> AbstractContextManager[None]:

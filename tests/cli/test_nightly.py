@@ -364,6 +364,8 @@ def test_older_runs_are_imported_as_nights_without_a_verdict(week, tmp_path):
     assert not imported.good
     again = sumo_eval("trend", tmp_path / "history", "--import", run, status=2)
     assert "nothing in it is replaced" in again.stderr
+    partly = ("trend", tmp_path / "partly", "--import", run, "--import", tmp_path)
+    assert "Added" in sumo_eval(*partly, status=2).stdout
     sumo_eval("trend", tmp_path, status=2)
 
 
