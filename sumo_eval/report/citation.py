@@ -34,13 +34,14 @@ def citation(evaluation: Evaluation) -> str:
 
 
 def digest(evaluation: Evaluation) -> str:
-    """Twelve digits of a SHA-256 of the scores and these counts of every ADS: equal digests mean
-    equal results.
+    """Twelve digits of a SHA-256 of every ADS's scores and counts of cases, collisions, departures
+    and of giving up: equal digests mean equal results.
     """
     rows = [
         [score.ads, score.scenario, score.cases, score.collisions, score.departures, score.gave_up]
         + [
-            None if (value := getattr(score, name)) is None else round(value, DIGITS)
+            # + 0.0 makes -0.0 positive
+            None if (value := getattr(score, name)) is None else round(value, DIGITS) + 0.0
             for name in COMPUTED
         ]
         for score in sorted(evaluation.scores, key=lambda score: (score.ads, score.scenario))

@@ -372,10 +372,10 @@ def _edge_ends(path: Sequence[Sequence[Point]], line: Line, begins: Pose) -> lis
     # length of the path up to each of these ends
     driven = np.cumsum([0.0, *(sum(map(math.dist, part, part[1:])) for part in path)])
     # a ring passes a place more than once: look for the place near that length, scaled to the line
+    near = driven * (length_of(line) / driven[-1])
     x, y = onto_the_line(ends, begins).T
-    return list(
-        map(float, frame_places(line, x, y, near=driven * (length_of(line) / driven[-1]))[0])
-    )
+    along: list[float] = frame_places(line, x, y, near=near)[0].tolist()
+    return along
 
 
 class _Link(NamedTuple):

@@ -84,19 +84,21 @@ class _Grid(NamedTuple):
 
 
 class _Line(NamedTuple):
-    """A line on a grid: heading at the middles of steps, how far each step goes east and north, and
-    x and y at the ends of steps.
+    """A line on a grid.
+
+    heading: at the middles of steps, (count,).
+    steps: how far each step goes east and north, m, (count, 2).
+    ends: x and y at the ends of steps, m, (count + 1, 2).
     """
 
+    grid: _Grid
     heading: FloatArray
-    east: FloatArray
-    north: FloatArray
-    x: FloatArray
-    y: FloatArray
+    steps: FloatArray
+    ends: FloatArray
 
-    def at(self, grid: _Grid, s: FloatArray) -> FloatArray:
+    def at(self, s: FloatArray) -> FloatArray:
         """Its places at s, (n, 2)."""
-        return np.column_stack([np.interp(s, grid.s, self.x), np.interp(s, grid.s, self.y)])
+        return np.column_stack([np.interp(s, self.grid.s, axis) for axis in self.ends.T])
 
 
 def _fitted(places: FloatArray, apart: float) -> Fit:
@@ -113,12 +115,12 @@ def _fitted(places: FloatArray, apart: float) -> Fit:
     curvature = _curvatures(grid, s, headings)
     for _ in range(_ROUNDS):
         line = _integrated(grid, first, curvature)
-        s, to_left, off = _feet(grid, line, places, s)
+        s, to_left, off = _feet(line, places, s)
         # the beginning is shifted across the line alone, so that it stays beside the first place
         across = np.array([-np.sin(first[2]), np.cos(first[2])])
         # rows @ (shift, turn, changes of curvatures) = wanted: a row for each place, with its
         # distance from the line, and one for each second difference
-        rows = np.hstack([to_left @ across[:, None], *_derivatives(grid, line, s, to_left)])
+        rows = np.hstack([to_left @ across[:, None], *_derivatives(line, s, to_left)])
         rows = np.vstack([rows, np.hstack([np.zeros((len(grid.smooth), 2)), grid.smooth])])
         wanted = np.concatenate([np.einsum("ij,ij->i", off, to_left), -grid.smooth @ curvature])
         # least squares by QR of rows and `wanted` side by side: R of the rows, and in the last
@@ -182,34 +184,33 @@ def _curvatures(grid: _Grid, along: FloatArray, headings: FloatArray) -> FloatAr
 def _integrated(grid: _Grid, first: FloatArray, curvature: FloatArray) -> _Line:
     """The line that begins at `first`, (x, y, heading)."""
     heading = first[2] + grid.turned @ curvature
-    east, north = np.cos(heading) * grid.step, np.sin(heading) * grid.step
-    x = first[0] + np.concatenate([[0.0], np.cumsum(east)])
-    return _Line(heading, east, north, x, first[1] + np.concatenate([[0.0], np.cumsum(north)]))
+    steps = np.column_stack([np.cos(heading), np.sin(heading)]) * grid.step
+    ends = first[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    return _Line(grid, heading, steps, ends)
 
 
 def _feet(
-    grid: _Grid, line: _Line, places: FloatArray, s: FloatArray
+    line: _Line, places: FloatArray, s: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Feet of places on a line, from approximate ones: their s, (n,), unit vectors to the left at
     the approximate feet, and vectors from the feet to the places, (n, 2) each.
 
     s: of the approximate feet.
     """
-    heading = np.interp(s, grid.middle, line.heading)
+    heading = np.interp(s, line.grid.middle, line.heading)
     cos, sin = np.cos(heading), np.sin(heading)
-    off = places - line.at(grid, s)
-    s = np.clip(s + off[:, 0] * cos + off[:, 1] * sin, 0.0, grid.length)
-    return s, np.column_stack([-sin, cos]), places - line.at(grid, s)
+    off = places - line.at(s)
+    s = np.clip(s + off[:, 0] * cos + off[:, 1] * sin, 0.0, line.grid.length)
+    return s, np.column_stack([-sin, cos]), places - line.at(s)
 
 
-def _derivatives(
-    grid: _Grid, line: _Line, s: FloatArray, to_left: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _derivatives(line: _Line, s: FloatArray, to_left: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Derivatives of the shift to the left of the positions at s: by the first heading, (n, 1), and
     by the curvatures, (n, k).
 
     to_left: unit vectors to the left at s, (n, 2).
     """
+    grid = line.grid
     below = np.clip(np.searchsorted(grid.s, s, side="right") - 1, 0, len(grid.middle) - 1)
     share = ((s - grid.s[below]) / grid.step)[:, None]
 
@@ -223,8 +224,9 @@ def _derivatives(
         return np.asarray(sums[below] + share * (sums[below + 1] - sums[below]))
 
     to_left_x, to_left_y = to_left[:, :1], to_left[:, 1:]
-    by_curvature = to_left_x * moved(-line.north) + to_left_y * moved(line.east)
+    east, north = line.steps.T
+    by_curvature = to_left_x * moved(-north) + to_left_y * moved(east)
     # a turn of the first heading turns the whole line about its beginning
-    arm = line.at(grid, s) - np.array([line.x[0], line.y[0]])
+    arm = line.at(s) - line.ends[0]
     by_heading = to_left_x * -arm[:, 1:] + to_left_y * arm[:, :1]
     return by_heading, by_curvature
