@@ -1,5 +1,5 @@
 """Repeatability of ADSs: whether two drives of a case are equal, how far they differ, and how often
-a case ends badly. For nights.
+a case ends badly. `nightly/judged.py` asks for it.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from sumo_eval.scoring.rule import (
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.text import point_words
 
-AGAIN = "again"  # folder beside the nights in which cases are driven once more; gone afterwards
+AGAIN = "again"  # folder beside the nights in which cases are rerun; removed afterwards
 
 
 def repeats_of(
@@ -77,7 +77,7 @@ def repeats_of(
 def _sample(plan: Planner, number: int) -> list[Case]:
     """The cases of all ADSs at `number` points, drawn by the run's seed."""
     spaces = [space_of(plan.run, index) for index in range(len(plan.run.scenarios))]
-    # draws index the points of all spaces in order; each space's begin where the one before ends
+    # a draw is the number of a point among those of all spaces, one space after the other
     ends = np.cumsum([len(space.numbers) for space in spaces])
     stream = random_stream(plan.run.settings.seed, "driven twice")
     drawn = stream.permutation(int(ends[-1]))[:number]

@@ -104,8 +104,8 @@ def settings_of(
     """
     settings, source = _read(evaluation, folder, resume, not ads)
     for locator in ads:
-        # Refuses a program that does not exist. `made_absolute` puts `env -C` in front of it, and
-        # `env` always exists.
+        # A program that does not exist is refused here: below, `made_absolute` puts `env -C` in
+        # front of it, and `env` always exists.
         if isinstance(locator, str) and locator.startswith(("exec:", "traci:")):
             find_controller(locator, Path.cwd())
     if ads:
@@ -137,10 +137,12 @@ def _read(
     if isinstance(evaluation, Mapping):
         content = _with_locators(evaluation, folder, resume)
         return settings_from(content, "the evaluation", own_ads=own_ads), Path.cwd()
-    default = folder if resume and run_folder.is_run(folder) else PAPER_EVALUATION
-    if resume and evaluation is None and not folder.exists():
+    if evaluation is not None:
+        path = Path(evaluation)
+    elif resume and not folder.exists():
         raise InputError(f"{folder} does not exist: there is no run to resume.")
-    path = default if evaluation is None else Path(evaluation)
+    else:
+        path = folder if resume and run_folder.is_run(folder) else PAPER_EVALUATION
     if not run_folder.is_run(path):
         return read_evaluation(path, own_ads=own_ads), path.parent.resolve()
     settings = read_evaluation(path / run_folder.EVALUATION)
@@ -229,13 +231,8 @@ def planned(
     """
     for name, logical in run.scenarios.items():
         road = logical.road
-        check_line(
-            road.line,
-            road.lanes,
-            road.lane_width,
-            f"scenario `{name}`",
-            run.settings.simulation.vehicle,
-        )
+        vehicle = run.settings.simulation.vehicle
+        check_line(road.line, road.lanes, road.lane_width, f"scenario `{name}`", vehicle)
     plan = planner(run)
     progress("controllers checked", len(plan.identities), len(plan.identities))
     return plan, _spaces(run, progress, looked_at)
@@ -311,7 +308,7 @@ def in_rounds(run: Resolved, folder: Path | None) -> Resolved:
     """An evaluation whose adaptive samples have a number of points per round, and the rounds that
     the run in the folder has chosen already.
 
-    Its rounds are kept only if nothing but the end of the sample (`count`, `until`) has changed.
+    These rounds are kept only if nothing but the end of the sample (`count`, `until`) has changed.
 
     folder: of a run to resume; None: a new run.
     """
@@ -326,9 +323,9 @@ def in_rounds(run: Resolved, folder: Path | None) -> Resolved:
         if sampling.method != "adaptive" or sampling.count is None:
             return entry
         if earlier is not None and not sampling.rounds:
-            # equal if only the end of the sample has changed
             continued = replace(sampling, round=earlier.round, rounds=earlier.rounds)
             with_new_end = replace(earlier, count=sampling.count, until=sampling.until)
+            # these are equal if only the end of the sample has changed
             if sampling.round in (None, earlier.round) and with_new_end == continued:
                 return replace(entry, sampling=continued)
         size = size_of_round(

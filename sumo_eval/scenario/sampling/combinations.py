@@ -27,8 +27,8 @@ def combinations(logical: LogicalScenario, request: Request) -> Drawn:
     """Few points with every possible combination of values of any `strength` parameters, by
     default 2, as in the method `pairwise`.
 
-    A covering array. Where a constraint excludes every point of it with a possible combination, a
-    further point holds that one. `sample` takes out the excluded points.
+    These are a covering array, and further points with the combinations that constraints take out
+    of it though a possible point has them. `sample` removes the excluded points.
     """
     most = len(logical.parameters)
     strength = min(2, most) if request.strength is None else request.strength
@@ -80,7 +80,7 @@ def _complete(have: Numbers, candidates: Numbers, codes: Sequence[Numbers]) -> N
     candidates: numbers of all possible points, rising.
     codes: `tuples_of` the full grid.
 
-    Greedy: each time the point that holds most missing combinations, the first of equals.
+    Greedy: each round takes the point that holds most missing combinations, the first of equals.
     """
     codes = [code[candidates] for code in codes]
     # missing[i][number]: whether a combination of the i-th choice of axes still has to be held
