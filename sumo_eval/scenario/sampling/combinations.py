@@ -20,7 +20,7 @@ from sumo_eval.trajectory import IntArray
 Levels = IntArray
 """Points of a grid (n, k), as the number of the value on each axis."""
 Numbers = IntArray
-"""Numbers (n,): of points in a grid, the first axis slowest, or of combinations of values."""
+"""Numbers (n,) of points in a grid, the first axis slowest."""
 
 
 def combinations(logical: LogicalScenario, request: Request) -> Drawn:
@@ -51,7 +51,7 @@ def combinations(logical: LogicalScenario, request: Request) -> Drawn:
     added = _complete(chosen[feasible[chosen]], np.flatnonzero(feasible), codes)
     numbers = np.union1d(chosen, added)
     total = sum(map(math.prod, itertools.combinations(sizes, strength)))
-    held = sum(len(np.unique(code[feasible])) for code in codes)
+    held = np.count_nonzero(np.bincount(codes[:, feasible].ravel()))
     if held < total:
         what = "pairs" if strength == 2 else f"combinations of {strength}"
         notes += (
@@ -61,19 +61,19 @@ def combinations(logical: LogicalScenario, request: Request) -> Drawn:
     return Drawn(grid[numbers], notes=notes)
 
 
-def tuples_of(levels: Levels, sizes: Sequence[int], strength: int) -> list[Numbers]:
-    """The combinations that points hold: for each choice of `strength` axes an array (n,) with the
-    number of each point's combination of values on these axes.
+def tuples_of(levels: Levels, sizes: Sequence[int], strength: int) -> IntArray:
+    """The combinations that points hold, (c, n): for each choice of `strength` axes, the number of
+    each point's combination of values on these axes. No two combinations share a number.
     """
-    return [
-        np.ravel_multi_index(
-            tuple(levels[:, axis] for axis in axes), tuple(sizes[axis] for axis in axes)
-        )
-        for axes in itertools.combinations(range(len(sizes)), strength)
-    ]
+    codes, first = [], 0
+    for axes in itertools.combinations(range(len(sizes)), strength):
+        counts = tuple(sizes[axis] for axis in axes)
+        codes.append(first + np.ravel_multi_index(tuple(levels[:, axes].T), counts))
+        first += math.prod(counts)
+    return np.array(codes)
 
 
-def _complete(have: Numbers, candidates: Numbers, codes: Sequence[Numbers]) -> Numbers:
+def _complete(have: Numbers, candidates: Numbers, codes: IntArray) -> Numbers:
     """Numbers of further points, so that every combination of a possible point is held.
 
     have: numbers of the possible points that are chosen already.
@@ -82,19 +82,13 @@ def _complete(have: Numbers, candidates: Numbers, codes: Sequence[Numbers]) -> N
 
     Greedy: each round takes the point that holds most missing combinations, the first of equals.
     """
-    codes = [code[candidates] for code in codes]
-    # missing[i][number]: whether a combination of the i-th choice of axes still has to be held
-    missing = []
-    for code in codes:
-        wanted = np.zeros(int(code.max(initial=0)) + 1, dtype=np.bool_)
-        wanted[code] = True
-        wanted[code[np.searchsorted(candidates, have)]] = False
-        missing.append(wanted)
+    codes = codes[:, candidates]
+    missing = np.zeros(codes.max(initial=0) + 1, dtype=np.bool_)  # by number of the combination
+    missing[codes] = True
+    missing[codes[:, np.searchsorted(candidates, have)]] = False
     added = []
-    while any(wanted.any() for wanted in missing):
-        gain = sum(wanted[code] for code, wanted in zip(codes, missing, strict=True))
-        best = int(np.argmax(gain))
-        added.append(int(candidates[best]))
-        for code, wanted in zip(codes, missing, strict=True):
-            wanted[code[best]] = False
+    while missing.any():
+        best = np.argmax(missing[codes].sum(axis=0))
+        added.append(candidates[best])
+        missing[codes[:, best]] = False
     return np.array(added, dtype=np.intp)
