@@ -77,7 +77,7 @@ def repeats_of(
 def _sample(plan: Planner, number: int) -> list[Case]:
     """The cases of all ADSs at `number` points, drawn by the run's seed."""
     spaces = [space_of(plan.run, index) for index in range(len(plan.run.scenarios))]
-    # a draw is the number of a point among those of all spaces, one space after the other
+    # a draw is the number of a point among those of all spaces in order
     ends = np.cumsum([len(space.numbers) for space in spaces])
     stream = random_stream(plan.run.settings.seed, "driven twice")
     drawn = stream.permutation(int(ends[-1]))[:number]
