@@ -1,5 +1,5 @@
 """Repeatability of ADSs: whether two drives of a case are equal, how far they differ, and how often
-a case ends badly. `nightly/judged.py` asks for it.
+a case ends badly, for the verdict of a night.
 """
 
 from __future__ import annotations
