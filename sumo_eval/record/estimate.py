@@ -23,19 +23,17 @@ from sumo_eval.record.store import open_store
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.text import duration_words
 
-_TIMED = 32  # drives of a kind that an estimate times, at most
+_TIMED = 32  # drives of a `Kind` that are timed, at most
 _KIND_FOR = 1.0  # s that the drives of one kind may take, if a user's ADS drives
 _TIMED_FOR = 2.0  # s for all kinds: after that no further drives begin
 _LONGEST_DRIVE = 3.0  # s; a longer one is broken off
 _KINDS = 12  # ADSs that are loaded, at most, and pairs of ADS and scenario that are timed, at most
 _SORTS = {"ads": "ADSs", "references": "references", "humans": "human drivers"}
-"""Sorts of drives and their names; the drives of a sort count as equally long."""
+"""Sorts of drives, with their names in messages; drives of a sort count as equally long."""
 _LOOKED_AT = 2_000  # points of each scenario that are checked and classified, at most
 
 Kind = tuple[str, list[Case]]
-"""A sort (key of `_SORTS`), and cases of it that are timed together: all of one scenario, those of
-ADSs all of one ADS.
-"""
+"""A sort, key of `_SORTS`, and cases that are timed together: of one scenario, and of one ADS."""
 
 
 @frozen
@@ -148,6 +146,7 @@ def _recorded(folder: Path, run: Resolved) -> int:
 
 
 def _sort(role: Role) -> str:
+    """Key of `_SORTS`."""
     return {"ads": "ads", "human": "humans"}.get(role, "references")
 
 
@@ -158,7 +157,7 @@ def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
         replace(it, numbers=it.numbers[:: max(ceil(len(it.numbers) / _TIMED), 1)]) for it in spaces
     ]
     kinds = {sort: list[Iterable[Case]]() for sort in _SORTS}
-    # each scenario begins with another ADS: else every n-th pair might be of one and the same ADS
+    # each scenario begins with another ADS: else every n-th pair could have the same ADS
     ads = plan.run.settings.ads
     pairs = [
         (space, ads[(first + number) % len(ads)])

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -102,35 +102,27 @@ class Joint:
         prepared = _prepared(self)
         if self.kind == "copula":
             return prepared.draw(count, stream)
-        parts: list[FloatArray] = []
-        have = drawn = 0
-        while have < count:
+        inside = np.empty((0, len(self.names)))
+        drawn = 0
+        while len(inside) < count:
             rows = prepared.draw(2 * count, stream)
             drawn += len(rows)
-            rows = rows[self._inside(rows)]
-            if have + len(rows) == 0 and drawn >= MASS_DRAWS:
+            inside = np.concatenate([inside, rows[self._inside(rows)]])
+            if not len(inside) and drawn >= MASS_DRAWS:
                 raise InputError(
                     f"No draw of the joint distribution {self.source} lies within the ranges."
                 )
-            parts.append(rows)
-            have += len(rows)
-        return np.concatenate(parts)[:count]
+        return inside[:count]
 
     def _inside(self, rows: FloatArray) -> BoolArray:
         """Whether each of the points (n, k) is within the box."""
-        within: BoolArray = np.all(
-            (rows >= np.array(self.low)) & (rows <= np.array(self.high)), axis=1
-        )
-        return within
+        return np.asarray(((rows >= self.low) & (rows <= self.high)).all(axis=1))
 
     def __str__(self) -> str:
-        what = (
-            "a Gaussian KDE" if self.kind == "kde" else "a Gaussian copula of one-dimensional KDEs"
-        )
-        where = f" of {self.source}" if self.source else ""
-        return (
-            f"{what} over {len(self.events)} recorded events{where} (bandwidth {self.factor:.3f})"
-        )
+        kind = {"kde": "KDE", "copula": "copula of one-dimensional KDEs"}[self.kind]
+        events = f"{len(self.events)} recorded events"
+        source = f" of {self.source}" if self.source else ""
+        return f"a Gaussian {kind} over {events}{source} (bandwidth {self.factor:.3f})"
 
 
 class _Kernels(NamedTuple):
@@ -158,8 +150,8 @@ class _Kernels(NamedTuple):
         norm = np.abs(np.linalg.det(whiten)) / (2.0 * np.pi) ** (k / 2.0)
         sums = np.zeros(len(points))
         for first in range(0, len(points), 4096):  # so many at once, to limit the memory in use
-            white = points[first : first + 4096] @ whiten.T
-            sums[first : first + 4096] = bells(white, centres) @ self.shares
+            part = slice(first, first + 4096)
+            sums[part] = bells(points[part] @ whiten.T, centres) @ self.shares
         return np.asarray(sums * norm)
 
 
@@ -192,9 +184,7 @@ class _Copula(NamedTuple):
         shares = np.column_stack([np.interp(*part) for part in parts])
         scores = ndtri(np.clip(shares, LEAST_SHARE, 1.0 - LEAST_SHARE))
         whitened = np.linalg.solve(self.root, scores.T).T
-        density = np.exp(0.5 * (scores**2 - whitened**2).sum(axis=1)) / np.abs(
-            np.prod(np.diag(self.root))
-        )
+        density = np.exp(0.5 * (scores**2 - whitened**2).sum(axis=1)) / np.diag(self.root).prod()
         for part in zip(points.T, self.grids, self.densities, strict=True):
             density = density * np.interp(*part)
         return np.asarray(density)
@@ -202,6 +192,7 @@ class _Copula(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _share_inside(joint: Joint) -> float:
+    """Share of a KDE within its box."""
     prepared = _prepared(joint)
     stream = np.random.default_rng(len(joint.events))  # any fixed seed
     # 1e-4: a density is divided by the share
@@ -210,18 +201,30 @@ def _share_inside(joint: Joint) -> float:
 
 @lru_cache(maxsize=512)
 def _prepared(joint: Joint) -> _Kernels | _Copula:
+    """The density, ready for points and draws."""
     rows = np.array(joint.events)
     weights = joint.weights or (1.0,) * len(rows)
     shares = np.array(weights) / sum(weights)
-    if joint.kind == "kde":
-        covariance = np.atleast_2d(np.cov(rows.T, aweights=shares)) * joint.factor**2
-        root = np.asarray(np.linalg.cholesky(covariance), float)
-        if joint.narrow:
-            # nearer: factor of the narrow form
-            nearer, mean = 1.0 / np.sqrt(1.0 + joint.factor**2), shares @ rows
-            rows, root = mean + nearer * (rows - mean), nearer * root
-        return _Kernels(rows, shares, root)
+    if joint.kind == "copula":
+        return _copula(joint, rows, shares)
+    covariance = np.atleast_2d(np.cov(rows.T, aweights=shares)) * joint.factor**2
+    root = np.asarray(np.linalg.cholesky(covariance), float)
+    if joint.narrow:
+        rows, root = _narrowed(rows, shares, root, joint.factor**2)
+    return _Kernels(rows, shares, root)
 
+
+def _narrowed(rows: FloatArray, shares: FloatArray, width: Any, ratio: Any) -> tuple[Any, Any]:
+    """Events nearer to their mean, and narrower kernels, by the factor of the narrow form.
+
+    ratio: variance of a kernel over that of the events.
+    """
+    nearer, mean = 1.0 / np.sqrt(1.0 + ratio), shares @ rows
+    return mean + nearer * (rows - mean), nearer * width
+
+
+def _copula(joint: Joint, rows: FloatArray, shares: FloatArray) -> _Copula:
+    """The copula of events (n, k) with these shares, (n,)."""
     # weighted correlation (k, k) of the normal scores
     scores = np.column_stack([_normal_scores(it) for it in rows.T])
     centred = scores - shares @ scores
@@ -258,10 +261,8 @@ def _marginal(
 
     width = joint.factor * _spread(values)
     if joint.narrow:
-        mean = shares @ values
-        # factor of the narrow form
-        nearer = float(1.0 / np.sqrt(1.0 + width**2 / (shares @ (values - mean) ** 2)))
-        values, width = mean + nearer * (values - mean), nearer * width
+        variance = shares @ (values - shares @ values) ** 2
+        values, width = _narrowed(values, shares, width, width**2 / variance)
     away = (grid[:, None] - values) / width
     uncut = ndtr(away) @ shares
     mass = max(uncut[-1] - uncut[0], 1e-12)

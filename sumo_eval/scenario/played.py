@@ -6,6 +6,9 @@ a list of pieces of constant jerk, its lateral moves are offsets across the line
 function of the time since it began, so a move that begins within a step leads to the same position
 with any step. Records are plain numbers, and the loops over them are kernels: a case has the same
 bits alone and in a batch.
+
+Users: `cosim/world.py` makes the records, `cosim/step_rules.py` moves the actors in every step;
+readers of scenarios write acts, `scenario/undisturbed.py` plays them without an ego.
 """
 
 from __future__ import annotations
@@ -267,13 +270,11 @@ def _speed_up(pieces: Any, v: float, act: Any) -> int:
     """
     change = abs(act.speed - v)
     sign = 1.0 if act.speed > v else -1.0
-    rise = act.acceleration / act.jerk  # time in which the acceleration builds up, s
+    rise = act.acceleration / act.jerk  # time in which the acceleration builds up, s; may be 0
     in_rise = 0.5 * act.acceleration * rise  # change of speed meanwhile, m/s
-    if rise > 0.0 and change <= in_rise:
+    if change <= in_rise:
         return _put(pieces, 0, math.sqrt(2.0 * change / act.jerk), 0.0, sign * act.jerk, act.speed)
-    k = 0
-    if rise > 0.0:
-        k = _put(pieces, k, rise, 0.0, sign * act.jerk, v + sign * in_rise)
+    k = _put(pieces, 0, rise, 0.0, sign * act.jerk, v + sign * in_rise)
     return _put(
         pieces, k, (change - in_rise) / act.acceleration, sign * act.acceleration, 0.0, act.speed
     )
@@ -295,9 +296,7 @@ def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> in
         elif v + speed > 0.0:
             duration = 2.0 * apart / (v + speed)
         else:  # it stands, and never gets to the knot
-            duration = math.inf
-        if math.isinf(duration):
-            return _put(pieces, k, duration, 0.0, 0.0, 0.0)
+            return _put(pieces, k, math.inf, 0.0, 0.0, 0.0)
         k = _put(pieces, k, duration, (speed - v) / duration, 0.0, speed)
         last, v = knot, speed
     return k
@@ -404,10 +403,7 @@ def _over_ground(other: Any, line: Any) -> None:
 
 @kernel
 def _body_of(cast: Any, number: int, end: int) -> Body:
-    """A vehicle at an end of the step, `BEFORE` or `NOW`.
-
-    number: index of an actor, or `EGO`.
-    """
+    """Vehicle `number`, an actor's index or `EGO`, at an end of the step, `BEFORE` or `NOW`."""
     if number == EGO:
         return _body(cast.egos[0], end)
     return _body(cast.others[number], end)
@@ -422,22 +418,19 @@ def _body(record: Any, end: int) -> Body:
 
 
 @kernel
-def _of(body: Body, what: int) -> float:
-    """A value of a body.
-
-    what: `X` or `Y`, m, `ALONG` or `ACROSS`, its speed in this direction of the road, m/s.
-    """
-    if what == X:
+def _component(op: int, body: Body) -> float:
+    """`X` or `Y` of a body, m, or its speed `ALONG` or `ACROSS` the road, m/s."""
+    if op == X:
         return body.x
-    if what == Y:
+    if op == Y:
         return body.y
     along, across = velocity(body)
-    return along if what == ALONG else across
+    return along if op == ALONG else across
 
 
 @kernel
 def _between(op: int, one: Body, two: Body) -> float:
-    """A value of two bodies, of which `one` follows `two`: gap m, distance m, TTC s, THW s."""
+    """`GAP` or `DISTANCE`, m, `TTC` or `THW`, s, of two bodies of which `one` follows `two`."""
     dx, dy = two.x - one.x, two.y - one.y
     if op == DISTANCE:
         return math.sqrt(dx * dx + dy * dy)
@@ -445,31 +438,33 @@ def _between(op: int, one: Body, two: Body) -> float:
     gap -= half_sizes(two.heading, two.length, two.width)[0]
     if op == GAP:
         return gap
-    speed = _of(one, ALONG)
+    speed = _component(ALONG, one)
     if op == TTC:
-        speed -= _of(two, ALONG)
+        speed -= _component(ALONG, two)
     return gap / speed if gap > 0.0 and speed > 0.0 else math.inf
 
 
 @kernel
-def _number(cast: Any, j: int, act: Any, it: Any, end: int, time: float) -> float:
+def _pushed(cast: Any, j: int, act: Any, step: Any, end: int, time: float) -> float:
     """The value that an operation puts on the stack.
 
     act: a move of actor j.
-    it: the operation.
-    end: of the step, `BEFORE` or `NOW`.
+    step: of its program, the operation.
+    end: of the simulation's step, `BEFORE` or `NOW`.
     time: then, s.
     """
-    op = it.op
+    op = step.op
     if op == VALUE:
-        return float(it.value)
+        return float(step.value)
     if op == TIME:
         return time
     if op == DEPARTED:
         ego = _body(cast.egos[0], end)
         return departed(act, cast.table[j], ego.x, ego.y, time)
-    one = _body_of(cast, it.one, end)
-    return _of(one, op) if op <= ACROSS else _between(op, one, _body_of(cast, it.two, end))
+    one = _body_of(cast, step.one, end)
+    if op <= ACROSS:
+        return _component(op, one)
+    return _between(op, one, _body_of(cast, step.two, end))
 
 
 @kernel
@@ -520,30 +515,28 @@ def holds_from(cast: Any, j: int, act: Any, now: float, before: float) -> float:
     program, stack = cast.program[j], np.zeros((DEEPEST, 3))
     k = -1  # top of the stack
     for q in range(act.program, act.program + act.steps):
-        it = program[q]
-        op = it.op
+        step = program[q]
+        op = step.op
         reads_value = op < ENDED or op == DEPARTED
         if reads_value or op == ENDED:
             k += 1
         elif op not in (NEGATE, ABSOLUTE):  # two values, now in rows k and k + 1, become one
             k -= 1
         if op == ENDED:
-            end = cast.acts[it.one, it.two].end
-            _compare(stack, k, before - end, now - end, 1)
+            ended = cast.acts[step.one, step.two].end
+            _compare(stack, k, before - ended, now - ended, 1)
         elif op in (BELOW, AT_MOST):
             margin_before = stack[k + 1, BEFORE] - stack[k, BEFORE]
             margin = stack[k + 1, NOW] - stack[k, NOW]
             _compare(stack, k, margin_before, margin, 1 if op == AT_MOST else 0)
         elif reads_value:
-            stack[k, BEFORE] = _number(cast, j, act, it, BEFORE, before)
-            stack[k, NOW] = _number(cast, j, act, it, NOW, now)
+            stack[k, BEFORE] = _pushed(cast, j, act, step, BEFORE, before)
+            stack[k, NOW] = _pushed(cast, j, act, step, NOW, now)
         else:
             if op in (AND, OR):
                 stack[k, SHARE] = _joint_share(stack, k, op)
-            for end_of_step in range(2):
-                stack[k, end_of_step] = arithmetic(
-                    op, stack[k, end_of_step], stack[k + 1, end_of_step]
-                )
+            for end in range(2):  # `BEFORE`, `NOW`
+                stack[k, end] = arithmetic(op, stack[k, end], stack[k + 1, end])
     return float(stack[0, SHARE]) if stack[0, NOW] > 0.0 else -1.0
 
 
@@ -650,16 +643,14 @@ def begin_due(play: Any, acts: Any, pieces: Any, table: Any, time: float, step_e
 
 
 @kernel
-def _end_path(play: Any, acts: Any, pieces: Any, table: Any, before: float, now: float) -> None:
+def _end_path(play: Any, acts: Any, pieces: Any, table: Any, now: float, before: float) -> None:
     """Write when the vehicle came to the last point of its path, if it did in this step."""
     for q in range(play.acts):
         act = acts[q]
         underway = act.kind == PATH and act.state == BEGUN and math.isinf(act.end)
         if not underway or act.first != play.path:
             continue
-        length = 0.0
-        x = play.x
-        y = play.y
+        length, x, y = 0.0, play.x, play.y
         for p in range(play.path, play.path + play.points):
             dx, dy = table[p].one - x, table[p].two - y
             length += math.sqrt(dx * dx + dy * dy)
@@ -684,7 +675,7 @@ def _match(cast: Any, j: int, now: float) -> None:
 
     other = _body_of(cast, int(table[first].one), NOW)
     elapsed = now - play.since
-    speed = max(table[first].two * _of(other, ALONG) + added, 0.0)
+    speed = max(table[first].two * _component(ALONG, other) + added, 0.0)
     if len(cast.line) and not play.on_map:
         # along the road's line: over the ground the offset y makes it longer or shorter
         speed /= 1.0 - line_at(cast.line, own.x).curvature * own.y
@@ -752,7 +743,7 @@ def wake(cast: Any, now: float, before: float) -> None:
         if play.model:
             continue
         begun = begin_due(play, acts[j], pieces[j], table[j], now, True)
-        _end_path(play, acts[j], pieces[j], table[j], before, now)
+        _end_path(play, acts[j], pieces[j], table[j], now, before)
         if play.match:
             _match(cast, j, now)
         if begun or play.match:

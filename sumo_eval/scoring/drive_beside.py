@@ -1,6 +1,6 @@
 """One recorded drive beside the drivers at its point: what stands out, when, and by how much.
 
-`report.driving_words` makes sentences of it, `report.explain` takes D_i from here.
+`report.driving_words` makes sentences and a picture of it, `report.explain` takes D_i from here.
 """
 
 from __future__ import annotations
@@ -127,32 +127,37 @@ def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind
 
     margin: `road_margin`, m; a drive that departs from the road does not count as a reference.
     """
-    share = scene.case.task_share
-    ego = scene.ego
+    share, ego = scene.case.task_share, scene.ego
+    if share is None or share >= LOW or scene.case.incident:
+        return None
     start = logical.placed(scene.case.values).ego
     clean = [
         trajectory
         for trajectory in scene.references.values()
         if first_departure(trajectory, logical.road, margin) is None
     ]
-    task = asked_way(start.x, clean)
-    if share is None or share >= LOW or scene.case.incident or not task or not len(task.places):
+    asked = asked_way(start.x, clean)
+    if not asked:
+        return None
+    # t_i of an excused case leaves out the places that the ego did not reach
+    counted = asked.places <= (ego.x.max() if scene.case.excused else np.inf)
+    places, slowest = asked.places[counted], asked.slowest[counted]
+    if not places.size:
         return None
     drivers = sum(trajectory in scene.drivers for trajectory in clean)
-    with_car = len(clean) > drivers
+    references = drivers, len(clean) > drivers
     if start.way is not None and misses(ego, start.way):
-        when = times_at(ego, np.array([start.way.by]))[0]
-        return Behind("missed", start.way.by - start.x, float(when), np.nan, drivers, with_car)
-    own = times_at(ego, task.places)
-    places = task.places - start.x
+        when = float(times_at(ego, np.array([start.way.by]))[0])
+        return Behind("missed", start.way.by - start.x, when, np.nan, *references)
+    own = times_at(ego, places)
     if np.isinf(own[-1]):  # it never came to the last place
-        furthest_way = max(ego.x.max() - start.x, 0.0)
-        when = ego.time[np.argmax(ego.x)] - ego.time[0]
+        last = int(np.argmax(ego.x))
+        way, when = max(float(ego.x[last]) - start.x, 0.0), float(ego.time[last] - ego.time[0])
         what: Literal["stood", "short"] = "stood" if ego.speed[-1] < STANDING else "short"
-        return Behind(what, float(furthest_way), float(when), float(places[-1]), drivers, with_car)
-    worst = int(np.argmax(own - task.slowest))
-    way, late, slowest = (float(part[worst]) for part in (places, own, task.slowest))
-    return Behind("late", way, late, slowest, drivers, with_car)
+        return Behind(what, way, when, float(places[-1]) - start.x, *references)
+    worst = int(np.argmax(own - slowest))
+    way, when, target = (float(part[worst]) for part in (places - start.x, own, slowest))
+    return Behind("late", way, when, target, *references)
 
 
 class Event(NamedTuple):
@@ -243,14 +248,14 @@ def furthest(scene: CaseDrives) -> Furthest:
 
 def _furthest(scene: CaseDrives, places: FloatArray, channel: Literal["speed", "y"]) -> Furthest:
     """Where `channel` differs most, among places x, (n,), m."""
-    own = _at_places(scene.ego, places, channel)
-    theirs = np.array([_at_places(driver, places, channel) for driver in scene.drivers])
-    spread = np.maximum(theirs.std(axis=0, ddof=1), LEAST_SPREADS[channel])
-    away = np.abs(own - theirs.mean(axis=0)) / spread
+    ads = _at_places(scene.ego, places, channel)
+    drivers = np.array([_at_places(driver, places, channel) for driver in scene.drivers])
+    spread = np.maximum(drivers.std(axis=0, ddof=1), LEAST_SPREADS[channel])
+    away = np.abs(ads - drivers.mean(axis=0)) / spread
     worst = int(np.argmax(away))
     (when,) = times_at(scene.ego, places[worst : worst + 1])
-    there = theirs[:, worst]
-    values = own[worst], there.min(), there.mean(), there.max()
+    there = drivers[:, worst]
+    values = ads[worst], there.min(), there.mean(), there.max()
     return Furthest(float(away[worst]), channel, float(when), *map(float, values))
 
 

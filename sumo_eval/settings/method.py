@@ -1,5 +1,6 @@
-"""Settings of the method, each with the number of its equation: `scoring/` reads them when it makes
-scores of recorded facts.
+"""Settings of the method, each with the number of its equation.
+
+`scoring/` reads them when it makes scores of recorded facts; `record/` drives `task_reference`.
 """
 
 from __future__ import annotations

@@ -91,6 +91,9 @@ def test_standing_and_crawling_name_the_references(case):
     )
     ((sentence, _),) = words.task_words(stops, logical, 0.5)
     assert sentence == "Stood after 40 m of 195 m, from 4.0 s on; 1 driver drove on."
+    excused = stops._replace(case=replace(stops.case, excused=True))
+    ((sentence, _),) = words.task_words(excused, logical, 0.5)
+    assert sentence == "Needed 4.0 s for 40 m; the slowest of 1 driver needed 2.0 s."
     crawls = scene(
         replace(case, task_share=0.5), drive([(0, 10), (30, 10)], 30.0, x=begin), reference
     )

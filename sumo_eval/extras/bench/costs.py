@@ -43,7 +43,7 @@ from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, Recording
 
-# the step, s, is that of the public simulators of UN R157
+# with the step of the public simulators of UN R157
 SETTINGS = SimulationSettings(step=0.1, end_when_decided=True)
 
 
@@ -211,14 +211,14 @@ def cosimulation(cases: int, rounds: int) -> list[Figures]:
 
 
 def _least_seconds(
-    ways: Mapping[str, Any],
+    ways: Mapping[str, functools.partial[Any]],
     concretes: Sequence[ConcreteScenario],
     steps: Mapping[str, list[int]],
     rounds: int,
 ) -> tuple[dict[str, float], ...]:
     """Least seconds of each way, and of bare libsumo over the same steps.
 
-    ways: name -> function that simulates all concrete scenarios.
+    ways: name -> function that simulates all concrete scenarios, with the ADS as its argument.
     steps: name of a way -> number of steps of each case.
     """
     seconds = dict.fromkeys(ways, math.inf)
@@ -241,7 +241,7 @@ def _least_seconds(
             for name, way in ways.items():
                 seconds[name] = min(seconds[name], _seconds(way))
                 # beside a user's function, bare libsumo makes the function's calls in every step
-                calls = [set_speed] if name.startswith("user's function") else []
+                calls = [ads for ads in way.args if ads is set_speed]
                 took = process.submit(bare_seconds, command_lines, steps[name], *calls).result()
                 bare[name] = min(bare[name], took)
     return seconds, bare
