@@ -9,8 +9,7 @@ wheel straight or, on a curved road, as it was last. Steering away is not consid
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -32,7 +31,7 @@ from sumo_eval.trajectory import (
 )
 
 BRAKES = 0.5  # m/s2, commanded deceleration from which on an ADS counts as braking
-_LATE = 64  # steps: most points of no return are fewer than this before the contact
+_TOGETHER = 8  # replays in a simulation, at least: its start takes as long as some replays
 _STANDS = 10.0  # s that a braked ego stands until its drive ends: it may be struck meanwhile
 _SAME = 1e-6  # s and m/s, contacts that differ by less are one
 
@@ -71,7 +70,7 @@ def with_no_return(
 
 
 def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) -> dict[int, float]:
-    """Last step from which braking avoids each contact, found by bisection.
+    """Last step from which braking avoids each contact, found by bisection around an estimate.
 
     `UNKNOWN` where the replay of all commands has another contact, `NEVER` where braking from the
     start does not avoid it.
@@ -85,33 +84,57 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
         standstill_time=max(settings.standstill_time, _STANDS),
     )
 
-    def braked(steps: Mapping[int, int]) -> dict[int, Collision | Alone | None]:
-        """Contacts of replays that brake from these steps on; a failed replay counts as one."""
-        replays = [Replay(contacts[i].commands, step) for i, step in steps.items()]
-        drives = simulate_together([contacts[i].case for i in steps], replays, plain)
-        hits = (it if isinstance(it, Alone) else it.collision for it in drives)
-        return dict(zip(steps, hits, strict=True))
+    def braked(trials: Collection[tuple[int, int]]) -> Iterator[Collision | Alone | None]:
+        """Contacts of replays that brake from a step on; a failed replay counts as one.
 
-    # low: step from which braking avoids the contact; high: one from which it does not. The last
-    # that does is between them
-    low: dict[int, int] = {}
+        trials: contact and step.
+        """
+        replays = [Replay(contacts[i].commands, step) for i, step in trials]
+        drives = simulate_together([contacts[i].case for i, _ in trials], replays, plain)
+        return (it if isinstance(it, Alone) else it.collision for it in drives)
+
     high = {i: len(it.commands) for i, it in contacts.items()}
+    hits = zip(contacts.items(), braked(high.items()), strict=True)
+    # low: last step known to avoid the contact, at first none; high: first one that does not
+    low = {i: int(NEVER) for (i, contact), hit in hits if _is_same(hit, contact.hit)}
+    # step that was tried last; the next ones are near it, then twice as far away, and so on
+    tried = {i: _estimate(contacts[i], settings) for i in low}
+    reach = 1
+    while tried := {i: step for i, step in tried.items() if high[i] - low[i] > 1}:
+        share = max(_TOGETHER // len(tried), 1)
+        width = reach * (share + 1)
+        trials = [
+            (i, step)
+            for i, near in tried.items()
+            for step in _spread(max(low[i], near - width), min(high[i], near + width), share)
+        ]
+        for (i, step), hit in zip(trials, braked(trials), strict=True):
+            if step < high[i]:  # else an earlier step of this round does not avoid it
+                # a vehicle that runs into the braking ego from behind is another contact
+                behind = isinstance(hit, Collision) and hit.side == "rear"
+                avoids = hit is None or (behind and contacts[i].hit.side != "rear")
+                (low if avoids else high)[i] = tried[i] = step
+        reach *= 2
+    return dict.fromkeys(contacts, UNKNOWN) | low
 
-    def narrow(steps: Mapping[int, int]) -> None:
-        """Try a step for each contact: it becomes its `low` if braking avoids, else its `high`."""
-        for i, hit in braked(steps).items():
-            # a vehicle that runs into the braking ego from behind is another contact
-            behind = isinstance(hit, Collision) and hit.side == "rear"
-            avoids = hit is None or (behind and contacts[i].hit.side != "rear")
-            (low if avoids else high)[i] = steps[i]
 
-    replayed = [i for i, hit in braked(high).items() if _is_same(hit, contacts[i].hit)]
-    # first `_LATE` steps before the contact; if that does not avoid it, from the start
-    for before in (_LATE, math.inf):
-        narrow({i: int(max(high[i] - before, 0)) for i in replayed if i not in low})
-    while wide := [i for i in low if high[i] - low[i] > 1]:
-        narrow({i: (low[i] + high[i]) // 2 for i in wide})
-    return dict.fromkeys(contacts, UNKNOWN) | dict.fromkeys(replayed, NEVER) | low
+def _spread(first: int, last: int, count: int) -> Sequence[int]:
+    """At most `count` steps between two others, evenly spread."""
+    between = range(first + 1, last)
+    stride = -(-len(between) // count)
+    return between[stride // 2 :: stride]
+
+
+def _estimate(contact: _Contact, settings: SimulationSettings) -> int:
+    """About the last step from which braking avoids a contact with a body that keeps its speed."""
+    ego, hit, vehicle = contact.recording.ego, contact.hit, settings.vehicle
+    times = np.arange(len(contact.commands)) * settings.step
+    struck = np.hypot(*hit.ego_velocity) - hit.relative_speed
+    closing = np.maximum(np.interp(times, ego.time, ego.speed) - struck, 0.0)
+    needed = closing * (closing / vehicle.max_deceleration + vehicle.brake_build_up) / 2.0
+    left = np.cumsum(closing[::-1])[::-1] * settings.step
+    # the last step with enough distance, less one: in the mean, that is nearer
+    return max(int(np.count_nonzero(left >= needed)) - 2, 0)
 
 
 def _is_same(hit: Collision | Alone | None, was: Collision) -> bool:
