@@ -254,6 +254,18 @@ def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
     assert import_recordings("csv", [tmp_path / "slow.csv"]).vehicles == 1, "2 Hz have no holes"
 
 
+def test_events_report_what_no_event_can_have(tmp_path):
+    table = pd.read_csv(_plain(tmp_path / "plain.csv")).assign(**{"class": "Car"})
+    odd = table[table["vehicle"] == "a"].assign(vehicle="c", **{"class": "tank"})
+    back = table[table["vehicle"] == "a"].assign(vehicle="d", x=-20.0 * odd["t"])
+    pd.concat([table, table[:3], odd, back]).to_csv(tmp_path / "odd.csv", index=False)
+    said = sumo_eval("humans", "events", tmp_path / "odd.csv").said
+    assert "3 samples with a time that their vehicle already had were left out." in said
+    assert "1 vehicles that go back more than 10 m along x are left out" in said
+    assert "1 vehicles have the class `tank`, which is not known: they are in no event." in said
+    assert "0 of 2 motor vehicles" in said
+
+
 PLATOON = "\ufeffVehicle_order,a\nACC,0\n,\n,\n,\nTime,Speed1,SpeedLimit\n"
 NGSIM = ",".join((*ngsim._ORIGINAL, "Location")) + "\n"
 
@@ -268,6 +280,13 @@ csv | x.csv | OWNr,a,0,1e300,2,4,2\nr,a,0.1,2,2,4,2\n
 | must be at most 9.0072e+15 in size, got 1e+300
 csv | x.csv | recording,vehicle,t,x,y,length,width,speed\nr,a,0,1,2,4,2,36\nr,a,1,11,2,4,2,36\n
 | `speed` of recording `r` must be in m/s, got 3.6 times the speed that x, y and t show
+csv | x.csv | recording,vehicle,t,x,y,length,width,speed\nr,a,0,1,2,4,2,-9\nr,a,1,10,2,4,2,-9\n
+| must be in m/s, got -1 times the speed
+csv | x.csv | recording,vehicle,t,x,y,length,width,heading\nr,a,0,1,2,4,2,90\nr,a,1,9,2,4,2,90\n
+| `heading` of recording `r` must be in rad, got 2.04 rad off the course that x, y and t show
+csv | x.csv | recording,vehicle,t,x,y,length,width,lane\nr,a,0,1,2,4,2,0\nr,b,1,9,-2,4,2,1\n
+| must grow to the left, as y does, got lane 1 to the right of the one before
+csv | x.csv | OWNr,a,0,0,0,4,2\nr,a,1000,9,0,4,2\n | at most 0.5 s apart, got none: 1 holes
 csv | x.csv | recording,vehicle,t,x,y,length,width,lane\nr,a,0,1,2,4,2,1.5\n
 | `lane` in row 2 of
 csv | x.csv | recording,vehicle,time,x,y,length,width\nr,a,0,1,2,4,2\n | must have a column `t`

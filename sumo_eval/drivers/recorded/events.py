@@ -499,9 +499,3 @@ def write_events(events: Events, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         for kind, table in tables.items():
             each_text(table.round(4), cell).to_csv(folder / f"{kind}.csv", index=False)
-
-
-def lane_centres(table: pd.DataFrame) -> dict[tuple[str, int], float]:
-    """Median y of the vehicles in each lane of each recording, m."""
-    centres: dict[Any, float] = table.groupby(["recording", "lane"])["y"].median().to_dict()
-    return centres

@@ -21,7 +21,12 @@ from sumo_eval.drivers.recorded.importers import (
     sumo_fcd,
 )
 from sumo_eval.drivers.recorded.importers.tables import Samples, files_in
-from sumo_eval.drivers.recorded.recordings import Recordings, canonical, read_csv
+from sumo_eval.drivers.recorded.recordings import (
+    MOTOR_CLASSES,
+    Recordings,
+    canonical,
+    read_csv,
+)
 from sumo_eval.drivers.recorded.straighten import straighten
 from sumo_eval.errors import InputError, unknown
 
@@ -54,29 +59,29 @@ def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
     if double:
         raise InputError(f"Recordings must have different names, got {min(double)!r} twice.")
     table = pd.concat([part.table for part in parts], ignore_index=True)
-    return Recordings(table, tuple(dict.fromkeys(note for part in parts for note in part.notes)))
+    kinds = table[["recording", "vehicle", "class"]].drop_duplicates()["class"]
+    unknown = kinds[~kinds.isin({*MOTOR_CLASSES, "bicycle", "pedestrian"})].value_counts()
+    notes = [note for part in parts for note in part.notes]
+    notes += [
+        f"{count} vehicles have the class `{kind}`, which is not known: they are in no event."
+        for kind, count in unknown.items()
+    ]
+    return Recordings(table, tuple(dict.fromkeys(notes)))
 
 
 def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
     """The recordings in files or folders of one format, one file at a time, so that memory holds
     only one.
 
-    Raises InputError at the call for an unknown format, for no path, and for a folder of canonical
-    tables; for a missing path, one without such files, and a mistake in a file only when it is
-    reached.
+    Raises InputError at the call for an unknown format and for no path; for a missing path, one
+    without such files, and a mistake in a file only when it is reached.
     """
     if form not in FORMATS:
         raise unknown("format of recordings", form, FORMATS)
     if not paths:
         raise InputError("At least one file or folder of recordings must be given, got none.")
     if form == OWN:
-        for path in paths:
-            if path.is_dir():
-                raise InputError(
-                    f"{path} is a folder. Of the format `{OWN}`, name every table that `sumo-eval "
-                    f"humans import` wrote; other formats are {', '.join(READERS)}."
-                )
-        return (read_csv(path) for path in paths)
+        return (read_csv(file) for path in paths for file in files_in(path, "*.csv", "*.csv.gz"))
     read, patterns = READERS[form]
     return (_canonical(*read(file)) for path in paths for file in files_in(path, *patterns))
 

@@ -27,11 +27,11 @@ import numpy as np
 import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.tables import (
-    DOUBLE,
     IDENTIFIERS,
     add_motion,
-    check_speeds,
+    check_motion,
     checked_numbers,
+    in_order,
     read_table,
     unread,
 )
@@ -45,12 +45,16 @@ COLUMNS = (
     "width", "class",
     "lane", "steering",
 )  # fmt: skip
+_TRACK = ["recording", "vehicle"]  # columns that name one
 NUMBERS = ("t", "x", "y", "heading", "speed", "acceleration", "length", "width", "lane")
 INTERVAL = 0.1  # s between samples
 LONGEST_HOLE = 0.5  # s; a track with a longer hole is two tracks
+BACK = 10.0  # m; a vehicle that ends further behind its start drives in the other direction
 STANDARD_LANE = 3.5  # m, width of a lane where a table says nothing of lanes
-# truck_bus and trailer are words of sources
-MOTOR_CLASSES = frozenset({"car", "van", "truck", "bus", "motorcycle", "truck_bus", "trailer"})
+# truck_bus, trailer, taxi and priorityvehicle are words of sources
+MOTOR_CLASSES = frozenset(
+    {"car", "van", "truck", "bus", "motorcycle", "truck_bus", "trailer", "taxi", "priorityvehicle"}
+)
 
 # of the numbers in a CSV file; lane, the last of `NUMBERS`, is whole
 _DECIMALS = dict.fromkeys(NUMBERS[:-1], 3) | {"heading": 5, "steering": 5}
@@ -67,7 +71,7 @@ class Recordings(NamedTuple):
     @property
     def vehicles(self) -> int:
         """Number of tracks."""
-        return len(self.table[["recording", "vehicle"]].drop_duplicates())
+        return self.table.groupby(_TRACK).ngroups
 
 
 def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
@@ -77,24 +81,35 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
     table: `recording`, `vehicle`, `t`, `x`, `y`, `heading`, `speed`, `length`, `width`, `class`,
         `lane`; `acceleration`, `driver` and `steering` may be missing.
     """
-    defaults: dict[str, Any] = {"driver": "", "steering": np.nan, "acceleration": np.nan}
-    rows = table.assign(**{name: defaults[name] for name in defaults if name not in table})
-    keys = ["recording", "vehicle", "t"]
-    rows = rows.astype(dict.fromkeys(keys[:2], str))
-    rows = _checked(rows.sort_values(keys, kind="stable", ignore_index=True))
-    double = rows.duplicated(keys)
-    parts, holes, too_short = _even_tracks(rows[~double])
+    rows, doubled = in_order(table.astype(dict.fromkeys(_TRACK, str)))
+    back = _goes_back(rows)
+    parts, holes, too_short = _even_tracks(_checked(rows[~back]))
     # numbers by the words that follow them in a note
     counted = {
         f"holes of more than {LONGEST_HOLE:g} s in tracks: each side of a hole is a track of its "
         "own.": holes,
         f"tracks of less than two samples on the clock of {INTERVAL:g} s are left out.": too_short,
-        DOUBLE: double.sum(),
+        f"vehicles that go back more than {BACK:g} m along x are left out: each direction of "
+        "travel must be a recording of its own, with x along it.": rows[back]
+        .groupby(_TRACK)
+        .ngroups,
     }
+    counts = [*doubled, *(f"{count} {words}" for words, count in counted.items() if count)]
     if not parts:
-        raise InputError("The recording must hold at least one vehicle with two samples, got none.")
-    counts = (f"{count} {words}" for words, count in counted.items() if count)
+        raise InputError(
+            "The recording must hold at least one vehicle with two samples at most "
+            f"{LONGEST_HOLE:g} s apart, got none: {' '.join(counts)}"
+        )
     return Recordings(pd.concat(parts, ignore_index=True)[list(COLUMNS)], (*notes, *counts))
+
+
+def _goes_back(table: pd.DataFrame) -> pd.Series[bool]:
+    """Whether the vehicle of each row ends far behind its first place.
+
+    table: sorted.
+    """
+    x = table.groupby(_TRACK, sort=False)["x"]
+    return x.transform("first") - x.transform("last") > BACK
 
 
 def _even_tracks(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], int, int]:
@@ -171,16 +186,13 @@ def read_csv(path: Path) -> Recordings:
     )
     checked_numbers(table, [*table.filter([*NUMBERS, "steering"])], path, gaps=["steering"])
     notes = unread("Column", table, COLUMNS, path)
-    table = table.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
-    for name, value in (("class", "car"), ("driver", ""), ("steering", np.nan)):
-        if name not in table:
-            table[name] = value
-        table[name] = table[name].astype(object).where(table[name].notna(), value)
+    table, doubled = in_order(table)
+    notes += doubled
     add_motion(table, ("heading", "speed", "acceleration"), str(path))
     if "lane" not in table:
         table["lane"] = np.round(table["y"] / STANDARD_LANE).astype(np.int64)
-    for name in ("recording", "vehicle", "driver", "class"):
-        table[name] = table[name].astype(str).map(from_cell)
+    for name in _TRACK:
+        table[name] = table[name].map(from_cell)
     table["lane"] = table["lane"].astype(np.int64)
     if _is_canonical(table):
         return Recordings(_checked(table)[list(COLUMNS)], tuple(notes))
@@ -188,8 +200,8 @@ def read_csv(path: Path) -> Recordings:
 
 
 def _checked(table: pd.DataFrame) -> pd.DataFrame:
-    """Refuse a vehicle without length and width, as gaps are from bumper to bumper, and speeds in
-    another unit than m/s; else the table as it is.
+    """Refuse a vehicle without length and width, as gaps are from bumper to bumper, channels in
+    another unit, and lanes that grow to the right; else the table with all columns.
 
     table: sorted.
     """
@@ -199,14 +211,32 @@ def _checked(table: pd.DataFrame) -> pd.DataFrame:
         got = f"{row['length']:g} and {row['width']:g} m"
         what = f"Length and width of vehicle `{row['vehicle']}`"
         raise must_be(what, f"recording `{row['recording']}`", "above 0 m", got)
-    check_speeds(table)
-    return table
+    check_motion(table)
+    lanes = table[table["lane"] >= 0].groupby(["recording", "lane"])["y"].median()
+    for recording, lane in lanes.index[lanes.groupby("recording").diff() < -STANDARD_LANE / 2]:
+        raise InputError(
+            f"`lane` of recording `{recording}` must grow to the left, as y does, got lane {lane} "
+            "to the right of the one before."
+        )
+    unknown = pd.Series(np.nan, table.index)
+    channels = {name: table.get(name, unknown) for name in ("acceleration", "steering")}
+    return table.assign(
+        **channels,
+        driver=_texts(table.get("driver", unknown), ""),
+        **{"class": _texts(table.get("class", unknown), "car").str.lower()},
+    )
+
+
+def _texts(cells: pd.Series[Any], empty: str) -> pd.Series[str]:
+    """A column of texts; empty: what an empty cell means."""
+    return cells.astype(object).where(cells.notna(), empty).astype(str).map(from_cell)
 
 
 def _is_canonical(table: pd.DataFrame) -> bool:
-    """Whether every track has several samples, all on the clock, without holes."""
+    """Whether every track has several samples, all on the clock, without holes, and drives on."""
     frame = (table["t"] / INTERVAL).round()
-    keys = table[["vehicle", "recording"]]
+    keys = table[_TRACK]
     same = (keys == keys.shift()).all(axis=1)
     on_clock = (table["t"] - frame * INTERVAL).abs() < 1e-6
-    return bool((on_clock & keys.duplicated(keep=False)).all() and (frame.diff()[same] == 1).all())
+    even = (on_clock & keys.duplicated(keep=False)).all() and (frame.diff()[same] == 1).all()
+    return bool(even and not _goes_back(table).any())

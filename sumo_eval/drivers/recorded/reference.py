@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.events import Events, extract_events, lane_centres
+from sumo_eval.drivers.recorded.events import Events, extract_events
 from sumo_eval.drivers.recorded.importers.tables import (
-    check_speeds,
+    check_motion,
     checked_numbers,
     read_table,
     unread,
@@ -96,8 +96,10 @@ def _recorded(paths: tuple[Path, ...], changed: tuple[int, ...]) -> People:
     changed: times of the files' last changes, so that changed files are read again.
     """
     recordings = import_recordings(OWN, paths)
-    tracks: Any = dict(iter(recordings.table.groupby(["recording", "vehicle"])))
-    return People(recordings, extract_events(recordings), tracks, lane_centres(recordings.table))
+    table = recordings.table
+    tracks: Any = dict(iter(table.groupby(["recording", "vehicle"])))
+    centres: Any = table.groupby(["recording", "lane"])["y"].median().to_dict()
+    return People(recordings, extract_events(recordings), tracks, centres)
 
 
 def notes_of(people: People, parameters: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
@@ -279,9 +281,8 @@ def _drives_in(path: Path, line: Line) -> Sequence[tuple[str, Trajectory]]:
         try:
             if len(rows) < 2:
                 raise InputError("a drive must have at least two samples, got one.")
-            if "speed" in rows:
-                check_speeds(rows.assign(recording=path.name, vehicle=driver))
-            elif line:
+            check_motion(rows.assign(recording=path.name, vehicle=driver))
+            if line and "speed" not in rows:
                 on_map = Trajectory(rows["t"], *map_places(line, rows["x"], rows["y"])[:2])
                 rows = rows.assign(speed=on_map.speed)
             drives.append((driver, _trajectory(rows)))

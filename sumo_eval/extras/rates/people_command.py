@@ -54,8 +54,7 @@ def import_(form: str, paths: tuple[Path, ...], out: Path) -> None:
 
     recordings = import_recordings(form, paths)
     write_csv(recordings, out)
-    for note in recordings.notes:
-        tell(note)
+    say(recordings.notes)
     tell(f"{recordings.vehicles} vehicles, {len(recordings.table)} samples: {out}")
 
 
@@ -67,10 +66,11 @@ def events(tables: tuple[Path, ...], out: Path | None) -> None:
     from sumo_eval.drivers.recorded.events import extract_events, write_events
     from sumo_eval.drivers.recorded.importing import OWN, import_recordings
 
-    extracted = extract_events(import_recordings(OWN, tables))
+    recordings = import_recordings(OWN, tables)
+    extracted = extract_events(recordings)
     if out is not None:
         write_events(extracted, out)
-    say(extracted.sentences())
+    say((*recordings.notes, *extracted.sentences()))
 
 
 @humans.command(epilog="Example: sumo-eval humans exposure cut_in people.csv.gz")
@@ -165,8 +165,7 @@ def departure(run: Path, out: Path | None) -> None:
     from sumo_eval.extras.rates.departures import PAGE, write_departures
 
     path = run / PAGE if out is None else out
-    for sentence in write_departures(run, path):
-        tell(sentence)
+    say(write_departures(run, path))
     tell(f"Page: {path}")
 
 

@@ -106,7 +106,7 @@ def _samples(obstacle: Any, path: Path) -> list[dict[str, Any]]:
     shape = obstacle.find("shape/rectangle")
     row = {
         "vehicle": obstacle.get("id", ""),
-        "class": obstacle.findtext("type", "car").lower(),
+        "class": obstacle.findtext("type", "car"),
         "length": _value(shape, "length", path),
         "width": _value(shape, "width", path),
     }

@@ -71,6 +71,6 @@ def _times(stamps: pd.Series[Any], path: Path) -> pd.Series[float]:
         bad = int(np.flatnonzero(time.isna())[0])
         raise InputError(
             f"`timestamp` in row {line_of_row(path, bad)} of {path} must be a time, got "
-            f"{stamps.iloc[bad]!r}."
+            f"'{stamps.iloc[bad]}'."
         )
     return (time - time.min()).dt.total_seconds()

@@ -62,7 +62,7 @@ def read(path: Path) -> Samples:
                     "acceleration": (vx * ax + vy * ay) / np.maximum(speed, 0.1),
                     "length": rows["width"],
                     "width": rows["height"],
-                    "class": rows["id"].map(kinds["class"]).astype(str).str.lower(),
+                    "class": rows["id"].map(kinds["class"]).astype(str),
                     "lane": np.clip(np.searchsorted(edges, y) - 1, 0, len(edges) - 2),
                 }
             )
@@ -74,5 +74,5 @@ def _edges(text: object, path: Path) -> np.ndarray:
     """Lane markings `8.5;12.25;16.0`, m."""
     edges = pd.to_numeric(pd.Series(str(text).split(";")), errors="coerce").to_numpy()
     valid = len(edges) >= 2 and bool(np.isfinite(edges).all())
-    require(valid, path, f"must have at least two lane markings separated by `;`, got {text!r}")
+    require(valid, path, f"must have at least two lane markings separated by `;`, got '{text}'")
     return edges

@@ -42,7 +42,9 @@ def read_tables(path: Path, *columns: Sequence[str]) -> list[pd.DataFrame]:
     checked_numbers(tables[1], (key,), paths[1])
     require(not tables[1][key].duplicated().any(), paths[1], f"must name each {key} once")
     unknown = tables[0].loc[~tables[0][key].isin(tables[1][key]), key]
-    require(unknown.empty, path, f"must hold vehicles of {paths[1].name} only, got {unknown.min()}")
+    require(
+        unknown.empty, path, f"must hold vehicles of {paths[1].name} only, got {unknown.min():.0f}"
+    )
     checked_numbers(tables[2], ("frameRate",), paths[2])
     require(tables[2]["frameRate"].iloc[0] > 0.0, paths[2], "must have a `frameRate` above 0")
     return tables
@@ -64,7 +66,7 @@ def read(path: Path) -> Samples:
             "speed": np.hypot(tracks["xVelocity"], tracks["yVelocity"]),
             "length": tracks["length"],
             "width": tracks["width"],
-            "class": kind.astype(str).str.lower(),
+            "class": kind.astype(str),
         }
     )
     if "lonAcceleration" in tracks:

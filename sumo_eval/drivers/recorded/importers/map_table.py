@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from sumo_eval.drivers.recorded.importers.tables import (
-    DOUBLE,
     IDENTIFIERS,
     Samples,
     add_motion,
     checked_numbers,
+    in_order,
     read_table,
     unread,
 )
@@ -39,15 +39,11 @@ def read(path: Path) -> Samples:
             rows[name] = size
             notes.append(f"{path.name} has no {name} of the vehicles: {size:g} m are assumed.")
     if "class" not in rows:
-        rows["class"] = "car"
         notes.append(f"{path.name} has no classes: all are assumed to be cars.")
     if "heading_deg" in rows and "heading" not in rows:
         rows["heading"] = np.radians(rows["heading_deg"])
-    rows = rows.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
-    double = rows.duplicated(["recording", "vehicle", "t"])
-    if double.any():
-        notes.append(f"{path.name}: {double.sum()} {DOUBLE}")
-    rows = rows[~double].reset_index(drop=True)
+    rows, more_notes = in_order(rows)
+    notes += more_notes
     if missing := add_motion(rows, ("heading", "speed"), str(path)):
         notes.append(f"{path.name} has no {' and no '.join(missing)}: from the motion.")
     return rows[[name for name in COLUMNS if name in rows]], notes

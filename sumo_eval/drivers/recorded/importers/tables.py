@@ -28,11 +28,11 @@ LARGEST = 2.0**53
 # columns that are text even where all are digits: 007 is not 7
 IDENTIFIERS = {"recording": str, "vehicle": str}
 
-MOVES = 3.0, 100.0  # m/s; speeds by positions that show the unit of `speed`
-SPEEDS_AGREE = 0.67, 1.5  # median of `speed` over those; km/h are 3.6, miles/h 2.24
+MOVES = 3.0  # m/s; a faster step shows the unit of `speed`
+SPEEDS_AGREE = 0.67, 1.5  # median of `speed` over that of steps; km/h are 3.6, miles/h 2.24
+STEP = 1.0  # m; a longer step shows its course, a shorter one the noise of positions
+HEADINGS_AGREE = 0.99, 0.5  # share of these whose course is at most so far from the heading, rad
 WHOLE = {"lane", "Lane_ID", "Vehicle_ID", "id", "trackId"}  # columns of whole numbers
-
-DOUBLE = "samples with a time that their vehicle already had were left out."  # of a note
 
 Samples = tuple[pd.DataFrame, list[str]]
 """A table of tracks, sampled as in the source, and sentences on what was assumed."""
@@ -168,20 +168,41 @@ def unread(kind: str, names: Iterable[object], known: Sequence[str], path: Path)
     ]
 
 
-def check_speeds(table: pd.DataFrame) -> None:
-    """Refuse speeds in another unit than m/s.
+def in_order(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
+    """The samples by vehicle and time, and a note on those left out, whose time a vehicle has
+    twice.
+    """
+    keys = ["recording", "vehicle", "t"]
+    rows = table.sort_values(keys, kind="stable", ignore_index=True)
+    double = rows.duplicated(keys)
+    note = f"{double.sum()} samples with a time that their vehicle already had were left out."
+    return rows[~double].reset_index(drop=True), [note] if double.any() else []
 
-    table: recording, vehicle, t, x, y and speed, by vehicle and time.
+
+def check_motion(table: pd.DataFrame) -> None:
+    """Refuse speeds in another unit than m/s and headings that are not rad along the motion.
+
+    table: recording, vehicle, t, x, y and what is known of speed and heading, by vehicle and time.
     """
     steps = table.groupby(["recording", "vehicle"], sort=False)[["t", "x", "y"]].diff()
-    moved = np.hypot(steps["x"], steps["y"]) / steps["t"]
-    share = (
-        (table["speed"].abs() / moved)[moved.between(*MOVES)].groupby(table["recording"]).median()
-    )
-    for recording, factor in share[~share.between(*SPEEDS_AGREE)].items():
+    moved = np.hypot(steps["x"], steps["y"])
+    recording = table["recording"]
+    if "speed" in table:
+        speeds = moved / steps["t"]
+        factors = (table["speed"] / speeds)[speeds > MOVES].groupby(recording).median()
+        _refuse(factors[~factors.between(*SPEEDS_AGREE)], "`speed`", "m/s", "times the speed")
+    if "heading" in table:
+        turned = np.cos(np.arctan2(steps["y"], steps["x"]) - table["heading"])
+        angles = np.arccos(turned[moved > STEP]).groupby(recording).quantile(HEADINGS_AGREE[0])
+        _refuse(angles[angles > HEADINGS_AGREE[1]], "`heading`", "rad", "rad off the course")
+
+
+def _refuse(bad: pd.Series[float], channel: str, unit: str, words: str) -> None:
+    """Refuse the first of `bad` values by recording."""
+    for recording, value in bad.items():
         raise InputError(
-            f"`speed` of recording `{recording}` must be in m/s, got {factor:.3g} times the "
-            "speed that x, y and t show."
+            f"{channel} of recording `{recording}` must be in {unit}, got {value:.3g} {words} that "
+            "x, y and t show."
         )
 
 
