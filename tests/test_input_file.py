@@ -26,7 +26,7 @@ from sumo_eval.scenario.sampling.listed_points import from_csv
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sumo_network import read_road
 from sumo_eval.scoring.gate_settings import read_gate
-from sumo_eval.settings import FmuSettings
+from sumo_eval.settings import PlantSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.settings.toml_file import read_toml
 
@@ -62,7 +62,7 @@ READERS = {
     "tape": read_tape,
     "ADS": lambda path: load_object(f"{path}.py:Ads", None, "ADS"),
     "ADS by value": lambda path: load_given(path.name, path.parent),
-    "vehicle model": lambda path: FmuPlant(FmuSettings(), path.name, path.parent),
+    "vehicle model": lambda path: FmuPlant(PlantSettings(file=path.name), path.parent),
     "qualification": lambda path: read_qualification(path.name, path.parent),
     "hash": lambda path: hash_of(path, "file"),
     "model": lambda path: find_controller(f"onnx:{path.name}", path.parent),

@@ -129,9 +129,7 @@ def simulate(
     ads = load_controller(controller, folder)
     every = _steps_per_call(controller, period, settings)
     began = clock.perf_counter()
-    plant = (
-        None if settings.plant is None else FmuPlant(settings.plant, settings.plant.file, folder)
-    )
+    plant = None if settings.plant is None else FmuPlant(settings.plant, folder)
     terms = Terms(step_timeout, plant, folder, every)
     target = _driven_object(ads)
     is_rule = Compiled.rides(target)  # a baseline or driver whose kernel the loop runs

@@ -196,7 +196,7 @@ def planner(run: Resolved) -> Planner:
     )
     harness, plant = harness_identity(), settings.simulation.plant
     if plant is not None:
-        FmuPlant(plant, plant.file, source)
+        FmuPlant(plant, source)
         harness += hash_of(source / plant.file, "FMU")
     setup = Setup(settings.simulation, settings.run, source)
     identities = identify(list(dict.fromkeys(named)), setup)

@@ -1,5 +1,7 @@
 """Check that all vehicles start on the road, on a lane, and clear of each other, and that their
-paths stay on the map. Readers of scenario files call it at every point of a sample.
+paths stay on the map.
+
+`scenario/file.py` and `extras/openscenario/logical.py` call it at every point of a sample.
 """
 
 from __future__ import annotations
@@ -39,8 +41,8 @@ def misplaced(
     """Vehicles with an impossible start, and paths that leave the map."""
     end = road.end
     furthest = max([_BESIDE, *(crossing.reach for crossing in road.crossings)])
-    # half: half its length, m (0: an end of the ego may be off the road); reach: m that it may be
-    # beside the lanes
+    # half: its length / 2, m; 0 of the ego, an end of which may be off the road
+    # reach: largest distance from the lanes, m
     for name, start, half, reach in (
         ("ego", ego, 0.0, 0.0),
         *((it.name, it.start, it.length / 2, _reach(it, furthest)) for it in actors),

@@ -604,16 +604,13 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
         play.path, play.points = act.first, act.count
         act.end = math.inf  # `_end_path` writes it: it depends on the speed
         return
-    play.since = act.begin
-    play.match = 0
-    play.s, play.v = s, v
+    play.since, play.s, play.v = act.begin, s, v
+    play.match = act.first + 1 if act.kind == MATCH else 0
+    if act.kind in (KEEP, MATCH):  # for ever
+        play.pieces, act.end = 0, math.inf
+        return
     if act.kind == SPEED:
         play.pieces = _speed_up(pieces, v, act)
-    elif act.kind in (KEEP, MATCH):  # for ever
-        play.pieces, act.end = 0, math.inf
-        if act.kind == MATCH:
-            play.match = act.first + 1
-        return
     else:
         play.pieces = _follow_profile(pieces, v, x, act, table)
     duration = 0.0

@@ -63,7 +63,7 @@ class Remarks(NamedTuple):
     drives at a time.
 
     blocks: number of drives by size of their fixed batch.
-    beyond: number of collisions by why their severity is out of its range; "": it is not.
+    beyond: number of collisions by why their severity is out of its range.
     """
 
     blocks: Counter[int]
@@ -74,8 +74,8 @@ class Remarks(NamedTuple):
         for fact in facts:
             # `requested`: size of the block
             self.blocks.update(int(it.requested) for it in fact.clips if it.what == IN_BLOCK)
-            if fact.collision is not None:
-                self.beyond[severity.beyond(fact.collision)] += 1
+            if fact.collision is not None and (reason := severity.beyond(fact.collision)):
+                self.beyond[reason] += 1
 
     def notes(
         self,
@@ -91,14 +91,15 @@ class Remarks(NamedTuple):
         struck: notes of `references_struck`.
         cases: all cases of the ADS.
         """
-        ended = Counter[str]()  # status -> drives of human drivers
-        # one row a status, as human drivers count together; `_`: driver, exposure
-        for scenario, role, _, status, number, _ in space.store.counts():
-            if (scenario, role) == (space.name, "human"):
-                ended[status] = number
-        drives, good = ended.total(), ended.pop("ok", 0)
+        # status -> drives of the human drivers, who count together; `_`: driver, exposure
+        ended = {
+            status: number
+            for scenario, role, _, status, number, _ in space.store.counts()
+            if (scenario, role) == (space.name, "human")
+        }
+        drives, complete = sum(ended.values()), ended.pop("ok", 0)
         if ended:
-            yield DrivesLeftOut(drives - good, drives, tuple(sorted(ended.items())))
+            yield DrivesLeftOut(drives - complete, drives, tuple(sorted(ended.items())))
         yield from plausible
         if alone := space.store.simulated_alone(space.name, ads):
             yield DrivenAlone(tuple(alone.items()))
@@ -112,8 +113,8 @@ class Remarks(NamedTuple):
             yield Counted("actors_moved", moved, len(cases))
         yield from struck
         yield from reference_notes(cases)
-        if reasons := sorted((reason, number) for reason, number in self.beyond.items() if reason):
-            yield BeyondRange(space.severity.name, tuple(reasons))
+        if self.beyond:
+            yield BeyondRange(space.severity.name, tuple(sorted(self.beyond.items())))
 
 
 def references_struck(space: ScenarioRun, overview: Survey) -> Iterator[ScoreNote]:

@@ -128,7 +128,7 @@ def test_a_vehicle_models_acceleration_may_need_a_step(fmus, monkeypatch):
 
 def test_a_vehicle_model_starts_in_the_direction_of_the_case(fmus):
     settings = PlantSettings(file="Car.fmu", parameters={"v0": "speed"})
-    plant = FmuPlant(settings, settings.file, fmus)
+    plant = FmuPlant(settings, fmus)
     state = plant.advance(EgoState(5.0, 7.0, math.pi / 2, speed=20.0), Command(0.0), 0.05)
     plant.close()
     assert state[:4] == pytest.approx((5.0, 8.0, math.pi / 2, 20.0))

@@ -52,7 +52,7 @@ from sumo_eval.errors import (
 )
 from sumo_eval.input_file import changed_at, input_file
 from sumo_eval.scenario.units import si_factor
-from sumo_eval.settings import FmuSettings
+from sumo_eval.settings import FmuSettings, PlantSettings
 
 SIGNALS = signal_names()
 """Signals for inputs of an ADS; where no vehicle is, its gap is 1000 m."""
@@ -524,10 +524,11 @@ class FmuPlant:
     at its own origin, in its own direction. Its first speed must be the case's.
     """
 
-    def __init__(self, wiring: FmuSettings, file: str, folder: Path | None) -> None:
+    def __init__(self, wiring: PlantSettings, folder: Path | None) -> None:
         signals = ("acceleration", "steering", *_STATE, "time")
         outputs = ("acceleration", "steering_wheel_angle")
-        self._fmu = _Fmu((folder or Path.cwd()) / file, wiring, signals, _STATE, outputs)
+        file = (folder or Path.cwd()) / wiring.file
+        self._fmu = _Fmu(file, wiring, signals, _STATE, outputs)
         self._offset: tuple[complex, float] | None = None  # x + y i, m, and heading, rad
         self._time = 0.0
 

@@ -233,10 +233,9 @@ class Observation:
     @_Worked
     def vehicles(self) -> tuple[SeenVehicle, ...]:
         """The other vehicles that are seen, the nearest along the road first."""
-        me, others = self._look
         seen = [
-            _seen(number, me, other, self.road, self._kinds[number - 1])
-            for number, other in enumerate(others, 1)
+            _seen(number, self._look, self.road, self._kinds)
+            for number, other in enumerate(self._look[1], 1)
             if other[0] == other[0]  # nan: not seen
         ]
         return tuple(sorted(seen, key=lambda vehicle: (abs(vehicle.gap), vehicle.number)))
@@ -249,18 +248,15 @@ class Observation:
         me, others = self._look
         my_x, my_y = me[0], me[1]
         half_length, half_width = half_sizes(me[2], me[4], me[5])
-        nearest, least = None, math.inf
+        nearest, least = 0, math.inf
         for number, other in enumerate(others, 1):
             x = other[0]
             if x > my_x:  # false where x is nan: not seen
                 half, half_other = half_sizes(other[2], other[4], other[5])
                 gap = abs(x - my_x) - half - half_length
                 if gap < least and abs(other[1] - my_y) < half_other + half_width:
-                    nearest, least = (number, other), gap
-        if nearest is None:
-            return None
-        number, other = nearest
-        return _seen(number, me, other, self.road, self._kinds[number - 1])
+                    nearest, least = number, gap
+        return _seen(nearest, self._look, self.road, self._kinds) if nearest else None
 
     @_Worked
     def neighbours(self) -> Mapping[str, SeenVehicle | None]:
@@ -684,9 +680,13 @@ def _velocities(bodies: Records) -> tuple[FloatArray, FloatArray]:
 
 
 def _seen(
-    number: int, me: Sequence[float], other: Sequence[float], road: Road, kind: str
+    number: int, look: tuple[Any, Sequence[Any]], road: Road, kinds: Sequence[str]
 ) -> SeenVehicle:
-    """An actor relative to the ego; `me` and `other`: numbers as in `Observation._look`."""
+    """An actor relative to the ego.
+
+    number: 1, 2, ...; look: as in `Observation`; kinds: of all actors.
+    """
+    me, other = look[0], look[1][number - 1]
     half, half_width = half_sizes(other[2], other[4], other[5])
     my_half, my_half_width = half_sizes(me[2], me[4], me[5])
     along, across = _velocity(other)
@@ -695,7 +695,7 @@ def _seen(
         number, ahead > 0.0, abs(ahead) - half - my_half, along - _velocity(me)[0], offset,
         abs(offset) < half_width + my_half_width, other[3], across, lane_at(road, other[1]),
         other[4], other[5],
-        other[0], other[1], other[2], other[7], kind,
+        other[0], other[1], other[2], other[7], kinds[number - 1],
     ))  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""The one page of the browser, and the views that `trip` and `study` send into it."""
+"""The page of the browser, for `Window`, and the views that `trip` and `study` show in it."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def replay(
 ) -> dict[str, Any]:
     """A drive for the page's player.
 
-    name: how the player calls the drive.
+    name: of the drive, in the player.
     vehicles: trajectories by name; that of the ego is `ego`.
     """
     return {
