@@ -218,6 +218,7 @@ must be <OpenDRIVE> | OpenDRIVE> | OpenROAD>
 <GeoPosition>: the <geoReference> .* in m and decimal degrees, got | +lat_0=4.8e1 | +lat_0=48d30'N
 <GeoPosition>: the <geoReference> .* m and decimal degrees, got .*us-ft | +lon_0=11 | +units=us-ft
 <GeoPosition>: the <geoReference> .* on WGS 84, .*bessel | +lon_0=11 | +ellps=bessel
+<GeoPosition>: the <geoReference> .* on WGS 84, .*neu | +lon_0=11 | +lon_0=11 +axis=neu
 must not declare a document type | <OpenDRIVE> | <!DOCTYPE OpenDRIVE []><OpenDRIVE>
 is in no lane; road.xodr, line 2, <road>: it must have one <laneSection>, got 2\.$ | <lanes>
 | <lanes><laneSection s="0"/>

@@ -14,11 +14,11 @@ _RADIUS, _FLATTENING = 6_378_137.0, 1.0 / 298.257223563  # WGS 84
 # `+name=value` of a projection in PROJ's notation
 _PART = re.compile(r"\+(\w+)=([^\s+]+)")
 # Parts of a projection that are refused: another ellipsoid than WGS 84 (GRS80 differs by 0.1 mm),
-# a shift of the ellipsoid that is not 0, a pole as origin, another meridian or unit. They would put
-# places metres to kilometres off.
+# a shift of the ellipsoid that is not 0, a pole as origin, another meridian or unit, other axes
+# than x to the east and y to the north. They would put places metres to kilometres off.
 _ELSEWHERE = re.compile(
-    r"\+(ellps=(?!WGS84|GRS80)|datum=(?!WGS84)|towgs84=[0.,]*[^0.,\s+]|lat_0=-?90"
-    r"|(R|a|b|f|rf|pm|nadgrids|to_meter)=)"
+    r"\+(ellps=(?!WGS84|GRS80)|datum=(?!WGS84)|towgs84=[0.,]*[^0.,\s+]|lat_0=-?90|axis=(?!en)"
+    r"|(R|a|b|e|es|f|rf|pm|nadgrids|to_meter)=)"
 )
 # Krueger's third flattening n, the first eccentricity, and his coefficients alpha_1 to alpha_3
 _N = _FLATTENING / (2.0 - _FLATTENING)
@@ -76,7 +76,8 @@ def _projection(position: Node, reference: Node | None) -> dict[str, float]:
     if not (utm or kind == ("tmerc", "m")) or None in written.values() or _ELSEWHERE.search(text):
         raise position.fault(
             "the <geoReference> of its map must be of +proj=tmerc or +proj=utm +zone=1..60, on WGS "
-            f"84, in m and decimal degrees, got {text.strip() or 'none'}"
+            "84, with x to the east and y to the north, in m and decimal degrees, got "
+            f"{text.strip() or 'none'}"
         )
     it |= written
     it["k"] = it["k_0"] or it["k"]
