@@ -491,8 +491,11 @@ def _parsed(network: NetworkFile) -> Element:
     root = read_xml(path, "Network", LARGEST)
     if hash_of(path, "network") != network.sha256:
         raise InputError(f"Network {path} has changed since its scenario was read.")
+    owner = f"network {path.name}"
     if root.tag != "net":
-        raise must_be("The root", f"network {path.name}", "`net`", root.tag)
+        raise must_be("The root", owner, "`net`", root.tag)
+    if root.get("lefthand") == "true":
+        raise must_be("`lefthand`", owner, "false: left-hand traffic is not supported", "true")
     return root
 
 

@@ -244,6 +244,12 @@ def test_lengths_of_a_network_must_be_numbers(tmp_path, network, text):
             read_road(wrong, ["m"], 280.0)
 
 
+def test_left_hand_traffic_is_refused(network):
+    network.write_text(network.read_text().replace("<net ", '<net lefthand="true" ', 1))
+    with refusal("`lefthand` of network .* must be false: left-hand traffic is not supported"):
+        read_road(network, ["road"], 600.0)
+
+
 def test_lanes_of_different_widths_are_listed(tmp_path):
     path = edge_of(tmp_path / "own.net.xml", ('allow="pedestrian"', 2.0), ("", 3.2), ("", 3.5))
     with refusal(r"must have one width, got m_1 3\.2 m, m_2 3\.5 m"):
