@@ -6,6 +6,7 @@ import json
 import os
 import random
 import shutil
+import sys
 import tempfile
 from pathlib import Path
 
@@ -101,3 +102,9 @@ def standard_run(_standard_run, tmp_path):
     """A copy of the shared run for one test to write to; times of the files are those of the
     original."""
     return Path(shutil.copytree(_standard_run, tmp_path / "standard_run"))
+
+
+@pytest.fixture
+def own_path(monkeypatch):
+    """What a test adds to the places of modules is gone after it."""
+    monkeypatch.setattr(sys, "path", list(sys.path))

@@ -1,6 +1,7 @@
 """What a refusal must look like wherever a test expects one."""
 
 import contextlib
+import re
 
 import pytest
 
@@ -13,3 +14,8 @@ def refusal(words=None):
     with pytest.raises(InputError, match=words) as caught:
         yield caught
     assert all(line[-1] in ".?" for line in str(caught.value).split("\n"))
+
+
+def refused(text):
+    """Expect an InputError that says this text."""
+    return refusal(re.escape(text))

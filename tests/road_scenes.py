@@ -4,14 +4,17 @@ import itertools
 import math
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 
 from sumo_eval.cosim.doors.controller import Briefing
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import LIMITED, EgoState, move
 from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, catalogue
+from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.sampling.grid import full_grid
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sampling.samples import sample
@@ -87,13 +90,19 @@ def under(**conditions):
     return replace(HALF_SECOND, conditions=ConditionSettings(**conditions))
 
 
-def once(action):
-    """An ADS that does something at 0.3 s, and otherwise nothing."""
-    return lambda traci, ego, time: action(traci) if abs(time - 0.3) < 1e-9 else None
+def once(action, moment=0.3):
+    """An ADS that does something at a moment, s, and otherwise nothing."""
+    return lambda traci, ego, time: action(traci) if abs(time - moment) < 1e-9 else None
 
 
 def clips_of(recording):
     return {clip.what: clip for clip in recording.clips}
+
+
+def assert_as_alone(cases, together, ads, *settings):
+    """Cases of one batch were driven as each is alone."""
+    for concrete, found in zip(cases, together, strict=True):
+        assert found.same_drive(simulate(concrete, ads, *settings)), concrete
 
 
 def assert_whole(found):
@@ -101,9 +110,19 @@ def assert_whole(found):
     assert (found.end_reason, found.error) == ("time_limit", None)
 
 
+def scenario_of(content):
+    """The scenario of a file with this content."""
+    return scenario_from(content, "t", Path())
+
+
 def at_point(name, *values):
     """A shipped scenario with values in the order of its parameters."""
     return catalogue.load(name).concretes([values])[0]
+
+
+def at_values(name, **values):
+    """A shipped scenario at the point of these values."""
+    return catalogue.load(name).concrete(**values)
 
 
 def drawn_cases(name, count, seed):

@@ -3,7 +3,6 @@ is lost between."""
 
 import csv
 import html
-import json
 import shutil
 import subprocess
 import sys
@@ -12,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from evaluations import small
+from laid import read_json
 from record.edited_store import edit
 from refusals import refusal
 from standard_run import SCENARIOS
@@ -189,7 +189,7 @@ def test_the_run_folder_holds_what_the_contract_names(done):
     for name in ("evaluation.toml", "manifest.json", "facts.sqlite"):
         assert (done.folder / name).is_file()
     assert read_evaluation(done.folder / "evaluation.toml") == done.settings
-    manifest = json.loads((done.folder / "manifest.json").read_text())
+    manifest = read_json(done.folder / "manifest.json")
     assert manifest["format_version"] == FORMAT_VERSION
     assert {"sumo_eval", "libsumo", "numpy"} <= set(manifest["versions"])
     assert len(list((done.folder / "networks").glob("*.net.xml"))) == 1

@@ -131,6 +131,9 @@ def test_a_case_alone_has_the_bits_that_it_has_beside_others(ads):
             )
 
 
+needs_numba = pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
+
+
 @pytest.mark.skipif(kernels.INTERPRETED, reason="this is the interpreted run")
 @pytest.mark.parametrize(
     "sparse, drivers",
@@ -151,7 +154,7 @@ def test_interpreted_and_compiled_rules_drive_alike_to_the_bit(sparse, drivers):
 
 
 @pytest.mark.campaign  # compiles all that the run needs, once more
-@pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
+@needs_numba
 def test_small_evaluation_scores_alike_without_borrowed_insides(tmp_path):
     (tmp_path / "small.toml").write_text(
         'name = "small"\n[[scenario]]\nuse = '
@@ -167,7 +170,7 @@ def test_small_evaluation_scores_alike_without_borrowed_insides(tmp_path):
     ).read_bytes()
 
 
-@pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
+@needs_numba
 def test_every_loop_is_compiled_for_one_kind_of_arguments():
     """Another type of array compiles a loop again: one and three other vehicles, one case and many
     are one type."""
@@ -188,7 +191,7 @@ def _grow(values, by):
     return len(values)
 
 
-@pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
+@needs_numba
 def test_a_bound_loop_has_the_bits_of_the_plain_call():
     """Who calls bound code says of which arrays it is: those of another type or layout must get
     code of their own."""
@@ -253,8 +256,6 @@ def test_records_are_written_back_when_a_loop_is_interpreted():
 
 
 # -- code on disk ----------------------------------------------------------------------------------
-
-needs_numba = pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
 
 
 def found_on_disk():

@@ -18,10 +18,7 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.settings import ConditionSettings, RunSettings, SimulationSettings
 
-
-@pytest.fixture(autouse=True)
-def _path(monkeypatch):
-    monkeypatch.setattr(sys, "path", list(sys.path))
+pytestmark = pytest.mark.usefixtures("own_path")
 
 
 def drive(locator, concrete=SLOWER, **kwargs):

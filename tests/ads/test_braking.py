@@ -24,7 +24,7 @@ from sumo_eval.settings import VehicleSettings
 
 VEHICLE = VehicleSettings()
 RATE = VEHICLE.brake_jerk  # 60 m/s3
-STEPS = (0.01, 0.05, 0.1)
+at_every_step = pytest.mark.parametrize("step", [0.01, 0.05, 0.1])
 
 
 def lost(level, told):
@@ -47,7 +47,7 @@ def test_a_deceleration_on_its_way_by_hand():
     assert moved(9.0, 0.0, RATE, 0.1) == (pytest.approx(0.6), pytest.approx(3.0))
 
 
-@pytest.mark.parametrize("step", STEPS)
+@at_every_step
 def test_law_moved_is_what_the_vehicle_model_does(step):
     for level, target, _ in 9.0 * draws(50):
         assert moved(level, target, RATE, step).lost == pytest.approx(
@@ -55,7 +55,7 @@ def test_law_moved_is_what_the_vehicle_model_does(step):
         )
 
 
-@pytest.mark.parametrize("step", STEPS)
+@at_every_step
 def test_law_a_switch_within_a_step_takes_off_in_the_end_what_a_late_one_does(step):
     for level, target, wait in draws(100) * (9.0, 9.0, step):
         told = switched(level, target, wait, RATE, step)
@@ -63,7 +63,7 @@ def test_law_a_switch_within_a_step_takes_off_in_the_end_what_a_late_one_does(st
         assert lost(level, [(told, step), (target, 1.0 - step)]) == pytest.approx(late, abs=1e-12)
 
 
-@pytest.mark.parametrize("step", STEPS)
+@at_every_step
 def test_law_a_mean_is_reached_where_the_brakes_can(step):
     for level, share, _ in draws(100):
         level *= 9.0
@@ -74,7 +74,7 @@ def test_law_a_mean_is_reached_where_the_brakes_can(step):
     assert mean_level(0.0, 9.0, RATE, step) == pytest.approx(RATE * step)
 
 
-@pytest.mark.parametrize("step", STEPS)
+@at_every_step
 def test_law_a_release_takes_off_what_it_is_to(step):
     for level, share, _ in draws(100):
         level *= 9.0
@@ -105,7 +105,7 @@ def test_the_instant_of_a_change_is_found():
     assert found == pytest.approx(0.0123, abs=1e-7)
 
 
-@pytest.mark.parametrize("step", STEPS)
+@at_every_step
 @pytest.mark.parametrize("jumps_at", [0.512, 0.537, 0.561, 0.5999])
 def test_a_demand_that_jumps_within_a_step_counts_from_there(step, jumps_at):
     # 4 m/s2 from 0.1 s on, 2 more from the jump on; rising at 12 m/s3 loses 4^2/24 and 2^2/24 m/s

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from road_scenes import at_values
 
 from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.cosim.plans import Plan
@@ -13,7 +14,7 @@ from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
-CURVE = catalogue.load("curve_following").concrete(ego_speed=26.0, lead_speed=20.0)
+CURVE = at_values("curve_following", ego_speed=26.0, lead_speed=20.0)
 
 
 def driven(cases, ads, model):
@@ -73,7 +74,7 @@ class Swerves:
 
 
 def test_above_four_tenths_of_g_across_the_kinematic_model_says_in_its_case_that_it_is_beyond_itself():
-    concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=30.0, lead_speed=20.0)
+    concrete = at_values("front_vehicle_low_speed", ego_speed=30.0, lead_speed=20.0)
     for model, says in (("kinematic", True), ("dynamic", False)):
         recording = driven([concrete], Swerves, model)[0]
         assert recording.end_reason == "off_road"

@@ -2,11 +2,11 @@
 gentler."""
 
 import math
-import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from campaign_share import SHARE
 from road_scenes import actor, at_point, case, drawn_cases
 
 from sumo_eval.ads.foresight import evasion, foresee
@@ -23,7 +23,6 @@ from sumo_eval.settings import SimulationSettings
 SETTINGS = SimulationSettings(end_when_decided=True)
 SCRIPTED = sorted(name for name in catalogue.SCENARIOS if catalogue.load(name).approach is not None)
 """Scenarios in which what the others do is known before anybody drives."""
-SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
 OTHERS = tuple(
     name for name in SHIPPED if name not in ("ideal_braking", "no_reaction", "careful_driver")
 )

@@ -1,6 +1,7 @@
 """The smooth step over the road, and a single-track vehicle that is steered along it."""
 
 import math
+from functools import partial
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -34,6 +35,9 @@ class Path(NamedTuple):
     offset: float = 0.0
     begin: float = 0.0
     length: float = 1.0
+
+
+aside = partial(Path, 0.0, 3.5)
 
 
 def test_the_smooth_step_is_that_of_the_scenarios():
@@ -75,7 +79,7 @@ def test_the_shortest_duration_peaks_at_the_lateral_acceleration_asked_for():
 
 
 def test_slope_and_curvature_of_a_path_are_its_derivatives():
-    path = Path(start=0.0, offset=3.5, begin=100.0, length=80.0)
+    path = aside(100.0, 80.0)
     step = 1e-4
     for x in np.linspace(101.0, 179.0, 14).tolist():
         before, here, after = (
@@ -90,7 +94,7 @@ def test_slope_and_curvature_of_a_path_are_its_derivatives():
 
 
 def test_a_path_is_straight_before_and_after_its_lane_change():
-    path = Path(start=0.0, offset=3.5, begin=100.0, length=80.0)
+    path = aside(100.0, 80.0)
     assert path_at(path, 99.0) == (0.0, 0.0, 0.0)
     assert path_at(path, 181.0) == (3.5, 0.0, 0.0)
 
@@ -118,7 +122,7 @@ def off_path(path, x, y):
 @pytest.mark.parametrize("duration", [3.2, 5.0, 8.0])
 @pytest.mark.parametrize("speed", [10.0, 15.0, 20.0, 25.0, 30.0, 35.0])
 def test_a_lane_change_is_tracked_to_5_cm_without_overshoot(speed, duration):
-    path = Path(start=0.0, offset=3.5, begin=speed, length=duration * speed)
+    path = aside(speed, duration * speed)
     x, y, _ = drive(path, speed, duration + 4.0)
     assert off_path(path, x, y) < 0.05
     assert y.max() < 3.5 + 0.01
@@ -128,13 +132,13 @@ def test_a_lane_change_is_tracked_to_5_cm_without_overshoot(speed, duration):
 
 @pytest.mark.parametrize("speed", [10.0, 20.0, 30.0])
 def test_an_evasion_is_tracked_to_10_cm(speed):
-    path = Path(start=0.0, offset=3.5, begin=speed, length=shortest_duration(3.5, 4.0) * speed)
+    path = aside(speed, shortest_duration(3.5, 4.0) * speed)
     x, y, _ = drive(path, speed, 6.0)
     assert off_path(path, x, y) < 0.10
 
 
 def test_braking_in_a_lane_change_does_not_leave_the_path():
-    path = Path(start=0.0, offset=3.5, begin=10.0, length=100.0)
+    path = aside(10.0, 100.0)
     x, y, _ = drive(path, 25.0, 6.0, acceleration=-4.0)
     assert off_path(path, x, y) < 0.05
 

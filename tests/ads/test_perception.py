@@ -54,15 +54,14 @@ def test_gaps_run_from_bumper_to_bumper():
 
 
 @pytest.mark.parametrize(
-    "y, overlap", [(0.0, 1.8), (1.0, 0.8), (-1.0, 0.8), (1.8, 0.0), (3.5, -1.7)]
-)
-def test_lateral_overlap_is_the_shared_strip(y, overlap):
-    assert lateral_overlap(mover("a", 0.0), mover("b", 10.0, y)) == pytest.approx(overlap)
-
-
-def test_a_narrow_body_shares_no_more_than_its_own_width():
-    narrow = mover("narrow", 10.0)._replace(half_width=0.2)
-    assert lateral_overlap(mover("a", 0.0), narrow) == pytest.approx(0.4)
+    "y, half, overlap",
+    [(0.0, 0.9, 1.8), (1.0, 0.9, 0.8), (-1.0, 0.9, 0.8), (1.8, 0.9, 0.0), (3.5, 0.9, -1.7),
+     (0.0, 0.2, 0.4)],
+)  # fmt: skip
+def test_lateral_overlap_is_the_shared_strip(y, half, overlap):
+    """The ego's half width is 0.9 m; a narrow body shares no more than its own width."""
+    other = mover("b", 10.0, y)._replace(half_width=half)
+    assert lateral_overlap(mover("a", 0.0), other) == pytest.approx(overlap)
 
 
 def test_the_lead_is_the_nearest_vehicle_in_the_strip_ahead():

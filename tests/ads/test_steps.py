@@ -1,11 +1,11 @@
 """How outcomes of the shipped drivers move with the simulation's step: hardly, where a step is a
 small one."""
 
-import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from campaign_share import SHARE
 from road_scenes import ROAD, at_point, drawn_cases
 
 from sumo_eval.cosim.simulation import simulate, simulate_many
@@ -14,7 +14,6 @@ from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording, Trajectory
 
-SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
 SCRIPTED = sorted(name for name in catalogue.SCENARIOS if catalogue.load(name).approach is not None)
 """Scenarios in which what the others do is known before anybody drives."""
 DRIVERS = (

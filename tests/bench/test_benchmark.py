@@ -1,9 +1,8 @@
 """The benchmark runs, small; nothing here asserts a time."""
 
-import json
-
 import pytest
 from commands import sumo_eval
+from laid import read_json
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.extras.bench.costs import SETTINGS, TenLines, set_speed
@@ -18,7 +17,7 @@ CUT_IN = catalogue.load("cut_in").concrete(
 def test_bench_prints_every_group_with_ratios_and_writes_json(tmp_path):
     result = sumo_eval("bench", "--small", "--json", tmp_path / "bench.json")
     print(result.said)
-    found = json.loads((tmp_path / "bench.json").read_text())
+    found = read_json(tmp_path / "bench.json")
     assert found["format_version"] == 1
     assert {row["group"] for row in found["rows"]} == {"co-simulation", "field and D", "zones"}
     assert all(row["value"] > 0.0 for row in found["rows"])

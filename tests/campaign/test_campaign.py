@@ -6,7 +6,6 @@ SUMO_EVAL_CAMPAIGN_SHARE, default 1, is the share of the full size that is run; 
 was run.
 """
 
-import os
 import random
 import subprocess
 import time
@@ -16,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from campaign.mutants import mutant, own_inputs
+from campaign_share import SHARE
 from commands import sumo_eval as sumo_eval_cli
 from record.runs import command, digest, write_evaluation
 
@@ -25,7 +25,6 @@ from sumo_eval.record.engines import run_cases
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import RunSettings, SimulationSettings
 
-SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
 ADS = Path(__file__).parent.parent / "record"
 
 # What each fault must be called. A fault of memory can hit SUMO's own allocation, which ends the

@@ -8,17 +8,16 @@ run. tests/scoring/confidence/test_intervals.py is the small version, on a probl
 known.
 """
 
-import os
 from collections import defaultdict
 
 import numpy as np
 import pytest
+from campaign_share import SHARE
 from evaluations import small
 
 import sumo_eval
 from sumo_eval.settings import DriverSettings, RunSettings, SamplingSettings
 
-SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
 SEEDS, POINTS = 20, 32
 SCENARIOS = ("front_vehicle_cut_out", "cut_in", "front_vehicle_low_speed")
 ADSS = ("idm", "lane_changer", "careful_driver")

@@ -4,17 +4,16 @@ it later.
 `pytest -m campaign tests/campaign/test_standstill.py`: 150 points of each, driven to that end and
 on to the time limit."""
 
-import os
 from dataclasses import replace
 
 import pytest
+from campaign_share import SHARE
 from road_scenes import drawn_cases
 
 from sumo_eval.cosim import simulate_many
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
 
-SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
 SETTINGS = SimulationSettings(end_when_decided=True)
 WAITING = replace(SETTINGS, standstill_time=SETTINGS.time_limit)
 

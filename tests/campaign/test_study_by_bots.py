@@ -10,6 +10,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from laid import read_json
 
 pytest.importorskip("websockets")
 from browser import Page, needs_chromium
@@ -124,7 +125,7 @@ def test_three_bots_drive_a_study_in_a_browser_and_fig_11_is_drawn(tmp_path):
     sumo_eval.evaluate(tmp_path / "bots" / "evaluation.toml", out=with_people)
     opinion = [sys.executable, "-m", "sumo_eval", "humans", "opinion", str(with_people)]
     subprocess.run([*opinion, str(tmp_path / "bots" / "ratings.csv")], check=True)
-    told = json.loads((with_people / "opinion.json").read_text())
+    told = read_json(with_people / "opinion.json")
     assert len(told["rows"]) == 8
     assert told["intervals"]["A"] is not None
     draw(with_people, "opinion", scenario=None, ads=None, case=None, width="page")

@@ -1,9 +1,8 @@
 """The leaderboard's scores of what ships are what the program comes to: a suite that is cited can
 be run again."""
 
-import json
-
 import pytest
+from laid import read_json
 from loaded import ROOT
 
 import sumo_eval
@@ -19,7 +18,7 @@ def test_the_kept_scores_of_the_suite_are_found_again(tmp_path, suite):
     ads = [{"name": name, "controller": name} for name in SHIPPED]
     evaluation = {"name": f"suite {suite}", "scenario": [{"use": f"suite:{suite}"}], "ads": ads}
     found = sumo_eval.evaluate(evaluation, tmp_path / "run")
-    content = json.loads((BOARD / suite / "shipped.json").read_text())
+    content = read_json(BOARD / suite / "shipped.json")
     kept = {(one["ads"], one["scenario"]): one for one in content["scores"]}
     assert len(found.scores) == len(kept) == 4 * len(SHIPPED)
     for score in found.scores:

@@ -12,20 +12,30 @@ def check(what, folder, *options, status=0):
     return sumo_eval("check", what, *options, cwd=folder, status=status)
 
 
-def test_a_good_controller(tmp_path):
-    (tmp_path / "mine.py").write_text("def acc(seen):\n    return -1.0 if seen.lead else 0.0\n")
-    done = check("mine.py:acc", tmp_path)
+@pytest.fixture
+def mine(tmp_path):
+    """Write mine.py and check something of it."""
+
+    def check_text(text, name="acc", *options, status=0):
+        (tmp_path / "mine.py").write_text(text)
+        return check(f"mine.py:{name}", tmp_path, *options, status=status)
+
+    return check_text
+
+
+def test_a_good_controller(mine, tmp_path):
+    done = mine("def acc(seen):\n    return -1.0 if seen.lead else 0.0\n")
     assert "mine.py:acc: keeps the contract" in done.stdout
     assert "us a step" in done.stdout
     (tmp_path / "mine.py").write_text("def acc(seen):\n    return -1.0 if seen.lead.gap else 0.0\n")
     assert "FAIL  empty_road (" in check("mine.py:acc", tmp_path, status=1).stdout
 
 
-def test_a_bad_controller(tmp_path):
-    (tmp_path / "mine.py").write_text(
-        "memory = []\ndef acc(seen):\n    memory.append(1)\n    return -0.001 * len(memory)\n"
+def test_a_bad_controller(mine):
+    done = mine(
+        "memory = []\ndef acc(seen):\n    memory.append(1)\n    return -0.001 * len(memory)\n",
+        status=1,
     )
-    done = check("mine.py:acc", tmp_path, status=1)
     assert "FAIL" in done.stdout
     assert "-> forget everything in reset, keep state on the object alone" in done.stdout
     assert done.stdout.count("FAIL  ") == done.stdout.count("the second drive differs from") == 1, (
@@ -36,12 +46,13 @@ def test_a_bad_controller(tmp_path):
 
 
 @pytest.mark.parametrize("where", ["__init__", "act"])
-def test_an_interrupt_by_the_ads_is_reported_as_its_own(tmp_path, where):
-    (tmp_path / "mine.py").write_text(
+def test_an_interrupt_by_the_ads_is_reported_as_its_own(mine, where):
+    done = mine(
         f"class Mine:\n    def {where}(self, seen=None):\n        raise KeyboardInterrupt\n    "
-        "reset = print\n"
+        "reset = print\n",
+        "Mine",
+        status=1,
     )
-    done = check("mine.py:Mine", tmp_path, status=1)
     assert "Traceback" not in done.said
     assert (
         f"FAIL  ADS `mine.py:Mine`: it raised KeyboardInterrupt. At mine.py:3 in {where}."
@@ -49,13 +60,14 @@ def test_an_interrupt_by_the_ads_is_reported_as_its_own(tmp_path, where):
     )
 
 
-def test_an_exception_is_reported_by_its_place_in_the_users_file(tmp_path):
-    (tmp_path / "mine.py").write_text(
+def test_an_exception_is_reported_by_its_place_in_the_users_file(mine):
+    done = mine(
         "class Brake:\n    def act(self, seen):\n        return self.brake()\n    def "
         "brake(self):\n"
-        "        raise RuntimeError('brake')\n"
+        "        raise RuntimeError('brake')\n",
+        "Brake",
+        status=1,
     )
-    done = check("mine.py:Brake", tmp_path, status=1)
     assert "Traceback" not in done.said
     assert "The ADS raised at 0.00 s: RuntimeError: brake. At " in done.said
     assert "mine.py:5 in brake.\n" in done.said
@@ -65,32 +77,34 @@ def test_an_exception_is_reported_by_its_place_in_the_users_file(tmp_path):
     assert "case_timeout" not in done.said
 
 
-def test_what_a_run_would_lose_to_the_clock_fails(tmp_path):
+def test_what_a_run_would_lose_to_the_clock_fails(mine):
     """A first step of 0.3 s where 0.1 s are allowed."""
-    (tmp_path / "mine.py").write_text(
+    done = mine(
         "import time\ndef acc(seen):\n    time.sleep(0.3 if seen.time == 0 else 0)\n    return "
-        "0.0\n"
+        "0.0\n",
+        "acc",
+        "--step-timeout",
+        "0.1",
+        status=1,
     )
-    done = check("mine.py:acc", tmp_path, "--step-timeout", "0.1", status=1)
     assert "FAIL  `run` would lose" in done.said
     assert "cases to step_timeout = 0.1 s" in done.said
     assert "Traceback" not in done.said
 
 
-def test_a_speed_controller_that_run_drives_is_warned_and_not_failed(tmp_path):
-    (tmp_path / "mine.py").write_text("def acc(seen):\n    return (15.0 - seen.ego.speed) / 0.05\n")
-    done = check("mine.py:acc", tmp_path)
+def test_a_speed_controller_that_run_drives_is_warned_and_not_failed(mine):
+    done = mine("def acc(seen):\n    return (15.0 - seen.ego.speed) / 0.05\n")
     assert "warn  asks for " in done.stdout
     assert "return Command(speed=wanted)" in done.stdout
 
 
-def test_a_plan_in_the_egos_own_coordinates_is_warned_of(tmp_path):
-    (tmp_path / "mine.py").write_text(
+def test_a_plan_in_the_egos_own_coordinates_is_warned_of(mine):
+    done = mine(
         "import sumo_eval\n\ndef plan(seen):\n"
         "    t = [seen.time, seen.time + 5.0]\n"
-        "    return sumo_eval.Plan(t, [0.0, 5.0 * seen.ego.speed], [0.0, 0.0], speed=[5.0, 5.0])\n"
+        "    return sumo_eval.Plan(t, [0.0, 5.0 * seen.ego.speed], [0.0, 0.0], speed=[5.0, 5.0])\n",
+        "plan",
     )
-    done = check("mine.py:plan", tmp_path)
     assert "m from its plan" in done.stdout
     assert "-> a Plan is in road coordinates" in done.stdout
 
@@ -116,11 +130,10 @@ def test_an_exception_of_many_lines_is_cut_to_a_few(tmp_path):
 
 
 @pytest.mark.parametrize("method", ["run_step", "compute_planner_trajectory", "predict"])
-def test_a_class_of_another_tool_gets_advice_on_act(tmp_path, method):
-    (tmp_path / "mine.py").write_text(
-        f"class Agent:\n    def {method}(self, data):\n        return 0.0\n"
+def test_a_class_of_another_tool_gets_advice_on_act(mine, method):
+    done = mine(
+        f"class Agent:\n    def {method}(self, data):\n        return 0.0\n", "Agent", status=2
     )
-    done = check("mine.py:Agent", tmp_path, status=2)
     assert f"It has `{method}`, as " in done.stderr
     assert "put it in a class with `act(observation)` that calls it" in done.stderr
 
@@ -157,15 +170,15 @@ def test_an_evaluation_file(tmp_path, controller, status, words):
     ],
 )
 def test_an_ads_that_ends_or_overwrites_the_process_it_is_checked_in_is_a_finding(
-    tmp_path, body, words
+    mine, body, words
 ):
-    (tmp_path / "mine.py").write_text(
+    done = mine(
         "import os, stat\n\n"
         "def shout(n):\n    try:\n        if stat.S_ISFIFO(os.fstat(n).st_mode):\n"
         "            os.write(n, b'x' * 50)\n    except OSError:\n        pass\n\n"
-        f"def acc(seen):\n{body}\n    return 0.0\n"
+        f"def acc(seen):\n{body}\n    return 0.0\n",
+        status=1,
     )
-    done = check("mine.py:acc", tmp_path, status=1)
     assert words in done.stdout
     # the child's own traceback, as its words
     assert not done.stderr or done.stderr.startswith("It printed:")

@@ -1,7 +1,6 @@
 """The command line as a person meets it: quick help, sentences instead of tracebacks, statuses that
 mean something."""
 
-import json
 import os
 import sys
 from types import SimpleNamespace
@@ -9,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 from click.testing import CliRunner
 from commands import Done, in_a_process, python, sumo_eval
+from laid import read_json
 from tables import rows_of
 
 from sumo_eval import cli
@@ -80,7 +80,7 @@ def test_a_run_ends_with_a_table_a_report_and_status_0(finished):
         "report.html",
     ):
         assert (out / name).is_file()
-    json.loads((out / "scores.json").read_text())
+    read_json(out / "scores.json")
 
 
 def test_score_prints_the_same_table_again(finished):

@@ -25,22 +25,18 @@ def builds(tmp_path_factory):
     return folder
 
 
+def compared(builds, *options, new="new", status=0):
+    return sumo_eval("compare", builds / "base", builds / new, *options, status=status)
+
+
 def test_a_repeat_of_the_same_build_is_green(builds):
-    done = sumo_eval("compare", builds / "base", builds / "repeat")
+    done = compared(builds, new="repeat")
     assert done.stdout.startswith("THE SAME as")
     assert "cases equal to the last bit" in done.stdout
 
 
 def test_one_planted_regression_among_many_cases_is_named(builds):
-    done = sumo_eval(
-        "compare",
-        builds / "base",
-        builds / "new",
-        "--junit",
-        builds / "junit.xml",
-        "--report",
-        status=1,
-    )
+    done = compared(builds, "--junit", builds / "junit.xml", "--report", status=1)
     assert "outcome or likeness worse in 1 case, better in 0" in done.stdout
     said = next(line for line in done.stdout.splitlines() if "side by side" in line)
     assert int(said.split()[-5]) >= CASES, said
@@ -69,7 +65,7 @@ def test_a_gate_file_decides_what_is_let_through(builds, tmp_path):
     (tmp_path / "gate.toml").write_text(
         'outcome.on = false\n[[limit]]\nquantity = "new_collisions"\nat_most = 1\n'
     )
-    done = sumo_eval("compare", builds / "base", builds / "new", "--gate", tmp_path / "gate.toml")
+    done = compared(builds, "--gate", tmp_path / "gate.toml")
     assert (
         "NO LIMIT FAILED beside base: outcome or likeness worse in 1 case, better in 0"
         in done.stdout
@@ -97,7 +93,7 @@ def test_a_wrong_pair_and_a_folder_without_a_run_are_refused(builds):
 """,
         str.split,
     ):
-        done = sumo_eval("compare", builds / "base", builds / "repeat", *arguments, status=2)
+        done = compared(builds, *arguments, new="repeat", status=2)
         assert sentence in done.stderr
     assert not kept.exists(), "they are refused before anything is scored"
     assert "is not a run folder" in sumo_eval("compare", builds, builds / "base", status=2).stderr
@@ -139,7 +135,7 @@ def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds):
 def test_run_only_drives_one_case_again(builds, tmp_path):
     """The command that a failed limit names, as it is typed: the case ends as in the run, to the
     last bit."""
-    done = sumo_eval("compare", builds / "base", builds / "new", status=1)
+    done = compared(builds, status=1)
     case = (
         next(line for line in done.stdout.splitlines() if "ok -> contact" in line)
         .split(":")[0]
@@ -179,14 +175,7 @@ def test_run_only_names_what_it_does_not_know(builds, tmp_path):
 )
 def test_a_column_of_the_table_may_be_a_limit(builds, tmp_path, limit, sentence):
     (tmp_path / "gate.toml").write_text(f"outcome.on = false\n[[limit]]\n{limit}\n")
-    done = sumo_eval(
-        "compare",
-        builds / "base",
-        builds / "new",
-        "--gate",
-        tmp_path / "gate.toml",
-        status=1 if sentence else 0,
-    )
+    done = compared(builds, "--gate", tmp_path / "gate.toml", status=1 if sentence else 0)
     assert sentence in done.stdout
 
 

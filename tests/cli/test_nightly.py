@@ -3,7 +3,6 @@ by a rule."""
 
 import errno
 import fcntl
-import json
 import os
 import random
 import shutil
@@ -18,6 +17,7 @@ from pathlib import Path
 import junitparser
 import pytest
 from commands import sumo_eval
+from laid import read_json, replace_in
 from record.edited_store import edit
 from record.runs import rows
 from refusals import refusal
@@ -37,6 +37,11 @@ def run(file, history, **more):
 
 def nightly(file, history, *words, status=0):
     return sumo_eval("nightly", file, "--history", history, *words, status=status)
+
+
+def nights_of(history):
+    """The names of its nights' folders."""
+    return {path.name for path in (history / "nights").iterdir()}
 
 
 def nights(history):
@@ -98,10 +103,10 @@ def test_a_night_leaves_what_people_and_machines_read(week):
         "<b>new</b> mine in <code>front_vehicle_low_speed</code>: 1 case gave up, not so in the "
         "base" in top
     )
-    case = json.loads((last / "night.json").read_text())["failed"][0]["cases"][0]
+    case = read_json(last / "night.json")["failed"][0]["cases"][0]
     assert f'data-opening="{case["case"]}"' in top, "the picture is of the worst new failure"
     assert case["run"] == f"sumo-eval run {last} --only {case['case']}"
-    told = json.loads((folder / "history" / "chat.json").read_text())["text"]
+    told = read_json(folder / "history" / "chat.json")["text"]
     assert "1 case gave up, not so in the base" in told
     trend = (folder / "history" / "trend.html").read_text()
     assert trend.count("<svg data-chart") >= 5
@@ -168,7 +173,7 @@ def killed(tmp_path_factory):
     driven."""
     folder = tmp_path_factory.mktemp("killed")
     file = evaluation(folder, "{ ego_speed = 8, lead_speed = 6 }", engine="processes")
-    file.write_text(file.read_text().replace("cases_per_pack = 32", "cases_per_pack = 4"))
+    replace_in(file, "cases_per_pack = 32", "cases_per_pack = 4")
     stop_when(lambda: recorded(folder / "history") >= 5, file, folder / "history")
     return folder
 
@@ -200,7 +205,7 @@ def recorded(history):
 
 def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path):
     file, history, left = copied(killed, tmp_path)
-    file.write_text(file.read_text().replace('"processes"', '"serial"'))
+    replace_in(file, '"processes"', '"serial"')
     kept = recorded(history)
     assert nights(history) == []
 
@@ -212,7 +217,7 @@ def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path)
     assert (night.night, night.folder, night.wall_time) == (left.name, f"nights/{left.name}", None)
     assert "before its end and continued" in (left / "report.html").read_text()
     assert 0 < kept < rows(left)
-    assert len(json.loads((left / "manifest.json").read_text())["resumed"]) == 1
+    assert len(read_json(left / "manifest.json")["resumed"]) == 1
 
     after = nightly(file, history, "--resume")
     assert "No night was stopped before its end; this one is a new one." in after.stdout.replace(
@@ -231,7 +236,7 @@ def test_a_night_of_another_evaluation_is_not_continued(tmp_path):
         lines.begin("2999-01-01T00-00-00Z")
     left = history / "nights" / "2999-01-01T00-00-00Z"
     shutil.copytree(history / nights(history)[0].folder, left)
-    file.write_text(file.read_text().replace('"mine"', '"theirs"'))
+    replace_in(file, '"mine"', '"theirs"')
     done = nightly(file, history, "--resume", status=2)
     assert f"Night {left.name} was not continued:" in done.stderr.replace("\n", " ")
     assert "It stays; without --resume" in done.stderr.replace("\n", " ")
@@ -279,9 +284,7 @@ def test_a_full_disk_leaves_earlier_nights_alone(week, tmp_path, monkeypatch):
         with refusal("No space left on device"):
             run(folder / "evaluation.toml", history)
     assert nights(history) == before
-    assert {path.name for path in (history / "nights").iterdir()} == {
-        night.night for night in before
-    }
+    assert nights_of(history) == {night.night for night in before}
     monkeypatch.setattr("shutil.disk_usage", lambda _: shutil._ntuple_diskusage(100, 90, 10))
     with refusal("The night was not begun: it may need"):
         run(folder / "evaluation.toml", history)
@@ -301,7 +304,7 @@ def test_a_disk_full_of_recorded_cases_is_freed(week, tmp_path, monkeypatch):
     monkeypatch.setattr("sumo_eval.nightly.night.record_rounds", full)
     with refusal("The night could not be finished: OperationalError: database or disk is full"):
         run(folder / "evaluation.toml", history)
-    assert {path.name for path in (history / "nights").iterdir()} == {it.night for it in before}
+    assert nights_of(history) == {it.night for it in before}
 
 
 def test_a_damaged_accepted_night_fails_until_another_is(week, tmp_path):
@@ -312,7 +315,7 @@ def test_a_damaged_accepted_night_fails_until_another_is(week, tmp_path):
     (history / first.folder / "facts.sqlite").write_bytes(b"damaged")
     result = run(folder / "evaluation.toml", history)
     assert result.night.exit_status == 1
-    (failed,) = json.loads((result.report.parent / "night.json").read_text())["failed"]
+    (failed,) = read_json(result.report.parent / "night.json")["failed"]
     assert failed["sentence"].startswith("the accepted night cannot be compared with, so slow")
     assert any(first.night in note for note in result.notes)
 
@@ -331,7 +334,7 @@ def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):
     result = run(file, history)
     assert result.night.exit_status == 1
     assert result.judged.bases.comparison.pairs == 3
-    told = json.loads((result.report.parent / "night.json").read_text())
+    told = read_json(result.report.parent / "night.json")
     assert told["verdict"] == "incomplete"
     assert [one["what"] for one in told["differences"]] == [
         "scenario.front_vehicle_low_speed.sampling.levels"
@@ -350,7 +353,7 @@ def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):
 
 def test_a_mistake_in_the_file_is_said_before_anything_is_touched(tmp_path):
     file = evaluation(tmp_path)
-    file.write_text(file.read_text().replace("levels", "level"))
+    replace_in(file, "levels", "level")
     assert "Did you mean `levels`?" in nightly(file, tmp_path / "history", status=2).stderr
     assert not (tmp_path / "history").exists()
 
@@ -435,12 +438,12 @@ def test_a_history_that_cannot_be_read_removes_no_night(week, tmp_path, spoil, w
 
 def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(week, tmp_path):
     folder, history = copy_of(week, tmp_path, "nights")
-    before = {path.name for path in (history / "nights").iterdir()}
+    before = nights_of(history)
     with open_history(history, create=True):
         pass
     plant(folder, "")
     result = run(folder / "evaluation.toml", history, keep=1)
-    assert {path.name for path in (history / "nights").iterdir()} == {*before, result.night.night}
+    assert nights_of(history) == {*before, result.night.night}
     assert sum(
         "is not in the history; it was left as it is" in note for note in result.notes
     ) == len(before)
@@ -455,7 +458,7 @@ def add(lines, name, place):
 @pytest.mark.parametrize("known_lines", [0, 1], ids=["no line", "the oldest line"])
 def test_old_history_put_back_keeps_complete_nights(week, tmp_path, known_lines):
     _, history = copy_of(week, tmp_path, "nights")
-    complete = sorted(path.name for path in (history / "nights").iterdir())
+    complete = sorted(nights_of(history))
     unfinished = history / "nights" / "2020-01-01T00-00-00Z"
     shutil.copytree(history / "nights" / complete[0], unfinished)
     unfinish(unfinished)
@@ -465,7 +468,7 @@ def test_old_history_put_back_keeps_complete_nights(week, tmp_path, known_lines)
         for name in complete[:known_lines]:
             add(lines, name, f"nights/{name}")
         notes = _clear_away(history, lines, None)
-    assert sorted(path.name for path in (history / "nights").iterdir()) == complete
+    assert nights_of(history) == set(complete)
     assert (
         sum("is a complete run without a line in the history" in note for note in notes)
         == len(complete) - known_lines
@@ -507,7 +510,7 @@ def test_no_history_removes_a_complete_night(week, tmp_path, seeds):
                     add(lines, name, draw.choice(places))
             with suppress(InputError):
                 _clear_away(history, lines, None)
-        left = {path.name for path in (history / "nights").iterdir()}
+        left = nights_of(history)
         assert {name for name, kind in kinds.items() if kind == "complete"} <= left, seed
 
 
@@ -540,7 +543,7 @@ def test_a_link_in_place_of_a_stopped_night_is_not_followed(tmp_path):
 @pytest.mark.parametrize("pack, differ", [(1, 2), (32, 3)])
 def test_night_finds_what_an_ads_carries_from_case_to_case(tmp_path, pack, differ):
     file, module = evaluation(tmp_path, "2", engine="processes"), tmp_path / "my_ads.py"
-    file.write_text(file.read_text().replace("pack = 32", f"pack = {pack}"))
+    replace_in(file, "pack = 32", f"pack = {pack}")
     counts = "fault, numbers = None, iter(range(99))\n\n    def __init__(self):\n"
     counts += "        self.number = next(self.numbers)"
     ads = module.read_text().replace("fault = None", counts, 1)
@@ -557,7 +560,7 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch)
     file.write_text(f'{file.read_text()}keep = "none"\n')
     shaking = "Command(acceleration=__import__('random').SystemRandom().uniform(-0.3, 0.3)"
     module = tmp_path / "my_ads.py"
-    module.write_text(module.read_text().replace("Command(acceleration=0.0", shaking))
+    replace_in(module, "Command(acceleration=0.0", shaking)
     run(file, history)
     plant(tmp_path, "30, 0:sleeps")
 
@@ -569,7 +572,7 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch)
         with pytest.raises(StoppedError):
             run(file, history)
     result = run(file, history, resume=True)
-    told = json.loads((result.report.parent / "night.json").read_text())
+    told = read_json(result.report.parent / "night.json")
     assert (told["verdict"], told["exit_status"]) == ("worse", 1)
     assert (told["repeats"]["mine"]["cases"], told["repeats"]["mine"]["alike"]) == (3, 2)
     assert any("mine drove 1 of 3 cases differently" in note for note in result.notes)

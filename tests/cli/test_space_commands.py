@@ -5,6 +5,7 @@ import json
 
 import pytest
 from commands import sumo_eval
+from laid import read_json
 
 from tests.scenario.test_scenario_file import EXAMPLE
 
@@ -84,7 +85,7 @@ def test_boundary_finds_an_edge_and_writes_it(tmp_path):
     )  # fmt: skip
     assert "no_reaction collides in 100.0% of the space" in done.said
     assert "Every trial ended alike" in done.said
-    found = json.loads((tmp_path / "out" / "boundary.json").read_text())
+    found = read_json(tmp_path / "out" / "boundary.json")
     assert found["simulations"] == 16
     assert found["held"] == {"ego_speed": 30.0, "obstacle_speed": 5.0}
     written = {path.name for path in (tmp_path / "out").iterdir()}

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from lxml import etree
-from road_scenes import ROAD, case, lead
+from road_scenes import ROAD, assert_as_alone, at_values, case, clips_of, lead
 
 from sumo_eval import Command
 from sumo_eval.cosim.doors.features import Action, Feature, Interface
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.sumo.sumo_files import network_xml
-from sumo_eval.scenario import Actor, Start, catalogue, constant_lateral, lane_change
+from sumo_eval.scenario import Actor, Start, constant_lateral, lane_change
 from sumo_eval.scenario.concrete import brake_to_stop
 from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.reference_line import Piece, arc, map_places
@@ -240,11 +240,7 @@ CROSSED = {"crossing_path": {"ego_speed": 14.0, "other_speed": 10.0, "arrival": 
 
 
 def scene(name, **changes):
-    return catalogue.load(name).concrete(**{**(POINTS | CROSSED)[name], **changes})
-
-
-def clips(found):
-    return {clip.what for clip in found.clips}
+    return at_values(name, **{**(POINTS | CROSSED)[name], **changes})
 
 
 class Straight:
@@ -264,7 +260,7 @@ def test_an_ego_that_stays_in_a_lane_that_ends_leaves_the_road_where_its_centre_
     # 0.05 s are 1.2 m
     assert found.end_reason == "off_road"
     assert 690.0 < found.ego.x[-1] <= 691.2
-    assert "goal_missed" in clips(found)
+    assert "goal_missed" in clips_of(found)
     lanes = [((0.0, 0.0), (660.0, 0.0)), ((0.0, 3.5), (3000.0, 3.5)), ((0.0, 7.0), (3000.0, 7.0))]
     assert ads.told == ((1000.0, 3.5), (440.0, 660.0), lanes)
     assert (ads.edges[0], min(ads.edges) < 0.0 < ads.edges[-1] + 0.2) == (-1.75, True)
@@ -307,7 +303,7 @@ def test_law_arrays_of_policies_have_the_edges_of_others():
 @pytest.mark.parametrize("ads", [Straight(), hold])
 def test_missing_an_exit_is_reported_by_the_case(ads):
     found = simulate(scene("exit"), ads)
-    assert (found.end_reason, clips(found) & {"goal_missed"}) == ("road_end", {"goal_missed"})
+    assert (found.end_reason, "goal_missed" in clips_of(found)) == ("road_end", True)
 
 
 def test_law_whose_rule_is_for_the_pedals_changes_lanes_on_the_fixed_way():
@@ -324,7 +320,7 @@ def test_law_whose_rule_is_for_the_pedals_changes_lanes_on_the_fixed_way():
 def test_who_chooses_a_gap_reaches_its_goal_without_a_touch(name, ads):
     concrete = scene(name)
     found = simulate(concrete, ads)
-    assert (found.collision, "goal_missed" in clips(found)) == (None, False)
+    assert (found.collision, "goal_missed" in clips_of(found)) == (None, False)
     assert found.ego.y[-1] == pytest.approx(concrete.ego.y + concrete.ego.way.offset, abs=0.02)
     assert found.ego.acceleration.min() > -4.0
 
@@ -345,9 +341,7 @@ def test_who_finds_no_gap_waits_before_the_end_of_its_lane():
 
 def test_law_a_case_on_such_a_road_has_the_bits_alone_that_it_has_in_company():
     cases = [scene("ramp_merge", offset=offset) for offset in (-30.0, 15.0, 60.0)]
-    together = list(simulate_many(cases, "idm"))
-    for concrete, packed in zip(cases, together, strict=True):
-        assert packed.same_drive(simulate(concrete, "idm"))
+    assert_as_alone(cases, simulate_many(cases, "idm"), "idm")
 
 
 def test_a_model_of_sumos_takes_the_exit_that_its_route_leads_to():
@@ -378,7 +372,7 @@ def test_law_shapes_on_a_wide_curve_are_those_on_a_straight_road(name):
 def test_on_a_curve_a_lane_change_reaches_the_goal_in_the_frame(radius):
     merges = simulate(bent(scene("ramp_merge"), radius), "idm")
     assert (merges.collision, merges.end_reason) == (None, "road_end")
-    assert "goal_missed" not in clips(merges)
+    assert "goal_missed" not in clips_of(merges)
     assert merges.ego.y[-1] == pytest.approx(3.5, abs=0.05)
     pedals = bent(
         scene("ramp_merge", offset=60.0, other_speed=28.0, other_acceleration=2.0), radius

@@ -6,16 +6,15 @@ import time as clock
 
 import pytest
 from refusals import refusal
-from road_scenes import HALF_SECOND, case
+from road_scenes import HALF_SECOND, at_values, case
 
 from sumo_eval.cosim.doors.contract import check_controller
 from sumo_eval.cosim.doors.controller import SHIPPED
-from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
 
 CASES = [
-    catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=5.0),
-    catalogue.load("front_vehicle_cut_out").concrete(ego_speed=25.0, obstacle_speed=10.0, gap=60.0),
+    at_values("front_vehicle_low_speed", ego_speed=20.0, lead_speed=5.0),
+    at_values("front_vehicle_cut_out", ego_speed=25.0, obstacle_speed=10.0, gap=60.0),
 ]
 SHORT = SimulationSettings(time_limit=12.0)
 

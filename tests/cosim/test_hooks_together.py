@@ -2,6 +2,7 @@
 
 import ast
 import contextlib
+import functools
 import importlib
 import logging
 import math
@@ -17,7 +18,7 @@ from types import SimpleNamespace
 import numba
 import numpy as np
 import pytest
-from road_scenes import case, lead, once
+from road_scenes import assert_as_alone, case, lead, once
 
 from sumo_eval import Command, kernels
 from sumo_eval.cosim import world
@@ -37,12 +38,15 @@ def points(name, number):
     return list(logical.concretes(values[:: max(len(values) // number, 1)]))[:number]
 
 
+def behind_20(*speeds):
+    """A case for each speed, m/s, 80 m behind a lead with 20 m/s."""
+    return [case(lead(80.0, 20.0), speed=speed) for speed in speeds]
+
+
 def reasons_to_leave(cases, hook):
     """Why cases left their batch, in which each is driven as it is alone."""
     why = Counter()
-    together = simulate_many(cases, hook, STEPS, alone=why)
-    for it, recording in zip(cases, together, strict=True):
-        assert recording.same_drive(simulate(it, hook, STEPS))
+    assert_as_alone(cases, simulate_many(cases, hook, STEPS, alone=why), hook, STEPS)
     return why
 
 
@@ -132,14 +136,25 @@ def test_sumo_brakes_no_harder_than_the_tyres_hold(ads):
     assert simulate(slippery, ads).ego.acceleration.min() == pytest.approx(-0.2 * 9.81)
 
 
-def raises(traci, ego, time):
-    if traci.vehicle.getSpeed(ego) < 15.0:
-        raise ValueError("too slow")
+def below_15(action):
+    """A hook that does this wherever it is slower than 15 m/s."""
+
+    @functools.wraps(action)
+    def hook(traci, ego, time):
+        if traci.vehicle.getSpeed(ego) < 15.0:
+            action(traci, ego)
+
+    return hook
 
 
-def touches(traci, ego, time):
-    if traci.vehicle.getSpeed(ego) < 15.0:
-        traci.vehicle.setSpeed("lead", 3.0)
+@below_15
+def raises(traci, ego):
+    raise ValueError("too slow")
+
+
+@below_15
+def touches(traci, ego):
+    traci.vehicle.setSpeed("lead", 3.0)
 
 
 def swallows(traci, ego, time):
@@ -149,55 +164,55 @@ def swallows(traci, ego, time):
         traci.vehicle.setSpeed(ego, 10.0)
 
 
-def jumps(traci, ego, time):
-    if traci.vehicle.getSpeed(ego) < 15.0:
-        traci.vehicle.moveToXY(ego, "road", 0, 400.0, 0.0, 90.0, 2)
+@below_15
+def jumps(traci, ego):
+    traci.vehicle.moveToXY(ego, "road", 0, 400.0, 0.0, 90.0, 2)
 
 
-def hands_over(traci, ego, time):
-    if traci.vehicle.getSpeed(ego) < 15.0:
-        traci.vehicle.setSpeed(ego, -1)
+@below_15
+def hands_over(traci, ego):
+    traci.vehicle.setSpeed(ego, -1)
 
 
-def asks_for_all(traci, ego, time):
-    if traci.vehicle.getSpeed(ego) < 15.0:
-        traci.vehicle.setSpeed(ego, 12.0 + traci.simulation.getMinExpectedNumber())
+@below_15
+def asks_for_all(traci, ego):
+    traci.vehicle.setSpeed(ego, 12.0 + traci.simulation.getMinExpectedNumber())
 
 
-def subscribes(traci, ego, time):
+@below_15
+def subscribes(traci, ego):
     vehicle = traci.vehicle
-    if vehicle.getSpeed(ego) < 15.0:
-        vehicle.subscribe(ego, [traci.constants.VAR_SPEED])
-        vehicle.setSpeed(ego, vehicle.getSubscriptionResults(ego).get(0x40, 9.0) - 0.1)
+    vehicle.subscribe(ego, [traci.constants.VAR_SPEED])
+    vehicle.setSpeed(ego, vehicle.getSubscriptionResults(ego).get(0x40, 9.0) - 0.1)
 
 
-def subscribes_to_all_near(traci, ego, time):
+@below_15
+def subscribes_to_all_near(traci, ego):
     vehicle = traci.vehicle
-    if vehicle.getSpeed(ego) < 15.0:
-        vehicle.subscribeContext(ego, traci.constants.CMD_GET_VEHICLE_VARIABLE, 200.0)
-        vehicle.setSpeed(ego, 10.0 - len(vehicle.getContextSubscriptionResults(ego)))
+    vehicle.subscribeContext(ego, traci.constants.CMD_GET_VEHICLE_VARIABLE, 200.0)
+    vehicle.setSpeed(ego, 10.0 - len(vehicle.getContextSubscriptionResults(ego)))
 
 
-def goes_round_the_guard(traci, ego, time):
+@below_15
+def goes_round_the_guard(traci, ego):
     import libsumo
 
-    if traci.vehicle.getSpeed(ego) < 15.0:
-        libsumo.vehicle.setSpeed(ego, 10.0)
+    libsumo.vehicle.setSpeed(ego, 10.0)
 
 
-def prints(traci, ego, time):
-    if traci.vehicle.getSpeed(ego) < 15.0:
-        print("slow")
+@below_15
+def prints(traci, ego):
+    print("slow")
 
 
 LOG = logging.Logger("hook")  # without a handler
 
 
-def logs(traci, ego, time):
-    if traci.vehicle.getSpeed(ego) < 15.0:
-        if not LOG.handlers:  # as `logging.error` does; it keeps the stream that there is now
-            LOG.addHandler(logging.StreamHandler())
-        LOG.error("slow")
+@below_15
+def logs(traci, ego):
+    if not LOG.handlers:  # as `logging.error` does; it keeps the stream that there is now
+        LOG.addHandler(logging.StreamHandler())
+    LOG.error("slow")
 
 
 def keeps_libsumo(traci, ego, time, kept={}):  # noqa: B006
@@ -232,7 +247,7 @@ class Closes:
     ],
 )
 def test_one_that_leaves_is_driven_alone_and_no_other(hook):
-    cases = [case(lead(80.0, 20.0), speed=speed) for speed in (10.0, 20.0, 18.0)]
+    cases = behind_20(10.0, 20.0, 18.0)
     for rows in (cases, cases[:1]):
         why = reasons_to_leave(rows, hook)
         assert {reason.why: count for reason, count in why.items()} == {"left_batch": 1}
@@ -246,7 +261,7 @@ def test_libsumo_bound_in_a_module_that_a_hook_imports_keeps_it_alone(tmp_path, 
         "def step(traci, ego, time): traci.vehicle.setSpeed(ego, speed(ego) - 0.1)\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
-    cases, why = [case(lead(80.0, 20.0), speed=speed) for speed in (10.0, 20.0)], Counter()
+    cases, why = behind_20(10.0, 20.0), Counter()
     locator = f"{tmp_path / 'hook.py'}:step"
     together = list(simulate_many(cases, locator, STEPS, alone=why))
     assert [one.ego.speed[20] for one in together] == pytest.approx([8.0, 18.0], abs=0.11)
@@ -271,8 +286,7 @@ KEPT = {
 def test_call_of_libsumo_kept_anywhere_drives_a_hook_alone(way, tmp_path):
     imports = "from functools import partial\nfrom sumo_eval import Command\n"
     (tmp_path / "hook.py").write_text(f"{imports}from traci import vehicle\n{KEPT[way]}")
-    cases = [case(lead(80.0, 20.0), speed=speed) for speed in (10.0, 20.0)]
-    why = reasons_to_leave(cases, f"{tmp_path / 'hook.py'}:Hook")
+    why = reasons_to_leave(behind_20(10.0, 20.0), f"{tmp_path / 'hook.py'}:Hook")
     assert {reason.why for reason in why} == {"on_traci"}
 
 
@@ -295,8 +309,7 @@ def compiles(traci, ego, time):
 
 @pytest.mark.parametrize("hook", [AsksAsItIsMade, compiles])
 def test_hook_that_imports_traci_or_numba_stays_in_its_batch(hook):
-    cases = [case(lead(80.0, 20.0), speed=speed) for speed in (10.0, 20.0)]
-    assert not reasons_to_leave(cases, hook)
+    assert not reasons_to_leave(behind_20(10.0, 20.0), hook)
 
 
 CACHE = {}

@@ -1,7 +1,6 @@
 """`exec:`: a program in any language, its protocol, its deadline, its end."""
 
 import os
-import re
 import sys
 import time as clock
 from contextlib import suppress
@@ -9,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from refusals import refusal
-from road_scenes import HALF_SECOND, ROAD, assert_whole, case, lead, under
+from refusals import refused
+from road_scenes import HALF_SECOND, ROAD, assert_whole, at_values, case, lead, under
 from tables import rows_of
 
 from sumo_eval import Command
 from sumo_eval.cosim.doors import json_lines
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.scenario.catalogue import load
 from sumo_eval.settings import AdsSettings
 from sumo_eval.trajectory import CHANNELS
 
@@ -54,7 +52,7 @@ def test_a_shell_script_drives():
 
 def test_law_every_door_drives_alike_in_a_curve():
     """A policy's ego, a program's and a hook's begin as if they had driven the curve before."""
-    bend = load("curve_following").concrete(ego_speed=20.0, lead_speed=5.0)
+    bend = at_values("curve_following", ego_speed=20.0, lead_speed=5.0)
     reader = 'while read x; do echo "{\\"acceleration\\": -1, \\"steering\\": 0.2}"; done'
     doors = lambda seen: (-1.0, 0.2), lambda traci, ego, time: Command(-1.0, 0.2)
     by_policy, by_hook, by_program = (
@@ -221,5 +219,5 @@ def test_every_case_has_a_program_of_its_own():
     ],
 )
 def test_a_command_that_cannot_be_run_is_refused_before_anything_runs(locator, sentence):
-    with refusal(re.escape(sentence)):
+    with refused(sentence):
         simulate(case(), locator)

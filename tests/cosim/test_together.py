@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import refusal
-from road_scenes import ROAD, case, lead, points
+from road_scenes import ROAD, assert_as_alone, at_values, case, lead, points
 
 from sumo_eval import Command
 from sumo_eval.ads.r157_careful_driver import CarefulDriver
@@ -94,8 +94,7 @@ def test_packed_cases_with_own_changes_are_as_alone(ads, scenarios, share, alone
         cases = list(changed(drawn, rng))
         together = list(simulate_many(cases, ads, DECIDED))
         assert not alone
-        for concrete, found in zip(cases, together, strict=True):
-            assert found.same_drive(simulate(concrete, ads, DECIDED))
+        assert_as_alone(cases, together, ads, DECIDED)
         usual = simulate_many([replace(it, changes=()) for it in cases], ads, DECIDED)
         different += sum(not one.same_drive(two) for one, two in zip(together, usual, strict=True))
         driven += len(cases)
@@ -140,9 +139,7 @@ def test_the_outcome_of_a_decided_case_is_the_one_of_the_whole_case():
 @pytest.mark.parametrize("ads", ["careful_driver", "idm"])
 def test_a_case_of_a_run_ends_when_its_ads_says_that_it_is_settled(ads):
     """Under the watch of the batch, too; an ADS that says nothing drives to the end."""
-    passed = catalogue.load("cut_in").concrete(
-        ego_speed=20.0, cut_in_speed=12.5, gap=60.0, lateral_speed=0.9
-    )
+    passed = at_values("cut_in", ego_speed=20.0, cut_in_speed=12.5, gap=60.0, lateral_speed=0.9)
     run = Setup(DECIDED, RunSettings(), Path())
     recording = run_case(Case(0, passed, "ads", "mine", ads), run).recording
     assert recording.end_reason == ("decided" if ads == "careful_driver" else "time_limit")
@@ -204,8 +201,7 @@ def test_a_faulty_case_costs_only_itself(alone):
     assert second.end_reason == "ads_error"
     assert "must be a finite number, got nan" in second.error
     assert second.ego.time[-1] == pytest.approx(0.3)  # 6 * 0.05 is a little more than 0.3
-    for concrete, found in zip(cases, (first, second, third), strict=True):
-        assert found.same_drive(simulate(concrete, Gives(float("nan"), 15.0), SHORT))
+    assert_as_alone(cases, (first, second, third), Gives(float("nan"), 15.0), SHORT)
 
 
 @pytest.mark.parametrize(
@@ -214,8 +210,7 @@ def test_a_faulty_case_costs_only_itself(alone):
 def test_what_the_vehicle_cannot_do_is_clipped_and_counted_as_alone(answer, alone):
     cases = behind(10.0, 15.0)
     together = list(simulate_many(cases, [Gives(answer, 15.0) for _ in cases], SHORT))
-    for concrete, found in zip(cases, together, strict=True):
-        assert found.same_drive(simulate(concrete, Gives(answer, 15.0), SHORT))
+    assert_as_alone(cases, together, Gives(answer, 15.0), SHORT)
     assert not alone
 
 
@@ -245,8 +240,7 @@ def test_every_case_has_a_policy_of_its_own_when_a_class_is_given():
             return -0.1 * self.steps
 
     cases = behind(10.0, 15.0)
-    for concrete, found in zip(cases, simulate_many(cases, Counts, SHORT), strict=True):
-        assert found.same_drive(simulate(concrete, Counts, SHORT))
+    assert_as_alone(cases, simulate_many(cases, Counts, SHORT), Counts, SHORT)
 
 
 LAST = {}
@@ -277,8 +271,7 @@ def test_a_policy_whose_shared_state_matters_drives_alone(ads, number):
     together = list(simulate_many(cases, ads, DECIDED, alone=why))
     assert sum(why.values()) == number
     assert all("test_together.LAST" in str(it) for it in why)
-    for concrete, found in zip(cases, together, strict=True):
-        assert found.same_drive(simulate(concrete, ads, DECIDED))
+    assert_as_alone(cases, together, ads, DECIDED)
 
 
 class AllAtOnce:

@@ -44,8 +44,7 @@ def ads_file(folder, text):
     return simulate(case(lead(50.0)), "script.py:drive", HALF_SECOND, folder=folder)
 
 
-def test_code_that_imports_traci_drives_the_running_simulation(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "path", list(sys.path))
+def test_code_that_imports_traci_drives_the_running_simulation(tmp_path, own_path):
     found = ads_file(
         tmp_path,
         "import traci\nimport traci.constants as tc\nfrom traci.exceptions import TraCIException\n"
@@ -289,7 +288,7 @@ insertStop = [0, "road", 80.0, 0, 2.0]
 OF_TYPES = "setMinGapLat", "setSpeedDeviation", "setTau", "setImperfection"
 
 
-def driven(name, speed, domain="vehicle", arguments=(0.5,)):
+def driven(name, speed, domain="vehicle", arguments=()):
     """Closing in on another for 6 s.
 
     name: of a call at 0.1 s.
@@ -316,20 +315,19 @@ def test_every_call_that_sumo_ignores_is_tried_here():
 
 
 @pytest.mark.parametrize(
-    "speed, name", [*product([21.0], ALWAYS | BESIDE_A_SPEED), *product([-1.0], ALWAYS)]
+    "speed, name, domain",
+    [
+        *product([21.0], ALWAYS | BESIDE_A_SPEED, ["vehicle"]),
+        *product([-1.0], ALWAYS, ["vehicle"]),
+        *product([21.0], OF_TYPES, ["vehicletype"]),
+    ],
 )
-def test_a_call_that_sumo_ignores_does_nothing_and_is_recorded(speed, name):
-    found = driven(name, speed, arguments=(ALWAYS | BESIDE_A_SPEED)[name])
+def test_a_call_that_sumo_ignores_does_nothing_and_is_recorded(speed, name, domain):
+    arguments = (0.5,) if domain == "vehicletype" else (ALWAYS | BESIDE_A_SPEED)[name]
+    found = driven(name, speed, domain, arguments)
     assert counts(found).get("ignored_traci_call") == 1
     assert f"SUMO ignored {name}: " in found.log
     assert is_same(found, driven("", speed))
-
-
-@pytest.mark.parametrize("name", OF_TYPES)
-def test_a_call_on_the_type_that_sumo_ignores_is_recorded(name):
-    found = driven(name, 21.0, "vehicletype")
-    assert counts(found).get("ignored_traci_call") == 1
-    assert is_same(found, driven("", 21.0))
 
 
 @pytest.mark.parametrize(

@@ -4,13 +4,12 @@ import sys
 
 import pytest
 from refusals import refusal
-from road_scenes import HALF_SECOND, assert_whole, case, clips_of, lead
+from road_scenes import HALF_SECOND, assert_whole, at_values, case, clips_of, lead
 
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.traci_program import sumo_binary
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
-from sumo_eval.scenario.catalogue import load
 from sumo_eval.settings import SimulationSettings
 
 try:
@@ -43,8 +42,8 @@ except traci.FatalTraCIError:
 
 
 BEHIND = case(lead(60.0, speed=10.0))
-AT_THE_LANES_END = load("lane_drop").concrete(
-    ego_speed=24.0, other_speed=24.0, offset=-15.0, other_acceleration=0.0
+AT_THE_LANES_END = at_values(
+    "lane_drop", ego_speed=24.0, other_speed=24.0, offset=-15.0, other_acceleration=0.0
 )
 
 
@@ -59,9 +58,8 @@ def run(folder, text, settings=HALF_SECOND, step_timeout=10.0, concrete=BEHIND):
     [(BEHIND, 9.0, ("time_limit", True)), (AT_THE_LANES_END, 60.0, ("off_road", False))],
 )
 def test_a_client_and_the_same_script_in_process_make_the_same_recording(
-    tmp_path, monkeypatch, concrete, limit, end
+    tmp_path, own_path, concrete, limit, end
 ):
-    monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "the_drive.py").write_text(DRIVE)
     settings = SimulationSettings(time_limit=limit)
     there = run(tmp_path, CLIENT, settings, concrete=concrete)
@@ -210,10 +208,9 @@ OPENINGS = (
         *(pytest.param(opening, marks=pytest.mark.campaign) for opening in OPENINGS[3:]),
     ],
 )
-def test_a_script_of_a_simulation_of_its_own_drives_as_it_is(tmp_path, monkeypatch, opening):
+def test_a_script_of_a_simulation_of_its_own_drives_as_it_is(tmp_path, own_path, opening):
     """Whatever opens its connection, it drives as the same rule in process; when the case is over
     it need not care."""
-    monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "the_drive.py").write_text(DRIVE)
     text = (
         f"from the_drive import drive\n{opening}\nwhile True:\n    traci.simulationStep()\n    "

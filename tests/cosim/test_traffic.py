@@ -3,15 +3,13 @@
 import tomllib
 from dataclasses import replace
 from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 import pytest
-from road_scenes import clips_of
+from road_scenes import clips_of, scenario_of
 
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Model, Road, Start
-from sumo_eval.scenario.file import scenario_from
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording
 
@@ -25,6 +23,11 @@ ego = { speed = "v" }
 parameter = [{ name = "v", unit = "m/s", low = 10.0, high = 30.0, step = 10.0 }]
 """)  # fmt: skip
 """A scenario file without vehicles and an end."""
+
+
+def of_text(text):
+    """The scenario of that space with this text."""
+    return scenario_of(SPACE | tomllib.loads(text))
 
 
 def rear(model="IDM", gap=25.0, y=0.0, name="rear", speed=25.0):
@@ -82,9 +85,7 @@ def test_how_long_the_ego_had_been_in_the_lane_in_which_it_is_struck():
 
 @pytest.mark.parametrize("radius", [1e6, 250.0])
 def test_law_on_a_curve_vehicles_react_as_on_a_straight_road(radius):
-    content = {
-        **SPACE,
-        **tomllib.loads("""
+    content = SPACE | tomllib.loads("""
 end = { x = 600.0, time = 6.0 }
 vehicle = [
     { name = "walker", body = "pedestrian", x = 150.0, y = -4.0, speed = 0.0, heading = 90.0, manoeuvre = [
@@ -93,12 +94,9 @@ vehicle = [
     { name = "lead", x = 100.0, speed = "v", manoeuvre = [{ do = "brake", when = "time > 1", deceleration = 3.0 }] },
     { name = "rear", gap_behind = 15.0, speed = "v", manoeuvre = [{ do = "follow", model = "IDM" }] },
 ]
-"""),
-    }
+""")
     bent = {**content, "road": {"line": [{"length": 1400.0, "radius": radius}]}}
-    straight, found = (
-        simulate(scenario_from(it, "t", Path()).concrete(v=15.0), "idm") for it in (content, bent)
-    )
+    straight, found = (simulate(scenario_of(it).concrete(v=15.0), "idm") for it in (content, bent))
     assert found.error is None
     # the reference line is the middle of the right lane: there everything is as on a straight road
     least, far = (1e-3, 1e-6) if radius > 1e5 else (0.2, 0.15)
@@ -174,18 +172,15 @@ def test_others_see_the_ego_once_it_reaches_over_their_line_as_the_setting_says(
 
 
 def test_a_scripted_vehicle_is_followed_as_well():
-    content = {
-        **SPACE,
-        **tomllib.loads("""
+    logical = of_text("""
 ego = { speed = "v", y = 3.5 }
 end = { x = 600.0, time = 12.0 }
 vehicle = [
     { name = "lead", x = 200.0, speed = "v", manoeuvre = [{ do = "brake", begin = 1.0, deceleration = 5.0 }] },
     { name = "next", x = 170.0, speed = "v", manoeuvre = [{ do = "follow", model = "IDM" }] },
 ]
-"""),
-    }
-    found = simulate(scenario_from(content, "t", Path()).concrete(v=20.0), "no_reaction")
+""")
+    found = simulate(logical.concrete(v=20.0), "no_reaction")
     ahead, behind = found.actors["lead"], found.actors["next"]
     assert ahead.x[-1] == pytest.approx(200.0 + 20.0 + 40.0)
     assert (ahead.x - behind.x - 4.5 > 1.0).all()
@@ -193,26 +188,21 @@ vehicle = [
 
 
 def test_a_trigger_that_never_fires_is_on_record():
-    content = {
-        **SPACE,
-        **tomllib.loads("""
+    logical = of_text("""
 end = { x = 400.0, time = 12.0 }
 vehicle = [
     { name = "child", body = "child", x = 200.0, y = -5.0, speed = 0.0, heading = 90.0, manoeuvre = [
         { do = "accelerate", when = "ttc(ego, child) < 0.01", speed = 2.0, acceleration = 2.0 },
     ] },
 ]
-"""),
-    }
-    found = simulate(scenario_from(content, "t", Path()).concrete(v=20.0), "no_reaction")
+""")
+    found = simulate(logical.concrete(v=20.0), "no_reaction")
     assert clips_of(found)["trigger_never_fired"].count == 1
     assert np.ptp(found.actors["child"].y) == 0.0
 
 
 def test_law_packed_scripts_with_conditions_have_the_bits_of_single_ones():
-    content = {
-        **SPACE,
-        **tomllib.loads("""
+    logical = of_text("""
 end = { x = 400.0, time = 12.0 }
 vehicle = [
     { name = "walker", body = "pedestrian", x = 180.0, y = -5.0, speed = 0.0, heading = 90.0, manoeuvre = [
@@ -222,9 +212,8 @@ vehicle = [
         { do = "sinus", when = "ended(walker, go)", offset = -0.5, acceleration = 1.0 },
     ] },
 ]
-"""),
-    }
-    logical = scenario_from(content, "t", Path())
+""")
+
     cases = [logical.concrete(v=float(v)) for v in (10, 14, 20, 25, 30)]
     for who in ("idm", "lane_changer", "ideal_braking"):
         assert all(
@@ -239,16 +228,13 @@ vehicle = [
 @pytest.mark.parametrize("begin", [0.2, 0.27])
 def test_law_sumo_takes_a_vehicle_over_where_it_is(begin):
     """At 20 m/s one more step would be 1 m; it drives as before until `begin`."""
-    content = {
-        **SPACE,
-        **tomllib.loads(f"""
+    settings = SimulationSettings(record_interval=0.05)
+    logical = of_text(f"""
 end = {{ x = 400.0, time = 2.0 }}
 vehicle = [{{ name = "lead", gap = 90.0, speed = "v", manoeuvre = [
     {{ do = "follow", when = "speed(ego) > 1", begin = {begin}, model = "IDM", speed = 30.0 }}] }}]
-"""),
-    }
-    settings = SimulationSettings(record_interval=0.05)
-    concrete = scenario_from(content, "t", Path()).concrete(v=20.0)
+""")
+    concrete = logical.concrete(v=20.0)
     lead = simulate(concrete, "no_reaction", settings).actors["lead"]
     driven = 0.5 * (lead.speed[1:] + lead.speed[:-1]) * np.diff(lead.time)
     np.testing.assert_allclose(np.diff(lead.x), driven, rtol=0, atol=1e-9)

@@ -25,6 +25,7 @@ from sumo_eval.settings import VehicleSettings
 
 CAR = VehicleSettings()
 STEPS = (0.01, 0.05, 0.1)
+at_every_step = pytest.mark.parametrize("step", STEPS)
 GRIP = CAR.friction * GRAVITY  # 0.92 * 9.81 = 9.0252 m/s2
 
 
@@ -46,7 +47,7 @@ def run(state, command, step, duration, limits=CAR):
 # --- braking --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("step", STEPS)
+@at_every_step
 @pytest.mark.parametrize("speed", [5.0, 13.9, 20.0, 30.0])
 def test_the_braking_distance_is_build_up_plus_plateau_at_any_step(step, speed):
     # build-up: a falls to -9 m/s2 within 0.15 s at -60 m/s3:
@@ -59,7 +60,7 @@ def test_the_braking_distance_is_build_up_plus_plateau_at_any_step(step, speed):
     assert states[-1].x == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("step", STEPS)
+@at_every_step
 def test_a_stop_inside_the_build_up_is_exact_too(step):
     # v = 0.3 m/s: 0.3 = 60 t^2/2, t = 0.1 s; distance 0.3*0.1 - 60*0.001/6 = 0.03 - 0.01 = 0.02 m
     states, _ = run(driving(0.3), Command(-9.0), step, 0.5)
@@ -75,7 +76,7 @@ def test_a_standing_vehicle_does_not_reverse_however_long_it_brakes():
     assert names == set()  # holding a standing vehicle is granted
 
 
-@pytest.mark.parametrize("step", STEPS)
+@at_every_step
 def test_brakes_are_released_as_fast_as_they_build_up_and_drive_begins_only_then(step):
     # from -6 m/s2 to +2: release 6/60 = 0.1 s, then drive 2/10 = 0.2 s. Speed after 0.3 s:
     #   20 - 6*0.1/2 + 2*0.2/2 = 20 - 0.3 + 0.2 = 19.9 m/s; before it has reached 2 m/s2 it must not
@@ -98,7 +99,7 @@ def test_releasing_the_brakes_within_a_step_does_not_skip_the_drive_jerk():
 # --- drive ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("step", STEPS)
+@at_every_step
 @pytest.mark.parametrize("speed", [0.0, 10.0])
 def test_drive_rises_with_its_jerk(step, speed):
     # 0 -> 4 m/s2 at 10 m/s3 takes 0.4 s and brings 4*0.4/2 = 0.8 m/s; distance v*0.4 + 10*0.4^3/6
@@ -114,7 +115,7 @@ def test_drive_has_a_limit_and_more_is_recorded():
     assert (state.acceleration, clips) == (4.0, (("acceleration", 9.0, 4.0),))
 
 
-@pytest.mark.parametrize("step", STEPS)
+@at_every_step
 def test_a_vehicle_that_stops_while_its_brakes_are_released_starts_again_gently(step):
     # 0.03 m/s with the brakes at -6: it stands after 0.005 s, and from there drive rises at 10
     # m/s3:
@@ -172,7 +173,7 @@ def test_the_steering_wheel_turns_no_faster_than_its_rate():
     assert [clip[0] for clip in clips] == ["steering_rate"]
 
 
-@pytest.mark.parametrize("step", STEPS)
+@at_every_step
 def test_cornering_stays_within_the_friction_limit(step):
     # v^2/R <= mu g = 9.0252 m/s2; at 20 m/s the tightest radius is 400/9.0252 = 44.32 m
     states, names = run(driving(20.0), Command(0.0, 9.0), step, 3.0)
@@ -197,7 +198,7 @@ def test_the_grip_angle_beside_braking_needs_only_what_braking_leaves():
     )
 
 
-@pytest.mark.parametrize("step", STEPS)
+@at_every_step
 @pytest.mark.parametrize(
     "start, command",
     [
@@ -230,14 +231,9 @@ steps = st.sampled_from(STEPS)
 
 
 @given(states, commands, steps)
-def test_law_speed_is_never_negative_and_never_above_the_top_speed(state, command, step):
+def test_law_speed_and_acceleration_stay_within_the_limits(state, command, step):
     after, _ = advance(state, command, CAR, step)
     assert 0.0 <= after.speed <= CAR.max_speed
-
-
-@given(states, commands, steps)
-def test_law_acceleration_stays_within_the_limits(state, command, step):
-    after, _ = advance(state, command, CAR, step)
     assert -CAR.max_deceleration - 1e-9 <= after.acceleration <= CAR.max_acceleration + 1e-9
     gained = (after.speed - state.speed) / step
     assert -CAR.max_deceleration - 1e-9 <= gained <= CAR.max_acceleration + 1e-9

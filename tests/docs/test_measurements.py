@@ -1,10 +1,10 @@
 """Data files of measurements: complete, linked from a page, and equal to the figures that
 docs/trust.md repeats."""
 
-import json
 import re
 
 import pytest
+from laid import read_json
 from loaded import ROOT, load
 
 DOCS = ROOT / "docs"
@@ -13,7 +13,7 @@ FILES = sorted((DOCS / "measurements").glob("*.json"))
 
 def tables(name):
     """Tables of a data file."""
-    return json.loads((DOCS / "measurements" / f"{name}.json").read_text())["tables"]
+    return read_json(DOCS / "measurements" / f"{name}.json")["tables"]
 
 
 def table(name, title):
@@ -35,7 +35,7 @@ def page_rows(heading):
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_data_file_is_complete_and_linked(path):
-    content = json.loads(path.read_text())
+    content = read_json(path)
     if path.stem != "paper_example":  # written by docs/examples/paper_example.py
         assert set(content) == {"name", "about", "version", "libsumo", "tables"}
         assert content["name"] == path.stem

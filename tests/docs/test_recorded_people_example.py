@@ -1,7 +1,6 @@
 """The worked example of recorded people, as the tutorial has it, on a recording that anybody can
 have."""
 
-import json
 import runpy
 import subprocess
 import sys
@@ -9,6 +8,7 @@ import sys
 import pytest
 from commands import sumo_eval
 from doc_blocks import ROOT, blocks
+from laid import read_json
 
 SAMPLE = runpy.run_path(str(ROOT / "docs" / "examples" / "dlr_sample.py"))
 PAGE = "docs/tutorials/recorded_drivers.md"
@@ -33,9 +33,7 @@ def test_the_tutorials_example_runs_from_the_public_recording_to_the_count_of_pe
         given = [*words, "--engine", "serial"] if words[0] == "run" else words
         # 3: concrete scenarios with fewer than three people get no D_i, as the page says
         sumo_eval(*given, status=3 if words[0] == "run" else 0)
-    (told,) = json.loads((tmp_path / "results" / "people" / "scores.json").read_text())[
-        "recorded_people"
-    ]
+    (told,) = read_json(tmp_path / "results" / "people" / "scores.json")["recorded_people"]
     assert (told["points"], told["with_people"]) == (14, 3)
     assert told["drives"] >= 3 * 3
 

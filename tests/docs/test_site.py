@@ -14,6 +14,7 @@ from typing import get_args, get_type_hints
 import click
 import pytest
 from commands import ROOT, python
+from laid import read_json
 from loaded import load
 
 import sumo_eval
@@ -153,7 +154,7 @@ def test_the_leaderboard_has_every_ads_that_ships_in_every_suite_with_what_the_f
     text = hooks().leaderboard()
     for suite in SUITES.glob("*.toml"):
         part = text.split(f"\n## {suite.stem}\n")[1].split("\n## ")[0]
-        found = json.loads((DOCS / "leaderboard" / suite.stem / "shipped.json").read_text())
+        found = read_json(DOCS / "leaderboard" / suite.stem / "shipped.json")
         said = {row["ads"]: row["s_plus"] for row in found["ranking"]["ads"]}
         assert set(said) == set(SHIPPED)
         for name, s_plus in said.items():
@@ -169,7 +170,7 @@ def test_scores_of_another_suite_are_refused(tmp_path, key, value):
     module = hooks()
     board = tmp_path / "leaderboard" / "2026.1"
     board.mkdir(parents=True)
-    found = json.loads((DOCS / "leaderboard" / "2026.1" / "shipped.json").read_text())
+    found = read_json(DOCS / "leaderboard" / "2026.1" / "shipped.json")
     (board / "other.json").write_text(json.dumps({**found, key: value}))
     module.BOARD = board.parent
     with pytest.raises(ValueError, match="is no run of its suite"):
@@ -221,7 +222,7 @@ def test_the_notebook_runs_in_a_kernel_and_shows_its_tables(tmp_path, monkeypatc
     pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
     python(EXECUTE, NOTEBOOK, cwd=tmp_path)
-    cells = json.loads((tmp_path / "executed.ipynb").read_text())["cells"]
+    cells = read_json(tmp_path / "executed.ipynb")["cells"]
     shown = [cell["outputs"] for cell in cells if cell["cell_type"] == "code"]
     assert [len(outputs) for outputs in shown] == [1] * 6
     assert all("<table" in "".join(one[0]["data"]["text/html"]) for one in shown[:4])

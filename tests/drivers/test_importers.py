@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from commands import sumo_eval
 from drivers.real_data import needs_recordings, recording
+from laid import replace_in
 from refusals import refusal
 from tables import rows_of
 
@@ -531,6 +532,6 @@ def test_law_places_do_not_jump_from_lap_to_lap(tmp_path):
 
 def test_a_table_on_a_map_without_a_place_is_refused_with_its_row(tmp_path):
     path = _bend(tmp_path / "bend.csv")
-    path.write_text(path.read_text().replace("v0,0.1,", "v0,later,", 1))
+    replace_in(path, "v0,0.1,", "v0,later,", 1)
     with refusal(r"`t` in row 3 .* must be a number"):
         import_recordings("map", [path])

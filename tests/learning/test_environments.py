@@ -9,6 +9,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from refusals import refusal
+from road_scenes import at_values
 
 import sumo_eval.gym
 from sumo_eval.cosim.pack import Pack
@@ -93,7 +94,7 @@ def test_a_drive_in_the_environment_is_a_drive_in_sumo(scenario, values):
         return -1.5 if time > 1.01 else 0.5, 0.02 if 2.01 < time < 3.01 else 0.0
 
     env.close()
-    concrete = catalogue.load(scenario).concrete(**info["values"])
+    concrete = at_values(scenario, **info["values"])
     recording = simulate(concrete, lambda observation: answer(observation.time), settings)
     seen, info = env.reset(options=info["values"])
     rows, ended = [seen], False
@@ -182,7 +183,7 @@ def test_several_environments_and_a_simulation_live_in_one_process():
             for number, env in enumerate(envs):
                 told[number].append(env.step(np.array([0.1 * number], dtype=np.float32))[0])
             if k == 20:
-                simulate(catalogue.load("front_vehicle_cut_out").concrete(**POINT), "idm")
+                simulate(at_values("front_vehicle_cut_out", **POINT), "idm")
         for env in envs:
             env.close()
         return [np.array(one) for one in told]
@@ -363,7 +364,7 @@ def test_what_the_environment_cannot_do_is_refused():
 
 
 def test_rows_restart_without_actors_and_keep_no_history():
-    concrete = replace(catalogue.load("front_vehicle_cut_out").concrete(**POINT), actors=())
+    concrete = replace(at_values("front_vehicle_cut_out", **POINT), actors=())
     pack = Pack([concrete], SimulationSettings(), sumo=False)
 
     def held():

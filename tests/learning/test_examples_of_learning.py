@@ -8,10 +8,10 @@ from functools import partial
 import numpy as np
 import pytest
 from loaded import ROOT
+from road_scenes import at_values
 
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
 
 EXAMPLES = ROOT / "docs" / "examples"
@@ -35,7 +35,7 @@ def check_policy(file, trainer, expected, seconds):
     seen = np.random.default_rng(0).uniform(-1.0, 1.0, shape).astype(np.float32)
     answers = load_controller(locator, file.parent).target._answers(seen)
     np.testing.assert_allclose(answers, expected(seen), atol=1e-5)
-    concrete = catalogue.load("front_vehicle_cut_out").concrete(**POINT)
+    concrete = at_values("front_vehicle_cut_out", **POINT)
     settings = SimulationSettings(time_limit=seconds)
     assert simulate(concrete, locator, settings, folder=file.parent).error is None
 
@@ -81,7 +81,7 @@ def test_highway_envs_drivers_keep_or_change_their_lane():
     """25 m/s, a lead that cuts out before an obstacle of 10 m/s: IDM slows down to it, MOBIL drives
     past."""
     pytest.importorskip("highway_env")
-    concrete = catalogue.load("front_vehicle_cut_out").concrete(**POINT)
+    concrete = at_values("front_vehicle_cut_out", **POINT)
     settings = SimulationSettings(time_limit=30.0)
     idm, mobil = (
         simulate(concrete, f"highway_drivers.py:{name}", settings, folder=EXAMPLES)

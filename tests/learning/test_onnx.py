@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import onnx
 import pytest
+from laid import replace_in
 from onnx import TensorProto, helper, numpy_helper
 from refusals import refusal
 
@@ -179,7 +180,7 @@ def test_its_identity_holds_the_model_and_its_table(tmp_path):
     before = locator_identity(("ADS", "onnx:policy.onnx"), tmp_path)
     assert "policy.toml" in str(before)
     table = path.with_suffix(".toml")
-    table.write_text(table.read_text().replace("3.0", "2.0"))
+    replace_in(table, "3.0", "2.0")
     after = locator_identity(("ADS", "onnx:policy.onnx"), tmp_path)
     assert before != after
     deep(tmp_path)

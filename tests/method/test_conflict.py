@@ -1,10 +1,9 @@
 """Conflicts of ways: the time to collision on them against closed forms, and the area, time to it
 and PET by hand."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from road_scenes import scenario_of
 from tables import values_of
 
 from sumo_eval.method.conflict import (
@@ -16,7 +15,6 @@ from sumo_eval.method.conflict import (
 from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc
 from sumo_eval.method.point_criticality import criticality
 from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.file import scenario_from
 from sumo_eval.settings import ZoneSettings
 
 SIZE = (4.5, 1.8)
@@ -33,7 +31,7 @@ def scene(speed, other, **more):
         "road": {"lanes": 2, "length": 2000.0, "crossing": [{"x": 300.0}]}, **more,
         "ego": {"speed": "v", **more.get("ego", {})},
     }  # fmt: skip
-    return scenario_from(content, "t", Path()).concrete(v=speed)
+    return scenario_of(content).concrete(v=speed)
 
 
 def critical(concrete, delay=0.0):

@@ -37,6 +37,9 @@ def drive(speed, seconds, *, sideways=0.0, brakes=0.0):
     return Trajectory(time, x, sideways * time, np.zeros(len(time)), speeds)
 
 
+DRIFTS = drive(20.0, 5.0, sideways=-1.0)
+
+
 def share(ego, *references, way=None, excused=False):
     asked = asked_way(0.0, references)
     assert asked is not None
@@ -46,15 +49,15 @@ def share(ego, *references, way=None, excused=False):
 def test_a_departure_is_the_first_corner_beyond_the_edge_and_the_margin():
     """The right edge is at y = -1.75, half the body 0.9: with 0.5 m more, a corner is out from y =
     -1.35 on."""
-    found = first_departure(drive(20.0, 5.0, sideways=-1.0), ROAD, 0.5)
+    found = first_departure(DRIFTS, ROAD, 0.5)
     assert (found.time, found.speed) == (pytest.approx(1.4), 20.0)
     assert first_departure(drive(20.0, 1.3, sideways=-1.0), ROAD, 0.5) is None
-    assert first_departure(drive(20.0, 5.0, sideways=-1.0), ROAD, 5.0) is None
+    assert first_departure(DRIFTS, ROAD, 5.0) is None
 
 
 def test_a_road_that_crosses_is_drivable():
     crossing = Road("road", 400.0, 2, 3.5, 0.0, crossings=(Crossing(50.0, 200.0, 100.0),))
-    assert first_departure(drive(20.0, 5.0, sideways=-1.0), crossing, 0.5) is None
+    assert first_departure(DRIFTS, crossing, 0.5) is None
 
 
 @pytest.mark.parametrize("heading", [-1.0, 1.0])
@@ -79,7 +82,7 @@ def test_across_a_crossing_road_its_corners_count(x, y, off):
 
 
 def test_a_departure_weighs_as_a_full_width_contact_with_a_standing_car():
-    found = first_departure(drive(20.0, 5.0, sideways=-1.0), ROAD, 0.5)
+    found = first_departure(DRIFTS, ROAD, 0.5)
     contact = roadside_contact(found, 1.0)
     assert (contact.relative_speed, contact.overlap, contact.side) == (20.0, 1.0, "front")
 

@@ -4,6 +4,7 @@ import csv
 
 import pytest
 from loaded import ROOT
+from road_scenes import at_values
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
@@ -84,8 +85,8 @@ def of_row(kind, row, *, bounded=True, run_up=False):
     if kind == "cut_out":
         gap, lateral = float(row["dx0_f_m"]), float(row["vy_mps"])
         if bounded and row.get("gap_rule", "thw2") == "thw2":
-            return load("r157_cut_out").concrete(
-                ego_speed=speed, obstacle_gap=gap, lateral_speed=lateral
+            return at_values(
+                "r157_cut_out", ego_speed=speed, obstacle_gap=gap, lateral_speed=lateral
             )
         return cut_out(speed, float(row.get("dx0_m", 2.0 * speed)), gap, lateral)
     gap = float(row["dx0_m"]) if "dx0_m" in row else float(row["thw_s"]) * speed

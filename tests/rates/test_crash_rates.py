@@ -1,12 +1,12 @@
 """`sumo-eval campaign`: rare collisions are counted right, and rates are in the order that is
 known."""
 
-import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from commands import sumo_eval
+from laid import read_json
 from rates.rare import estimate, logical
 
 from sumo_eval.extras.rates.campaign import EncounterSpace, part_of, summed
@@ -141,7 +141,7 @@ def test_a_driver_who_sleeps_has_a_higher_rate_than_one_who_does_not(tmp_path):
     file = tmp_path / "campaign.toml"
     file.write_text(FILE)
     sumo_eval("campaign", file, "--out", tmp_path / "out")
-    asleep, awake = json.loads((tmp_path / "out" / "campaign.json").read_text())["ads"]
+    asleep, awake = read_json(tmp_path / "out" / "campaign.json")["ads"]
     assert awake["collisions"] < asleep["collisions"]
     assert awake["collisions_interval"][1] > 0.0  # an upper limit, where none was seen
     (part,) = asleep["by_scenario"]

@@ -3,7 +3,6 @@ be driven."""
 
 import gc
 import itertools
-import json
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import sumo_eval
+from laid import read_json
 from lxml import etree
 from rates.planted import RANGES, RANK_CORRELATION, TOGETHER, planted, recordings_of, shares_of
 from refusals import refusal
+from road_scenes import scenario_of
 from scipy.integrate import cumulative_trapezoid
 
 from sumo_eval.drivers.recorded.importing import import_recordings
@@ -32,7 +33,6 @@ from sumo_eval.extras.rates.learned import fold_of, learn, measure
 from sumo_eval.extras.rates.scenes import content_of
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import smooth_step
-from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.joint import Joint
 
 
@@ -66,7 +66,7 @@ def test_what_was_planted_is_found_again_and_the_files_can_be_driven(tmp_path):
     source, out = tmp_path / "fcd.csv", tmp_path / "learnt"
     _, events = planted(source, 44, 32.0, 6)
     sumo_eval("learn", source, "--format", "sumo_fcd", "--out", out)
-    told = json.loads((out / "learned.json").read_text())["classes"]["cut_in"]
+    told = read_json(out / "learned.json")["classes"]["cut_in"]
     assert told["events"] == events
     assert told["without_parameters"] == {}
     logical = find("cut_in.toml", out)
@@ -386,7 +386,7 @@ def test_no_learnt_vehicle_is_faster_than_roads_allow():
         "t", "braking", ranges, {"deceleration": 1.0, "duration": 4.0}, 3.5, "made up"
     )
     assert {it["name"]: (it["low"], it["high"]) for it in content["parameter"]} == ranges
-    logical = scenario_from(content, "t", Path())
+    logical = scenario_of(content)
     # the lead's speed is ego_speed - closing_speed: 60 and 60.1 m/s; SUMO lets nobody depart above
     # 60
     assert logical.feasible([[48.7, -11.3, 2.0], [48.7, -11.4, 2.0]]).tolist() == [

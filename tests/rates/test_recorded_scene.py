@@ -12,6 +12,7 @@ import pytest
 from commands import sumo_eval
 from rates.planted import recordings_of
 from refusals import refusal
+from road_scenes import scenario_of
 from tables import rows_of
 
 from sumo_eval.cosim.simulation import simulate
@@ -29,7 +30,7 @@ from sumo_eval.extras.rates.recorded_scene import (
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.concrete import departures, smooth_step
-from sumo_eval.scenario.file import read_scenario, scenario_from
+from sumo_eval.scenario.file import read_scenario
 from sumo_eval.settings import AdsSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
 
 TIME = np.round(np.arange(0.0, 20.05, 0.1), 1)
@@ -261,14 +262,14 @@ ego = { speed = 20.0, recorded = [[50.0, 0.0], [52.0, 0.0]] }
 """),
         "vehicle": [{"name": "a", "gap": 30.0, "speed": 20.0, "manoeuvre": [follow]}],
     }
-    assert scenario_from(content, "t", Path()).concrete(far=1.0).reacts
+    assert scenario_of(content).concrete(far=1.0).reacts
     content["vehicle"][0]["manoeuvre"] = [follow, {"do": "brake", "deceleration": 2.0}]
     with refusal("must do nothing after it does `follow`"):
-        scenario_from(content, "t", Path())
+        scenario_of(content)
     content["vehicle"][0]["manoeuvre"] = [follow]
     del content["ego"]["recorded"]
     with refusal("has `recorded` places"):
-        scenario_from(content, "t", Path())
+        scenario_of(content)
 
 
 def test_law_others_are_handed_over_on_a_curve_as_on_a_straight(scene):
@@ -280,9 +281,9 @@ def test_law_others_are_handed_over_on_a_curve_as_on_a_straight(scene):
         [x - 1.5 * t**2, y]
         for (x, y), t in zip(content["ego"]["recorded"], braked.tolist(), strict=True)
     ]
-    straight = simulate(scenario_from(content, "t", Path()).concrete(react_beyond=2.0), "idm")
+    straight = simulate(scenario_of(content).concrete(react_beyond=2.0), "idm")
     content["road"]["line"] = [{"length": content["road"].pop("length"), "radius": 600.0}]
-    bend = simulate(scenario_from(content, "t", Path()).concrete(react_beyond=2.0), "idm")
+    bend = simulate(scenario_of(content).concrete(react_beyond=2.0), "idm")
     for found in (straight, bend):
         assert found.collision is None
         (over,) = [one for one in found.clips if one.what == "handed_over"]

@@ -30,54 +30,29 @@ class OwnControllerError(ControllerError):
         super().__init__("two arguments")
 
 
-class _Raises:
-    def error(self):
-        raise NotImplementedError
+def raising(make):
+    """An ADS that raises what it makes."""
 
-    def step(self, traci, ego, time):
-        if time > 0.0:
-            raise self.error()
-        return Command(0.0)
+    class Raises:
+        def step(self, traci, ego, time):
+            if time > 0.0:
+                raise make()
+            return Command(0.0)
 
-
-class Long(_Raises):
-    def error(self):
-        return ValueError("x" * 40_000_000)
+    return Raises
 
 
-class Speechless(_Raises):
-    def error(self):
-        return SpeechlessError()
+def printed():
+    print("printed \ud800 and \x1b[2J")
+    return SurrogateError()
 
 
-class Surrogate(_Raises):
-    def error(self):
-        print("printed \ud800 and \x1b[2J")
-        return SurrogateError()
-
-
-class Controls(_Raises):
-    def error(self):
-        return ValueError(
-            "nul \x00 escape \x1b[31m turned \u202e <script>alert(1)</script>\nsecond line"
-        )
-
-
-class Formula(_Raises):
-    def error(self):
-        return OwnControllerError("=1+2", 2)
-
-
-class Leaves(_Raises):
-    def error(self):
-        return SystemExit("=HYPERLINK()")
-
-
-class Interrupts(_Raises):
-    def error(self):
-        return KeyboardInterrupt()
-
-
-class OwnBase(_Raises):
-    def error(self):
-        return Own("not an Exception")
+CONTROLS = "nul \x00 escape \x1b[31m turned \u202e <script>alert(1)</script>\nsecond line"
+Long = raising(lambda: ValueError("x" * 40_000_000))
+Speechless = raising(SpeechlessError)
+Surrogate = raising(printed)
+Controls = raising(lambda: ValueError(CONTROLS))
+Formula = raising(lambda: OwnControllerError("=1+2", 2))
+Leaves = raising(lambda: SystemExit("=HYPERLINK()"))
+Interrupts = raising(KeyboardInterrupt)
+OwnBase = raising(lambda: Own("not an Exception"))

@@ -9,16 +9,16 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from road_scenes import at_values
 
 from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.store import open_store
-from sumo_eval.scenario import catalogue
 from sumo_eval.trajectory import Collision, Recording, Trajectory
 
 
 def outcomes(rows):
     """So many drives of one ADS, every tenth with a collision, every hundredth crashed."""
-    concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20, lead_speed=10)
+    concrete = at_values("front_vehicle_low_speed", ego_speed=20, lead_speed=10)
     time = np.arange(0.0, 5.0, 0.1)
     drive = Trajectory(time, 20.0 * time, np.zeros(time.size))
     pose = (100.0, 0.0, 0.0)

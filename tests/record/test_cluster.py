@@ -1,7 +1,6 @@
 """A real Dask scheduler and two workers in processes of their own; one of them is killed in the
 middle."""
 
-import json
 import random
 import subprocess
 import sys
@@ -10,8 +9,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from laid import read_json
 from record.runs import MY_ADS, command, digest, rows, sumo_eval_cli, write_evaluation
 from refusals import refusal
+from road_scenes import at_values
 
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import run_cases
@@ -58,7 +59,7 @@ class Cluster:
         until = time.monotonic() + 60.0
         while not self.file.is_file() and time.monotonic() < until:
             time.sleep(0.05)
-        return json.loads(self.file.read_text())["address"]
+        return read_json(self.file)["address"]
 
     def wait_for(self, workers):
         from distributed import Client
@@ -148,7 +149,7 @@ def test_workers_that_are_killed_at_random_moments_cost_no_case(tmp_path):
     with started(tmp_path) as cluster:
         workers = [cluster.worker("--no-nanny") for _ in range(2)]
         cluster.wait_for(2)
-        concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20, lead_speed=10)
+        concrete = at_values("front_vehicle_low_speed", ego_speed=20, lead_speed=10)
         cases = [Case(number, concrete, "ads", "idm", "idm") for number in range(3_000)]
         run = RunSettings(engine="dask", scheduler=cluster.address, cases_per_pack=8)
         moments, killed, found = random.Random(5), 0, []

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from evaluations import small
+from laid import read_json
 from record.runs import sumo_eval_cli, write_evaluation
 from refusals import refusal
 
@@ -116,7 +117,7 @@ def test_names_of_digits_stay_texts(tmp_path):
 def test_an_edited_file_of_a_run_is_reported_wherever_it_is_read(run, tmp_path, name):
     copy = tmp_path / "copy"
     shutil.copytree(run, copy)
-    content = json.loads((copy / name).read_text())
+    content = read_json(copy / name)
     content["seed"] = 7
     (copy / name).write_text(json.dumps(content, indent=2))
     commands = [("score", copy), ("report", copy), ("compare", run, copy)]

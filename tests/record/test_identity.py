@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from laid import replace_in
 
 import sumo_eval
 from sumo_eval.record.identity import (
@@ -29,7 +30,7 @@ def test_facts_depend_on_the_code_that_makes_them_and_on_the_scenario_files(tmp_
         "record/worker.py",
     } <= set(as_it_was)
     file = copy / "scenario" / "files" / "cut_in.toml"
-    file.write_text(file.read_text().replace("high = 40.0", "high = 39.0"))
+    replace_in(file, "high = 40.0", "high = 39.0")
     (copy / "report" / "html.py").unlink()  # the report makes no facts
     changed = {name for name, found in sources_of_facts(copy).items() if found != as_it_was[name]}
     assert changed == {"scenario/files/cut_in.toml"}

@@ -12,6 +12,7 @@ from itertools import count
 from pathlib import Path
 
 import pytest
+from campaign_share import SHARE
 from commands import python
 from record import hostile_ads
 from record.runs import CONCRETE, SPACE, cases_of, command, each_once, limited, write_evaluation
@@ -334,8 +335,7 @@ def test_a_signal_ends_a_run_whatever_its_children_do(tmp_path, number):
 
 @pytest.mark.campaign
 def test_accidents_again_and_again(capsys):
-    share = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
-    accidents = [name for name in hostile_ads.ACCIDENTS for _ in range(max(1, round(20 * share)))]
+    accidents = [name for name in hostile_ads.ACCIDENTS for _ in range(max(1, round(20 * SHARE)))]
     found = driven(accidents, workers=2)
     untouched(found)
     ends = Counter(outcome.status for outcome in found if outcome.case.controller not in INNOCENT)

@@ -1,7 +1,6 @@
 """Nothing recorded is lost or simulated twice: kill -9, Ctrl-C, a full disk, a changed ADS, a
 second writer, shards."""
 
-import json
 import os
 import re
 import resource
@@ -14,6 +13,7 @@ from pathlib import Path
 import pytest
 from commands import ROOT, in_a_shell, python
 from evaluations import small
+from laid import read_json
 from record.edited_store import edit
 from record.runs import MY_ADS, command, digest, rows, sumo_eval_cli, write_evaluation
 from refusals import refusal
@@ -39,6 +39,11 @@ def whole(tmp_path_factory):
     return folder / "run"
 
 
+@pytest.fixture
+def path(tmp_path):
+    return write_evaluation(tmp_path)
+
+
 def started(run, path, *options, at_rows=1):
     process = subprocess.Popen(
         command("run", path, "--out", run, *options),
@@ -59,8 +64,7 @@ def assert_continues(path, whole):
     assert digest(run) == digest(whole)
 
 
-def test_a_killed_run_continues_to_the_same_content(whole, tmp_path):
-    path = write_evaluation(tmp_path)
+def test_a_killed_run_continues_to_the_same_content(whole, tmp_path, path):
     process = started(tmp_path / "run", path, at_rows=4)
     process.kill()
     process.communicate()
@@ -69,7 +73,7 @@ def test_a_killed_run_continues_to_the_same_content(whole, tmp_path):
     sumo_eval_cli("run", path, "--out", tmp_path / "run", "--resume", "--workers", "1")
     assert before < rows(whole), "it was killed in the middle"
     assert digest(tmp_path / "run") == digest(whole)
-    assert len(json.loads((tmp_path / "run" / "manifest.json").read_text())["resumed"]) == 1
+    assert len(read_json(tmp_path / "run" / "manifest.json")["resumed"]) == 1
 
 
 def test_resuming_a_complete_run_simulates_nothing(whole, monkeypatch):
@@ -89,8 +93,7 @@ def test_resuming_a_complete_run_simulates_nothing(whole, monkeypatch):
     assert evaluation.name == "batch"
 
 
-def test_a_changed_ads_runs_again_and_an_unchanged_one_does_not(whole, tmp_path):
-    path = write_evaluation(tmp_path)
+def test_a_changed_ads_runs_again_and_an_unchanged_one_does_not(whole, tmp_path, path):
     sumo_eval.evaluate(path, tmp_path / "run")
     assert digest(tmp_path / "run") == digest(whole), "another folder is the same run"
 
@@ -163,8 +166,7 @@ def test_resuming_with_fewer_cases_is_refused_and_loses_none(whole):
     assert digest(whole) == before
 
 
-def test_a_second_writer_is_refused(tmp_path):
-    path = write_evaluation(tmp_path)
+def test_a_second_writer_is_refused(tmp_path, path):
     with only_writer(tmp_path / "run", resume=False):
         second = sumo_eval_cli("run", path, "--out", tmp_path / "run", "--resume", status=2)
     assert f"is being written by another process (process {os.getpid()}" in second.stderr
@@ -172,8 +174,7 @@ def test_a_second_writer_is_refused(tmp_path):
         pass
 
 
-def test_ctrl_c_once_ends_the_cases_and_says_how_to_resume(whole, tmp_path):
-    path = write_evaluation(tmp_path)
+def test_ctrl_c_once_ends_the_cases_and_says_how_to_resume(whole, tmp_path, path):
     process = started(tmp_path / "run", path, at_rows=2)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
@@ -228,8 +229,7 @@ def alive(pids):
 
 
 @pytest.mark.campaign
-def test_a_run_whose_disk_fills_up_stops_and_continues_later(whole, tmp_path):
-    path = write_evaluation(tmp_path)
+def test_a_run_whose_disk_fills_up_stops_and_continues_later(whole, tmp_path, path):
 
     def small_files():
         resource.setrlimit(resource.RLIMIT_FSIZE, (110_000, 110_000))
@@ -245,8 +245,7 @@ def test_a_run_whose_disk_fills_up_stops_and_continues_later(whole, tmp_path):
 
 
 @pytest.mark.campaign
-def test_a_folder_that_was_half_made_is_made_again(whole, tmp_path):
-    path = write_evaluation(tmp_path)
+def test_a_folder_that_was_half_made_is_made_again(whole, tmp_path, path):
     (tmp_path / "run" / "networks").mkdir(parents=True)
     (tmp_path / "run" / "evaluation.toml.half").write_text("nam")
     assert_continues(path, whole)
@@ -339,8 +338,7 @@ def test_verify_passes_on_the_same_and_fails_on_a_bit(tmp_path):
     assert done.stdout.count("it depends on what has changed since") == 1
 
 
-def test_a_dry_run_counts_the_drives_and_makes_no_folder(tmp_path):
-    path = write_evaluation(tmp_path)
+def test_a_dry_run_counts_the_drives_and_makes_no_folder(tmp_path, path):
     done = sumo_eval_cli("run", path, "--dry-run", "--out", tmp_path / "run")
     assert "12 drives of the ADSs, 12 of human drivers and 18 of the references" in done.stdout
     assert "with 2 workers" in done.stdout
@@ -348,8 +346,7 @@ def test_a_dry_run_counts_the_drives_and_makes_no_folder(tmp_path):
 
 
 @pytest.mark.campaign
-def test_the_hash_seed_of_the_interpreter_changes_nothing(whole, tmp_path):
-    path = write_evaluation(tmp_path)
+def test_the_hash_seed_of_the_interpreter_changes_nothing(whole, tmp_path, path):
     environment = {**os.environ, "PYTHONHASHSEED": "77"}
     code = (
         f"import sumo_eval; sumo_eval.evaluate({str(path)!r}, {str(tmp_path / 'run')!r}, workers=8)"
@@ -358,8 +355,7 @@ def test_the_hash_seed_of_the_interpreter_changes_nothing(whole, tmp_path):
     assert digest(tmp_path / "run") == digest(whole)
 
 
-def test_a_caller_can_stop_a_run_and_continue(whole, tmp_path):
-    path = write_evaluation(tmp_path)
+def test_a_caller_can_stop_a_run_and_continue(whole, tmp_path, path):
     seen = []
 
     def count(stage, done, total, failed=0):

@@ -11,12 +11,12 @@ import pytest
 from loaded import ROOT
 from record.edited_store import edit
 from refusals import refusal
+from road_scenes import at_values
 
 from sumo_eval.errors import InputError
 from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.kept import packed, unpack
 from sumo_eval.record.store import FORMAT_VERSION, open_store
-from sumo_eval.scenario import catalogue
 from sumo_eval.trajectory import CHANNELS, Clip, Collision, Latency, Recording, Trajectory
 
 
@@ -45,9 +45,7 @@ def store(path):
 
 
 def case(point=7, driver="idm"):
-    concrete = catalogue.load("front_vehicle_cut_out").concrete(
-        ego_speed=20, obstacle_speed=5, gap=60
-    )
+    concrete = at_values("front_vehicle_cut_out", ego_speed=20, obstacle_speed=5, gap=60)
     return Case(point, concrete, "ads", driver, driver)
 
 

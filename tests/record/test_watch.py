@@ -4,18 +4,16 @@ import signal
 import time as clock
 
 import pytest
+from road_scenes import at_values
 
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.record.watch import watched
-from sumo_eval.scenario import catalogue
 from sumo_eval.settings import RunSettings, SimulationSettings
 
 BRIEF = SimulationSettings(step=0.1, end_when_decided=True, time_limit=30.0)
-CUT_IN = catalogue.load("cut_in").concrete(
-    ego_speed=20.0, cut_in_speed=17.5, gap=80.0, lateral_speed=3.0
-)
+CUT_IN = at_values("cut_in", ego_speed=20.0, cut_in_speed=17.5, gap=80.0, lateral_speed=3.0)
 
 
 class Stepping:
@@ -56,7 +54,12 @@ def test_a_limit_of_memory_is_named_only_where_it_holds(engine, words):
         ads.act(None)
 
 
-@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no such alarm")
+needs_alarm = pytest.mark.skipif(
+    not hasattr(signal, "setitimer"), reason="this system has no such alarm"
+)
+
+
+@needs_alarm
 def test_an_alarm_that_an_ads_leaves_behind_does_not_ring_in_the_harness():
     class Ringing:
         def step(self, traci, ego, time):
@@ -71,13 +74,13 @@ def test_an_alarm_that_an_ads_leaves_behind_does_not_ring_in_the_harness():
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
-@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no such alarm")
+@needs_alarm
 def test_after_its_last_step_no_alarm_is_set():
     simulate(CUT_IN, watched(load_controller(Stepping), RunSettings()), BRIEF)
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
-@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no such alarm")
+@needs_alarm
 def test_every_step_has_its_whole_time_and_one_that_hangs_is_interrupted():
     class HangsLate:
         def step(self, traci, ego, time):

@@ -3,11 +3,11 @@
 Whether Windows itself runs the program cannot be seen here.
 """
 
-import json
 import os
 
 import pytest
 from commands import python, sumo_eval
+from laid import read_json
 
 from sumo_eval.record.engines import refuse_engine
 from sumo_eval.settings import RunSettings
@@ -102,6 +102,6 @@ def test_a_whole_run_and_its_report_are_made_without_posix_by_the_serial_engine(
     ]
     script = f"{BEFORE}{TAKE_AWAY}{ELSEWHERE}from sumo_eval.cli import main\nmain({words!r})"
     python(script)
-    (score,) = json.loads((tmp_path / "run" / "scores.json").read_text())["scores"]
+    (score,) = read_json(tmp_path / "run" / "scores.json")["scores"]
     assert (score["not_evaluated"], score["collisions"]) == (0, 0)
     assert "In short" in (tmp_path / "run" / "report.html").read_text()

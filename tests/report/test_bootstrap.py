@@ -7,10 +7,11 @@ import builders
 import numpy as np
 import pytest
 from scipy.stats import norm, t
+from scoring.confidence.scored_by_hand import terms_of
 
 from sumo_eval.method.anthropomorphic import exposure_weighted_index
 from sumo_eval.method.collision_avoidance import collision_avoidance_index
-from sumo_eval.scoring.case_terms import CaseTerms, case_terms
+from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.comparison import _quantity_changes
 from sumo_eval.scoring.confidence.paired_differences import paired_differences
 from sumo_eval.scoring.confidence.resamples import one_list, resamples
@@ -98,15 +99,8 @@ def test_the_same_seed_draws_the_same_resamples(evaluation):
 def test_blocks_drawn_in_place_of_single_scenarios_have_the_variance_of_a_mean():
     """A of n cases that lose x or nothing each varies by s / sqrt(n), whether cases or blocks of
     them are drawn."""
-    n, half = 25_000, np.zeros(25_000)
-    terms = CaseTerms(
-        exposure=np.ones(n), weight=np.ones(n), severity=half, ideal=half,
-        unreacting=np.full(n, 10.0),
-        ratio=np.full(n, np.nan), collided=half > 1.0, evaluated=half < 1.0,
-        index=np.full(n, np.nan),
-        likeness=np.full(n, np.nan), voids=half > 1.0, incident=half > 1.0, counted=half < 1.0,
-        task=np.full(n, np.nan),
-    )  # fmt: skip
+    n = 25_000
+    terms = terms_of(n)
     lost = np.random.default_rng(5).random(n) < 0.3
     worse = replace(terms, severity=np.where(lost, 10.0, 0.0))
     drawn = differences(terms, worse, 400, 1)["A"]

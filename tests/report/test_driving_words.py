@@ -26,9 +26,9 @@ FINE = {
 
 
 def drive(speeds, seconds=10.0, x=50.0, y=0.0):
-    """A drive with speeds, m/s, at times, s, linear between them."""
+    """A drive with speeds, m/s, at times, s, linear between them; or with one speed."""
     time = np.arange(0.0, seconds + 0.05, 0.1)
-    speed = np.interp(time, *zip(*speeds, strict=True))
+    speed = np.interp(time, *np.transpose(speeds if np.ndim(speeds) else [(0, speeds)]))
     along = x + cumulative_trapezoid(speed, dx=0.1, initial=0.0)
     return Trajectory(time, along, np.full(time.size, y), speed=speed)
 
@@ -75,7 +75,7 @@ def test_hard_braking_before_the_lead_brakes_in_words(case):
 def test_an_extreme_at_the_start_is_at_0_s(case):
     """The lead pulls away from the start on: the least TTC, 55.5 m / 10 m/s, is the first."""
     lead = drive([(0, 10), (10, 40)], x=110.0)
-    away = scene(replace(case, plausibility=0.0), drive([(0, 20), (10, 20)]), lead=lead)
+    away = scene(replace(case, plausibility=0.0), drive(20), lead=lead)
     ((sentence, when),) = words.likeness_words(away, MOTORWAY_PEOPLE)
     assert sentence.startswith("Came within 5.5 s of a collision at 0.0 s")
     assert when == 0.0
@@ -83,9 +83,9 @@ def test_an_extreme_at_the_start_is_at_0_s(case):
 
 def test_standing_and_crawling_name_the_references(case):
     """At 20 m/s the asked way ends 5 m short of 200 m; a stop from 20 m/s in 4 s takes 40 m."""
-    logical, reference = catalogue.load(case.scenario), drive([(0, 20), (10, 20)], x=0.0)
+    logical, reference = catalogue.load(case.scenario), drive(20, x=0.0)
     begin = logical.placed(case.values).ego.x
-    reference = drive([(0, 20), (10, 20)], x=begin)
+    reference = drive(20, x=begin)
     stops = scene(
         replace(case, task_share=0.2), drive([(0, 20), (4, 0), (10, 0)], x=begin), reference
     )
@@ -94,12 +94,10 @@ def test_standing_and_crawling_name_the_references(case):
     excused = stops._replace(case=replace(stops.case, excused=True))
     ((sentence, _),) = words.task_words(excused, logical, 0.5)
     assert sentence == "Needed 4.0 s for 40 m; the slowest of 1 driver needed 2.0 s."
-    crawls = scene(
-        replace(case, task_share=0.5), drive([(0, 10), (30, 10)], 30.0, x=begin), reference
-    )
+    crawls = scene(replace(case, task_share=0.5), drive(10, 30.0, x=begin), reference)
     ((sentence, _),) = words.task_words(crawls, logical, 0.5)
     assert sentence == "Needed 19.5 s for 195 m; the slowest of 1 driver needed 9.8 s."
-    away = drive([(0, 20), (5, 20)], 5.0, x=begin, y=-3.0)  # no reference: it left the road
+    away = drive(20, 5.0, x=begin, y=-3.0)  # no reference: it left the road
     assert [*words.task_words(crawls._replace(drivers=(reference, away),
                                       references={"a": reference, "b": away}), logical, 0.5)] == [
         (sentence, 19.5)
@@ -116,7 +114,7 @@ def test_a_missed_lane_change_is_said(case):
     logical = catalogue.load(case.scenario)
     placed = logical.placed(case.values)
     due = replace(placed, ego=replace(placed.ego, way=Way(3.5, 0.0, placed.ego.x + 100.0, False)))
-    both = (drive([(0, 20), (10, 20)], x=placed.ego.x) for _ in range(2))
+    both = (drive(20, x=placed.ego.x) for _ in range(2))
     logical = SimpleNamespace(placed=lambda _: due, road=logical.road)
     said = [*words.task_words(scene(replace(case, task_share=0.5), *both), logical, 0.5)]
     assert said == [("Missed the lane change that was due after 100 m.", pytest.approx(5.0))]
@@ -127,8 +125,8 @@ def test_a_missed_lane_change_is_said(case):
     (0.0, 10.0, "it drove 36 km/h where 3 drivers drove 68 to 76 km/h"),
 ])  # fmt: skip
 def test_unlike_path_or_speed_names_place_and_drivers(case, offset, speed, expected):
-    drivers = [drive([(0, one), (10, one)]) for one in (19.0, 20.0, 21.0)]
-    ego = drive([(0, speed), (20, speed)], 20.0, y=offset)
+    drivers = [drive(one) for one in (19.0, 20.0, 21.0)]
+    ego = drive(speed, 20.0, y=offset)
     ((sentence, _),) = words.likeness_words(
         scene(replace(case, mixture_similarity=0.1), ego, *drivers), MOTORWAY_PEOPLE
     )

@@ -10,6 +10,7 @@ from decimal import ROUND_CEILING, ROUND_FLOOR
 from importlib.metadata import version
 
 import pytest
+from laid import read_json
 from refusals import refusal
 from tables import rows_of
 
@@ -81,7 +82,7 @@ def test_claims_say_what_the_facts_bear_out(run, tmp_path):
     cases collide, the ideal vehicle's none. Of two equally frequent cases without a collision at
     least 1 - 0.025^(1/2) = 0.842 is open."""
     page, plain = write_evidence(score(run), tmp_path)
-    found = json.loads(plain.read_text())
+    found = read_json(plain)
     claims = {claim["id"]: claim for claim in found["claims"]}
     assert set(claims) == {
         f"approach/{ads}/{kind}"

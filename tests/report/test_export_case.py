@@ -14,6 +14,7 @@ from commands import ROOT, python
 from commands import sumo_eval as sumo_eval_cli
 from laid import lay
 from lxml import etree
+from road_scenes import at_values
 
 import sumo_eval
 from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
@@ -331,8 +332,8 @@ def test_asams_checker_finds_no_issue_and_skips_no_rule(tmp_path, request, kind)
         )
         (tmp_path / "c.xodr").write_text(opendrive_xml(concrete.road))
     elif kind == "a plain one":
-        concrete = load("cut_in").concrete(
-            ego_speed=30.0, cut_in_speed=20.0, gap=25.0, lateral_speed=1.0
+        concrete = at_values(
+            "cut_in", ego_speed=30.0, cut_in_speed=20.0, gap=25.0, lateral_speed=1.0
         )
         (tmp_path / "c.xosc").write_text(
             openscenario_xml(concrete, SimulationSettings(), "c.xodr", "r")

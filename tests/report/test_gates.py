@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import builders
 import pytest
-from refusals import refusal
+from refusals import refused
 from report_cases import HIT, every, pick, with_case
 from tables import rows_of, values_of
 
@@ -269,7 +269,7 @@ confidence = 0.9 | confidence = 1.5 | confidence
 )
 def test_a_mistake_in_a_gate_file_gets_a_sentence(before, after, sentence, tmp_path):
     (tmp_path / "gate.toml").write_text(GATE_FILE.replace(before, after))
-    with refusal(re.escape(sentence)):
+    with refused(sentence):
         read_gate(tmp_path / "gate.toml")
 
 

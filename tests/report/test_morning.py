@@ -12,6 +12,7 @@ import builders
 import junitparser
 import pytest
 import report_cases
+from laid import read_json
 from refusals import refusal
 from report_cases import calm as with_calm
 from report_cases import pick, with_case
@@ -85,7 +86,7 @@ def test_summary_and_chat_say_what_failed_and_since_when(judged, folder):
     (gate,) = failed(judged.gates)
     case = gate.worst[0].case
     summary = (folder / "summary.md").read_text()
-    chat = json.loads((folder.parents[1] / "chat.json").read_text())["text"]
+    chat = read_json(folder.parents[1] / "chat.json")["text"]
     assert summary.startswith("## WORSE than \\*yesterday\\*\n")
     assert f"- **{builders.CALM}** in {gate.scenario} (new): smallest gap ahead: 1 worse" in summary
     assert f"`{case}`: " in summary
@@ -101,7 +102,7 @@ def test_a_name_with_backticks_is_code_of_the_summary():
 
 
 def test_night_json_names_case_and_ways_to_it(judged, folder):
-    told = json.loads((folder / "night.json").read_text())
+    told = read_json(folder / "night.json")
     (one,) = told["failed"]
     (case,) = one["cases"]
     assert (case["before"], case["after"]) == (0.92, 0.32)
@@ -115,7 +116,7 @@ def test_accept_lists_the_cases_that_it_accepts(judged, folder, evaluation):
     history = folder.parents[1]
     add(history, SECOND, evaluation, *judged.gates)
     (gate,) = failed(judged.gates)
-    told = json.loads((folder / "night.json").read_text())
+    told = read_json(folder / "night.json")
     told["failed"].append({**told["failed"][0], "quantity": "pet"})
     (folder / "night.json").write_text(json.dumps(told))
     _, accepted, remaining = accept(history, None, "closer on purpose", None)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from laid import replace_in
 from refusals import refusal
 
 from sumo_eval.cosim import simulate
@@ -83,6 +84,6 @@ def test_no_scenario_file_leaves_out_what_an_exported_case_has(tmp_path, changes
 )
 def test_changed_exported_file_is_refused_until_its_case_is_gone(tmp_path, old, new):
     path = exported(tmp_path, middle("front_vehicle_braking"))
-    path.write_text(path.read_text().replace(old, new, 1))
+    replace_in(path, old, new, 1)
     with refusal(r"<FileHeader>: an exported file and its road must be"):
         read_file(path)

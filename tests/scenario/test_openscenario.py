@@ -149,6 +149,12 @@ def acts_of(folder, *changes, **parts):
     return only_case(changed(folder, *changes, **parts)).actors[0].acts
 
 
+def driven(folder, *changes, **parts):
+    """The other's drive in a file with texts replaced, beside an ego that does nothing."""
+    case = only_case(changed(folder, *changes, **parts))
+    return simulate(case, "no_reaction").actors["Other"]
+
+
 def test_a_scenario_file_is_a_space_of_one_point_with_everybody_where_it_says(tmp_path):
     """The ego's axle at s = 20, its centre 1.5 m ahead; the other's 50 m further, in the left lane
     and 0.25 m on."""
@@ -187,8 +193,7 @@ def test_a_sinusoidal_lane_change_has_the_peak_speed_that_its_rate_says(tmp_path
 
 def test_an_actor_that_stops_after_a_move_across_keeps_its_heading(tmp_path):
     events = timed(ACROSS, 1) + timed(BRAKE, 6, n=2)
-    path = changed(tmp_path, ('ds="50"', 'ds="200"'), events=events)
-    other = simulate(only_case(path), "no_reaction").actors["Other"]
+    other = driven(tmp_path, ('ds="50"', 'ds="200"'), events=events)
     assert (other.speed[-1], other.heading[-1]) == (0.0, 0.0)
 
 
@@ -535,7 +540,7 @@ def test_a_speed_that_is_reached_within_no_time_is_the_one_at_the_start(tmp_path
     linear = STEP.replace('"step"', '"linear"')
     assert only_case(changed(tmp_path, step=linear)).actors == was.actors
     with refusal("its first speed must be a step"):
-        find(str(changed(tmp_path, step=linear.replace('"0"', '"2"'))))
+        acts_of(tmp_path, step=linear.replace('"0"', '"2"'))
 
 
 def test_the_ego_can_be_named(tmp_path):
@@ -616,7 +621,7 @@ def test_no_synchronization_after_a_change_of_speed(tmp_path):
     (act,) = acts_of(tmp_path, events=events[1])
     assert act.table == ((4.0, 15.0),)
     with refusal(r"the place of `Other` when this begins is unknown"):
-        find(str(changed(tmp_path, events="".join(events))))
+        acts_of(tmp_path, events="".join(events))
     last = '<RelativeSpeedToMaster speedTargetValueType="{}" value="{}"/>'
     meet = meet.replace("</Sy", f"<FinalSpeed>{last}</FinalSpeed></Sy")
     for kind, value in (("delta", -5), ("factor", 0.75)):
@@ -624,7 +629,7 @@ def test_no_synchronization_after_a_change_of_speed(tmp_path):
         (act,) = acts_of(tmp_path, events=event)
         assert act.table == ((4.0, 15.0),)
         with refusal(f"Did you mean `{kind}`"):
-            find(str(changed(tmp_path, events=event.replace(f'"{kind}"', f'"{kind}s"'))))
+            acts_of(tmp_path, events=event.replace(f'"{kind}"', f'"{kind}s"'))
 
 
 def test_a_harder_brake_follows_a_gentle_one(tmp_path):
@@ -634,11 +639,10 @@ def test_a_harder_brake_follows_a_gentle_one(tmp_path):
         timed(action, 2 * n, n=n)
         for n, action in ((1, gentle), (2, BRAKE), (2, BRAKE.replace("linear", "cubic")))
     ]
-    path = changed(tmp_path, events="".join(events[:2]))
-    other = simulate(only_case(path), "no_reaction").actors["Other"]
+    other = driven(tmp_path, events="".join(events[:2]))
     assert np.interp((4.0, 5.6, 6.7), other.time, other.speed) == pytest.approx((13, 5, 0), abs=0.1)
     with refusal("only a linear change by `rate` is supported then"):
-        find(str(changed(tmp_path, events=events[0] + events[2])))
+        acts_of(tmp_path, events=events[0] + events[2])
     # after a change that may still wait, too, the rate is the file's
     tiny = timed(BRAKE.replace('\nvalue="5"', '\nvalue="1e-7"'), 2, n=2)
     assert acts_of(tmp_path, events=CUT_IN.replace(ACROSS, BRAKE) + tiny)[-1].acceleration == 1e-7
@@ -659,7 +663,7 @@ def test_starts_depend_on_each_other_in_any_order(tmp_path):
     case = only_case(changed(tmp_path, *later))
     assert (case.ego.x, case.actors[0].start.x) == pytest.approx((21.5, 71.5))
     with refusal("starts of Ego, Other depend on each other in a circle"):
-        find(str(changed(tmp_path, later[0])))
+        acts_of(tmp_path, later[0])
 
 
 @pytest.mark.parametrize("place", [
@@ -742,12 +746,11 @@ def test_a_move_is_played_although_an_earlier_one_may_lead_there(tmp_path):
     fast = '<SpeedCondition rule="greaterThan" value="25"/>'
     never = re.sub("<RelativeD.*?/>", fast, CUT_IN, flags=re.S).replace(ACROSS, BRAKE)
     events = never + timed(BRAKE, 2)
-    path = changed(tmp_path, ('offset="0.25"', 'offset="3"'), events=events)
-    other = simulate(only_case(path), "no_reaction").actors["Other"]
+    other = driven(tmp_path, ('offset="0.25"', 'offset="3"'), events=events)
     assert np.interp([2.0, 4.0, 6.0], other.time, other.speed) == pytest.approx([15.0, 5.0, 0.0])
     wrong = 'Dimension="rate"', 'Dimension="Rate"'  # no time
     with refusal("`dynamicsDimension` must be one of"):
-        find(str(changed(tmp_path, events=never + events[len(never) :].replace(*wrong))))
+        acts_of(tmp_path, events=never + events[len(never) :].replace(*wrong))
 
 
 @pytest.mark.parametrize("kind, name", [("event", "e"), ("maneuver", "m"), ("act", "a")])
@@ -770,8 +773,7 @@ def test_what_holds_two_moves_is_complete_after_both(tmp_path, kind, name):
 def test_a_delay_after_an_event_counts_in_a_conditional_act(tmp_path):
     events = CUT_IN + timed(BRAKE, COMPLETE.format("e"), n=2, delay=1)
     begun = ("</Act>", WAITS + "</Act>"), ('delay="0.5"', "")
-    path = changed(tmp_path, *begun, events=events)
-    other = simulate(only_case(path), "no_reaction").actors["Other"]
+    other = driven(tmp_path, *begun, events=events)
     crossed, braked = (other.time[on].max() for on in (other.y > 1e-3, other.speed > 14.999))
     assert braked - crossed == pytest.approx(1.0, abs=0.11)
 
@@ -865,8 +867,8 @@ def test_an_oncoming_actor_on_a_curve_moves_as_the_road_says(tmp_path):
     path = changed(tmp_path, (EGO_PLACE, ego),
         (OTHER_PLACE, '<LanePosition roadId="0" laneId="-1" s="700"/>'), (value, by),
         events=timed(OFFSET, 1), curvature=0.001)  # fmt: skip
-    drive = simulate(only_case(path), "no_reaction")
-    assert drive.actors["Other"].y[[0, -1]] == pytest.approx([3.5, 4.5])
+    other = simulate(only_case(path), "no_reaction").actors["Other"]
+    assert other.y[[0, -1]] == pytest.approx([3.5, 4.5])
 
 
 @pytest.mark.parametrize(

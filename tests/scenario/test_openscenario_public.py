@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from laid import read_json
 from loaded import ROOT
 
 from sumo_eval.cosim.simulation import simulate
@@ -30,7 +31,7 @@ PLAYS = {
 """Files of a folder that run, of all."""
 WITHIN = 0.5  # m
 MEASURED = ROOT / "docs" / "measurements" / "openscenario.json"
-TABLE = json.loads(MEASURED.read_text())["tables"][-1]["rows"]
+TABLE = read_json(MEASURED)["tables"][-1]["rows"]
 LATE = 0.05  # s: a step of the simulation
 SECOND = json.loads(Path(__file__).with_name("second_reader.json").read_text())
 EACH_STEP = SimulationSettings(record_interval=0.05)

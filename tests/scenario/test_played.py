@@ -2,19 +2,18 @@
 
 import json
 import math
-import re
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
-from refusals import refusal
+from refusals import refusal, refused
+from road_scenes import scenario_of
 from tables import rows_of, values_of
 
 from sumo_eval.method.point_criticality import criticality
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.scenario import played
-from sumo_eval.scenario.file import check_points, scenario_from
+from sumo_eval.scenario.file import check_points
 from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.undisturbed import tracks
 
@@ -30,7 +29,7 @@ zone = "none"
 def scene(*moves, zone="none", **vehicle):
     """A lead 100 m ahead at 20 m/s that does something."""
     lead = {"name": "lead", "x": 150.0, "speed": 20.0, "manoeuvre": list(moves), **vehicle}
-    return scenario_from({**BASE, "vehicle": [lead], "zone": zone}, "t", Path())
+    return scenario_of({**BASE, "vehicle": [lead], "zone": zone})
 
 
 def way(logical, step=0.05, until=10.0, v=20.0):
@@ -225,7 +224,7 @@ def test_a_move_begins_when_another_has_ended_and_a_delay_is_over():
 )  # fmt: skip
 def test_every_mistake_names_the_nearest_word(change, sentence):
     move = {"do": "brake", "deceleration": 5.0, **change}
-    with refusal(re.escape(sentence)):
+    with refused(sentence):
         check_points(
             scene({key: value for key, value in move.items() if value is not None}),
             np.array([[20.0]]),
@@ -243,10 +242,8 @@ def test_a_vehicle_that_starts_inside_another_is_refused():
 def test_a_parameter_that_nothing_depends_on_is_refused():
     unused = [*BASE["parameter"], {"name": "w", "unit": "m", "low": 0.0, "high": 1.0, "step": 0.5}]
     with refusal("Parameter `w` of t must be used"):
-        scenario_from(
-            {**BASE, "parameter": unused, "vehicle": [{"name": "lead", "x": 150.0, "speed": 1.0}]},
-            "t",
-            Path(),
+        scenario_of(
+            {**BASE, "parameter": unused, "vehicle": [{"name": "lead", "x": 150.0, "speed": 1.0}]}
         )
 
 
@@ -261,22 +258,20 @@ def test_a_stream_is_the_same_every_time_and_denser_than_its_lane_is_refused():
         "speed_spread": 2.0,
     }
     content = {**BASE, "stream": [stream]}
-    one, two = (scenario_from(content, "t", Path()).concrete(v=20.0) for _ in range(2))
+    one, two = (scenario_of(content).concrete(v=20.0) for _ in range(2))
     assert repr(one) == repr(two)
     assert len(one.actors) in range(7, 13)  # 300 m at 30 a km, give or take what is drawn
     assert {actor.name for actor in one.actors} >= {"s_1", "s_7"}
     with refusal("`density` of stream `s` must be at most 100 a km"):
-        scenario_from({**content, "stream": [{**stream, "density": 150.0}]}, "t", Path()).concrete(
-            v=20.0
-        )
+        scenario_of({**content, "stream": [{**stream, "density": 150.0}]}).concrete(v=20.0)
 
 
 @pytest.mark.campaign
 def test_zones_of_a_played_vehicle_are_those_of_the_closed_form_where_there_is_one():
     lead = {"name": "lead", "gap": 40.0, "speed": 10.0}
-    plain = scenario_from({**BASE, "vehicle": [lead], "zone": {"obstacle": "lead"}}, "t", Path())
+    plain = scenario_of({**BASE, "vehicle": [lead], "zone": {"obstacle": "lead"}})
     moving = {**lead, "heading": 0.0}
-    played = scenario_from({**BASE, "vehicle": [moving], "zone": {"obstacle": "lead"}}, "t", Path())
+    played = scenario_of({**BASE, "vehicle": [moving], "zone": {"obstacle": "lead"}})
     points = np.linspace(10.0, 30.0, 41)[:, None]
     a, b = (criticality(it, points, partition(it).settings).inverse for it in (plain, played))
     np.testing.assert_allclose(b[np.isfinite(a)], a[np.isfinite(a)], rtol=0.02, atol=1e-9)
@@ -323,11 +318,11 @@ def test_keep_speed_ends_a_brake_and_counts_in_conditions():
         {"do": "brake", "deceleration": 5.0, "when": "ended(lead, c)"}]}  # fmt: skip
     lead = {"name": "lead", "x": 150.0, "speed": 20.0, "manoeuvre": [{"do": "keep_speed"}, shift]}
     content = {**BASE, "zone": "none", "vehicle": [lead, follower]}
-    found = tracks([scenario_from(content, "t", Path()).concrete(v=20.0)], [(4.5, 1.8)], 0.05, 4.0)
+    found = tracks([scenario_of(content).concrete(v=20.0)], [(4.5, 1.8)], 0.05, 4.0)
     assert found.begins[0].tolist() == [0.0, 2.0]
     lead["manoeuvre"] = [{"do": "follow", "model": "IDM", "name": "c"}]
     with refusal("Unknown manoeuvre `c`"):  # it never ends
-        scenario_from(content, "t", Path())
+        scenario_of(content)
 
 
 def test_an_ego_that_starts_sideways_drives_on_so_where_conditions_ask():
@@ -337,7 +332,7 @@ def test_an_ego_that_starts_sideways_drives_on_so_where_conditions_ask():
          "manoeuvre": [{"do": "brake", "deceleration": 5.0, "when": when}]}
         for name, x, when in (("lead", 150.0, "y(ego) > 3"), ("next", 200.0, "x(ego) > 119"))
     ]}  # fmt: skip
-    found = tracks([scenario_from(content, "t", Path()).concrete(v=20.0)], [(4.5, 1.8)], 0.05, 4.0)
+    found = tracks([scenario_of(content).concrete(v=20.0)], [(4.5, 1.8)], 0.05, 4.0)
     along = math.sqrt(20.0**2 - 2.0**2)
     assert found.begins[0].tolist() == pytest.approx([1.5, 69.0 / along], abs=1e-9)
 

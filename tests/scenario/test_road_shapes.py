@@ -2,7 +2,6 @@
 is given."""
 
 import json
-import re
 import subprocess
 import sys
 import tomllib
@@ -11,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lxml import etree
-from refusals import refusal
+from refusals import refused
+from road_scenes import scenario_of
 from tables import rows_of, values_of
 
 from sumo_eval.cosim.sumo.sumo_files import network_xml, road_edges, routes_xml, vehicle_edges
 from sumo_eval.method.anthropomorphic import slice_points
 from sumo_eval.report.page_data import drawn_shape
 from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.sampling.samples import central_point
 from sumo_eval.settings import VehicleSettings
 
@@ -37,7 +36,7 @@ vehicle = [{ name = "other", speed = 20.0, x = 20.0, y = 7.0 }]
 
 
 def read(**changes):
-    return scenario_from({**BASE, **changes}, "t", Path())
+    return scenario_of({**BASE, **changes})
 
 
 def test_the_edge_moves_in_a_straight_line_over_the_taper():
@@ -213,5 +212,5 @@ all | {"vehicle": [{"name": "other", "speed": 20.0, "x": 600.0}]} | must be on a
 def test_a_shape_that_cannot_be_is_refused(part, changes, sentence):
     from sumo_eval.scenario.file import check_points
 
-    with refusal(re.escape(sentence)):
+    with refused(sentence):
         check_points(read(**CHANGED[part](changes)), np.array([[20.0]]))

@@ -1,14 +1,13 @@
 """The shipped scenarios with people, others that react and moves that depend on what happens."""
 
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
+from road_scenes import at_values, scenario_of
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.file import scenario_from
 from sumo_eval.settings import SimulationSettings
 
 OTHERS = sorted(name for name in catalogue.SCENARIOS if catalogue.load(name).approach is None)
@@ -56,7 +55,7 @@ zone = "none"
             }
         ],
     }
-    logical = scenario_from(content, "t", Path())
+    logical = scenario_of(content)
     for gap in (s - 0.01, s + 0.01):
         found = simulate(logical.concrete(gap=gap), "no_reaction")
         left = found.ego.x[-1] - found.actors["rear"].x[-1] - 4.5
@@ -68,8 +67,8 @@ zone = "none"
 def test_a_watching_driver_brakes_for_a_vehicle_on_its_way():
     # in the path 0.65 s after reaching the lane, 0.85 s and 13 m before an ego at 15 m/s: too late
     # to brake only then
-    concrete = catalogue.load("pedestrian_crossing").concrete(
-        ego_speed=15.0, walking_speed=1.3, time_to_place=1.5
+    concrete = at_values(
+        "pedestrian_crossing", ego_speed=15.0, walking_speed=1.3, time_to_place=1.5
     )
     collisions = {who: simulate(concrete, who).collision for who in ("idm", "attentive")}
     assert collisions["idm"] is not None
@@ -80,7 +79,7 @@ def test_an_ego_that_begins_sideways_returns_on_a_curve_too():
     offsets = []
     for use in ("lane_keeping_disturbed", "lane_keeping_disturbed?radius=500"):
         found = simulate(
-            catalogue.load(use).concrete(ego_speed=20.0, lateral_speed=0.8),
+            at_values(use, ego_speed=20.0, lateral_speed=0.8),
             "idm",
             SimulationSettings(),
         )
@@ -92,6 +91,10 @@ def test_an_ego_that_begins_sideways_returns_on_a_curve_too():
     np.testing.assert_allclose(offsets[1][:count], offsets[0][:count], atol=0.05)
 
 
+ODD = {
+    "name": "odd", "zone": "none",
+    "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 20.0, "step": 10.0}],
+}  # fmt: skip
 CURVE = {
     "lanes": 3, "lane_width": 3.5, "length": 900.0,
     "line": [{"length": 60.0}, {"length": 260.0, "radius": 72.0}],  # more than half a circle
@@ -140,11 +143,10 @@ def test_what_check_accepts_is_played(road, y, vehicle, ads):
     """A straight drive that leaves the road in a curve included, beside traffic that reacts."""
     stream = {"name": "st", "lane": 1, "begin": -30.0, "end": 200.0, "density": 20.0, "speed": "v"}
     content = {
-        "name": "odd", "zone": "none", "road": road, "ego": {"speed": "v", "x": 30.0, "y": y},
-        "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 20.0, "step": 10.0}],
+        **ODD, "road": road, "ego": {"speed": "v", "x": 30.0, "y": y},
         "vehicle": [vehicle], "stream": [] if "lane" in road else [{**stream, "begin": 60.0}],
     }  # fmt: skip
-    concrete = scenario_from(content, "it", Path()).concrete(v=10.0)
+    concrete = scenario_of(content).concrete(v=10.0)
     drive = simulate(concrete, (lambda traci, ego, time: None) if ads == "traci" else ads)
     assert drive.error is None
     assert drive.simulated_time > 1.0
@@ -154,11 +156,10 @@ def test_law_a_body_that_reaches_over_a_line_again_is_seen():
     swings = [{"do": "sinus", "begin": begin, "offset": 1.5, "acceleration": 1.0}
               for begin in (0.5, 10.5)]  # fmt: skip
     content = {
-        "name": "odd", "zone": "none", "ego": {"speed": "v", "x": 100.0},
-        "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 20.0, "step": 10.0}],
+        **ODD, "ego": {"speed": "v", "x": 100.0},
         "vehicle": [{"name": "a", "gap": 20.0, "speed": "v", "manoeuvre": swings}],
         "stream": [{"name": "left", "lane": 1, "begin": -60.0, "end": -50.0, "density": 1.0,
                     "speed": "v + 4", "headway": 0.5}],
     }  # fmt: skip
-    drive = simulate(scenario_from(content, "it", Path()).concrete(v=10.0), "no_reaction")
+    drive = simulate(scenario_of(content).concrete(v=10.0), "no_reaction")
     assert drive.actors["left_1"].speed[105:].min() < 13.0  # of 14 m/s, as without the swing

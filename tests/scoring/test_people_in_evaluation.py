@@ -1,7 +1,6 @@
 """Recorded people, exposure and mixture mode through a whole evaluation, with SUMO."""
 
 import csv
-import json
 import math
 from dataclasses import replace
 
@@ -10,6 +9,7 @@ import pytest
 from commands import sumo_eval
 from drivers.test_reference import write_people
 from evaluations import small
+from laid import read_json
 from refusals import refusal
 
 from sumo_eval.evaluation import score
@@ -112,7 +112,7 @@ def test_how_many_recorded_people_stand_behind_the_scores_is_said_everywhere(run
     }
     drives, points = sum(behind.values()), sum(number > 0 for number in behind.values())
     assert 0 < points < len(behind)
-    (told,) = json.loads((out / "scores.json").read_text())["recorded_people"]
+    (told,) = read_json(out / "scores.json")["recorded_people"]
     assert told == {
         "scenario": "front_vehicle_low_speed", "points": len(behind), "with_people": points,
         "drives": drives,
@@ -141,7 +141,7 @@ def test_people_of_references_that_are_left_out_stand_behind_nothing(runs):
         int(row["recorded_drivers"]) for row in behind.values() if int(row["recorded_drivers"]) >= 4
     ]
     assert any(0 < int(row["recorded_drivers"]) < 4 for row in behind.values())
-    (told,) = json.loads((out / "scores.json").read_text())["recorded_people"]
+    (told,) = read_json(out / "scores.json")["recorded_people"]
     assert (told["with_people"], told["drives"]) == (len(compared), sum(compared))
 
 
@@ -226,7 +226,7 @@ def test_the_band_of_the_drivers_and_the_manoeuvre_stand_beside_every_index(runs
 
 def test_the_exposure_is_kept_and_unsupported_cases_report_it(runs):
     out, _, rows = runs["fill"]
-    kept = json.loads((out / "scores.json").read_text())["exposure"]["front_vehicle_low_speed"]
+    kept = read_json(out / "scores.json")["exposure"]["front_vehicle_low_speed"]
     assert kept["events"] == 12
     assert set(kept["held_out_log_likelihood"]) == {
         "scott",

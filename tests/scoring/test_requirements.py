@@ -3,12 +3,12 @@
 import csv
 import json
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
+from laid import read_json
 from refusals import refusal
-from road_scenes import ROAD
+from road_scenes import ROAD, scenario_of
 from tables import rows_of
 
 from sumo_eval import evaluate
@@ -16,7 +16,6 @@ from sumo_eval.nightly.gates import judge
 from sumo_eval.report.junit import run_suites
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.words import score_note
-from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.requirement import requirement
 from sumo_eval.scoring.gate_settings import GateSettings, LimitSettings
 from sumo_eval.scoring.requirements import series_of
@@ -98,13 +97,13 @@ min(gap.x) > 2 | language does not have
 )  # fmt: skip
 def test_a_requirement_that_cannot_be_is_refused(text, sentence):
     with refusal(sentence):
-        scenario_from({**SCENE, "require": [{"check": text}]}, "t", Path())
+        scenario_of({**SCENE, "require": [{"check": text}]})
 
 
 def test_names_of_requirements_differ():
     both = [{"check": "min(gap) > 1", "name": "a"}, {"check": "min(gap) > 2", "name": "a"}]
     with refusal("`a` twice"):
-        scenario_from({**SCENE, "require": both}, "t", Path())
+        scenario_of({**SCENE, "require": both})
 
 
 def test_requirements_stand_beside_the_scores_of_a_run(tmp_path):
@@ -153,7 +152,7 @@ check = "at_end(time) > gap0 / 10 - 0.01"
             "keeps clear",
             "keeps clear",
         ]
-    written = json.loads((result.folder / "scores.json").read_text())
+    written = read_json(result.folder / "scores.json")
     assert written["scores"][0]["requirements_missed"] == 2
     tests = [test for suite, _ in run_suites(result).values() for test in suite]
     assert [test.verdict for test in tests] == ["failure", "failure"]

@@ -2,12 +2,12 @@
 and are one ADS's."""
 
 import csv
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from evaluations import small
+from laid import read_json
 from scoring.test_scoring_intervals import HIT, LOST, LOST_SAFE, SAFE, combined
 
 import sumo_eval
@@ -146,7 +146,7 @@ def test_a_collision_in_the_safe_zone_that_the_ideal_vehicle_has_as_well_does_no
 
 
 def test_tables_hold_every_name(both):
-    scores = json.loads((both.folder / "scores.json").read_text())["scores"]
+    scores = read_json(both.folder / "scores.json")["scores"]
     names = (
         "c",
         "d",

@@ -1,8 +1,7 @@
 """A severity of one's own from the evaluation file to the scores, on real SUMO runs."""
 
-import json
-
 import pytest
+from laid import read_json
 from refusals import refusal
 
 import sumo_eval
@@ -69,7 +68,7 @@ def test_an_own_severity_replaces_u_in_every_score(found):
 
 
 def test_the_scores_tell_which_severity_they_were_made_with(found):
-    made_with = json.loads((found.folder / "scores.json").read_text())["severity"]
+    made_with = read_json(found.folder / "scores.json")["severity"]
     assert (made_with["name"], made_with["unit"], len(made_with["sha256"])) == (
         "own.py:by_speed",
         "loss",

@@ -1,7 +1,6 @@
 """The search through SUMO: a small one, whose answer the closed form knows."""
 
 import json
-import re
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import sumo_eval
-from refusals import refusal
+from laid import read_json
+from refusals import refusal, refused
 from tables import rows_of
 
 from sumo_eval.errors import StoppedError
@@ -42,7 +42,7 @@ def test_a_slice_is_the_scenario_with_parameters_held():
         ({"ego_speed": 99.0}, "within 10..30 m/s"),
         ({"ego_speed": 20.0, "obstacle_speed": 5.0, "gap": 60.0}, "at least one parameter free"),
     ):
-        with refusal(re.escape(sentence)):
+        with refused(sentence):
             slice_of(CUT_OUT, fixed)
 
 
@@ -73,7 +73,7 @@ def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_pat
     rows = paths[0].read_text().splitlines()
     assert rows[0] == "obstacle_speed,gap,collided"
     assert len(rows) == 1 + len(found.search.points)
-    assert json.loads(paths[1].read_text())["simulations"] == found.rounds[-1].simulations
+    assert read_json(paths[1])["simulations"] == found.rounds[-1].simulations
     assert "http" not in paths[2].read_text().split("<script", 1)[0].replace("http-equiv", "")
 
 

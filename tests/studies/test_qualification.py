@@ -1,9 +1,9 @@
 """`sumo-eval qualify`: known answers are found again, and a wrong one is not."""
 
-import json
 from itertools import chain, groupby
 
 from commands import sumo_eval
+from laid import read_json
 
 from sumo_eval.errors import SimulationError
 from sumo_eval.extras.studies.qualification import table
@@ -19,7 +19,7 @@ def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(tmp
     done = sumo_eval("qualify", "--out", tmp_path / "q", status=1)
     assert max(map(len, done.stdout.partition("FAIL  planted")[0].splitlines())) <= 80
     assert "8 of 9 checks passed: this installation is NOT qualified." in done.said
-    told = json.loads((tmp_path / "q" / "qualification.json").read_text())
+    told = read_json(tmp_path / "q" / "qualification.json")
     assert [item["name"] for item in told["checks"] if not item["passed"]] == ["planted"]
     assert told["passed"] is False
     assert told.keys() == {

@@ -8,6 +8,7 @@ from shutil import copytree
 
 import pytest
 from commands import sumo_eval as run
+from laid import replace_in
 from refusals import refusal
 from scipy.optimize import brentq
 
@@ -184,7 +185,7 @@ def test_a_case_that_left_the_evaluation_is_refused(night, tmp_path, named):
     edited = copytree(folder, tmp_path / "run")
     file = edited / "evaluation.toml"
     assert named in file.read_text()
-    file.write_text(file.read_text().replace(named, named.split()[0] + ' = "cut_in"'))
+    replace_in(file, named, named.split()[0] + ' = "cut_in"')
     with refusal("Unknown .* of the run"):
         WhatIf(edited).answers(known_case(edited, case.replace("late", "too_late")))
 

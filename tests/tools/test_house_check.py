@@ -11,7 +11,7 @@ from itertools import dropwhile
 from typing import NamedTuple
 
 import pytest
-from laid import lay
+from laid import lay, replace_in
 from loaded import ROOT, load
 
 HOUSE_CHECK = load("tools/house_check.py")
@@ -86,9 +86,9 @@ def test_names_and_modules_that_nothing_uses_are_found_and_documentation_keeps_t
 @pytest.mark.parametrize("words", ["The same for many.", "As `answer`.", "Like the plain one."])
 def test_a_docstring_that_leans_on_another_is_found(words, house):
     inner = house / "sumo_eval" / "room" / "inner.py"
-    inner.write_text(inner.read_text().replace("What is asked for.", words))
+    replace_in(inner, "What is asked for.", words)
     assert check(house).stdout == "docstring: sumo_eval.room.inner.answer\n"
-    inner.write_text(inner.read_text().replace(words, "The sameness of things."))
+    replace_in(inner, words, "The sameness of things.")
     assert check(house).returncode == 0
 
 

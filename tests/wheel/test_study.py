@@ -4,13 +4,13 @@ step by step."""
 import asyncio
 import csv
 import json
-import re
 import shutil
 import tomllib
 from contextlib import suppress
 
 import pytest
-from refusals import refusal
+from laid import read_json
+from refusals import refusal, refused
 
 pytest.importorskip("websockets")
 from test_window import known
@@ -214,7 +214,7 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan, tm
     )
     assert sentences[1:] == [f"{it.participant}, {it.case}: {it.why}." for it in found.left]
     study = plan.folder / "drives" / "study.json"
-    content = json.loads(study.read_text())
+    content = read_json(study)
     study.write_text(json.dumps(content | {"drawn": {"in 3-D": 5}}))
     first, *left = study_sentences(evaluation)
     assert first.endswith("in these ways: in 3-D (5 drives).")
@@ -260,7 +260,7 @@ def test_a_study_file_with_a_mistake_gets_a_sentence(plan):
         (STUDY.replace('run = "run"', 'run = "nowhere"'), "nowhere"),
     ):
         path.write_text(text)
-        with refusal(re.escape(words)):
+        with refused(words):
             read_study(path)
 
 

@@ -4,10 +4,31 @@ from dataclasses import replace
 
 import numpy as np
 
+from sumo_eval.scoring.case_terms import CaseTerms
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS
 from sumo_eval.scoring.confidence.resamples import strata
 from sumo_eval.scoring.confidence.scored import with_intervals
 from sumo_eval.scoring.quantities import combine
+
+
+def terms_of(n, **changes):
+    """The terms of n cases without an incident, in all of which doing nothing hits at 10 m/s."""
+    plain = {
+        "exposure": np.ones(n),
+        "weight": np.ones(n),
+        "severity": np.zeros(n),
+        "ideal": np.zeros(n),
+        "unreacting": np.full(n, 10.0),
+        "ratio": np.full(n, np.nan),
+        "collided": np.zeros(n, dtype=bool),
+        "evaluated": np.ones(n, dtype=bool),
+        "index": np.linspace(0.2, 0.8, n),
+        "likeness": np.linspace(0.2, 0.8, n),
+        "voids": np.zeros(n, dtype=bool),
+        "counted": np.ones(n, dtype=bool),
+        "task": np.ones(n),
+    }
+    return CaseTerms(**plain | {"incident": changes.get("collided", plain["collided"])} | changes)
 
 
 def with_intervals_of(evaluation, partitions, ads):

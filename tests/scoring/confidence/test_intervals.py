@@ -5,10 +5,11 @@ import math
 
 import numpy as np
 import pytest
+from scoring.confidence.scored_by_hand import terms_of
 
 from sumo_eval.drivers.synthetic.population import draw_driver
 from sumo_eval.method.score_terms import avoidance_grade
-from sumo_eval.scoring.case_terms import CaseTerms, scores_of
+from sumo_eval.scoring.case_terms import scores_of
 from sumo_eval.scoring.confidence import resamples as drawing
 from sumo_eval.scoring.confidence.drivers import (
     NO_DEVIATIONS,
@@ -31,24 +32,8 @@ def hits(hit, share):
 
 
 def judged(n=60, *, ads="one", hazardous=None, drivers=NO_DEVIATIONS, **changes):
-    plain = {
-        "exposure": np.ones(n),
-        "weight": np.ones(n),
-        "severity": np.zeros(n),
-        "ideal": np.zeros(n),
-        "unreacting": np.full(n, 10.0),
-        "ratio": np.full(n, np.nan),
-        "collided": np.zeros(n, dtype=bool),
-        "evaluated": np.ones(n, dtype=bool),
-        "index": np.linspace(0.2, 0.8, n),
-        "likeness": np.linspace(0.2, 0.8, n),
-        "voids": np.zeros(n, dtype=bool),
-        "counted": np.ones(n, dtype=bool),
-        "task": np.ones(n),
-    }
     marked = np.ones(n, dtype=bool) if hazardous is None else hazardous
-    terms = plain | {"incident": changes.get("collided", plain["collided"])} | changes
-    return Judged(ads, CaseTerms(**terms), np.arange(n), marked, drivers)
+    return Judged(ads, terms_of(n, **changes), np.arange(n), marked, drivers)
 
 
 def intervals(one, groups=None, *, seed=3, replicates=2_000):
