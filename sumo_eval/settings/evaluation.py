@@ -128,8 +128,8 @@ class ScenarioSettings(Checked):
     use: Annotated[
         str,
         About(
-            "a shipped name, a scenario file (.toml, .xosc), module:name, or a catalogue: "
-            "osc_alks, ncap_2026"
+            "a shipped name, a scenario file (.toml, .xosc), module:name, suite:NAME, or a "
+            "catalogue: osc_alks, ncap_2026"
         ),
     ]
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
