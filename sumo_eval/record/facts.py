@@ -341,21 +341,21 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
     """Put all shards of an evaluation together into a new run folder."""
     settings = run_folder.read_settings(shards[0])
     manifest = run_folder.read_manifest(shards[0])
-    folders: dict[tuple[int, int], Path] = {}
+    folders: dict[int, Path] = {}  # by number of the shard
+    count = 0
     for folder in shards:
-        shard = _shard_of(folder, shards[0], settings, manifest)
-        if shard in folders:
-            raise InputError(f"{folder} and {folders[shard]} are both shard {shard[0]}/{shard[1]}.")
-        folders[shard] = folder
-    count = max(n for _, n in folders)
-    missing = [f"{i}/{count}" for i in range(1, count + 1) if (i, count) not in folders]
+        number, n = _shard_of(folder, shards[0], settings, manifest)
+        count = count or n
+        if n != count:
+            raise InputError(f"{folder} is shard {number}/{n}, among shards of {count}.")
+        if number in folders:
+            raise InputError(f"{folder} and {folders[number]} are both shard {number}/{n}.")
+        folders[number] = folder
+    missing = [f"{number}/{count}" for number in range(1, count + 1) if number not in folders]
     if missing:
         raise InputError(
             f"To merge, every shard of {count} must be there; missing: {', '.join(missing)}."
         )
-    for (i, n), folder in folders.items():
-        if n != count:
-            raise InputError(f"{folder} is shard {i}/{n}, among shards of {count}.")
     run = Resolved.of(settings, Path(manifest["source_folder"]))
     with run_folder.only_writer(out, resume=False), _filled_folder(out, run, _spaces(run)) as store:
         # this also trusts each shard's code; the merged run is trusted only if every shard is

@@ -290,6 +290,7 @@ def test_shards_make_the_whole_and_only_together(whole, tmp_path):
         (("1",), "missing: 2/2"),
         (("1", "2", "2"), "are both shard 2/2"),
         (("1", "2", str(whole)), "is shard 1/1, among shards of 2"),
+        (("1", str(whole)), "is shard 1/1, among shards of 2"),
     ):
         refused = sumo_eval_cli(
             "merge", *(shards / part for part in parts), "--out", tmp_path / "merged", status=2
