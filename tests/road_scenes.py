@@ -10,8 +10,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from sumo_eval.cosim.doors.controller import Briefing
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.vehicle_model import LIMITED, EgoState, move
+from sumo_eval.method.collision_avoidance import impact_severity
 from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, catalogue
 from sumo_eval.scenario.file import scenario_from
@@ -21,6 +22,7 @@ from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import ConditionSettings, SimulationSettings, VehicleSettings
 
 ROAD = Road(name="test_road", length=600.0, lanes=2, lane_width=3.5, run_out=5400.0)
+DECIDED = SimulationSettings(end_when_decided=True)
 HALF_SECOND = SimulationSettings(time_limit=0.5)
 BRIEFING = Briefing("test", ROAD, VehicleSettings(), 0.05)
 
@@ -181,3 +183,17 @@ def cut_outs_at_the_edge(count, seed):
     safe = peak_inverse_ttc(logical, points) < 0.7
     hazardous_if_nearer = peak_inverse_ttc(logical, points * np.array([1.0, 1.0, 0.95])) >= 0.7
     return list(logical.concretes(points[safe & hazardous_if_nearer][:count]))
+
+
+def severity(recording):
+    """U, 0 without contact, m/s."""
+    hit = recording.collision
+    return (
+        0.0
+        if hit is None
+        else float(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
+    )
+
+
+def severities(cases, ads, settings=DECIDED):
+    return np.array([severity(recording) for recording in simulate_many(cases, ads, settings)])

@@ -84,29 +84,32 @@ LEVELX = ("highd", "ind", "exid", "round", "unid")
 NAMES |= {f"recording, {form}": "01_tracks.csv" for form in LEVELX}
 
 
+def laid_out(what, folder):
+    """Where a reader's file belongs, all other files laid, and what the reader is given."""
+    for name in ("01_tracksMeta.csv", "01_recordingMeta.csv"):
+        (folder / name).write_text("id\n1\n")
+    place = folder / NAMES.get(what, "special")
+    return place, place.with_suffix("") if what in ("scenario", "ADS") else place
+
+
 @pytest.mark.parametrize("what", READERS)
 @pytest.mark.parametrize("kind", ["pipe", "link to a device"])
 def test_special_files_are_refused_unopened(what, kind, tmp_path):
-    place = tmp_path / NAMES.get(what, "special")
-    for name in ("01_tracksMeta.csv", "01_recordingMeta.csv"):
-        (tmp_path / name).write_text("id\n1\n")
+    place, given = laid_out(what, tmp_path)
     if kind == "pipe":
         os.mkfifo(place)
     else:
         place.symlink_to("/dev/zero")
-    given = place.with_suffix("") if what in ("scenario", "ADS") else place
     with refusal(r"must be a regular file, got a (named pipe|character device)\.$"):
         READERS[what](given)
 
 
 @pytest.mark.parametrize("what", READERS)
 def test_a_loop_of_links_is_refused(what, tmp_path):
-    for name in ("01_tracksMeta.csv", "01_recordingMeta.csv"):
-        (tmp_path / name).write_text("id\n1\n")
-    place = tmp_path / NAMES.get(what, "special")
+    place, given = laid_out(what, tmp_path)
     place.symlink_to(place)
     with refusal(r"symbolic links|[Tt]here is no"):
-        READERS[what](place.with_suffix("") if what in ("scenario", "ADS") else place)
+        READERS[what](given)
 
 
 @pytest.mark.parametrize(
@@ -117,10 +120,8 @@ def test_a_special_file_behind_links_is_refused(seeds, tmp_path):
     for seed in seeds:
         draw, folder = random.Random(seed), tmp_path / str(seed)
         folder.mkdir()
-        for name in ("01_tracksMeta.csv", "01_recordingMeta.csv"):
-            (folder / name).write_text("id\n1\n")
         what = draw.choice([*READERS])
-        place = folder / NAMES.get(what, "special")
+        place, given = laid_out(what, folder)
         kind = draw.choice(
             [
                 "pipe",
@@ -143,7 +144,6 @@ def test_a_special_file_behind_links_is_refused(seeds, tmp_path):
             last.mkdir()
         else:
             last.symlink_to(place if kind == "loop" else kind)
-        given = place.with_suffix("") if what in ("scenario", "ADS") else place
         with refusal() as found:
             READERS[what](given)
         assert "Traceback" not in str(found.value), (seed, what, kind)

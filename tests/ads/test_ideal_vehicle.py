@@ -7,39 +7,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaign_share import SHARE
-from road_scenes import actor, at_point, case, drawn_cases
+from road_scenes import DECIDED, actor, at_point, case, drawn_cases, severities, severity
 
 from sumo_eval.ads.foresight import evasion, foresee
 from sumo_eval.ads.known_answers import IdealBraking, safe_gap
 from sumo_eval.cosim.doors.controller import SHIPPED
-from sumo_eval.cosim.simulation import simulate, simulate_many
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.method.collision_avoidance import impact_severity
 from sumo_eval.method.criticality import ideal_impact_speed
 from sumo_eval.scenario import Actor, Start, catalogue
 from sumo_eval.scenario.concrete import Way, brake_to_stop, constant_lateral
 from sumo_eval.settings import SimulationSettings
 
-SETTINGS = SimulationSettings(end_when_decided=True)
 SCRIPTED = sorted(name for name in catalogue.SCENARIOS if catalogue.load(name).approach is not None)
 """Scenarios in which what the others do is known before anybody drives."""
 OTHERS = tuple(
     name for name in SHIPPED if name not in ("ideal_braking", "no_reaction", "careful_driver")
 )
-
-
-def severity(recording):
-    """U, 0 without contact, m/s."""
-    hit = recording.collision
-    return (
-        0.0
-        if hit is None
-        else float(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
-    )
-
-
-def severities(cases, ads, settings=SETTINGS):
-    return np.array([severity(recording) for recording in simulate_many(cases, ads, settings)])
 
 
 def assert_nobody_is_gentler(name, count, ads):
@@ -73,7 +57,7 @@ def test_no_shipped_ads_is_gentler_at_10000_points(name):
 
 def test_no_ads_sees_a_child_through_parked_cars():
     case = at_point("child_from_behind_parked_cars", 13.9545, 2.74439, 0.546293)
-    ideal, careful = (simulate(case, ads, SETTINGS) for ads in ("ideal_braking", "careful_driver"))
+    ideal, careful = (simulate(case, ads, DECIDED) for ads in ("ideal_braking", "careful_driver"))
     assert 0.0 < severity(ideal) < severity(careful)
     # the child runs from 24 m before it on; until then there are parked cars, which stand
     assert careful.ego.speed[careful.ego.x < 160.0 - 24.0].min() == 13.9545
@@ -95,7 +79,7 @@ NARROW = [
 
 @pytest.mark.parametrize("point", NARROW)
 def test_it_touches_no_vehicle_where_bodies_pass_by_centimetres(point):
-    assert simulate(at_point(*point), "ideal_braking", SETTINGS).collision is None
+    assert simulate(at_point(*point), "ideal_braking", DECIDED).collision is None
 
 
 FAST = at_point("r157_cut_out", 37.0, 2.0, 1.0)
@@ -104,10 +88,10 @@ FAST = at_point("r157_cut_out", 37.0, 2.0, 1.0)
 def test_it_steers_round_what_shows_too_late_to_brake():
     # 78.3 m to a standing vehicle at 37 m/s: 37 * 0.075 + 37^2 / 18 = 78.8 m are needed; 2.25 s for
     # the next lane
-    steered = simulate(FAST, "ideal_braking", SETTINGS)
+    steered = simulate(FAST, "ideal_braking", DECIDED)
     assert (steered.collision, steered.ego.speed.min()) == (None, 37.0)
     assert steered.ego.y.max() > 3.4
-    braked = simulate(FAST, "ideal_braking", replace(SETTINGS, ideal_steers=False))
+    braked = simulate(FAST, "ideal_braking", replace(DECIDED, ideal_steers=False))
     assert 0.0 < braked.collision.relative_speed < 5.0
 
 
@@ -118,19 +102,19 @@ def test_it_steers_where_lane_changer_would_be_gentler():
         for _ in range(12)
     ]
     ideal, other = severities(cases, "ideal_braking"), severities(cases, "lane_changer")
-    braking = severities(cases, "ideal_braking", replace(SETTINGS, ideal_steers=False))
+    braking = severities(cases, "ideal_braking", replace(DECIDED, ideal_steers=False))
     assert (other >= ideal).all()
     assert (other < braking).any()
 
 
-def path_of(concrete, settings=SETTINGS):
+def path_of(concrete, settings=DECIDED):
     settings = concrete.simulation(settings)
     return evasion(concrete, settings, foresee(concrete, settings), 9.0)
 
 
 def test_it_steers_from_where_it_sees_on_and_as_quickly_as_a_driver():
     start, offset, begin, length = path_of(FAST)
-    noticed = foresee(FAST, FAST.simulation(SETTINGS))[1].noticed
+    noticed = foresee(FAST, FAST.simulation(DECIDED))[1].noticed
     assert (start, offset) == (0.0, 3.5)
     assert begin == pytest.approx(FAST.ego.x + 37.0 * noticed)
     assert length == pytest.approx(37.0 * math.sqrt(10.0 / math.sqrt(3.0) * 3.5 / 4.0))
@@ -153,7 +137,7 @@ def test_it_only_brakes_where_braking_will_do_or_the_lane_is_not_free():
     # 2 m behind when it is in the lane: its path is 0.1 m longer
     touching = replace(beside, start=Start(FAST.ego.x - 6.4, 3.5, 37.0))
     assert path_of(replace(FAST, actors=(*FAST.actors, touching)))[1] == 0.0
-    assert path_of(FAST, replace(SETTINGS, ideal_steers=False))[1] == 0.0
+    assert path_of(FAST, replace(DECIDED, ideal_steers=False))[1] == 0.0
 
 
 def test_in_the_papers_cut_out_it_brakes_everywhere():
@@ -182,7 +166,7 @@ def test_six_drivers_of_known_order_have_six_c_in_cut_out():
     assert (ideal > 0.0).any()
     found = []
     for first in (0.8, 1.0, 1.2, 1.5, 1.8, 2.2):
-        u = np.array([severity(simulate(one, lateness(first), SETTINGS)) for one in cases])
+        u = np.array([severity(simulate(one, lateness(first), DECIDED)) for one in cases])
         touched = u > 0.0
         found.append(float(np.mean(np.minimum(ideal[touched] / u[touched], 1.0))))
     assert found == sorted(found, reverse=True)
@@ -200,7 +184,7 @@ def test_it_passes_where_keeping_its_speed_is_free():
     # 15 m/s faster, 5 m behind: it is 5 + 8.6 m further ahead after 0.907 s, the overlap begins
     # after 1.6 / 1.6 = 1 s
     passed, touched = (
-        simulate(at_point("cut_in", 25.0, 10.0, gap, 1.6), "ideal_braking", SETTINGS)
+        simulate(at_point("cut_in", 25.0, 10.0, gap, 1.6), "ideal_braking", DECIDED)
         for gap in (5.0, 8.0)
     )
     assert (passed.collision, passed.ego.speed.min()) == (None, 25.0)
@@ -211,7 +195,7 @@ def test_it_falls_behind_a_vehicle_that_it_would_be_beside_of_at_equal_speed():
     # 5 m/s faster and 1 m behind, it is beside the other when it is as slow: 25 / 18 + 0.375 m; 8 s
     # to the overlap
     beside = at_point("cut_in", 15.0, 12.5, 0.0, 0.9)
-    recording = simulate(beside, "ideal_braking", SETTINGS)
+    recording = simulate(beside, "ideal_braking", DECIDED)
     assert recording.collision is None
     assert recording.ego.speed.min() < 12.5
 
@@ -257,7 +241,7 @@ def test_a_touch_of_corners_on_a_curve_is_foreseen_on_the_map():
     # 0.02 m apart by the road's frame, 5 mm into each other on the map: the left curve turns the
     # corners together
     grazes = at_point("curve_cut_in", 24.8564, 14.8803, 1.67441, 1.55033)
-    settings = grazes.simulation(SETTINGS)
+    settings = grazes.simulation(DECIDED)
     assert not foresee(replace(grazes, road=replace(grazes.road, line=())), settings)[0].meets
     assert foresee(grazes, settings)[0].meets
 
@@ -290,7 +274,7 @@ def test_it_brakes_at_once_where_it_is_too_close_to_what_hides(gap, keeps):
 
 
 def test_who_stands_in_the_way_of_an_oncoming_vehicle_waits_until_it_has_passed():
-    waited = simulate(at_point("oncoming_in_lane", 10, 25, 300, 0.9), "ideal_braking", SETTINGS)
+    waited = simulate(at_point("oncoming_in_lane", 10, 25, 300, 0.9), "ideal_braking", DECIDED)
     assert (waited.collision, waited.end_reason, waited.ego.speed[-1]) == (None, "time_limit", 0.0)
     assert waited.actors["oncoming"].x[-1] < waited.ego.x[-1]
 

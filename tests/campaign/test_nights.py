@@ -36,6 +36,7 @@ from sumo_eval.scoring.rule import (
     worse_ends,
 )
 
+pytestmark = pytest.mark.campaign
 SIZES = tuple(int(text) for text in os.environ.get("SUMO_EVAL_NIGHT_CASES", "18 62").split())
 SETTINGS = GateSettings(resamples=100)
 BASE = "base"
@@ -221,7 +222,6 @@ def false_alarms(run, drives):
     ]
 
 
-@pytest.mark.campaign
 @pytest.mark.parametrize("cases", SIZES)
 def test_planted_changes_are_found_and_silence_is_kept(cases, tmp_path):
     shutil.copy(Path(__file__).with_name("ladder_ads.py"), tmp_path)
@@ -253,7 +253,6 @@ def test_planted_changes_are_found_and_silence_is_kept(cases, tmp_path):
     assert {row.build for row in rows if row.found} >= set(SPECIAL)
 
 
-@pytest.mark.campaign
 @pytest.mark.parametrize("cases", SIZES)
 def test_noise_raises_one_alarm_in_fifty_nights_at_most(cases, tmp_path):
     shutil.copy(Path(__file__).with_name("ladder_ads.py"), tmp_path)

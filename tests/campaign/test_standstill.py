@@ -8,14 +8,12 @@ from dataclasses import replace
 
 import pytest
 from campaign_share import SHARE
-from road_scenes import drawn_cases
+from road_scenes import DECIDED, drawn_cases
 
 from sumo_eval.cosim import simulate_many
 from sumo_eval.scenario import catalogue
-from sumo_eval.settings import SimulationSettings
 
-SETTINGS = SimulationSettings(end_when_decided=True)
-WAITING = replace(SETTINGS, standstill_time=SETTINGS.time_limit)
+WAITING = replace(DECIDED, standstill_time=DECIDED.time_limit)
 
 
 def touched(use, ads, count, settings):
@@ -25,7 +23,7 @@ def touched(use, ads, count, settings):
 
 @pytest.mark.parametrize("ads", ["ideal_braking", "idm"])
 def test_who_waits_for_a_turning_vehicle_touches_it_no_later(ads):
-    assert touched("turn_across_path", ads, 10, SETTINGS) == touched(
+    assert touched("turn_across_path", ads, 10, DECIDED) == touched(
         "turn_across_path", ads, 10, WAITING
     )
 
@@ -35,4 +33,4 @@ def test_who_waits_for_a_turning_vehicle_touches_it_no_later(ads):
 @pytest.mark.parametrize("use", sorted(catalogue.SCENARIOS))
 def test_a_vehicle_that_stood_for_two_seconds_touches_none_later(use, ads):
     count = max(5, round(150 * SHARE))
-    assert touched(use, ads, count, SETTINGS) == touched(use, ads, count, WAITING)
+    assert touched(use, ads, count, DECIDED) == touched(use, ads, count, WAITING)

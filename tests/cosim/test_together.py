@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import refusal
-from road_scenes import ROAD, assert_as_alone, at_values, case, lead, points
+from road_scenes import DECIDED, ROAD, assert_as_alone, at_values, case, lead, points
 
 from sumo_eval import Command
 from sumo_eval.ads.r157_careful_driver import CarefulDriver
@@ -26,7 +26,6 @@ from sumo_eval.settings import ConditionSettings, RunSettings, SimulationSetting
 from sumo_eval.trajectory import Alone, Recording
 
 simulating = importlib.import_module("sumo_eval.cosim.simulation")
-DECIDED = SimulationSettings(end_when_decided=True)
 
 
 def behind(*speeds):

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -29,8 +30,8 @@ TABLES = ROOT.parent / "shared" / "data" / "r157"
 CAREFUL = {"deceleration": 7.593, "delay": 1.15, "build_up": 0.6}
 speeds = st.floats(0.0, 40.0)
 gaps = st.floats(0.1, 200.0)
-decelerations = st.floats(1.0, 10.0)
 delays = st.floats(0.0, 2.0)
+braking = partial(st.builds, dict, deceleration=st.floats(1.0, 10.0), delay=delays)
 
 
 def table(name):
@@ -111,48 +112,33 @@ def test_delay_alone_can_reach_contact():
     assert ideal_impact_speed(20, 0, 20, deceleration=5, delay=1.0) == 20.0
 
 
-@given(speeds, speeds, gaps, decelerations, delays)
-def test_max_inverse_ttc_is_what_a_plain_simulation_finds(ego, lead, gap, deceleration, delay):
-    assume(
-        abs(gap - required_gap(max(ego - lead, 0.0), deceleration=deceleration, delay=delay)) > 1e-6
-    )
-    plain, _ = braked(ego, lead, gap, deceleration, delay)
-    assert max_inverse_ttc(ego, lead, gap, deceleration=deceleration, delay=delay) == pytest.approx(
-        plain, rel=1e-9
-    )
+@given(speeds, speeds, gaps, braking())
+def test_max_inverse_ttc_is_what_a_plain_simulation_finds(ego, lead, gap, brakes):
+    assume(abs(gap - required_gap(max(ego - lead, 0.0), **brakes)) > 1e-6)
+    plain, _ = braked(ego, lead, gap, **brakes)
+    assert max_inverse_ttc(ego, lead, gap, **brakes) == pytest.approx(plain, rel=1e-9)
 
 
-@given(speeds, speeds, gaps, decelerations, delays, st.sampled_from([0.0, 0.15, 0.6, 3.0]))
-def test_impact_speed_is_what_a_plain_simulation_finds(
-    ego, lead, gap, deceleration, delay, build_up
-):
+@given(speeds, speeds, gaps, braking(build_up=st.sampled_from([0.0, 0.15, 0.6, 3.0])))
+def test_impact_speed_is_what_a_plain_simulation_finds(ego, lead, gap, brakes):
     # at the very gap that is required the impact speed leaves 0 like a square root: digits of the
     # gap are lost there
-    required = required_gap(
-        max(ego - lead, 0.0), deceleration=deceleration, delay=delay, build_up=build_up
-    )
-    assume(abs(gap - required) > 1e-4)
-    _, plain = braked(ego, lead, gap, deceleration, delay, build_up)
-    mine = ideal_impact_speed(
-        ego, lead, gap, deceleration=deceleration, delay=delay, build_up=build_up
-    )
-    assert mine == pytest.approx(plain, abs=1e-9)
+    assume(abs(gap - required_gap(max(ego - lead, 0.0), **brakes)) > 1e-4)
+    _, plain = braked(ego, lead, gap, **brakes)
+    assert ideal_impact_speed(ego, lead, gap, **brakes) == pytest.approx(plain, abs=1e-9)
 
 
-@given(st.floats(0.1, 40.0), decelerations, delays, st.floats(0.0, 3.0))
-def test_required_gap_is_where_contact_ends(closing, deceleration, delay, build_up):
-    brakes = {"deceleration": deceleration, "delay": delay, "build_up": build_up}
+@given(st.floats(0.1, 40.0), braking(build_up=st.floats(0.0, 3.0)))
+def test_required_gap_is_where_contact_ends(closing, brakes):
     gap = required_gap(closing, **brakes)
     assert ideal_impact_speed(closing, 0.0, gap + 1e-6, **brakes) == 0.0
     assert ideal_impact_speed(closing, 0.0, gap - 1e-6, **brakes) > 0.0
 
 
-@given(st.floats(0.1, 40.0), decelerations, st.floats(0.2, 2.0), delays)
-def test_critical_gap_is_where_max_inverse_ttc_meets_the_threshold(closing, deceleration, k, delay):
-    gap = critical_gap(closing, deceleration=deceleration, critical_inverse_ttc=k, delay=delay)
-    assert max_inverse_ttc(
-        closing, 0.0, gap, deceleration=deceleration, delay=delay
-    ) == pytest.approx(k, rel=1e-9)
+@given(st.floats(0.1, 40.0), st.floats(0.2, 2.0), braking())
+def test_critical_gap_is_where_max_inverse_ttc_meets_the_threshold(closing, k, brakes):
+    gap = critical_gap(closing, critical_inverse_ttc=k, **brakes)
+    assert max_inverse_ttc(closing, 0.0, gap, **brakes) == pytest.approx(k, rel=1e-9)
 
 
 @given(st.floats(0.0, 30.0), st.floats(0.0, 30.0), gaps, delays, st.floats(0.0, 1.0))

@@ -36,8 +36,12 @@ def around(x, y):
     return Stretch(x.min(), x.max(), y.min(), y.max()) if x.size else Stretch(0.0, 1.0, 0.0, 1.0)
 
 
+def shared(x, y, drives, constants=PLAIN):
+    return SharedFields(drives, around(x, y), constants, y.size)
+
+
 def shared_fields(x, y, drives, constants):
-    return SharedFields(drives, around(x, y), constants, y.size).at(x, y, range(len(drives)))
+    return shared(x, y, drives, constants).at(x, y, range(len(drives)))
 
 
 def assert_plain(x, y, drives, constants, error=ERROR):
@@ -126,16 +130,16 @@ def test_points_off_the_stretch_are_within_the_bound(driven, asked_before):
 
 def test_earlier_questions_change_no_bit(driven):
     drives, x, y = driven
-    fields = SharedFields(drives, around(x, y), PLAIN, y.size)
+    fields = shared(x, y, drives)
     fields.at(x[::2], y[::2], [2, 0])
-    alone = SharedFields(drives[1:], around(x, y), PLAIN, y.size)
+    alone = shared(x, y, drives[1:])
     assert fields.at(x, y, [1, 2]).tobytes() == alone.at(x, y, [0, 1]).tobytes()
 
 
 def test_company_changes_no_bit(driven):
     drives, x, y = driven
     plainly_summed = standing(200.0, 1.0, 0.1, 120.0)
-    fields = SharedFields([*drives, plainly_summed], around(x, y), PLAIN, y.size)
+    fields = shared(x, y, [*drives, plainly_summed])
     last = len(drives)
     both = fields.at(x, y, [last, 0])
     for number, place in enumerate((last, 0)):
@@ -146,7 +150,7 @@ def test_far_samples_are_summed_once(driven, monkeypatch):
     from sumo_eval.method import field_loops
 
     drives, x, y = driven
-    fields = SharedFields(drives, around(x, y), PLAIN, y.size)
+    fields = shared(x, y, drives)
     first = fields.at(x, y, [0, 1, 2])
     monkeypatch.setattr(field_loops, "far_values", None)
     assert fields.at(x, y, [0, 1, 2]).tobytes() == first.tobytes()

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from rates.sums import rate_of, truth
 
+pytestmark = pytest.mark.campaign
+
 
 def held(known, drives, repetitions):
     """How many intervals lie below the true rate, how many above it, and the mean estimate over the
@@ -27,7 +29,6 @@ def least(repetitions):
     return 0.95 * repetitions - 3.0 * np.sqrt(0.95 * 0.05 * repetitions)
 
 
-@pytest.mark.campaign
 @pytest.mark.parametrize("known", ["given", "counted"])
 @pytest.mark.parametrize("drives", [20, 40, 200])
 def test_95_per_cent_intervals_of_a_sum_hold_it_in_95_of_100(known, drives):
@@ -36,7 +37,6 @@ def test_95_per_cent_intervals_of_a_sum_hold_it_in_95_of_100(known, drives):
     assert mean == pytest.approx(1.0, abs=0.03)
 
 
-@pytest.mark.campaign
 def test_95_per_cent_intervals_of_a_sum_hold_it_where_the_distribution_is_fitted_to_events():
     """A KDE with bandwidth h widens what is met by sqrt(1 + h^2), and brings what lies z deviations
     away nearer by it.

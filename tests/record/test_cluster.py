@@ -22,6 +22,7 @@ from sumo_eval.settings import RunSettings, SimulationSettings
 
 pytest.importorskip("distributed")
 HERE = Path(__file__).parent
+quietly = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 
 
 class Cluster:
@@ -93,7 +94,7 @@ def started(folder, *options, env=None):
 
 
 @pytest.mark.campaign
-@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+@quietly
 def test_every_case_ends_once_when_a_worker_is_killed_in_the_middle(cluster):
     victim = cluster.worker("--no-nanny")
     cluster.worker("--nanny")
@@ -124,7 +125,7 @@ def test_every_case_ends_once_when_a_worker_is_killed_in_the_middle(cluster):
 
 
 @pytest.mark.campaign
-@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+@quietly
 def test_the_command_line_runs_on_the_cluster_to_the_same_digest(cluster, tmp_path):
     import sumo_eval
 
@@ -143,7 +144,7 @@ def test_the_command_line_runs_on_the_cluster_to_the_same_digest(cluster, tmp_pa
 
 
 @pytest.mark.campaign
-@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+@quietly
 def test_workers_that_are_killed_at_random_moments_cost_no_case(tmp_path):
     """In the place of each worker that is killed another one is started."""
     with started(tmp_path) as cluster:

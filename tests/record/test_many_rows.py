@@ -5,6 +5,8 @@ import tracemalloc
 import pytest
 from record.synthetic_store import use
 
+pytestmark = pytest.mark.campaign
+
 
 def peak(path, rows):
     tracemalloc.start()
@@ -15,7 +17,6 @@ def peak(path, rows):
         tracemalloc.stop()
 
 
-@pytest.mark.campaign
 def test_the_memory_of_the_parent_is_bounded(tmp_path):
     small, large = peak(tmp_path / "a", 300), peak(tmp_path / "b", 3_000)
     assert large - small < 2.0, (
@@ -23,6 +24,5 @@ def test_the_memory_of_the_parent_is_bounded(tmp_path):
     )
 
 
-@pytest.mark.campaign
 def test_the_memory_of_the_parent_is_bounded_at_100_000_rows(tmp_path):
     assert peak(tmp_path / "c", 100_000) < 20.0, "MB"

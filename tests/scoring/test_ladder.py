@@ -6,14 +6,11 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 from loaded import load
+from road_scenes import severities
 
-from sumo_eval.cosim.simulation import simulate_many
-from sumo_eval.method.collision_avoidance import impact_severity
 from sumo_eval.method.score_terms import avoided_share, once
 from sumo_eval.scenario import catalogue
-from sumo_eval.settings import SimulationSettings
 
-SETTINGS = SimulationSettings(end_when_decided=True)
 TIED = 0.02  # share of the pairs that A may tie
 
 
@@ -57,19 +54,6 @@ def test_five_rungs_stand_in_their_order(ladder):
             assert shares[i] > shares[j], (rungs[i].name, rungs[j].name)
             pairs += 1
     assert pairs >= 8
-
-
-def severities(cases, ads):
-    """U, 0 without contact, m/s."""
-    hits = [recording.collision for recording in simulate_many(cases, ads, SETTINGS)]
-    return np.array(
-        [
-            0.0
-            if hit is None
-            else float(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
-            for hit in hits
-        ]
-    )
 
 
 def test_a_pair_counts_as_ordered_tied_wrong_or_without_a_score(ladder):
