@@ -205,13 +205,17 @@ def _prepared(joint: Joint) -> _Kernels | _Copula:
     rows = np.array(joint.events)
     weights = joint.weights or (1.0,) * len(rows)
     shares = np.array(weights) / sum(weights)
-    if joint.kind == "copula":
-        return _copula(joint, rows, shares)
-    covariance = np.atleast_2d(np.cov(rows.T, aweights=shares)) * joint.factor**2
-    root = np.asarray(np.linalg.cholesky(covariance), float)
-    if joint.narrow:
-        rows, root = _narrowed(rows, shares, root, joint.factor**2)
-    return _Kernels(rows, shares, root)
+    if joint.kind == "kde":
+        covariance = np.atleast_2d(np.cov(rows.T, aweights=shares)) * joint.factor**2
+        root = np.asarray(np.linalg.cholesky(covariance), float)
+        if joint.narrow:
+            rows, root = _narrowed(rows, shares, root, joint.factor**2)
+        return _Kernels(rows, shares, root)
+
+    grids = np.linspace(joint.low, joint.high, GRID, axis=1)
+    marginals = [_marginal(joint, *it, shares) for it in zip(grids, rows.T, strict=True)]
+    densities, distributions = map(np.array, zip(*marginals, strict=True))
+    return _Copula(_correlation_root(rows, shares), grids, densities, distributions)
 
 
 def _narrowed(rows: FloatArray, shares: FloatArray, width: Any, ratio: Any) -> tuple[Any, Any]:
@@ -223,9 +227,8 @@ def _narrowed(rows: FloatArray, shares: FloatArray, width: Any, ratio: Any) -> t
     return mean + nearer * (rows - mean), nearer * width
 
 
-def _copula(joint: Joint, rows: FloatArray, shares: FloatArray) -> _Copula:
-    """The copula of events (n, k) with these shares, (n,)."""
-    # weighted correlation (k, k) of the normal scores
+def _correlation_root(rows: FloatArray, shares: FloatArray) -> FloatArray:
+    """Cholesky factor of the weighted correlation of the normal scores of events, (k, k)."""
     scores = np.column_stack([_normal_scores(it) for it in rows.T])
     centred = scores - shares @ scores
     covariance = (centred * shares[:, None]).T @ centred
@@ -233,12 +236,7 @@ def _copula(joint: Joint, rows: FloatArray, shares: FloatArray) -> _Copula:
     correlation = np.atleast_2d(covariance / np.outer(deviation, deviation))
     # the correlation is singular where two parameters put the events in the same order
     lift = max(LEAST_EIGENVALUE - float(np.linalg.eigvalsh(correlation)[0]), 0.0)
-    lifted = correlation + lift * np.eye(len(correlation))
-    root = np.asarray(np.linalg.cholesky(lifted), float)
-    grids = np.linspace(joint.low, joint.high, GRID, axis=1)
-    marginals = [_marginal(joint, *it, shares) for it in zip(grids, rows.T, strict=True)]
-    densities, distributions = map(np.array, zip(*marginals, strict=True))
-    return _Copula(root, grids, densities, distributions)
+    return np.asarray(np.linalg.cholesky(correlation + lift * np.eye(len(correlation))), float)
 
 
 def _normal_scores(values: FloatArray) -> FloatArray:

@@ -324,6 +324,11 @@ def combine(
         is_missing = is_missing | (cases.counts_for_index & ~np.isfinite(cases.index))
     missing = Counter[Zone](cases.zone[is_missing].tolist())
     bounds = missing_bounds(cases, terms, values, method, people=people) if missing else {}
+    notes = list(notes)
+    if missing:
+        notes += [CasesMissing(tuple(sorted(missing.items()))), *_references_missing(cases)]
+    if "s" in bounds:
+        notes.append(WorstAndBest(bounds.get("c"), bounds.get("d"), bounds["s"]))
     human_likeness = values["human_likeness"]
     points = worth(method.score)
     # T max(A', 0), the part of S+ that a and b H multiply
@@ -351,7 +356,7 @@ def combine(
         safe_cases=safe_cases,
         hazardous_cases=len(cases) - safe_cases,
         struck_from_behind=_number(cases.struck_from_behind),
-        notes=(*notes, *_case_notes(cases, missing, bounds)),
+        notes=(*notes, *_case_notes(cases)),
         task_reference=task_reference,
     )
 
@@ -361,19 +366,8 @@ def _number(flags: BoolArray) -> int:
     return int(np.count_nonzero(flags))
 
 
-def _case_notes(
-    cases: CaseTable, missing: Counter[Zone], bounds: Mapping[str, tuple[float, float]]
-) -> Iterator[ScoreNote]:
-    """Notes on the cases of an ADS in a scenario.
-
-    missing: number of missing cases by zone.
-    bounds: ends that these leave open, by score.
-    """
-    if missing:
-        yield CasesMissing(tuple(sorted(missing.items())))
-        yield from _references_missing(cases)
-    if "s" in bounds:
-        yield WorstAndBest(bounds.get("c"), bounds.get("d"), bounds["s"])
+def _case_notes(cases: CaseTable) -> Iterator[ScoreNote]:
+    """Notes on how many cases are of a kind, where there are any."""
     safe, hits = _number(cases.safe), _number(cases.collided)
     safe_hits = _number(cases.collided & cases.safe)
     counted = (

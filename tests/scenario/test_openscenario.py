@@ -281,6 +281,7 @@ BAD = {
 "a constraint does not hold|allow no point" = { most = 10 }
 "cannot be read" = { v = "${$kph +}" }
 "holds `__import__" = { v = "${__import__(1)}" }
+"no number has a `_`" = { v = "${1_0 + $kph}" }
 """),
     "no action `other` stands above it": {"events": timed(BRAKE, ENDED.format("other"))},
     "line .*<AcquirePositionAction>: this is not supported|<RoutingAction>": {

@@ -3,8 +3,8 @@
 Road coordinates: x along the road, y to the left, y = 0 on the centre line of the right-hand lane.
 `Perception` applies the limits of `ConditionSettings`: delay, range, field of view, misses, noise.
 
-Users: the loop, the control of an ego on TraCI and the gym's episodes make observations; policies
-and the doors for JSON lines, FMUs and ONNX models read them.
+Users: the loop and the gym's episodes make observations; policies and the doors for JSON lines,
+FMUs and ONNX models read them.
 """
 
 from __future__ import annotations

@@ -109,6 +109,7 @@ def worked_out(written: str, values: Mapping[str, Value]) -> Value:
 
 
 def _value(name: str, values: Mapping[str, Value]) -> Value:
+    """The value of a parameter."""
     if name not in values:
         raise WrongValueError(f"parameter `{name}` is not declared.{did_you_mean(name, values)}")
     return values[name]
@@ -116,8 +117,11 @@ def _value(name: str, values: Mapping[str, Value]) -> Value:
 
 @lru_cache(maxsize=2048)
 def _tree(inner: str) -> ast.expr:
+    """Python's syntax tree of an expression without its brackets."""
     if len(inner) > _LONGEST:
         raise WrongValueError(f"must have at most {_LONGEST} characters")
+    if re.search(r"\b\d+_", inner):  # as in `number_of`
+        raise WrongValueError("cannot be read: no number has a `_`")
     try:
         return ast.parse(_REFERENCE.sub(r"p_\1", inner).strip(), mode="eval").body
     except UNREADABLE:
@@ -125,6 +129,7 @@ def _tree(inner: str) -> ast.expr:
 
 
 def _evaluate(node: ast.expr, names: Mapping[str, float], depth: int) -> float:
+    """The value of a part of an expression; depth: operations around it."""
     if depth > _DEEPEST:
         raise WrongValueError("is nested too deep")
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
