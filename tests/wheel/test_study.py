@@ -13,7 +13,7 @@ from laid import read_json
 from refusals import refusal, refused
 
 pytest.importorskip("websockets")
-from test_window import known
+from test_window import known, run
 from unpaced import UnpacedWindow
 from websockets.exceptions import ConnectionClosed
 
@@ -21,9 +21,17 @@ import sumo_eval
 from sumo_eval.extras.studies.opinion import compare_opinion, read_ratings
 from sumo_eval.extras.wheel.messages import MOST_A_SECOND
 from sumo_eval.extras.wheel.outcome import collect, evaluation_of
-from sumo_eval.extras.wheel.page import page
+from sumo_eval.extras.wheel.page import page, sheet
 from sumo_eval.extras.wheel.plan import read_study
-from sumo_eval.extras.wheel.study import enter, participants, study
+from sumo_eval.extras.wheel.study import (
+    CONTINUE,
+    SCORE,
+    asked_of,
+    enter,
+    participants,
+    scale,
+    study,
+)
 from sumo_eval.report.people import study_sentences
 
 RUN = """
@@ -273,6 +281,7 @@ def test_a_damaged_journal_is_refused_and_a_whole_line_stays(plan):
     for line in (
         "{}",
         '{"step": "rate:x:y", "ads": "y", "scenario": "x", "answers": {"score": NaN}}',
+        '{"step": "practice:1", "passed": true, "tape": ["a"]}',
     ):
         journal.write_text(f"{whole}\n{line}\n")
         with refusal("journal.jsonl"):
@@ -282,5 +291,23 @@ def test_a_damaged_journal_is_refused_and_a_whole_line_stays(plan):
         collect(plan)
     entry = {"step": "drive:gone", "tape": "gone.jsonl", "answers": {}, "quality": {}}
     journal.write_text(f"{whole}\n{json.dumps(entry)}\n")
+    (person.folder / "x-001.jsonl").write_text('{"format": 1}\n')
     assert ("P09", "gone", "gone.jsonl", "no case of the study now") in collect(plan).left
+    assert ("P09", "x", "x-001.jsonl", "the drive broke off") in collect(plan).left
+    later = enter(plan, "P10")
     shutil.rmtree(person.folder)
+    assert enter(plan, "P11").number == person.number, "its order of cases is free again"
+    for folder in later.folder, later.folder.with_name("P11"):
+        shutil.rmtree(folder)
+
+
+@run
+async def test_answers_that_are_on_no_scale_are_asked_for_again():
+    async with UnpacedWindow(page("Drive")) as window, await known(window) as peer:
+        view = sheet("Rate", questions=[scale(SCORE)], buttons=[CONTINUE])
+        answers = asyncio.create_task(asked_of(window, view))
+        for score in (99, "8", True, None, 8):
+            await asyncio.wait_for(peer.recv(), 10.0)
+            given = {} if score is None else {"score": score}
+            await peer.send(json.dumps({"answers": {"button": "go", **given}}))
+        assert await asyncio.wait_for(answers, 10.0) == {"score": 8.0}

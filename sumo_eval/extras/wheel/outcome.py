@@ -202,18 +202,21 @@ def _drive(
 def _unfinished(person: Participant) -> list[DiscardedDrive]:
     """Drives on tapes that no step of the journal names.
 
-    Their driver ended them, or they broke off; the participant drove the case again.
+    Their driver ended them, or they broke off.
     """
     named = {entry.get("tape") for entry in person.done.values()} | {"journal.jsonl"}
     left = []
     for path in sorted(person.folder.glob("*.jsonl")):
         if path.name not in named:
+            case = path.stem.rpartition("-")[0]  # a tape is named CASE-NUMBER by `trip.new_tape`
+            rerun = f"drive:{case}" in person.done
             try:
-                lost = read_tape(path).end is None
-                why = "the drive broke off, and was rerun" if lost else "ended, and rerun"
+                if read_tape(path).end is None:
+                    why = "the drive broke off" + ", and was rerun" * rerun
+                else:
+                    why = "ended" + ", and rerun" * rerun
             except InputError as error:
                 why = said(error)
-            case = path.stem.rpartition("-")[0]  # a tape is named CASE-NUMBER by `trip.new_tape`
             left.append(DiscardedDrive(person.code, case, path.name, why))
     return left
 

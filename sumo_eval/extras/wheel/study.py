@@ -49,7 +49,7 @@ CONTINUE = ["go", "Continue"]
 class Participant:
     """A participant: a code, never a name.
 
-    number: how many participants began earlier.
+    number: of the participant's order of cases; each is given once.
     done: the journal: name of a step that is done -> its entry.
     """
 
@@ -96,7 +96,7 @@ def _step_of(entry: Any) -> Any:
         case (
             ("begun", {"number": int()})
             | ("consent", {"agrees": bool()})
-            | ("practice", {"passed": bool()})
+            | ("practice", {"passed": bool(), "tape": str()})
             | ("drive", {"tape": str(), "answers": {}, "quality": {}})
             | ("rate", {"ads": str(), "scenario": str(), "answers": {}})
             | ("stopped" | "done", _)
@@ -114,7 +114,9 @@ def enter(plan: StudyPlan, code: str) -> Participant:
     folder = plan.folder / "participants" / code
     with writing(f"The study in {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
-    person = Participant(code, len(people), folder)
+    # of a participant whose folder was removed, the number is free again
+    number = min({*range(len(people) + 1)} - {person.number for person in people})
+    person = Participant(code, number, folder)
     person.finish("begun", number=person.number)
     return person
 
@@ -163,15 +165,20 @@ class StopsError(Exception):
 
 
 async def asked_of(window: Window, view: dict[str, Any]) -> dict[str, Any]:
-    """A participant's answers to a sheet, which gets a button to stop.
+    """A participant's answers to a sheet of scales, which gets a button to stop; asked again while
+    an answer is not on its scale.
 
     Raises StopsError where the participant stops.
     """
     view["buttons"].append(["stop", "I want to stop"])
-    given = await window.ask(view)
-    if given.pop("button", None) == "stop":
-        raise StopsError
-    return given
+    keys = {question["key"] for question in view.get("questions", ())}
+    while True:
+        given = await window.ask(view)
+        if given.pop("button", None) == "stop":
+            raise StopsError
+        on_scale = (isinstance(it, float) and LOW <= it <= HIGH for it in given.values())
+        if given.keys() == keys and all(on_scale):
+            return given
 
 
 async def steps_of(window: Window, plan: StudyPlan, person: Participant) -> str:
