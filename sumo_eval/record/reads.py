@@ -34,7 +34,7 @@ ABSENT, WRITTEN, UNKNOWN = "-", "", "?"
 was loaded."""
 LOST = "a file that no process lived to tell"
 """Path of a stand-in for all files of an ADS whose processes were all lost before they could
-report. Its hash is `UNKNOWN`; `WRITTEN` once a process has reported."""
+report. Its hash is `UNKNOWN`, and `WRITTEN` once a process has reported."""
 
 _PACKAGE = str(Path(__file__).parent.parent)
 _PYTHON = (".py", ".pyw", ".pyc")
@@ -70,8 +70,8 @@ class _Watch:
         self._states: dict[str, State] = {}  # of files when they were read
         self._written: set[str] = set()
         self._open_for_both: dict[str, State] = {}  # of files when they were opened
-        self._known: set[File] = set()  # all files noted so far
-        self._new: list[File] = []  # of the known files those that are not reported yet
+        self._known: dict[File, None] = {}  # all files noted so far, in order
+        self._reported = 0  # number of these that are reported
         self._modules = 0  # number of loaded modules at the last look
         if before is None:
             return
@@ -136,7 +136,8 @@ class _Watch:
         for path, state in self._open_for_both.items():
             if _state(path) != state:
                 self.write(path)
-        new, self._new = self._new, []
+        new = list(self._known)[self._reported :]
+        self._reported = len(self._known)
         inside = os.path.join(self.folder, "")
         return [
             (os.path.relpath(path, self.folder) if path.startswith(inside) else path, digest)
@@ -144,10 +145,7 @@ class _Watch:
         ]
 
     def _note(self, path: str, digest: str) -> None:
-        file = (path, digest)
-        if file not in self._known:
-            self._known.add(file)
-            self._new.append(file)
+        self._known.setdefault((path, digest))
 
     def _add_root(self, folder: str) -> None:
         self._roots |= {os.path.join(root, "") for root in (folder, os.path.realpath(folder))}
@@ -158,7 +156,7 @@ class _Watch:
 
     def _ignored_folders(self) -> tuple[str, ...]:
         """Folders of files that do not count: installed packages, caches, and the temporary files
-        of a child of the pool, unless the evaluation lies among these.
+        of a child of the pool, unless the evaluation is among these files.
         """
         temporary = os.path.join(tempfile.tempdir or "", "")
         of_pool = f"{os.sep}{SCRATCH_PREFIX}" in temporary

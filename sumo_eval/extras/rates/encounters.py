@@ -1,7 +1,7 @@
 """Manoeuvres in recordings that a driver had to answer, measured as parameters of a scenario.
 
-`learned` makes scenarios of them. `drivers.recorded.events` decides which vehicles count; this
-module measures. Its classes:
+`learned` makes scenarios of them, as `scenes` describes. `drivers.recorded.events` decides which
+vehicles count; this module measures. Its classes:
 
 - cut_in: a vehicle changes into the lane ahead of another, which it had not overtaken just before.
 - overtaken_and_cut_off: a cut-in by a faster vehicle that was behind at most `OVERTOOK` s before.
@@ -275,10 +275,7 @@ def lane_gaps(middles: ArrayLike) -> FloatArray:
 def _measure_recording(
     name: str, traffic: RecordedTraffic, classes: Mapping[str, Encounters]
 ) -> None:
-    """Count and measure the events of a recording.
-
-    classes: receive them.
-    """
+    """Count and measure the events of a recording, and add them to `classes`."""
     for kind, event, other, measure, *more in _events_that_count(traffic):
         encountered = classes[kind]
         if event["ghost"]:
@@ -299,8 +296,8 @@ def _measure_recording(
 def _events_that_count(traffic: RecordedTraffic) -> Iterator[Any]:
     """The events that count.
 
-    Each is a tuple: class, event, name of the actor, function that measures it, and the arguments
-    of this function after the traffic and the event.
+    Each is a tuple: class, event, name of the actor, function that measures the event, and this
+    function's arguments after traffic and event.
     """
     changes = find_lane_changes(traffic)
     # an event has the vehicle that changes lane under its kind's name, and the change's time

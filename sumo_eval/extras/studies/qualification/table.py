@@ -50,7 +50,7 @@ Answer = float | str
 
 LENGTH = 4.5  # m, of every vehicle unless a check sets its own
 EGO_X = 50.0  # m, where the ego starts
-# name; x at which drives end, m; number of lanes; their width, m; length of road after the end, m
+# name; x at which drives end, m; number of lanes; lane width, m; length of road after the end, m
 ROAD = Road("qualification_road", 1500.0, 2, 3.5, 1000.0)
 EU_ROAD = Road("eu_2022_1426_2x3.5m", 2000.0, 2, 3.5, 200.0)
 # brakes of the ideal vehicle and of the default vehicle model: deceleration, m/s2, and the time
