@@ -32,6 +32,7 @@ class Bases(NamedTuple):
     notes: on nights that could not be used.
     unusable: whether there are good nights, but none can be compared with; or an accepted one that
         cannot.
+    steady: ADSs whose repeats in the last good night were all alike to the last bit.
     """
 
     good: Night | None
@@ -40,6 +41,7 @@ class Bases(NamedTuple):
     pinned: Comparison | None
     notes: tuple[str, ...]
     unusable: bool
+    steady: frozenset[str] = frozenset()
 
     @property
     def comparisons(self) -> tuple[Comparison, ...]:
@@ -72,7 +74,17 @@ def find_bases(
         unusable |= pinned is None
     # an accepted night that was also tried as the last good one has its note twice
     once = tuple(dict.fromkeys(notes))
-    return Bases(last, pinned_night, comparison, pinned, once, unusable)
+    steady = _steady(history / last.folder / NIGHT) if last else frozenset()
+    return Bases(last, pinned_night, comparison, pinned, once, unusable, steady)
+
+
+def _steady(record: Path) -> frozenset[str]:
+    """ADSs whose repeats were all equal to the last bit in a night, from its `night.json`."""
+    if not record.is_file():
+        return frozenset()
+    with taking_apart(record, "Remove this file; the night stays a base."):
+        repeats = json.loads(record.read_text("utf-8")).get("repeats", {})
+        return frozenset(ads for ads, it in repeats.items() if 0 < it["alike"] == it["cases"])
 
 
 def _first_usable(

@@ -223,8 +223,13 @@ class History:
         return self._read("accepted", Accepted)
 
     def shaky(self) -> set[ShakyCase]:
-        """Cases that were bad in some drives of one build, in any night."""
-        return set(self._read("shaky", ShakyCase))
+        """Cases that were bad in some drives of one build, in a good or an accepted night."""
+        rows = self._connection.execute(
+            "SELECT ads, scenario, point FROM shaky WHERE night IN (SELECT night FROM nights "
+            "WHERE exit_status IN (?, ?) UNION SELECT night FROM accepted)",
+            GOOD,
+        )
+        return {ShakyCase(*row) for row in rows}
 
     def builds(self) -> dict[str, dict[str, str]]:
         """Build of each ADS by night."""
@@ -356,9 +361,7 @@ def near_misses(cases: CaseTable) -> int:
     `NearMissSettings`.
     """
     inside = [
-        (np.less if measure.higher_is_better else np.greater)(
-            getattr(cases, measure.quantity), measure.zone
-        )
+        measure.sign * getattr(cases, measure.quantity) < measure.sign * measure.zone
         for measure in NearMissSettings().measure
         if measure.zone is not None
     ]

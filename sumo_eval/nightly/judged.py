@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import dropwhile, takewhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -65,7 +66,7 @@ def judge_night(
     # `bad_again` needs a Noise that holds the repeats only
     noise = Noise(repeats_of(evaluation, gate, folder, progress))
     bad = bad_again(bases.comparisons, evaluation, noise, gate, folder)
-    noise = Noise(noise.repeats, bad, keys_of(evaluation, database.shaky()))
+    noise = Noise(noise.repeats, bad, keys_of(evaluation, database.shaky()), bases.steady)
     accept = shlex.join(["sumo-eval", "accept", str(history), "--reason", "..."])
     gates = [
         *judge(evaluation, bases.comparison, gate, noise),
@@ -102,20 +103,23 @@ def judge_repeats(
 ) -> Iterator[GateResult]:
     """Whether two drives of a case are alike, within the tolerances, for each ADS.
 
-    It fails if all were alike in the last good night, n differ tonight, and it is improbable that
-    by chance all n do so tonight: 1/2 ** n. An ADS that differed in that night, too, has no limit.
+    It fails if all were alike in the last good night and in k nights in a row up to it, n differ
+    tonight, and it is improbable that by chance all n do so tonight: 1 / (k + 1) ** n.
     """
-    # an ADS whose repeats were all alike has a passed limit in that night
-    passed = (good and good.night, "repeats", True)
-    repeated = {it.ads for it in database.gates() if (it.night, it.quantity, it.passed) == passed}
+    repeats = [line for line in database.gates()[::-1] if line.quantity == "repeats"]
+    lines = list(dropwhile(lambda line: good is None or line.night != good.night, repeats))
     for ads, (cases, _, _, apart) in noise.repeats.items():
-        lost = ads in repeated and 0.5 ** len(apart) < settings.noise.chance
-        if lost or not apart:
-            yield GateResult(
-                "repeats", ads, EVERYWHERE, not lost,
-                f"{len(apart)} of {count(cases, 'case')} differed in a second drive",
-                cases=tuple(apart), worst=tuple(apart.values())[:MOST_NAMED],
-            )  # fmt: skip
+        of_ads = (line.passed for line in lines if line.ads == ads)
+        quiet = len(list(takewhile(bool, of_ads)))  # k
+        lost = (quiet + 1.0) ** -len(apart) < settings.noise.chance
+        sentence = f"{len(apart)} of {count(cases, 'case')} differed in a second drive"
+        if apart and not lost:
+            named = ", ".join(list(apart)[:MOST_NAMED])
+            sentence += f"; not failed, because few or not new: {named}"
+        yield GateResult(
+            "repeats", ads, EVERYWHERE, False if lost else None if apart else True, sentence,
+            cases=tuple(apart), worst=tuple(apart.values())[:MOST_NAMED],
+        )  # fmt: skip
 
 
 def failing_since(

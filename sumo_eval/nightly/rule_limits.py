@@ -4,7 +4,8 @@ cases. For the verdict on a night, and for `nightly.gates`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 from sumo_eval.cases import CaseResult
@@ -19,7 +20,6 @@ from sumo_eval.scoring.rule import (
     got_worse,
     holm,
     many,
-    most_lost,
     newly_bad,
     severity_limit,
     tallies,
@@ -41,16 +41,14 @@ def judge_rule(comparison: Comparison, settings: GateSettings, noise: Noise) -> 
     """Every part of the rule that is on."""
     results = list(_outcomes(comparison, settings, noise)) if settings.outcome.on else []
     tallied = tallies(comparison, settings, noise)
-    noisy = [tally for tally in tallied if noise.of(tally.ads).noisy]
-    # each P, and the least that is possible for it: if all changed cases were worse
-    chances = [(it.chance, 0.5 ** (it.number + it.better)) for it in noisy]
-    rejected = holm(chances, settings.noise.chance)
-    # by identity, because a tally holds arrays
-    certain = {id(tally) for tally, is_rejected in zip(noisy, rejected, strict=True) if is_rejected}
+    # of noisy ADSs: each P, and the least that is possible for it: if all changed cases were worse
+    chances = [
+        (it.chance, 0.5 ** (it.number + it.better)) for it in tallied if noise.of(it.ads).noisy
+    ]
+    rejected = iter(holm(chances, settings.noise.chance))
     for tally in tallied:
         if noise.of(tally.ads).noisy:
-            enough = tally.near or many(tally, settings, settings.shift.share)  # of a shift
-            bad = enough and id(tally) in certain
+            bad = next(rejected) and (tally.near or many(tally, settings, settings.shift.share))
         else:
             bad = got_worse(tally, settings)
         results.append(_result(tally, comparison, settings, noise, bad=bad))
@@ -100,20 +98,23 @@ def _gone(comparison: Comparison) -> Iterator[str]:
 
 def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> Iterator[GateResult]:
     """The part on outcomes: each kind of bad end of each ADS in each scenario."""
+    again = settings.outcome.repeats
     for part in comparison.ads:
         repeats = noise.of(part.ads)
         for quantity, worse in newly_bad(part, settings, repeats).items():
             paired = part.changed.paired
             keys = paired.new.case[worse].tolist()
-            # by chance: in too few drives tonight, of a noisy ADS, or in some of an earlier night
-            least = settings.outcome.bad_of
+            # by chance: in some drives of an earlier night, or in too few tonight of an ADS that
+            # was noisy in the base, too
+            least = settings.outcome.bad_of if part.ads not in noise.steady else 0
             shaky = [
                 key
                 for key in keys
                 if repeats.noisy and (key in noise.shaky or noise.bad.get(key, least) < least)
             ]
-            by_chance = set(shaky)
-            bad = [k for k, key in zip(worse, keys, strict=True) if key not in by_chance]
+            bad = dict(zip(keys, worse, strict=True))  # pair of each case
+            for key in shaky:
+                del bad[key]
             number = len(bad)
             cases = count(number, "case")
             sentence = f"{quantity}: no case"
@@ -122,18 +123,26 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
                 sentence = f"U rose by more than {limit} in {cases}"
             elif number:
                 sentence = f"{cases} {ENDS[quantity]}, not so in the base"
+            some = [key for key in bad if noise.bad.get(key, math.inf) <= again]
+            if some:
+                sentence += f"; bad in some of {again + 1} drives only: {_drives(some, noise)}"
             if shaky:
-                named = (f"{key} ({noise.bad.get(key, 1)})" for key in shaky[:MOST_NAMED])
                 sentence += (
                     "; not failed, because bad in some drives only, tonight (in brackets how many) "
-                    f"or in an earlier night: {', '.join(named)}"
+                    f"or in an earlier night: {_drives(shaky, noise)}"
                 )
             yield GateResult(
-                quantity, part.ads, part.scenario, not number, sentence, float(number), 0.0,
-                tuple(paired.new.case[bad[:MOST_KEYS]].tolist()),
+                quantity, part.ads, part.scenario, False if number else None if shaky else True,
+                sentence, float(number), 0.0,
+                tuple(bad)[:MOST_KEYS],
                 tuple(end_change(paired.base[k], paired.new[k], part.units)
-                      for k in bad[:MOST_NAMED]),
+                      for k in [*bad.values()][:MOST_NAMED]),
             )  # fmt: skip
+
+
+def _drives(keys: Sequence[str], noise: Noise) -> str:
+    """Some of the cases, each with its number of bad drives: `cut_in-0042-mine (1)`."""
+    return ", ".join(f"{key} ({noise.bad.get(key, 1)})" for key in keys[:MOST_NAMED])
 
 
 def end_change(old: CaseResult, now: CaseResult, units: tuple[str, str]) -> CaseChange:
@@ -184,8 +193,8 @@ def _result(
     sentence += f" (P = {tally.chance:z.2g})"
     if tally.near and tally.least_kept <= settings.near_miss.kept_margin:
         sentence += f"; one kept {tally.least_kept:z.0%} of its margin"
-    if (lost := most_lost(tally)) >= settings.shift.lost:
-        sentence += f"; one lost {lost:z.2g}"
+    if not tally.near and tally.furthest >= settings.shift.far:
+        sentence += f"; one by {tally.furthest:z.2g} tolerances"
     keys = tuple(
         worse.part.changed.paired.new[pair].case for worse in tally.worse for pair in worse.which
     )
@@ -196,7 +205,7 @@ def _result(
 
 def _worst(tally: Tally, unit: str) -> Iterator[CaseChange]:
     """The worst cases of all scenarios, with the values before and after."""
-    sign = 1.0 if tally.measure.higher_is_better else -1.0  # the least signed change is the worst
+    sign = tally.measure.sign  # the least signed change is the worst
     first = [
         (sign * float(worse.after[pair] - worse.before[pair]), index, pair)
         for index, worse in enumerate(tally.worse)

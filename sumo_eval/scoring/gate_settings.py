@@ -150,7 +150,15 @@ class MeasureSettings(Checked):
     zone: float | None = setting(
         None, "near misses only: a case counts if its value in one of the runs is worse than this"
     )
-    higher_is_better: bool = setting(True, "whether a rise is an improvement")
+    higher_is_better: bool | None = setting(
+        None, "whether a rise is an improvement; default: by the column"
+    )
+
+    @property
+    def sign(self) -> float:
+        """1 if a rise is an improvement, else -1."""
+        known, by_column = self.higher_is_better, self.quantity in HIGHER_COLUMNS
+        return 1.0 if (by_column if known is None else known) else -1.0
 
 
 @frozen
@@ -188,7 +196,7 @@ class NearMissSettings(Checked):
         (
             MeasureSettings("min_gap", absolute=0.1, share=0.1, zone=2.0),
             MeasureSettings("min_ttc", absolute=0.1, share=0.1, zone=1.5),
-            MeasureSettings("max_drac", absolute=0.2, share=0.05, zone=3.4, higher_is_better=False),
+            MeasureSettings("max_drac", absolute=0.2, share=0.05, zone=3.4),
         ),
         "what is watched",
     )
@@ -203,21 +211,22 @@ class ShiftSettings(Checked):
     cases: PositiveInt = setting(3, "least number of worse cases")
     share: Share = setting(0.05, "least share of worse cases")
     share_alone: Share = setting(0.15, "share that fails if no case is better")
-    lost: Share = setting(
-        0.3,
-        "loss of task in a case, or of likeness in one of `cases`, that fails if none is better",
+    far: NotNegativeFloat = setting(
+        5.0,
+        "how far one of `cases` is worse, in tolerances, that fails if none is better; of no time",
     )
+    lost: Share = setting(0.3, "loss of task in a case that fails if none is better")
     measure: tuple[MeasureSettings, ...] = setting(
         (
             MeasureSettings("task_share", 0.01),
-            MeasureSettings("simulated_time", 0.25, 0.02, higher_is_better=False),
+            MeasureSettings("simulated_time", 0.25, 0.02),
             MeasureSettings("human_likeness", 0.01),
             MeasureSettings("index", 0.01),
-            MeasureSettings("overshoot", 0.1, higher_is_better=False),
+            MeasureSettings("overshoot", 0.1),
             MeasureSettings("min_thw", 0.1, 0.1),
-            MeasureSettings("max_jerk", 2.0, 0.2, higher_is_better=False),
-            MeasureSettings("max_lateral_jerk", 5.0, 0.5, higher_is_better=False),
-            MeasureSettings("latency_relative", 2.0, 0.5, higher_is_better=False),
+            MeasureSettings("max_jerk", 2.0, 0.2),
+            MeasureSettings("max_lateral_jerk", 5.0, 0.5),
+            MeasureSettings("latency_relative", 2.0, 0.5),
         ),
         "what is watched",
     )

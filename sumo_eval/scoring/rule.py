@@ -54,12 +54,15 @@ class Noise(NamedTuple):
 
     repeats: of each ADS that was driven twice, by its name.
     bad: number of tonight's bad drives, the first included, of each newly bad case of a noisy ADS.
-    shaky: cases that in an earlier night were bad in some drives and not in others.
+    shaky: cases that in an earlier good night were bad in some drives and not in others.
+    steady: ADSs that drove every repeated case of the base alike to the last bit: none of their
+        newly bad cases is chance.
     """
 
     repeats: Mapping[str, Repeats] = {}
     bad: Mapping[str, int] = {}
     shaky: frozenset[str] = frozenset()
+    steady: frozenset[str] = frozenset()
 
     def of(self, ads: str) -> Repeats:
         """Repeats of one ADS; an ADS that was not driven twice is assumed to repeat itself."""
@@ -74,7 +77,7 @@ QUIET = Noise()  # no ADS was driven twice
 
 def worsening(base: FloatArray, new: FloatArray, measure: MeasureSettings) -> FloatArray:
     """d: amount by which a quantity got worse, (n,); nan where it has no value in a run."""
-    return base - new if measure.higher_is_better else new - base
+    return measure.sign * (base - new)
 
 
 def tolerance(base: FloatArray, measure: MeasureSettings, floor: float = 0.0) -> FloatArray:
@@ -106,7 +109,7 @@ def kept_margin(base: FloatArray, new: FloatArray, measure: MeasureSettings) -> 
     It is new / base, or base / new of a quantity that rises with danger, such as DRAC. It is 1
     where the divisor is 0 or less.
     """
-    kept, whole = (new, base) if measure.higher_is_better else (base, new)
+    kept, whole = (new, base) if measure.sign > 0.0 else (base, new)
     return np.divide(kept, whole, out=np.ones_like(kept), where=whole > 0.0)
 
 
@@ -255,6 +258,7 @@ class Tally(NamedTuple):
     better: number of better cases.
     cases: number of all cases that have the measure.
     least_kept: least `kept_margin` of a worse case; 1 if no case is worse.
+    furthest: largest d of a worse case, in tolerances; 0 if no case is worse.
     """
 
     ads: str
@@ -264,6 +268,7 @@ class Tally(NamedTuple):
     better: int
     cases: int
     least_kept: float
+    furthest: float
 
     @property
     def number(self) -> int:
@@ -286,22 +291,24 @@ def tally(
     near: True for part two. A missing value then counts as one at the limit of the measure's
         `zone`, and only cases with a value inside the zone in a run count.
     """
-    worse, kept = [], 1.0
+    worse, kept, furthest = [], 1.0, 0.0
     better = cases = 0
     for part in compared:
         before, after, counts = values_of(part, measure, fill=near)
         by = worsening(before, after, measure)
-        limit = tolerance(before, measure, floor) * (1.0 + LAST_DIGIT)
+        limit = tolerance(before, measure, floor)
+        beyond = limit * (1.0 + LAST_DIGIT)
         if near and measure.zone is not None:
             # times the sign, a smaller value is worse: the worse of the two is inside the zone
-            sign = 1.0 if measure.higher_is_better else -1.0
+            sign = measure.sign
             counts &= np.fmin(sign * before, sign * after) < sign * measure.zone
-        flags = counts & (by > limit)
+        flags = counts & (by > beyond)
         kept = kept_margin(before, after, measure)[flags].min(initial=kept)
-        better += int(np.sum(counts & (by < -limit)))
+        furthest = (by / np.maximum(limit, LAST_DIGIT))[flags].max(initial=furthest)
+        better += int(np.sum(counts & (by < -beyond)))
         cases += int(np.sum(counts))
         worse.append(Worse(part, _worst_first(flags, by), before, after))
-    return Tally(ads, measure, near, tuple(worse), better, cases, kept)
+    return Tally(ads, measure, near, tuple(worse), better, cases, kept, furthest)
 
 
 def values_of(
@@ -327,31 +334,32 @@ def got_worse(total: Tally, settings: GateSettings) -> bool:
     """Whether a tally of an ADS that repeats itself fails, with W worse and B better cases.
 
     Part two: W > B, and one of: P < 0.1; B = 0; a worse case kept at most 60 % of its margin.
-    Part three: W >= max(3, 5 % of all cases) and P < 0.02; or W >= max(3, 15 % of all cases) and
-    B = 0; or B = 0 and a case lost 0.3 of its task, or one of W >= 3 that of its likeness.
+    Part three: W >= max(3, 5 % of all cases) and P < 0.02; or B = 0 and one of: W >= max(3, 15 % of
+    all cases); W >= 3, one by 5 tolerances of anything but a time; a case lost 0.3 of its task.
     """
     if total.near:
         rule = settings.near_miss
         certain = total.chance < rule.chance or not total.better
         return total.number > total.better and (certain or total.least_kept <= rule.kept_margin)
+    return _shifted(total, settings)
+
+
+def _shifted(total: Tally, settings: GateSettings) -> bool:
+    """Part three of `got_worse`."""
     shift = settings.shift
-    lost = most_lost(total) >= shift.lost * (1.0 - LAST_DIGIT)  # 0.7 - 0.4 is below 0.3 by rounding
-    least = _fewest(total, settings)
-    enough = total.number >= least if lost else many(total, settings, shift.share_alone)
-    if enough and not total.better:
+    lost = task_lost(total) >= shift.lost * (1.0 - LAST_DIGIT)  # 0.7 - 0.4 is below 0.3 by rounding
+    # a drive takes longer where it no longer crashes, and measured times vary
+    is_time = total.measure.quantity in (*TIMED, "simulated_time")
+    far = total.furthest >= shift.far * (1.0 - LAST_DIGIT) and not is_time
+    enough = many(total, settings, 0.0 if far else shift.share_alone)
+    if (lost or enough) and not total.better:
         return True
     return many(total, settings, shift.share) and total.chance < shift.chance
 
 
-def _fewest(total: Tally, settings: GateSettings) -> int:
-    """Least number of worse cases that can fail: one that no longer drives needs no others."""
-    alone = total.near or total.measure.quantity == "task_share"
-    return 1 if alone else settings.shift.cases
-
-
-def most_lost(total: Tally) -> float:
-    """The largest loss of task or likeness in a case, 0..1; 0 of any other measure."""
-    if total.measure.quantity not in ("task_share", "human_likeness", "index"):
+def task_lost(total: Tally) -> float:
+    """The largest loss of task in a case, 0..1; 0 of any other measure."""
+    if total.measure.quantity != "task_share":
         return 0.0
     # `which` begins with the worst case of a scenario
     losses = (it.before[it.which[0]] - it.after[it.which[0]] for it in total.worse if it.which)
@@ -369,7 +377,8 @@ def can_fail(total: Tally, settings: GateSettings, *, noisy: bool) -> bool:
 
     noisy: the ADS does not repeat itself, so that P must be small.
     """
-    enough = total.cases >= _fewest(total, settings)
+    alone = total.near or total.measure.quantity == "task_share"  # one case can fail it
+    enough = total.cases >= (1 if alone else settings.shift.cases)
     return enough and (not noisy or 0.5**total.cases <= settings.noise.chance)
 
 

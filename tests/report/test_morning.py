@@ -19,6 +19,7 @@ from report_cases import pick, with_case
 
 from sumo_eval.nightly.bases import (
     Bases,
+    _steady,
     accept,
     find_bases,
     finished_within,
@@ -27,7 +28,7 @@ from sumo_eval.nightly.bases import (
     pinned_by_itself,
 )
 from sumo_eval.nightly.gates import judge
-from sumo_eval.nightly.history import Accepted, GateLine, open_history
+from sumo_eval.nightly.history import Accepted, GateLine, ShakyCase, open_history
 from sumo_eval.nightly.judged import JudgedNight, Since, failing_since, judge_repeats, new_pin
 from sumo_eval.nightly.morning import _code, github_annotations, tell_github, write_night
 from sumo_eval.nightly.night import _prune, _refuse_without_history, _size
@@ -208,8 +209,8 @@ def pin_after(history, comparison, noise=Noise()):  # noqa: B008 - frozen
 
 
 def test_lost_repeatability_fails_and_names_its_cases(evaluation):
-    """All repeated in the last good night: six that differ tonight fail, 1/64 by chance; five do
-    not. A slower drive does not differ."""
+    """All repeated in the last good night: six that differ tonight fail, 1/64 by chance; five are
+    named only. After seven such nights in a row two fail, 1/64. A slower drive does not differ."""
     line = GateLine(FIRST, builders.CALM, EVERYWHERE, "repeats", True, None, "")
     cases = [row for row in evaluation.cases if row.ads == builders.CALM and row.max_jerk]
 
@@ -221,11 +222,34 @@ def test_lost_repeatability_fails_and_names_its_cases(evaluation):
         noise = Noise({builders.CALM: repeats})
         return list(judge_repeats(noise, night(FIRST), history, SETTINGS))
 
-    assert not (limits([line], 5))
-    assert not (limits([], 6))
+    for lines, number in (([line], 5), ([], 6), ([line] * 6, 2), ([line._replace(passed=None)], 6)):
+        (gate,) = limits(lines, number)
+        assert (gate.passed, cases[0].case in gate.sentence) == (None, True)
+    assert limits([line] * 7, 2)[0].passed is False
+    assert limits([line, line._replace(passed=None), *[line] * 6], 2)[0].passed is None
     (gate,) = limits([line], 6)
     assert (gate.passed, gate.worst[0].words) == (False, "1.5 max_jerk -> 9 max_jerk")
     assert limits([], 0)[0].passed
+
+
+def test_only_what_a_base_did_may_be_chance(evaluation, tmp_path):
+    """Cases that were bad in some drives count from good and accepted nights; all repeats alike in
+    the base, as its `night.json` has them, leave nothing to chance."""
+    failed_case, good_case = (ShakyCase("calm", "cut_in", point) for point in ("gap 1", "gap 2"))
+    with open_history(tmp_path, create=True) as lines:
+        lines.add(night(FIRST, 1), evaluation, (), shaky=[failed_case])
+        lines.add(night(SECOND), evaluation, (), shaky=[good_case])
+        assert lines.shaky() == {good_case}
+        lines.accept(Accepted(FIRST, FIRST, "known", None, itself=False))
+        assert lines.shaky() == {failed_case, good_case}
+    record = tmp_path / "night.json"
+    assert not _steady(record)
+    repeats = {"steady": {"cases": 3, "alike": 3}, "noisy": {"cases": 3, "alike": 2}}
+    record.write_text(json.dumps({"repeats": repeats | {"none": {"cases": 0, "alike": 0}}}))
+    assert _steady(record) == {"steady"}
+    record.write_text("{")
+    with refusal("Remove this file"):
+        _steady(record)
 
 
 def test_only_a_better_night_moves_the_pin(evaluation, tmp_path):

@@ -25,6 +25,7 @@ from sumo_eval.scoring.gate_settings import (
     MeasureSettings,
     NearMissSettings,
     NoiseSettings,
+    ShiftSettings,
 )
 from sumo_eval.scoring.rule import (
     Ends,
@@ -45,7 +46,7 @@ from sumo_eval.scoring.rule import (
 
 SETTINGS = GateSettings(resamples=100)
 GAP = MeasureSettings("min_gap", 0.1, 0.1, zone=2.0)
-DRAC = MeasureSettings("max_drac", 0.2, 0.05, zone=3.4, higher_is_better=False)
+DRAC = MeasureSettings("max_drac", 0.2, 0.05, zone=3.4)
 NOISY = Repeats(30, 0)
 Change = Callable[[CaseResult], CaseResult]
 
@@ -55,6 +56,7 @@ def test_worsening_has_the_sign_of_the_quantity():
     0.6 m/s2 worse."""
     assert worsening(np.array([0.92]), np.array([0.32]), GAP) == pytest.approx([0.60])
     assert worsening(np.array([3.5]), np.array([4.1]), DRAC) == pytest.approx([0.6])
+    assert replace(DRAC, higher_is_better=True).sign == 1.0
 
 
 def test_tolerance_is_the_largest_of_three():
@@ -139,29 +141,38 @@ def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail():
 )
 def test_got_worse_by_counts(near, worse, better, cases, kept, fails):
     part = SimpleNamespace(which=range(worse))
-    found = Tally("ads", GAP, near, (part,), better, cases, kept)
+    found = Tally("ads", GAP, near, (part,), better, cases, kept, 1.0)
     assert got_worse(found, SETTINGS) is fails
 
 
-def test_a_case_that_lost_its_task_or_one_of_three_its_likeness_shifts():
-    """0.7 - 0.4 = 0.3; 3 of 99 are too few otherwise."""
-    for quantity, least in (("human_likeness", 3), ("task_share", 1)):
-        measure = MeasureSettings(quantity, absolute=0.01)
-        for worse, after, better, fails in (
-            (least, 0.4, 0, True), (least - 1, 0.4, 0, False),
-            (least, 0.41, 0, False), (least, 0.4, 1, False),
-        ):  # fmt: skip
-            which = range(worse)
-            part = SimpleNamespace(which=which, before=[0.7], after=[after])
-            found = Tally("ads", measure, False, (part,), better, 99, 1.0)
-            assert got_worse(found, SETTINGS) is fails
+@pytest.mark.parametrize(
+    "quantity, worse, after, better, furthest, fails",
+    values_of("""
+    "task_share", 1, 0.4, 0, 4.9, True  # 0.7 - 0.4 = 0.3
+    "task_share", 1, 0.41, 0, 29.0, False
+    "task_share", 1, 0.4, 1, 4.9, False
+    "max_jerk", 3, 0.4, 0, 5.0, True  # 3 of 99 are too few otherwise
+    "max_jerk", 3, 0.4, 0, 4.9, False
+    "max_jerk", 2, 0.4, 0, 5.0, False
+    "max_jerk", 3, 0.4, 1, 5.0, False
+    "simulated_time", 3, 0.4, 0, 5.0, False
+    "latency_relative", 3, 0.4, 0, 5.0, False
+    """),
+)
+def test_a_lost_task_or_one_of_three_far_worse_shifts(
+    quantity, worse, after, better, furthest, fails
+):
+    part = SimpleNamespace(which=range(worse), before=[0.7], after=[after])
+    measure = MeasureSettings(quantity, absolute=0.01)
+    found = Tally("ads", measure, False, (part,), better, 99, 1.0, furthest)
+    assert got_worse(found, SETTINGS) is fails
 
 
 def test_can_fail_by_counts():
     """One case of a near miss, three of a shift; of a noisy ADS 6: 1 / 64 <= 0.02 < 1 / 32."""
 
     def least(near, noisy):
-        found = (Tally("ads", GAP, near, (), 0, cases, 1.0) for cases in range(9))
+        found = (Tally("ads", GAP, near, (), 0, cases, 1.0, 0.0) for cases in range(9))
         return [can_fail(one, SETTINGS, noisy=noisy) for one in found].index(True)
 
     assert [least(True, False), least(False, False), least(True, True)] == [1, 3, 6]
@@ -185,15 +196,21 @@ def judged(base, new, noise=None):
 
 
 def test_a_noisy_ads_needs_five_drives_to_lose_a_case(evaluation):
-    """Bad in two of five drives: listed. In three: failed. Bad in some drives before: listed."""
+    """Bad in two of five drives: listed. In three, or in one where the base repeated to the bit:
+    failed. Bad in some drives before: listed."""
     case = pick(evaluation, collided=False)
     new = with_case(evaluation, case, **HIT)
-    for bad, shaky, fails in ((2, (), False), (3, (), True), (5, (case.case,), False)):
-        noise = Noise({case.ads: NOISY}, {case.case: bad}, frozenset(shaky))
+    for bad, shaky, steady, fails in (
+        (2, (), (), False),
+        (3, (), (), True),
+        (1, (), (case.ads,), True),
+        (5, (case.case,), (case.ads,), False),
+    ):
+        noise = Noise({case.ads: NOISY}, {case.case: bad}, frozenset(shaky), frozenset(steady))
         assert [gate.quantity for gate in judged(evaluation, new, noise)] == ["collided"] * fails
         results = judge(new, compare(evaluation, new, SETTINGS), SETTINGS, noise)
         listed = f"tonight (in brackets how many) or in an earlier night: {case.case} ({bad})"
-        assert any(listed in gate.sentence for gate in results) is not fails
+        assert [gate.passed for gate in results if listed in gate.sentence] == [None] * (not fails)
 
 
 def test_more_shaky_cases_than_are_named_fail_nothing(evaluation, monkeypatch):
@@ -214,6 +231,18 @@ def test_a_noisy_ads_is_evaluated_by_chance_alone(evaluation):
     assert not judged(base, one, noise)
     assert [gate.quantity for gate in judged(base, every, noise)] == ["min_gap"]
     assert not judged(base, every, Noise({builders.CALM: Repeats(30, 0, {"min_gap": 0.7})}))
+
+
+def test_three_cases_far_worse_fail_and_say_how_far(evaluation):
+    """1 to 11 m/s3 is 10 / 2 = 5 tolerances."""
+    base = calm(evaluation, max_jerk=1.0)
+    settings = replace(SETTINGS, shift=ShiftSettings(share_alone=1.0))
+    for jerk, fails in ((11.0, True), (10.9, False)):
+        new = some(some(base, 3, max_jerk=3.1), 1, max_jerk=jerk)
+        gates = failed(judge(new, compare(base, new, settings), settings))
+        assert [gate.sentence.partition("; ")[2] for gate in gates] == [
+            "one by 5 tolerances"
+        ] * fails
 
 
 def test_too_few_cases_are_not_good_news(evaluation):
