@@ -350,6 +350,21 @@ def test_sumo_keeps_every_id_beside_a_step_without_vehicles(tmp_path):
     assert (bicycle["class"], bicycle["length"]) == ("bicycle", 1.6)
 
 
+@pytest.mark.parametrize("name", ["x.csv", "x.xml"])
+def test_sumo_leaves_persons_out_with_a_note(tmp_path, name):
+    """SUMO's own table has persons as vehicles of an edge and without a lane."""
+    pose = "x='1' y='2' speed='3' angle='90'"
+    text = {
+        "x.csv": FCD[:-1] + ";vehicle_lane;vehicle_edge\n0;90;a;3;1;2;e_0;\n0;90;p;3;1;2;;e\n",
+        "x.xml": f"<fcd-export><timestep time='0'><vehicle id='a' {pose} lane='e_0'/>"
+        f"<person id='p' {pose} edge='e'/></timestep></fcd-export>",
+    }
+    (tmp_path / name).write_text(text[name])
+    table, notes = sumo_fcd.read(tmp_path / name)
+    assert table["vehicle"].tolist() == ["a"]
+    assert notes[1] == f"Persons and containers of {name} are left out: 1."
+
+
 def test_openacc_reads_a_marked_file_with_other_speeds(tmp_path):
     (tmp_path / "a.csv").write_text(PLATOON + "0,10,30\n0.1,10,30\n")
     assert openacc.read(tmp_path / "a.csv")[0]["x"].tolist() == [0.0, 1.0]

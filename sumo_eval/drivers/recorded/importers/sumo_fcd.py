@@ -38,6 +38,9 @@ def read(path: Path) -> Samples:
     """The recordings of a file."""
     is_xml = path.suffix == ".xml"
     rows = _from_xml(path) if is_xml else _from_csv(path)
+    # a vehicle has a lane, a person or container an edge
+    on_edge = rows.get("edge", pd.Series(np.nan, rows.index)).notna()
+    persons, rows = rows[on_edge], rows[~on_edge]
     if rows.empty:
         raise InputError(
             f"{path} must be SUMO's FCD output with at least one vehicle (<fcd-export>), got none."
@@ -45,7 +48,7 @@ def read(path: Path) -> Samples:
     numbers = [*rows.filter(["time", *_NEEDED, "acceleration", "posLat"])]
     lines = rows["row"].tolist() if is_xml else None
     checked_numbers(rows, numbers, path, rows=lines, gaps=["posLat"])
-    kinds = rows.get("type", pd.Series("car", index=rows.index)).astype(str).str.lower()
+    kinds = rows.get("type", pd.Series("car", rows.index)).astype(str).str.lower()
     kinds = kinds.replace("default_biketype", "bicycle")  # the name of SUMO's own type
     length, width = np.array([BODIES.get(kind, (LENGTH, WIDTH)) for kind in kinds]).T
     heading = np.radians(90.0 - rows["angle"])
@@ -67,11 +70,14 @@ def read(path: Path) -> Samples:
         table["acceleration"] = rows["acceleration"]
     if "posLat" in rows:  # empty: assumed in the middle of its lane
         table["offset"] = rows["posLat"].fillna(0.0)
-    note = (
+    notes = [
         f"{path.name} has no vehicle bodies: SUMO's default sizes are assumed ({LENGTH:g} m x "
         f"{WIDTH:g} m for a car)."
-    )
-    return table, [note]
+    ]
+    if len(persons):
+        left_out = persons["id"].nunique()
+        notes.append(f"Persons and containers of {path.name} are left out: {left_out}.")
+    return table, notes
 
 
 def _from_csv(path: Path) -> pd.DataFrame:
@@ -93,8 +99,8 @@ def _from_xml(path: Path) -> pd.DataFrame:
             resolve_entities=False,
             no_network=True,
         ):
-            for vehicle in step.iterchildren("vehicle"):
-                rows.append(dict(vehicle.attrib, time=step.get("time"), row=vehicle.sourceline))
+            for item in step.iterchildren("vehicle", "person", "container"):
+                rows.append(dict(item.attrib, time=step.get("time"), row=item.sourceline))
             step.clear()
     for row in rows:
         for name in ("id", *_NEEDED):
