@@ -127,30 +127,24 @@ def test_a_driver_has_a_number(index):
 # --- the synthetic population: each setting changes what it names ---------------------------------
 
 
+def parameters(driver):
+    return asdict(driver) | asdict(driver.idm) | {"idm": None}
+
+
 @pytest.mark.parametrize(
-    "changes, field, factor",
+    "scale, field, factor",
     [
-        ({"reaction_scale": 2.0}, "reaction_time", 2.0),
-        ({"lane_change_scale": 0.5}, "lane_change_10_90", 0.5),
+        ("reaction_scale", "reaction_time", 2.0),
+        ("lane_change_scale", "lane_change_10_90", 0.5),
+        ("headway_scale", "headway", 1.5),
     ],
 )
-def test_a_setting_of_the_population_changes_what_it_says_and_nothing_else(changes, field, factor):
+def test_a_setting_of_the_population_changes_what_it_says_and_nothing_else(scale, field, factor):
     ones = PopulationSettings(reaction_scale=1.0, lane_change_scale=1.0)
-    for before, after in zip(
-        draw_population(8, 3, ones), draw_population(8, 3, replace(ones, **changes)), strict=True
-    ):
-        assert getattr(after, field) == pytest.approx(factor * getattr(before, field))
-        assert asdict(after) | {field: None} == asdict(before) | {field: None}
-
-
-def test_the_headway_scale_changes_the_headway_and_nothing_else():
-    for before, after in zip(
-        draw_population(8, 3),
-        draw_population(8, 3, PopulationSettings(headway_scale=1.5)),
-        strict=True,
-    ):
-        assert after.idm.headway == pytest.approx(1.5 * before.idm.headway)
-        assert asdict(after.idm) | {"headway": 0} == asdict(before.idm) | {"headway": 0}
+    people = (draw_population(8, 3, it) for it in (ones, replace(ones, **{scale: factor})))
+    for before, after in zip(*(map(parameters, it) for it in people), strict=True):
+        assert after[field] == pytest.approx(factor * before[field])
+        assert after | {field: None} == before | {field: None}
 
 
 def test_the_limits_of_the_onset_keep_everybodys_rank_and_everything_else():

@@ -24,14 +24,20 @@ from sumo_eval.scoring.nearest import nearest
 from sumo_eval.scoring.shown_cases import shown_cases
 
 
+@pytest.fixture
+def most(evaluation, monkeypatch):
+    """Four cases of each score, the most that a page shows."""
+    monkeypatch.setattr(module, "MOST_SHOWN", found := 4 * len(evaluation.scores))
+    return found
+
+
 def test_a_page_that_holds_all_cases_leaves_none_out(evaluation):
     for name, places in shown_cases(evaluation).items():
         most = max(len(evaluation.cases_of(one.ads, name)) for one in evaluation.scores_in(name))
         assert places.tolist() == list(range(most))
 
 
-def test_half_of_the_shown_cases_tell_most_half_lie_evenly(evaluation, monkeypatch):
-    monkeypatch.setattr(module, "MOST_SHOWN", 4 * len(evaluation.scores))
+def test_half_of_the_shown_cases_tell_most_half_lie_evenly(evaluation, most):
     for name, shown in shown_cases(evaluation).items():
         assert len(shown) == len(set(shown.tolist())) == 4
         tells = np.any(
@@ -44,8 +50,7 @@ def test_half_of_the_shown_cases_tell_most_half_lie_evenly(evaluation, monkeypat
         assert sum(tells[shown]) >= min(2, sum(tells))
 
 
-def test_linked_cases_are_on_the_page(evaluation, monkeypatch):
-    monkeypatch.setattr(module, "MOST_SHOWN", 4 * len(evaluation.scores))
+def test_linked_cases_are_on_the_page(evaluation, most):
     shown = {name: set(places.tolist()) for name, places in shown_cases(evaluation).items()}
     left_out = [
         case.case
@@ -73,10 +78,8 @@ def test_a_missing_s_plus_comes_last_without_a_ranking():
 
 
 def test_the_page_says_what_it_leaves_out_and_draws_where_all_cases_lie(
-    evaluation, partitions, monkeypatch, tmp_path
+    evaluation, partitions, most, tmp_path
 ):
-    most = 4 * len(evaluation.scores)
-    monkeypatch.setattr(module, "MOST_SHOWN", most)
     shutil.copytree(evaluation.folder, tmp_path / "run")
     page = write_report(replace(evaluation, folder=tmp_path / "run"), partitions).read_text()
     data = json.loads(unpacked(page, "report-data"))
