@@ -302,6 +302,7 @@ ngsim | x.txt | 1 2 3\n | `Global_Time` in row 1 of
 highd | 01_tracks.csv | frame,id,x\n1,1,1\n | must have the columns `y`, `width`, `height`
 commonroad | x.xml | <commonRoad timeStepSize='0.1'>\n<dynamic | is not well-formed XML
 commonroad | x.xml | <commonRoad timeStepSize='nan'/> | must be a number, got 'nan'
+commonroad | x.xml | <commonRoad timeStepSize='0'/> | must have a `timeStepSize` above 0 s
 sumo_fcd | x.csv | FCD0;;;;;\n1;90;a;oops;2;3\n | `speed` in row 3 of
 openacc | x.csv | a,b\n1,2\n | must begin with the five rows
 dlr_highway | x.csv | timestamp,id\n1,2\n | must have the columns `center_easting`
@@ -428,18 +429,20 @@ def test_commonroads_sets_and_binary_files_are_refused_in_words(tmp_path, name, 
 
 
 def test_commonroads_obstacles_that_are_left_out_are_counted_by_why(tmp_path):
-    """One that drives, beside one that stands, a person whose body is a circle, and one that is
-    predicted by sets."""
+    """One that drives, beside one that stands, a person whose body is a circle, one whose body lies
+    ahead of its place, and one that is predicted by sets."""
     state = "<position><point><x>{0}</x><y>0</y></point></position><orientation><exact>0</exact></orientation>"
     state = f"<state>{state}<time><exact>{{0}}</exact></time><velocity><exact>10</exact></velocity></state>"
     path = "<trajectory>" + "".join(state.format(k) for k in range(3)) + "</trajectory>"
     circle = "<shape><circle><radius>0.3</radius></circle></shape>"
+    ahead = STATE.replace("</length>", "</length><center><x>1.4</x><y>0.0</y></center>")
     (tmp_path / "a.xml").write_text(
         "<commonRoad timeStepSize='0.1'><dynamicObstacle "
         f"id='1'><type>car</type>{STATE}{path}</dynamicObstacle>"
         f"<dynamicObstacle id='2'><type>pedestrian</type>{circle}{path}</dynamicObstacle>"
         f"<dynamicObstacle id='3'><type>car</type>{STATE}<occupancySet/></dynamicObstacle>"
         f"<dynamicObstacle id='4'><type>car</type>{STATE}</dynamicObstacle>"
+        f"<dynamicObstacle id='6'><type>car</type>{ahead}{path}</dynamicObstacle>"
         f"<staticObstacle id='5'><type>parkedVehicle</type>{STATE}</staticObstacle></commonRoad>"
     )
     table, notes = commonroad.read(tmp_path / "a.xml")
@@ -447,6 +450,7 @@ def test_commonroads_obstacles_that_are_left_out_are_counted_by_why(tmp_path):
     assert set(notes) == {
         "a.xml: 1 obstacles are left out, which stand.",
         "a.xml: 1 obstacles are left out, whose body is not a rectangle.",
+        "a.xml: 1 obstacles are left out, whose rectangle is shifted or turned.",
         "a.xml: 1 obstacles are left out, which have a set-based prediction and no trajectory.",
         "a.xml: 1 obstacles are left out, which have no trajectory.",
     }
@@ -533,6 +537,15 @@ def test_lanes_are_found_when_the_axis_changes_lanes(tmp_path):
     pd.concat(cars).to_csv(tmp_path / "a.csv", index=False)
     table = import_recordings("map", [tmp_path / "a.csv"]).table.query("vehicle != '0'")
     assert table["lane"].eq(table["vehicle"].astype(int) % 2).all()
+
+
+def test_two_cars_in_few_samples_are_each_in_a_lane(tmp_path):
+    t = np.arange(0.0, 12.0, 0.1)
+    cars = [pd.DataFrame({"vehicle": i, "t": t, "x": 15.0 * t, "y": 3.5 * i}) for i in (0, 1)]
+    pd.concat(cars).to_csv(tmp_path / "a.csv", index=False)
+    table = import_recordings("map", [tmp_path / "a.csv"]).table
+    assert table["lane"].eq(table["vehicle"].astype(int)).all()
+    assert table["y"].to_numpy() == pytest.approx(3.5 * table["lane"].to_numpy(), abs=1e-6)
 
 
 def test_law_places_do_not_jump_from_lap_to_lap(tmp_path):

@@ -255,7 +255,9 @@ def _visible_lanes(s: FloatArray, d: FloatArray) -> tuple[float | None, Any, Any
     s, d: of the samples along the axis and to the left of it, (n,), m.
     """
     if len(s) < FEWEST_SAMPLES:
-        return None, np.median(d), 0.0
+        # of the lane in the middle of all: their median itself may lie between two lanes
+        middle = np.quantile(d, 0.5, method="lower")
+        return None, np.median(d[np.abs(d - middle) < 0.5 * STANDARD_LANE]), 0.0
     section = ((s - s.min()) / SECTION).astype(int)
     agreement = [np.abs(_phasors(d, section, width)).sum() for width in LANE_WIDTHS]
     width = LANE_WIDTHS[np.argmax(agreement)]

@@ -17,7 +17,7 @@ import pandas as pd
 from lxml import etree
 from scipy.spatial import cKDTree
 
-from sumo_eval.drivers.recorded.importers.tables import LARGEST, Samples, reading_xml
+from sumo_eval.drivers.recorded.importers.tables import LARGEST, Samples, reading_xml, require
 from sumo_eval.drivers.recorded.straighten import distances
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
@@ -50,6 +50,7 @@ def read(path: Path) -> Samples:
     if root.tag != "commonRoad":
         raise InputError(f"{path} must be a CommonRoad file (<commonRoad>), got <{root.tag}>.")
     step = _number(root.get("timeStepSize"), path, root, "timeStepSize")
+    require(step > 0.0, path, "must have a `timeStepSize` above 0 s")
     rows = []
     left_out: Counter[str] = Counter()
     for obstacle in root.iter("dynamicObstacle", "obstacle", "staticObstacle"):
@@ -83,8 +84,11 @@ def _why_left_out(obstacle: Any) -> str:
     # standing: `staticObstacle` in 2020a, a `role` in 2018b
     if obstacle.tag == "staticObstacle" or obstacle.findtext("role", "dynamic") != "dynamic":
         return "which stand"
-    if obstacle.find("shape/rectangle") is None:
+    rectangle = obstacle.find("shape/rectangle")
+    if rectangle is None:
         return "whose body is not a rectangle"
+    if any(number_in(it.text) != 0.0 for it in rectangle.iter("x", "y", "orientation")):
+        return "whose rectangle is shifted or turned"
     if obstacle.find("trajectory/state") is not None:
         return ""
     prediction = "a set-based prediction and " if obstacle.find("occupancySet") is not None else ""
