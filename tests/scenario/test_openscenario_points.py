@@ -11,7 +11,7 @@ from tables import rows_of
 
 from sumo_eval.extras.openscenario.points import read_variation
 from sumo_eval.extras.openscenario.scene import FileOptions
-from sumo_eval.extras.openscenario.space import read_space
+from sumo_eval.extras.openscenario.space import Axis, FileSpace, read_space
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sampling.samples import sample
@@ -329,3 +329,10 @@ def test_a_count_for_a_deterministic_variation_is_not_ignored_in_silence(tmp_pat
     assert len(read_variation(path, None, 1).combinations) == 5
     with refusal(r"`count` does nothing for all\.xosc: its distribution is deterministic"):
         read_variation(path, 3, 1)
+
+
+def test_choices_that_stay_keep_their_weights(tmp_path):
+    rows = tuple((float(k), (("k", float(k)),)) for k in range(3))
+    axis = Axis("k", ("k",), 0.0, 2.0, 1.0, rows, weights=(1.0, 2.0, 3.0))
+    space = FileSpace("", "", tmp_path, (), (axis,), "1.2", FileOptions())
+    assert space.chosen({"k": rows[1:]}).axes[0].weights == (2.0, 3.0)

@@ -14,13 +14,12 @@ from sumo_eval.extras.openscenario.reading import Node, read_openscenario, watch
 class Catalogs:
     """The catalogs of a scenario file.
 
-    locations: its <CatalogLocations>, None where it has none.
+    root: of that file.
     folders: each <Directory> with its path.
     """
 
-    def __init__(self, locations: Node | None) -> None:
-        parts = [] if locations is None else locations.children()
-        directories = [part.child("Directory") for part in parts]
+    def __init__(self, root: Node) -> None:
+        directories = [part.child("Directory") for part in root.all("CatalogLocations/*")]
         self.folders = [(it, it.file.parent / it.text("path")) for it in directories]
 
     @cached_property
@@ -33,8 +32,7 @@ class Catalogs:
         for file in dict.fromkeys(
             Path(realpath(it)) for _, at in self.folders for it in sorted(at.glob("*.xosc"))
         ):
-            catalog = read_openscenario(file).find("Catalog")
-            if catalog is not None:
+            for catalog in read_openscenario(file).all("Catalog"):
                 catalogs.setdefault(catalog.attribute("name"), []).append(catalog)
         return catalogs
 
@@ -66,7 +64,7 @@ class Catalogs:
         if (name, entry) in reference.entries:
             raise reference.fault(f"entry `{entry}` of catalog `{name}` refers to itself")
         assigned = {
-            it.attribute("parameterRef").removeprefix("$"): it.worked_out(it.attribute("value"))
+            it.parameter("parameterRef"): it.worked_out(it.attribute("value"))
             for it in reference.all("ParameterAssignments/ParameterAssignment")
         }
         # the entry with these parameters, and the constraints that they break
@@ -86,9 +84,11 @@ class Catalogs:
         return part
 
 
-def named_file(part: Node) -> Path:
-    """A file that an element names, relative to its own; refused where it is not there."""
-    path = part.file.parent / part.text("filepath")
+def named_file(part: Node, name: str | None = None) -> Path:
+    """A file that an element or else the user names, relative to the element's own; refused where
+    it is not there.
+    """
+    path = part.file.parent / (part.text("filepath") if name is None else name)
     if watch(path) < 0:  # its time of change: -1 without a file
         raise part.fault(f"the file {path} is not there")
     return path

@@ -39,11 +39,10 @@ class Collection:
 
         Raises InputError where none are there.
         """
+        patterns = self.pattern, *self.extra
         for folder in self.folders:
-            files = sorted((copy / folder).glob(self.pattern))
+            files = [file for it in patterns for file in sorted((copy / folder).glob(it))]
             if files:
-                for pattern in self.extra:
-                    files += sorted((copy / folder).glob(pattern))
                 return files
         raise must_be(
             "`folder`",

@@ -88,7 +88,7 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
     theirs = {name for item in variation.combinations for name in item}
     if variation.scenario is not None:
         parts = variation.scenario.all("ParameterDeclarations/*")
-        theirs |= {part.attribute("name") for part in parts}
+        theirs |= {part.parameter("name") for part in parts}
     for name, expression in mapping.parameters.items():
         checked_names(expression, theirs, f"`{name}` of mapping {request.file}")
     check_known(f"parameter in [only] of mapping {request.file}:", theirs, *mapping.only)
@@ -169,10 +169,10 @@ def read_variation(path: Path, count: int | None, seed: int) -> Variation:
     if distribution is None:
         raise InputError(f"{path.name} must hold a ParameterValueDistribution.")
     notes = []
-    named = distribution.find("ScenarioFile")
     scenario = None
-    target = None if named is None else path.parent / str(named.get("filepath", ""))
-    if target is None or not target.exists():
+    named = distribution.find("ScenarioFile")
+    target = path.parent / ("" if named is None else named.get("filepath", ""))
+    if not target.is_file():
         notes.append(
             f"The scenario file of {path.name} is not there: no constraint groups, no default "
             "values."
@@ -216,7 +216,7 @@ def _stochastic(element: Node, owner: str, count: int | None, seed: int) -> tupl
         within = f"within 1..{MAX_POINTS:,}, or give a `count`"
         raise element.fault(f"`numberOfTestRuns` must be {within}, got {runs}")
     kinds = {  # their parameter -> node of its distribution
-        it.attribute("parameterName"): it.only() for it in element.all("StochasticDistribution")
+        it.parameter("parameterName"): it.only() for it in element.all("StochasticDistribution")
     }
     if not kinds:
         raise InputError(f"{owner} must have at least one StochasticDistribution.")

@@ -179,6 +179,10 @@ class Node:
             raise self.fault(f"`{name}` is missing")
         return str(written)
 
+    def parameter(self, name: str) -> str:
+        """An attribute that names a parameter, without the `$` that some writers put before it."""
+        return self.attribute(name).removeprefix("$")
+
     def one_of(self, name: str, known: tuple[str, ...], default: str | None = None) -> str:
         """An attribute, worked out, that must be one of some words."""
         word = self.text(name, default)
@@ -273,9 +277,9 @@ class Node:
         """
         values = dict(self.values)
         written = dict[str, str]()
-        # a `$` before a declared name is of version 1.0; all parts share `values`, filled below
+        # all parts share `values`, filled below
         parts = [
-            (part.attribute("name").removeprefix("$"), replace(part, values=values))
+            (part.parameter("name"), replace(part, values=values))
             for part in self.all("ParameterDeclarations/ParameterDeclaration")
         ]
         names = dict(parts)

@@ -28,6 +28,7 @@ from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.sampling.grid import decimal
 
 Assignments = tuple[tuple[str, Value], ...]
+Choices = tuple[tuple[float, Assignments], ...]
 
 
 @frozen
@@ -48,7 +49,7 @@ class Axis:
     low: float
     high: float
     step: float
-    choices: tuple[tuple[float, Assignments], ...] = ()
+    choices: Choices = ()
     distribution: Distribution | None = None
     weights: tuple[float, ...] = ()
 
@@ -77,6 +78,13 @@ class Axis:
         if self.choices:
             return len(self.choices)
         return (decimal(self.high) - decimal(self.low)) // decimal(self.step) + 1
+
+    def listing(self, choices: Choices) -> Axis:
+        """The axis with some of its choices, at least one."""
+        pairs = zip(self.choices, self.weights, strict=False)  # none without weights
+        weights = tuple(weight for choice, weight in pairs if choice in choices)
+        low, high = choices[0][0], choices[-1][0]
+        return replace(self, choices=choices, low=low, high=high, weights=weights)
 
     def nearest(self, values: ArrayLike) -> NDArray[Any]:
         """Indices of the values on the grid that are nearest to `values`, an array of any shape."""
@@ -130,7 +138,7 @@ class FileSpace:
         )
         return [dict(zip(values, point, strict=True)) for point in dict.fromkeys(points)]
 
-    def chosen(self, kept: Mapping[str, tuple[tuple[float, Assignments], ...]]) -> FileSpace:
+    def chosen(self, kept: Mapping[str, Choices]) -> FileSpace:
         """The space with fewer choices; an axis with one choice becomes a fixed assignment.
 
         kept: the choices that stay, by axis; an axis without an entry keeps its own.
@@ -141,10 +149,8 @@ class FileSpace:
             choices = kept.get(axis.name, axis.choices)
             if len(choices) == 1:
                 fixed += choices[0][1]
-            elif choices:
-                axes.append(replace(axis, choices=choices, low=choices[0][0], high=choices[-1][0]))
             else:
-                axes.append(axis)
+                axes.append(axis.listing(choices) if choices else axis)
         return replace(self, fixed=tuple(fixed), axes=tuple(axes))
 
 
@@ -162,15 +168,14 @@ def read_space(path: Path, options: FileOptions) -> FileSpace:
         return FileSpace(path.stem, about, path, (), (), version, options)
     file = named_file(distribution.child("ScenarioFile"))
     scenario = read_openscenario(file)
-    inner = scenario.find("ParameterValueDistribution/ScenarioFile")
-    if inner is not None:
+    for inner in scenario.all("ParameterValueDistribution/ScenarioFile"):
         if named_file(inner).resolve() == path.resolve():
             raise inner.fault(f"it leads back to {path.name}")
         raise distribution.fault(
             f"{file.name} must be a scenario file, it is a distribution itself"
         )
     axes = tuple(axes_of(distribution))
-    known = [part.attribute("name") for part in scenario.all("ParameterDeclarations/*")]
+    known = [part.parameter("name") for part in scenario.all("ParameterDeclarations/*")]
     names = []
     for name in itertools.chain.from_iterable(axis.names for axis in axes):
         if name in names:
@@ -200,7 +205,7 @@ def axes_of(distribution: Node) -> Iterator[Axis]:
 
 
 def _single(element: Node) -> Axis:
-    name, kind = element.attribute("parameterName"), element.only()
+    name, kind = element.parameter("parameterName"), element.only()
     if kind.tag == "DistributionSet":
         return _values(element, name, [plain(it.attribute("value")) for it in kind.all("Element")])
     if kind.tag != "DistributionRange":
@@ -214,7 +219,7 @@ def _single(element: Node) -> Axis:
 
 def _together(element: Node) -> Axis:
     rows: list[Assignments] = [
-        tuple((it.attribute("parameterRef"), plain(it.attribute("value")))
+        tuple((it.parameter("parameterRef"), plain(it.attribute("value")))
             for it in part.all("ParameterAssignment"))
         for part in element.all("ValueSetDistribution/ParameterValueSet")
     ]  # fmt: skip
@@ -259,7 +264,7 @@ def range_of(element: Node) -> tuple[float, float]:
 
 def _drawn(element: Node) -> Axis:
     """A stochastic distribution: a range with a density, sampled as the evaluation says."""
-    name, kind = element.attribute("parameterName"), element.only()
+    name, kind = element.parameter("parameterName"), element.only()
     if kind.tag == "ProbabilityDistributionSet":
         weight_of: dict[Value, float] = {}
         for part in kind.all("Element"):
