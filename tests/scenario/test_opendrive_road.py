@@ -48,6 +48,7 @@ PLAN = """<OpenDRIVE><road id="{id}" length="1"><planView>
 
 NEXT = '<geometry s="100" x="{x}" y="102.75" hdg="1.5" length="9"><{shape}/></geometry>'
 SLOPE = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevationProfile>'
+CAMBER = '<lateralProfile><shape s="0" t="0" a="0" b="0.1" c="0" d="0"/></lateralProfile>'
 
 
 def written(tmp_path, **parts):
@@ -278,6 +279,7 @@ road = { opendrive = "road.xodr" }
         ({"a": 3.0}, "of one width"),
         ({"a": 0.0, "width": 0.0}, "of one width above 0 m"),
         ({"profile": SLOPE}, "<elevation> .* must be constant"),
+        ({"profile": CAMBER}, "<shape> .* must be 0"),
         ({"more": NEXT.format(x="oops", shape="line")}, "`x` of <geometry>"),
     ],
 )  # fmt: skip

@@ -216,14 +216,15 @@ def test_moves_at_times_are_scripts_that_a_curve_can_have(tmp_path):
     assert (other.braking.begin, other.braking.acceleration) == pytest.approx((3.0 + lasts, 5.0))
 
 
-def test_a_variation_is_the_space_and_constraints_leave_points_out(tmp_path):
+@pytest.mark.parametrize("name", ["kph", "$kph"])
+def test_a_variation_is_the_space_and_constraints_leave_points_out(tmp_path, name):
     written(tmp_path)
     light = """<DeterministicMultiParameterDistribution><ValueSetDistribution>
     <ParameterValueSet><ParameterAssignment parameterRef="light" value="day"/></ParameterValueSet>
     <ParameterValueSet><ParameterAssignment parameterRef="light" value="night"/></ParameterValueSet>
     </ValueSetDistribution></DeterministicMultiParameterDistribution>"""
     path = tmp_path / "varied.xosc"
-    path.write_text(VARIATION.format(file="scenario.xosc", parts=RANGE.format(name="kph") + light))
+    path.write_text(VARIATION.format(file="scenario.xosc", parts=RANGE.format(name=name) + light))
     read = read_file(path)
     assert [
         (item.name, item.low, item.high, item.step, item.unit) for item in read.logical.parameters
@@ -553,6 +554,8 @@ def test_the_ego_can_be_named(tmp_path):
         r"<Entities>: the entity that the ADS drives must be named `Ego`, .* my hero, Other"
     ):
         find(str(hero))
+    with refusal("must be named `Ego`"):
+        find(f"{path}?ego")
     logical = find(f"{hero}?ego=my hero")
     assert logical.name == "hero_my_hero"
     named = logical.concrete(only=0.0)
@@ -577,6 +580,7 @@ def test_only_roads_in_use_must_be_readable(tmp_path):
 
 WIDER = '<lane id="-2" type="driving"><width sOffset="0" a="3.9" b="0" c="0" d="0"/></lane></right>'
 SLOPE = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevationProfile>'
+CAMBER = '<lateralProfile><{} s="0" a="0" b="0.1" c="0" d="0"/></lateralProfile>'
 
 
 @pytest.mark.parametrize(
@@ -585,6 +589,8 @@ SLOPE = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevati
         ("</planView>", "</planView>" + SLOPE, "elevation"),
         ('<road id="0"', '<road rule="LHT" id="0"', "left-hand traffic"),
         ("</right>", WIDER, "lanes of another width"),
+        ("</planView>", "</planView>" + CAMBER.format("crossfall"), "elevation"),
+        ("</planView>", "</planView>" + CAMBER.format("shape"), "elevation"),
     ],
 )
 def test_what_a_road_file_says_in_vain_is_noted(tmp_path, old, new, kind):
@@ -611,6 +617,16 @@ def changed(folder, *changes, **parts):
     path = folder / f"changed_{abs(hash(text))}.xosc"
     path.write_text(text)
     return path
+
+
+def test_signals_are_noted_and_trailers_refused(tmp_path):
+    lights = "<TrafficSignals><TrafficSignalController/></TrafficSignals></RoadNetwork>"
+    path = str(changed(tmp_path, ("</RoadNetwork>", lights)))
+    assert "TrafficSignalController" in find(path).notes[0]
+    cars = CARS.replace("</Vehicle>", "<Trailer/></Vehicle>")
+    (tmp_path / "catalogs" / "cars.xosc").write_text(cars)
+    with refusal("cars.xosc, line 4, <Trailer>: this is not supported"):
+        find(path)
 
 
 def test_no_synchronization_after_a_change_of_speed(tmp_path):
@@ -754,7 +770,9 @@ def test_a_move_is_played_although_an_earlier_one_may_lead_there(tmp_path):
         acts_of(tmp_path, events=never + events[len(never) :].replace(*wrong))
 
 
-@pytest.mark.parametrize("kind, name", [("event", "e"), ("maneuver", "m"), ("act", "a")])
+@pytest.mark.parametrize(
+    "kind, name", [("event", "e"), ("maneuver", "m"), ("maneuverGroup", "g"), ("act", "a")]
+)
 def test_what_holds_two_moves_is_complete_after_both(tmp_path, kind, name):
     """A condition begins a long brake and a swift move across, in this order, or a move of no
     change, whose begin is remembered around it."""

@@ -22,6 +22,7 @@ ROWS = {
     ("file", "ignored"): {
         "VariableDeclarations": "variables are read by stops alone",
         "MonitorDeclarations": "checks of a scenario file say what must hold",
+        "TrafficSignals": "there are no signals",
     },
     ("entity", "played"): {
         "Vehicle": "its bounding box; its category is its class in SUMO",

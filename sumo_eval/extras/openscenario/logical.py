@@ -252,17 +252,15 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
             raise must_be(f"`{name}`", path.name, must, written)
         return int(written)
 
-    chosen = FileOptions(options.get("ego", ""), options.get("map", ""))
+    chosen = FileOptions(options.get("ego"), options.get("map"))
     whole = read_space(path, chosen)
     tried, refused = _tried(whole)
     if not tried:
         raise InputError(
             f"{path.name}: the constraints of {whole.file.name} allow no point of its space."
         )
-    roads: dict[tuple[object, ...], Frame] = {}
-    for _, case in tried:
-        roads.setdefault(case.frame.shape, case.frame)
-    frames = list(roads.values())
+    roads = grouped((case.frame.shape, case.frame) for _, case in tried)
+    frames = [first for first, *_ in roads.values()]
     for name in ("flat", "zones"):  # checked only: 1, or not there at all
         number_of(name, 1)
     number = number_of("road", len(frames)) - 1
@@ -348,13 +346,11 @@ def _without_roads(space: FileSpace, frame: Frame, scenes: Scenes) -> FileSpace:
     kept = {}
     own = frame.shape
     for axis in space.axes:
-        roads: dict[float, set[tuple[object, ...]]] = {}
-        for point, case in scenes:
-            roads.setdefault(point[axis.name], set()).add(case.frame.shape)
-        several = axis.choices and len(set.union(*roads.values())) > 1
-        if several and (space.size <= _LOOKED_AT or all(len(it) == 1 for it in roads.values())):
+        roads = grouped((point[axis.name], case.frame.shape) for point, case in scenes)
+        one_each = all(len(set(it)) == 1 for it in roads.values())
+        if axis.choices and (space.size <= _LOOKED_AT or one_each):
             # a value that is supported nowhere stays, to be counted with its reason
-            kept[axis.name] = tuple(it for it in axis.choices if own in roads.get(it[0], {own}))
+            kept[axis.name] = tuple(it for it in axis.choices if own in roads.get(it[0], [own]))
     return space.chosen(kept)
 
 

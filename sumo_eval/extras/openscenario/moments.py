@@ -217,12 +217,13 @@ class Conditions:
             raise element.fault(f"{len(spans)} elements are called {kind} `{name}`: {wanted}")
         return spans[0]
 
-    def moment(self, trigger: Node | None, after: Moment) -> Moment:
-        """When an element with this <StartTrigger> begins, not before `after`.
+    def moment(self, element: Node, after: Moment, kind: str = "StartTrigger") -> Moment:
+        """When an element begins, or by its <StopTrigger> ends, not before `after`.
 
-        One of its groups of conditions must hold. Without groups it begins at `after`.
+        One of the trigger's groups of conditions must hold. Without groups it is at `after`.
         """
-        if trigger is None or trigger.find("ConditionGroup") is None:
+        trigger = element.find(f"{kind}[ConditionGroup]")
+        if trigger is None:
             return after
         groups = map(self.group, trigger.all("ConditionGroup"))
         live = [group for group in groups if group.time < NEVER]
@@ -318,7 +319,7 @@ class Conditions:
         if edge == "falling":
             raise element.fault("the edge `falling` is not supported of it")
         if element.tag == "ParameterCondition":
-            name = element.attribute("parameterRef").removeprefix("$")
+            name = element.parameter("parameterRef")
             if element.element.xpath("//ParameterAction[@parameterRef=$name]", name=name):
                 raise element.fault(
                     f"parameter `{name}` is set during the drive, and is read before it here"
@@ -355,11 +356,11 @@ class Conditions:
         """
         triggering = element.child("TriggeringEntities")
         every = triggering.one_of("triggeringEntitiesRule", ("any", "all")) == "all"
-        names = [part.text("entityRef") for part in triggering.all("EntityRef")]
-        if not names:
+        entities = [self.places.referred(it) for it in triggering.all("EntityRef")]
+        if not entities:
             raise triggering.fault("it must name an entity")
         condition = element.child("EntityCondition").only()
-        truths = [self._of_entity(condition, self.places.entity(it, triggering)) for it in names]
+        truths = [self._of_entity(condition, it) for it in entities]
         # if all must hold, it fails as soon as one does; if any may hold, it fails when all do
         op, opposite = (played.AND, played.OR) if every else (played.OR, played.AND)
         holds = _joined([it.holds for it in truths], op)

@@ -549,7 +549,7 @@ class Moves:
         pose = course.at(ahead, element)
         # 1. where it begins: at the entity, within 0.5 m
         if math.dist(pose[:2], spot.pose[:2]) > 0.5:
-            raise element.fault(f"the trajectory must begin where `{entity.name}` is")
+            raise element.fault(f"the trajectory must begin where `{entity.name}` starts")
         at_start = begin.known and begin.time == 0.0
         if entity.speed > 0.0 and not at_start and (self.frame.line or not straight):
             raise element.fault(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -195,8 +196,8 @@ def _road(element: Node, name: str) -> MapRoad:
     lanes = [_lanes(it, shift, length) for it in sections]
     if not lanes or lanes.count(lanes[0]) < len(lanes):
         raise element.fault(f"it must have one <laneSection>, got {len(sections)}")
-    heights, tilts = (cubics_of(element.all(it), "s", Node.number) for it in PROFILES)
-    level = constant(heights, length) and constant([(0.0, 0.0), *tilts], length)
+    heights, *tilts = (cubics_of(element.all(it), "s", Node.number) for it in PROFILES)
+    level = constant(heights, length) and constant([(0.0, 0.0), *chain(*tilts)], length)
     widths = [it.width for it in lanes[0].values() if it.kind in DRIVEN]
     # the report must say what an ADS cannot know: with left-hand traffic it overtakes on the left,
     # and it leaves the road in a lane of another width

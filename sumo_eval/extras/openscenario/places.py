@@ -346,8 +346,7 @@ class Places:
 
     def followed(self, action: Node) -> MapPath:
         """The trajectory of a FollowTrajectoryAction."""
-        mode = action.find("TrajectoryFollowingMode")
-        if mode is not None:
+        for mode in action.all("TrajectoryFollowingMode"):
             # checked only: both are driven alike
             mode.one_of("followingMode", ("position", "follow"))
         course = self.trajectory(action.find("TrajectoryRef") or action)
@@ -447,6 +446,8 @@ def entity_of(element: Node, catalogs: Catalogs) -> Entity:
     body = {"Pedestrian": "pedestrian", "MiscObject": "car", "Vehicle": ""}.get(held.tag)
     if body is None:
         raise held.unsupported()
+    for trailer in held.all("Trailer"):
+        raise trailer.unsupported()
     if held.tag == "Vehicle":
         category = held.text("vehicleCategory")
         if category not in BODY_OF:

@@ -63,13 +63,13 @@ Actions = list[tuple[Node, Entity]]
 class FileOptions(NamedTuple):
     """The user's options behind a file's name, as in `a.xosc?ego=Car1`.
 
-    ego: the entity that the ADS drives; empty: `Ego`, else the only one with a controller, else the
+    ego: the entity that the ADS drives; None: `Ego`, else the only one with a controller, else the
         only one.
-    map: the OpenDRIVE file; empty: the one that the scenario file names.
+    map: the OpenDRIVE file; None: the one that the scenario file names.
     """
 
-    ego: str = ""
-    map: str = ""
+    ego: str | None = None
+    map: str | None = None
 
 
 class FileCase(NamedTuple):
@@ -100,7 +100,7 @@ def read_case(path: Path, given: Mapping[str, Value], options: FileOptions) -> F
     """
     root = read_openscenario(path)
     if root.find(f"FileHeader/Properties/Property[@name='{CASE}']") is not None:
-        file = _map_of(root, "")
+        file = _map_of(root, None)
         try:
             whole = exported_case(root.element, file.read_bytes())
         except InputError as error:
@@ -153,10 +153,6 @@ def distinct(names: Iterable[str], *taken: str) -> list[str]:
     return known[len(taken) :]
 
 
-def _deletes(action: Node) -> bool:
-    return action.find("DeleteEntityAction") is not None
-
-
 def _along_line(act: Act, ground: float) -> Act:
     """A move with its speeds along the road's line.
 
@@ -169,13 +165,10 @@ def _along_line(act: Act, ground: float) -> Act:
     return act
 
 
-def _map_of(root: Node, other: str) -> Path:
-    """The OpenDRIVE file: `other`, from the user, or if empty, the one in the scenario file."""
-    if other:
-        path = root.file.parent / other
-        if not path.is_file():
-            raise root.fault(f"the map {path} is not there")
-        return path
+def _map_of(root: Node, other: str | None) -> Path:
+    """The OpenDRIVE file: `other`, from the user, or if None, the one in the scenario file."""
+    if other is not None:
+        return named_file(root, other)
     network = root.child("RoadNetwork")
     named = network.find("LogicFile") or network
     file = named.text("filepath", "")
@@ -202,7 +195,7 @@ class _Player:
         if root.find("Storyboard") is None:
             raise root.fault("it must hold a <Storyboard>")
         self.root, _ = root.declared(given)
-        self.catalogs = Catalogs(self.root.find("CatalogLocations"))
+        self.catalogs = Catalogs(self.root)
         network = read_network(_map_of(self.root, options.map))
         holder = self.root.child("Entities")
         entities: dict[str, Entity] = {}
@@ -214,7 +207,7 @@ class _Player:
         about = str(self.root.child("FileHeader").get("description"))
         side = -1.0 if about.startswith("CARLA:") else 1.0
         self.places = Places(network, self.catalogs, entities, side)
-        ego = options.ego or self._only_controlled()
+        ego = self._only_controlled() if options.ego is None else options.ego
         if ego not in entities:
             raise holder.fault(
                 "the entity that the ADS drives must be named `Ego`, or be the only one with a "
@@ -222,7 +215,8 @@ class _Player:
                 f"{', '.join(entities) or 'none'}"
             )
         self.ego = entities[ego]
-        self.ignored: dict[str, None] = {}
+        signals = self.root.all("RoadNetwork/TrafficSignals/*")
+        self.ignored: dict[str, None] = dict.fromkeys(it.tag for it in signals)
         self.distances: Actions = []
         self.begun: Actions = []
         self.ends = math.inf
@@ -267,11 +261,9 @@ class _Player:
             )
             entity.frame = framed(entity, self.frame)
         for distance, entity in self.distances:
-            limits = distance.find("DynamicConstraints")
-            if limits is None:
+            if distance.find("DynamicConstraints") is None:
                 self.moves.place_apart(distance, entity)
-            if limits is not None or distance.flag("continuous"):
-                self.begun.append((distance, entity))
+            self.begun.append((distance, entity))
 
         # 3. the actors by number: all but the ego and those that are deleted at the start
         self.conditions = Conditions(self.places, self.frame, self.actors)
@@ -281,7 +273,7 @@ class _Player:
             entity.number = number
         # 4. the story: stops, moves from the start on, acts in the order of the file
         self.awaited = _awaited(self.root) if self.actors else set[str]()
-        self._stop(story.find("StopTrigger"))
+        self._stop(story)
         for element, entity in self.begun:
             self.moves.begin(element, entity, Moment(0.0))
         for act in self._acts(story):
@@ -299,8 +291,11 @@ class _Player:
             ego.name,
         )
 
-    def _ignore(self, element: Node) -> None:
-        self.ignored[element.tag] = None
+    def _ignore(self, action: Node) -> None:
+        """Note an action without a meaning here; refuse any other."""
+        if action.tag not in IGNORED:
+            raise action.unsupported()
+        self.ignored[action.tag] = None
 
     # -- before the start --------------------------------------------------------------------------
 
@@ -310,8 +305,10 @@ class _Player:
             added = part.find("EntityAction/AddEntityAction")
             if added is not None:
                 waiting.append((added, self.places.referred(part.child("EntityAction"))))
+            elif part.find("EntityAction/DeleteEntityAction") is not None:
+                self.places.referred(part.child("EntityAction")).deleted = True
             elif part.tag == "GlobalAction":
-                self._global(part.only())
+                self._ignore(part.only())
             elif part.tag == "UserDefinedAction":
                 self._ignore(part)
             elif part.tag == "Private":
@@ -345,14 +342,6 @@ class _Player:
                 raise unplaced
         raise rest[0][0].fault(f"the starts of {', '.join(names)} depend on each other in a circle")
 
-    def _global(self, element: Node) -> None:
-        if element.tag in IGNORED:
-            self._ignore(element)
-        elif _deletes(element):
-            self.places.referred(element).deleted = True
-        else:
-            raise element.unsupported()
-
     def _private_at_start(self, element: Node, entity: Entity) -> None:
         if element.tag in ("LongitudinalAction", "RoutingAction"):
             element = element.only()
@@ -369,10 +358,8 @@ class _Player:
                 self.route_end = end.pose
         elif element.tag == "FollowTrajectoryAction":
             self._follow_from_start(element, entity)
-        elif element.tag in IGNORED:
-            self._ignore(element)
         else:
-            raise element.unsupported()
+            self._ignore(element)
 
     def _speed_at_start(self, element: Node, entity: Entity) -> None:
         """Set a first speed; a gradual change to it, or a relative one kept, is a move from 0 s."""
@@ -382,11 +369,10 @@ class _Player:
         except UnplacedError:
             entity.waits += 1
             raise
-        step = is_step(element.child("SpeedActionDynamics"))
-        if step:
+        if is_step(element.child("SpeedActionDynamics")):
             entity.speed = entity.pace = speed
-        if step and not element.child("SpeedActionTarget").only().flag("continuous"):
-            return
+            if not element.child("SpeedActionTarget").only().flag("continuous"):
+                return
         if entity is self.ego:
             raise element.fault("the ego is driven by the ADS: its first speed must be a step")
         self.begun.append((element, entity))
@@ -424,8 +410,8 @@ class _Player:
                 deleted = event.all("Action/GlobalAction/EntityAction[DeleteEntityAction]")
                 if not deleted:
                     continue
-                begin = self.conditions.moment(act.find("StartTrigger"), Moment(0.0))
-                begin = self.conditions.moment(event.find("StartTrigger"), begin)
+                begin = self.conditions.moment(act, Moment(0.0))
+                begin = self.conditions.moment(event, begin)
                 if begin.time == NEVER:
                     continue
                 if begin.time > 0.0 or not begin.known:
@@ -434,19 +420,18 @@ class _Player:
                     self.places.referred(part).deleted = True
 
     def _act(self, act: Node) -> None:
-        begin = self.conditions.moment(act.find("StartTrigger"), Moment(0.0))
+        begin = self.conditions.moment(act, Moment(0.0))
         span = self.conditions.note(act, Span(begin, NEVER))  # for conditions within it
         before = [len(entity.acts) for entity in self.actors]
-        parts = [part for group in act.all("ManeuverGroup") for part in self._group(group, begin)]
-        whole = Span.over(begin, parts)
+        whole = Span.over(begin, [self._group(it, begin) for it in act.all("ManeuverGroup")])
         span.end, span.ended = whole.end, whole.ended
-        stop = act.find("StopTrigger")
-        if stop is None or stop.find("ConditionGroup") is None:
+        stop = act.find("StopTrigger[ConditionGroup]")
+        if stop is None:
             return
         if before == [len(entity.acts) for entity in self.actors]:  # it has no moves to stop
-            self._ignore(stop)
+            self.ignored["StopTrigger"] = None
             return
-        at = self.conditions.moment(stop, Moment(0.0))
+        at = self.conditions.moment(act, Moment(0.0), stop.tag)
         if not at.known:
             self._stopped(stop, at, before)
         elif at.time < min(span.end, self.ends):
@@ -474,16 +459,17 @@ class _Player:
             if own:
                 acts.append(Act(played.KEEP, program=at.program))
 
-    def _group(self, group: Node, begin: Moment) -> list[Span]:
+    def _group(self, group: Node, begin: Moment) -> Span:
         if group.number("maximumExecutionCount", 1.0) != 1.0:
             raise group.fault("a group of manoeuvres must run once")
         actors = group.child("Actors")
         if actors.flag("selectTriggeringEntities"):
             raise actors.fault("actors that the trigger selects are not supported")
         names = [part.text("entityRef") for part in actors.all("EntityRef")]
-        references = map(self.catalogs.entry, group.all("CatalogReference"))
-        parts = [*references, *(part.within() for part in group.all("Maneuver"))]
-        return [self._maneuver(part, names, begin) for part in parts]
+        parts = [self.catalogs.entry(part) for part in group.all("CatalogReference")]
+        parts += [part.within() for part in group.all("Maneuver")]
+        spans = [self._maneuver(part, names, begin) for part in parts]
+        return self.conditions.note(group, Span.over(begin, spans))
 
     def _maneuver(self, maneuver: Node, names: list[str], begin: Moment) -> Span:
         running: list[tuple[Node, Span]] = []
@@ -493,8 +479,7 @@ class _Player:
                 self._check_priority(event, span, other, earlier)
                 self._check_priority(other, earlier, event, span)
             running.append((event, span))
-        whole = Span.over(begin, [span for _, span in running])
-        return self.conditions.note(maneuver, whole)
+        return self.conditions.note(maneuver, Span.over(begin, [span for _, span in running]))
 
     def _check_priority(self, event: Node, span: Span, other: Node, running: Span) -> None:
         """Refuse an event that would end a running move of its manoeuvre, or would be left out
@@ -531,7 +516,7 @@ class _Player:
         awaited = self.awaited & _names_around(event.element)
         if all(idle) and not awaited:
             return Span(begin, begin.time)
-        begin = self.conditions.moment(event.find("StartTrigger"), begin)
+        begin = self.conditions.moment(event, begin)
         if event.number("maximumExecutionCount", 1.0) != 1.0:
             raise event.fault("an event must run once")
         parts = []
@@ -553,23 +538,17 @@ class _Player:
 
     def _idle(self, action: Node, names: list[str]) -> bool:
         """Whether an action has no meaning here; if so, note it. Refuses a move of the ego."""
-        if action.tag == "UserDefinedAction":
-            self._ignore(action)
-            return True
-        inner = action.only()
-        if action.tag == "GlobalAction":
-            if inner.tag not in IGNORED and not _deletes(inner):
-                raise inner.unsupported()
-        elif action.tag != "PrivateAction":
-            raise action.unsupported()
-        elif inner.tag not in IGNORED:
+        inner = action if action.tag == "UserDefinedAction" else action.only()
+        if action.tag == "PrivateAction" and inner.tag not in IGNORED:
             if self.ego.name in names:
                 raise inner.fault(
                     "the ego is driven by the ADS: an action of it during the drive is not "
                     "supported"
                 )
             return False
-        self._ignore(inner)
+        # a deletion: see `_delete_at_once`
+        if inner.find("DeleteEntityAction") is None:
+            self._ignore(inner)
         return True
 
     # -- the result --------------------------------------------------------------------------------
@@ -598,12 +577,12 @@ class _Player:
             on_map=None if map_pose is None else (*map_pose,),
         )  # fmt: skip
 
-    def _stop(self, trigger: Node | None) -> None:
+    def _stop(self, story: Node) -> None:
         """Note the first stop by time, which ends the case.
 
         All other stops are ignored: contact, standstill or the ADS end a case here.
         """
-        for group in () if trigger is None else trigger.all("ConditionGroup"):
+        for group in story.all("StopTrigger/ConditionGroup"):
             conditions = group.all("Condition")
             times = group.all("Condition/ByValueCondition/SimulationTimeCondition")
             if len(conditions) != 1 or not times:

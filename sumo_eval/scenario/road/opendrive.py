@@ -214,7 +214,12 @@ def _check_near(what: str, owner: str, must: str, off: float, turned: float) -> 
         raise must_be(what, owner, f"{must}, within {_JOINT:g} m and rad", got)
 
 
-PROFILES = ("elevationProfile/elevation", "lateralProfile/superelevation")
+PROFILES = (
+    "elevationProfile/elevation",
+    "lateralProfile/superelevation",
+    "lateralProfile/crossfall",
+    "lateralProfile/shape",
+)
 """Elements that give a road height and tilt, which the plane of the map does not have."""
 
 
@@ -252,7 +257,7 @@ def lane_offset(road: Element, owner: str, length: float, *, flat: bool = False)
     tilted.
     """
     for name in (*(() if flat else PROFILES), "lanes/laneOffset"):
-        entries, tilt = list(road.iterfind(name)), name == PROFILES[1]
+        entries, tilt = list(road.iterfind(name)), name in PROFILES[1:]
         cubics = cubics_of(entries, "s", partial(_number, owner))
         if tilt or all(cubic[0] > 0.0 for cubic in cubics):
             # 0 before the first entry, and where there is none; any tilt is compared with 0

@@ -8,7 +8,6 @@ without a trajectory (standing, or with an `occupancySet` alone) are left out.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from scipy.spatial import cKDTree
 from sumo_eval.drivers.recorded.importers.tables import LARGEST, Samples, reading_xml, require
 from sumo_eval.drivers.recorded.straighten import distances
 from sumo_eval.errors import InputError
+from sumo_eval.groups import grouped
 from sumo_eval.input_file import input_file
 from sumo_eval.text import number_in
 from sumo_eval.trajectory import FloatArray
@@ -51,14 +51,9 @@ def read(path: Path) -> Samples:
         raise InputError(f"{path} must be a CommonRoad file (<commonRoad>), got <{root.tag}>.")
     step = _number(root.get("timeStepSize"), path, root, "timeStepSize")
     require(step > 0.0, path, "must have a `timeStepSize` above 0 s")
-    rows = []
-    left_out: Counter[str] = Counter()
-    for obstacle in root.iter("dynamicObstacle", "obstacle", "staticObstacle"):
-        reason = _why_left_out(obstacle)
-        if reason:
-            left_out[reason] += 1
-        else:
-            rows += _samples(obstacle, path)
+    obstacles = root.iter("dynamicObstacle", "obstacle", "staticObstacle")
+    by_reason = grouped((_why_left_out(it), it) for it in obstacles)
+    rows = [row for driven in by_reason.pop("", ()) for row in _samples(driven, path)]
     if not rows:
         got = "none"
         if root.find(".//occupancySet") is not None:
@@ -75,7 +70,8 @@ def read(path: Path) -> Samples:
     if len(centres):
         table["offset"] = _offsets(table, centres)
     return table, [
-        f"{path.name}: {n} obstacles are left out, {reason}." for reason, n in left_out.items()
+        f"{path.name}: {len(left_out)} obstacles are left out, {reason}."
+        for reason, left_out in by_reason.items()
     ]
 
 
@@ -126,8 +122,8 @@ def _lane_centres(root: Any, path: Path) -> FloatArray:
     points = [np.empty((0, 3))]
     for lanelet in root.iterchildren("lanelet"):
         sides = [
-            np.array([[_value(point, axis, path) for axis in "xy"] for point in bound])
-            for bound in (lanelet.findall(f"{side}Bound/point") for side in ("left", "right"))
+            np.array([[_value(it, axis, path) for axis in "xy"] for it in lanelet.findall(bound)])
+            for bound in ("leftBound/point", "rightBound/point")
         ]
         if min(len(side) for side in sides) < 2:  # one point has no course
             continue
