@@ -213,8 +213,8 @@ def _laid(lanes: _Lanes) -> tuple[Pose, dict[str, int]]:
     """Where the x axis begins on the map, and by its id each lane's place: 0 for the road's
     right-hand lane, which lies on the axis, 1 for the next one to the left.
     """
-    # `begins`: of the first edge's right-hand lane. Where a lane to the right of that one opens
-    # later (`lowest` below 0), the axis is along that one instead.
+    # The axis is along the first edge's right-hand lane, which begins at `begins`, or along a lane
+    # to the right of it that opens later (`lowest` below 0).
     first = lanes[0][0]
     (x0, y0), (x1, y1) = first.shape[0], first.shape[-1]
     begins = Pose(x0, y0, math.atan2(y1 - y0, x1 - x0))

@@ -65,7 +65,7 @@ class Frame(NamedTuple):
 
     @property
     def shape(self) -> tuple[object, ...]:
-        """The properties by which two roads differ."""
+        """The properties in which roads differ."""
         return self.line, self.lanes, self.lane_width, round(self.length, 6)
 
     def ground(self, at: Pose) -> float:
@@ -182,12 +182,12 @@ def framed(entity: Entity, frame: Frame) -> Pose:
     if not frame.line:
         at = pose.seen_from(frame.origin)
         return at._replace(heading=0.0) if along and spot.way == frame.way else at
-    # 4. on a curved road. `way` 0: it points across; else its centre lies ahead along the curve
+    # 4. on a curved road: the body of an entity that points along it lies ahead along the curve
     assert spot.road is not None
     if spot.way:
         s, t = spot.s + spot.way * entity.centre, spot.t + spot.way * entity.offset
         pose = spot.road.pose(s, t)
-    # about x: where the search for the foot of the perpendicular on the line begins
+    # x, roughly: where the search for the foot of the perpendicular on the line begins
     near = spot.s + entity.centre if frame.way > 0 else spot.road.length - spot.s
     x, y, heading = in_frame(pose, frame.origin, frame.line, near)
     if spot.way:
