@@ -206,12 +206,8 @@ def _result(
 def _worst(tally: Tally, unit: str) -> Iterator[CaseChange]:
     """The worst cases of all scenarios, with the values before and after."""
     sign = tally.measure.sign  # the least signed change is the worst
-    first = [
-        (sign * float(worse.after[pair] - worse.before[pair]), index, pair)
-        for index, worse in enumerate(tally.worse)
-        for pair in worse.which[:MOST_NAMED]
-    ]
-    for _, index, pair in sorted(first)[:MOST_NAMED]:
-        worse = tally.worse[index]
+    first = [(worse, pair) for worse in tally.worse for pair in worse.which[:MOST_NAMED]]
+    first.sort(key=lambda it: sign * (it[0].after[it[1]] - it[0].before[it[1]]))
+    for worse, pair in first[:MOST_NAMED]:
         case = worse.part.changed.paired.new[pair]
         yield CaseChange.of(case, float(worse.before[pair]), float(worse.after[pair]), unit)

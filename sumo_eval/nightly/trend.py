@@ -101,8 +101,8 @@ def write_trend(folder: Path, database: History) -> Path:
     nights, values, gates = database.nights(), database.values(), database.gates()
     scenarios = list(dict.fromkeys(value.scenario for value in values))
     # nights whose report is still there: the folder of an old one may have been removed
-    kept = {
-        night.night
+    reports = {
+        night.night: f"{night.folder}/{REPORT}"
         for night in nights
         if not night.imported and (folder / night.folder / REPORT).is_file()
     }
@@ -110,10 +110,7 @@ def write_trend(folder: Path, database: History) -> Path:
         failed=failed_nights(nights),
         nights=list(reversed(nights)),
         dates={night.night: _date(night.night) for night in nights},
-        reports={
-            night.night: "" if night.imported else f"{night.folder}/{REPORT}" for night in nights
-        },
-        kept=kept,
+        reports=reports,
         accepted={acceptance.night: acceptance.words for acceptance in database.accepted()},
         builds=database.builds(),
         groups=[(scenario, charts(scenario, nights, values, gates)) for scenario in scenarios],

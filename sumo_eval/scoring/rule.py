@@ -258,7 +258,7 @@ class Tally(NamedTuple):
     better: number of better cases.
     cases: number of all cases that have the measure.
     least_kept: least `kept_margin` of a worse case; 1 if no case is worse.
-    furthest: largest d of a worse case, in tolerances; 0 if no case is worse.
+    most, furthest: largest d of a worse case, and in tolerances; 0 if no case is worse.
     """
 
     ads: str
@@ -268,6 +268,7 @@ class Tally(NamedTuple):
     better: int
     cases: int
     least_kept: float
+    most: float
     furthest: float
 
     @property
@@ -291,8 +292,8 @@ def tally(
     near: True for part two. A missing value then counts as one at the limit of the measure's
         `zone`, and only cases with a value inside the zone in a run count.
     """
-    worse, kept, furthest = [], 1.0, 0.0
-    better = cases = 0
+    worse, kept, most = [], 1.0, 0.0
+    furthest, better, cases = 0.0, 0, 0
     for part in compared:
         before, after, counts = values_of(part, measure, fill=near)
         by = worsening(before, after, measure)
@@ -304,11 +305,12 @@ def tally(
             counts &= np.fmin(sign * before, sign * after) < sign * measure.zone
         flags = counts & (by > beyond)
         kept = kept_margin(before, after, measure)[flags].min(initial=kept)
+        most = by[flags].max(initial=most)
         furthest = (by / np.maximum(limit, LAST_DIGIT))[flags].max(initial=furthest)
         better += int(np.sum(counts & (by < -beyond)))
         cases += int(np.sum(counts))
         worse.append(Worse(part, _worst_first(flags, by), before, after))
-    return Tally(ads, measure, near, tuple(worse), better, cases, kept, furthest)
+    return Tally(ads, measure, near, tuple(worse), better, cases, kept, most, furthest)
 
 
 def values_of(
@@ -347,23 +349,16 @@ def got_worse(total: Tally, settings: GateSettings) -> bool:
 def _shifted(total: Tally, settings: GateSettings) -> bool:
     """Part three of `got_worse`."""
     shift = settings.shift
-    lost = task_lost(total) >= shift.lost * (1.0 - LAST_DIGIT)  # 0.7 - 0.4 is below 0.3 by rounding
+    quantity = total.measure.quantity
+    # 0.7 - 0.4 is below 0.3 by rounding
+    lost = quantity == "task_share" and total.most >= shift.lost * (1.0 - LAST_DIGIT)
     # a drive takes longer where it no longer crashes, and measured times vary
-    is_time = total.measure.quantity in (*TIMED, "simulated_time")
+    is_time = quantity in (*TIMED, "simulated_time")
     far = total.furthest >= shift.far * (1.0 - LAST_DIGIT) and not is_time
     enough = many(total, settings, 0.0 if far else shift.share_alone)
     if (lost or enough) and not total.better:
         return True
     return many(total, settings, shift.share) and total.chance < shift.chance
-
-
-def task_lost(total: Tally) -> float:
-    """The largest loss of task in a case, 0..1; 0 of any other measure."""
-    if total.measure.quantity != "task_share":
-        return 0.0
-    # `which` begins with the worst case of a scenario
-    losses = (it.before[it.which[0]] - it.after[it.which[0]] for it in total.worse if it.which)
-    return float(max(losses, default=0.0))
 
 
 def many(total: Tally, settings: GateSettings, share: float) -> bool:

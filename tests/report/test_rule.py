@@ -141,30 +141,30 @@ def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail():
 )
 def test_got_worse_by_counts(near, worse, better, cases, kept, fails):
     part = SimpleNamespace(which=range(worse))
-    found = Tally("ads", GAP, near, (part,), better, cases, kept, 1.0)
+    found = Tally("ads", GAP, near, (part,), better, cases, kept, 0.0, 1.0)
     assert got_worse(found, SETTINGS) is fails
 
 
 @pytest.mark.parametrize(
-    "quantity, worse, after, better, furthest, fails",
+    "quantity, worse, most, better, furthest, fails",
     values_of("""
-    "task_share", 1, 0.4, 0, 4.9, True  # 0.7 - 0.4 = 0.3
-    "task_share", 1, 0.41, 0, 29.0, False
-    "task_share", 1, 0.4, 1, 4.9, False
-    "max_jerk", 3, 0.4, 0, 5.0, True  # 3 of 99 are too few otherwise
-    "max_jerk", 3, 0.4, 0, 4.9, False
-    "max_jerk", 2, 0.4, 0, 5.0, False
-    "max_jerk", 3, 0.4, 1, 5.0, False
-    "simulated_time", 3, 0.4, 0, 5.0, False
-    "latency_relative", 3, 0.4, 0, 5.0, False
+    "task_share", 1, 0.29999999999999993, 0, 4.9, True  # 0.7 - 0.4
+    "task_share", 1, 0.29, 0, 29.0, False
+    "task_share", 1, 0.3, 1, 4.9, False
+    "max_jerk", 3, 9.0, 0, 5.0, True  # 3 of 99 are too few otherwise
+    "max_jerk", 3, 9.0, 0, 4.9, False
+    "max_jerk", 2, 9.0, 0, 5.0, False
+    "max_jerk", 3, 9.0, 1, 5.0, False
+    "simulated_time", 3, 9.0, 0, 5.0, False
+    "latency_relative", 3, 9.0, 0, 5.0, False
     """),
 )
 def test_a_lost_task_or_one_of_three_far_worse_shifts(
-    quantity, worse, after, better, furthest, fails
+    quantity, worse, most, better, furthest, fails
 ):
-    part = SimpleNamespace(which=range(worse), before=[0.7], after=[after])
+    part = SimpleNamespace(which=range(worse))
     measure = MeasureSettings(quantity, absolute=0.01)
-    found = Tally("ads", measure, False, (part,), better, 99, 1.0, furthest)
+    found = Tally("ads", measure, False, (part,), better, 99, 1.0, most, furthest)
     assert got_worse(found, SETTINGS) is fails
 
 
@@ -172,7 +172,7 @@ def test_can_fail_by_counts():
     """One case of a near miss, three of a shift; of a noisy ADS 6: 1 / 64 <= 0.02 < 1 / 32."""
 
     def least(near, noisy):
-        found = (Tally("ads", GAP, near, (), 0, cases, 1.0, 0.0) for cases in range(9))
+        found = (Tally("ads", GAP, near, (), 0, cases, 1.0, 0.0, 0.0) for cases in range(9))
         return [can_fail(one, SETTINGS, noisy=noisy) for one in found].index(True)
 
     assert [least(True, False), least(False, False), least(True, True)] == [1, 3, 6]
