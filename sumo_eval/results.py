@@ -386,7 +386,8 @@ class RankedPair:
 
 @frozen
 class Ranking:
-    """ADSs in the order of S+ over all scenarios; neighbours that are not told apart share a place.
+    """ADSs in the order of S+ over all scenarios; one that is not told apart from the first of a
+    place shares it.
 
     A scenario counts in it if its weight is above 0 and it has a task, i.e. a safe point.
 

@@ -144,12 +144,7 @@ def _best(ranking: Ranking, order: Sequence[RankedAds]) -> str:
     if not others or others[0].s_plus is None:
         return points
     pair = ranking.pair(best.ads, others[0].ads)
-    # ADSs that share the place with the best may still be told apart from it
-    equal = [
-        it.ads
-        for it in others
-        if it.place == best.place and not ranking.pair(best.ads, it.ads).told_apart
-    ]
+    equal = [it.ads for it in others if it.place == best.place]
     if not equal:
         return f"{points} Told apart from {pair.below}, {number(others[0].s_plus, 1)}."
     if pair.scored_alike and best.s_plus:  # at 0 points all are alike

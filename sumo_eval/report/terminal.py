@@ -157,8 +157,8 @@ def _space_lines(evaluation: Evaluation) -> Iterator[str]:
 
 
 def ranking_lines(ranking: Ranking | None) -> list[str]:
-    """The ADSs in the order of S+, each with the difference to the one above it; none for a
-    single ADS.
+    """The ADSs in the order of S+, each with the difference to the first of the place above it or
+    of its own; none for a single ADS.
     """
     if ranking is None or len(ranking.ads) < 2:
         return []
@@ -168,24 +168,24 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
         f"Ranking by S+ over all scenarios{weighed}{parts_of_total(ranking)}; "
         f"{ranking.level:z.0%} intervals:"
     ]
-    above = ""
+    first = ""  # of the place
     for ads in ranking.ads:
         if ads.place is None or ads.s_plus is None:
             lines.append(f"  not ranked: {one_line(ads.ads)} has no S+ in some scenario")
             continue
         interval = f" ({interval_words(ads.interval, 1)})" if ads.interval else ""
         words = f"  {ads.place}. {one_line(ads.ads)}  {number(ads.s_plus, 1)}{interval}"
-        if above:
-            pair = ranking.pair(above, ads.ads)  # S+ of the ADS above minus that of this one
+        if first:
+            pair = ranking.pair(first, ads.ads)  # S+ of the first minus that of this one
             low, high = pair.interval or (0.0, 0.0)
             ends = f" ({interval_words((-high, -low), 1)})" if pair.interval else ""
-            words += f"  {number(-pair.difference, 1)}{ends} to {one_line(above)}"
+            words += f"  {number(-pair.difference, 1)}{ends} to {one_line(first)}"
             # two ADSs with S+ = 0 in every resample are `scored_alike`, however their cases differ
             alike = pair.scored_alike and ads.s_plus != 0.0
             why = "scored alike in every case" if alike else "not told apart"
             words += "" if pair.told_apart else f": {why}, the place is shared"
         lines.append(words)
-        above = ads.ads
+        first = first if first and not pair.told_apart else ads.ads
     return lines
 
 

@@ -145,7 +145,7 @@ def test_the_best_is_distinguished_or_not(evaluation):
         ads = (
             RankedAds(first, 1, 60.0, (55.0, 66.0)),
             RankedAds(second, 2 if apart else 1, 50.0, (44.0, 57.0)),
-            RankedAds("last", 2 if apart else 1, 0.0, (0.0, 0.0)),
+            RankedAds("last", 2 if apart else 3, 0.0, (0.0, 0.0)),
         )
         pairs = (
             RankedPair(first, second, 10.0, (4.0 if apart else -4.0, 16.0), apart),

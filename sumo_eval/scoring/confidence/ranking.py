@@ -35,8 +35,7 @@ def rank(
 ) -> Ranking:
     """The ranking of an evaluation's ADSs. Scenarios without any S+ are left out.
 
-    An ADS shares the place of the one above it unless their difference is above 0, so the first and
-    the last ADS of one place may differ.
+    An ADS shares the place of those above it unless its difference to the first of them is above 0.
     """
     weights = scenario_weights(list(dict.fromkeys(score.scenario for score in scores)), settings)
     weighted = [name for name, weight in weights.items() if weight > 0.0]
@@ -64,9 +63,9 @@ def rank(
         pairs.append(RankedPair(above, below, difference, ends, apart))
     told_apart = {(pair.above, pair.below): pair.told_apart for pair in pairs}
     rows, place = [], 1
-    for number, name in enumerate(ranked):
-        if number and told_apart[ranked[number - 1], name]:
-            place = number + 1
+    for number, name in enumerate(ranked, start=1):
+        if told_apart.get((ranked[place - 1], name)):
+            place = number
         weighted_results = [results_of[name][scenario] for scenario in means.weights]
         # with a single scenario the interval of S+ there, so that ranking and scores agree
         spread, ends = spreads[name], weighted_results[0].s_plus_interval

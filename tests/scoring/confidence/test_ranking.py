@@ -112,11 +112,13 @@ def test_one_ads_under_two_names_differs_from_itself_by_nothing_and_shares_its_p
         assert (low < high) is apart
 
 
-def test_neighbours_that_cannot_be_told_apart_share_a_place_and_the_next_one_is_counted_on():
+@pytest.mark.parametrize("shift, neighbours_apart", [(-0.1, True), (-0.016, False)])
+def test_who_is_told_apart_from_the_first_has_another_place(shift, neighbours_apart):
     scores, found = scored(
-        drives("a", 0.001, own=0.1), drives("bb", 0.0, own=0.1), drives("ccc", -0.1, own=0.1)
+        drives("a", 0.001, own=0.1), drives("bb", 0.0, own=0.1), drives("ccc", shift, own=0.1)
     )
     ranking = rank(scores, found, RankingSettings())
+    assert ranking.pair("bb", "ccc").told_apart is neighbours_apart
     assert {(one.ads, one.place) for one in ranking.ads} == {("a", 1), ("bb", 1), ("ccc", 3)}
     evaluation = Evaluation("e", Path(), SETTINGS, {}, (), tuple(scores), (), ranking=ranking)
     text = "\n".join(ranking_lines(ranking))
