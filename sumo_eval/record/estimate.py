@@ -181,8 +181,7 @@ def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, flo
     them was broken off.
     """
     until = clock.perf_counter() + _TIMED_FOR
-    timed = 0
-    broken_off = False
+    timed, broken_off = 0, False
     took = defaultdict[str, list[float]](list)
     limits = replace(setup.run, case_timeout=min(setup.run.case_timeout, _LONGEST_DRIVE))
     for sort, cases in kinds:

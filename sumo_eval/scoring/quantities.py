@@ -149,7 +149,7 @@ def harm_at(
     space: ScenarioRun,
     overview: Survey,
     points: range,
-    idle: Sequence[Fact],
+    unreacting: Sequence[Fact],
     drives: Mapping[str, DriveResult],
 ) -> dict[int, dict[str, Any]]:
     """Point -> fields that all cases there share: weight (Eq. 16), Ug (Eq. 17), U0, and PET and
@@ -157,17 +157,17 @@ def harm_at(
 
     overview: has the weights of all points, r times the points that each stands for.
     points: numbers of the points.
-    idle: the drives of `no_reaction` at these points.
+    unreacting: the drives of `no_reaction` at these points.
     drives: departures, by case.
     """
-    unreacting = {fact.point: fact for fact in idle}
+    unreacting_at = {fact.point: fact for fact in unreacting}
     harm = {}
     for fact in space.facts_at(points, "ideal"):
         shared = {
             "weight": float(overview.weights[fact.point]),
             **_reference("ideal", fact, space),
         }
-        if (no_reaction := unreacting.get(fact.point)) is not None:
+        if (no_reaction := unreacting_at.get(fact.point)) is not None:
             departure = _of_departure(drives[no_reaction.case].departure, no_reaction.case, space)
             shared |= _reference("no_reaction", no_reaction, space, least=departure)
         if (conflict := conflict_at(space.logical, fact.values)) is not None:

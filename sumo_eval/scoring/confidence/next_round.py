@@ -127,7 +127,7 @@ def further_round(
     taken = np.bincount(points.stratum, minlength=stands.rounds * cells).reshape(-1, cells)
     # cells hold equally many candidates, so V_h s_h is in proportion to s_h
     further = spread(stands.further, np.sqrt(variance), capacity - taken.sum(axis=0))
-    return replace(sampling, rounds=(*(tuple(map(int, before)) for before in taken), further))
+    return replace(sampling, rounds=(*map(tuple, taken.tolist()), further))
 
 
 def variance_in_cells(values: FloatArray, cell: IntArray, cells: int) -> FloatArray:
