@@ -232,6 +232,9 @@ FEEDTHROUGH_2 = """
             self.real_in, self.whole_in, self.truth_in, self.text_in, self.real_out = 0.0, 7, True, "gentle", 0.0
             for name, kind in (("real_in", Real), ("whole_in", Integer), ("truth_in", Boolean), ("text_in", String)):
                 self.register_variable(kind(name, causality=Fmi2Causality.input, variability=Fmi2Variability.discrete))
+            self.code = "none"
+            self.register_variable(String("code", causality=Fmi2Causality.parameter,
+                                          variability=Fmi2Variability.tunable))
             self.register_variable(Real("real_out", causality=Fmi2Causality.output))
             self.register_variable(Integer("whole_out", causality=Fmi2Causality.output,
                                            variability=Fmi2Variability.discrete))
@@ -240,6 +243,7 @@ FEEDTHROUGH_2 = """
         def do_step(self, current_time, step_size):
             strength = {"gentle": 1.0, "firm": 2.0}[self.text_in]
             self.real_out = -0.1 * self.whole_in * strength * self.truth_in
+            self.real_out -= self.code == "07"
             self.whole_out = -self.whole_in
             return True
 """
@@ -351,6 +355,7 @@ def deceleration(locator, folder, *others):
     "mapping, expected",
     [
         ("inputs.*=start", -0.7),
+        ("inputs.*=start&parameters.code=07", -1.7),
         ("inputs.whole_in=12&inputs.*=start", -1.2),
         ("inputs.whole_in=12&inputs.truth_in=false&inputs.text_in=start", 0.0),
         ("inputs.whole_in=12&inputs.truth_in=1.0&inputs.text_in='firm'", -2.4),
@@ -421,6 +426,20 @@ def test_a_plan_has_at_most_the_places_of_its_outputs(feedthroughs):
         (TWO, "its start value (`inputs.*=start`: of all that are left)"),
         (f"{TWO}&inputs.*=1", "`inputs.*` of FMU `Feedthrough2.fmu` must be `start`"),
         (
+            f"{TWO}&inputs.whole_in=1.5",
+            "`whole_in` of FMU `Feedthrough2.fmu` must be finite and of",
+        ),
+        (f"{TWO}&inputs.truth_in=2", "finite and of type Boolean, got 2.0"),
+        (f"{THREE}&inputs.count=-3&outputs.acceleration=speeds[2]", "of type UInt64, got -3.0"),
+        (
+            f"{TWO}&inputs.*=start&parameters.real_in=1",
+            "one of its parameters that can be set, got 'a discrete input",
+        ),
+        (
+            f"{TWO}&inputs.real_out=time",
+            "one of its inputs that can be set, got 'a continuous output",
+        ),
+        (
             f"{TWO}&inputs.whole_in=objects_gap&inputs.*=start",
             "must be an array to be given `objects_gap`",
         ),
@@ -442,10 +461,10 @@ def test_what_does_not_fit_is_refused_before_anything_runs(feedthroughs, locator
 
 
 def test_a_whole_number_that_its_type_cannot_hold_ends_the_case(feedthroughs):
-    locator = f"{THREE}&inputs.count=-3&outputs.acceleration=speeds[2]"
+    locator = f"{THREE}&inputs.count=lead_kind&outputs.acceleration=speeds[2]"
     recording = simulate(case(), locator, HALF_SECOND, folder=feedthroughs)
     assert recording.end_reason == "ads_error"
-    assert "is of type UInt64, which cannot hold -3" in recording.error
+    assert "is of type UInt64, which cannot hold -1" in recording.error
 
 
 FMI_1 = (

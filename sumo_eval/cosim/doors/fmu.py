@@ -115,38 +115,30 @@ class _Fmu:
         self._library = fmpy
         input_file(path, "FMU")
         with users_code(f"FMU {path} cannot be read"):
-            self._folder, self.description = _unpacked(path, changed_at(path))
-        if self.description.fmiVersion not in ("2.0", "3.0"):
-            raise must_be(
-                "The FMI version", f"FMU `{path.name}`", "2.0 or 3.0", self.description.fmiVersion
-            )
-        if self.description.coSimulation is None:
+            self._folder, model = _unpacked(path, changed_at(path))
+        if model.fmiVersion not in ("2.0", "3.0"):
+            raise must_be("The FMI version", f"FMU `{path.name}`", "2.0 or 3.0", model.fmiVersion)
+        if model.coSimulation is None:
             kinds = {
-                "model exchange": self.description.modelExchange,
-                "scheduled execution": self.description.scheduledExecution,
+                "model exchange": model.modelExchange,
+                "scheduled execution": model.scheduledExecution,
             }
             other = " and ".join(kind for kind, interface in kinds.items() if interface)
             raise InputError(
                 f"FMU `{path.name}` must be one for co-simulation, got one for "
                 f"{other or 'nothing'}."
             )
+        self.description = model
         self._check_library()
         # name of a unit -> its size in SI units
         self._factors: dict[Any, float] = {
-            unit.name: unit.baseUnit.factor
-            for unit in self.description.unitDefinitions
-            if unit.baseUnit
+            unit.name: unit.baseUnit.factor for unit in model.unitDefinitions if unit.baseUnit
         }
-        self._variables = {variable.name: variable for variable in self.description.modelVariables}
+        self._variables = {variable.name: variable for variable in model.modelVariables}
         self._inputs = self._wire_inputs(wiring, signals)
         self._outputs = self._wire_outputs(wiring, needed, optional, lists)
-        self._lists = self._wire_lists(wiring, lists)
-        self._parameters = [
-            (self._variable(name, "parameters"), value) for name, value in wiring.parameters.items()
-        ]
-        for variable, value in self._parameters:
-            if _is_signal(variable, value):
-                self._check_signal(variable, value, signals)
+        self.lists = self._wire_lists(wiring, lists)
+        self._parameters = list(self._wired(wiring.parameters, "parameters", signals))
         self._instance: Any = None
         self.initialized = False
 
@@ -162,12 +154,14 @@ class _Fmu:
             raise must_be("The library", owner, library, ", ".join(libraries) or "none")
 
     def _variable(self, name: str, key: str) -> Any:
-        check_known(f"variable of FMU `{self.path.name}` in `{key}`", self._variables, name)
+        owner = f"FMU `{self.path.name}`"
+        check_known(f"variable of {owner} in `{key}`", self._variables, name)
         variable = self._variables[name]
         if variable.type not in _TYPES:
-            raise must_be(
-                f"`{name}`", f"FMU `{self.path.name}`", f"one of {', '.join(_TYPES)}", variable.type
-            )
+            raise must_be(f"`{name}`", owner, f"one of {', '.join(_TYPES)}", variable.type)
+        if not _may_be(variable, key):
+            got = f"a {variable.variability} {variable.causality}"
+            raise must_be(f"`{name}`", owner, f"one of its {key} that can be set", got)
         return variable
 
     def _wire_inputs(self, wiring: FmuSettings, signals: Sequence[str]) -> list[Wired]:
@@ -178,7 +172,7 @@ class _Fmu:
         # an input without a mapping takes the signal of its name
         mapping = {**{name: name for name in inputs if name in signals}, **wiring.inputs}
         mapping.pop("*", None)
-        wired = [self._wired(name, signal, signals) for name, signal in mapping.items()]
+        wired = list(self._wired(mapping, "inputs", signals))
         for name in inputs:
             if name not in mapping and rest is None:
                 raise InputError(
@@ -187,36 +181,39 @@ class _Fmu:
                     f"(`inputs.*={AS_IT_STARTS}`: of all that are "
                     f"left).{did_you_mean(name, signals)}"
                 )
-        return [it for it in wired if it is not None]
+        return wired
 
-    def _wired(self, name: str, value: str | float, signals: Sequence[str]) -> Wired | None:
-        """An input and its signal or constant; None where it keeps its start value."""
-        variable = self._variable(name, "inputs")
-        owner = f"FMU `{self.path.name}`"
-        if value == AS_IT_STARTS:
-            return None
-        if variable.type in _TEXTS:
-            return variable, value
-        signal = _number(value)
+    def _wired(
+        self, mapping: Mapping[str, str | float], key: str, signals: Sequence[str]
+    ) -> Iterator[Wired]:
+        """Inputs or parameters (`key`), and the signal or constant of each; without the inputs that
+        keep their start values.
+        """
+        for name, value in mapping.items():
+            variable = self._variable(name, key)
+            if key == "inputs" and value == AS_IT_STARTS:
+                continue
+            if variable.type not in _TEXTS:
+                value = _number(value)
+                self._check_given(variable, value, key, signals)
+            yield variable, value
+
+    def _check_given(
+        self, variable: Any, signal: str | float, key: str, signals: Sequence[str]
+    ) -> None:
+        """Refuse a constant or signal that does not fit the type and size of a variable."""
+        name, owner = f"`{variable.name}`", f"FMU `{self.path.name}`"
+        is_array = _count(variable) is not None
         if isinstance(signal, float):  # a constant
-            if not math.isfinite(signal):
-                raise must_be(f"`{name}`", owner, "finite", signal)
-            return variable, signal
-        if _count(variable) is not None and signal not in OBJECTS:
-            raise must_be(
-                f"`{name}`", owner, f"given one of {', '.join(OBJECTS)}, as it is an array", signal
-            )
-        self._check_signal(variable, signal, signals)
-        return variable, signal
-
-    def _check_signal(self, variable: Any, signal: Any, signals: Sequence[str]) -> None:
-        """Refuse an unknown signal, and one of `OBJECTS` for a variable that is one number."""
-        owner = f"FMU `{self.path.name}`"
-        check_known(f"signal for {owner}", signals, signal)
-        if _count(variable) is None and signal in OBJECTS:
-            raise must_be(
-                f"`{variable.name}`", owner, f"an array to be given `{signal}`", "one number"
-            )
+            if not math.isfinite(signal) or _plain(variable.type, signal) != signal:
+                raise must_be(name, owner, f"finite and of type {variable.type}", signal)
+        elif is_array and key == "inputs" and signal not in OBJECTS:
+            wanted = f"given one of {', '.join(OBJECTS)}, as it is an array"
+            raise must_be(name, owner, wanted, signal)
+        elif signal in OBJECTS and not is_array:
+            raise must_be(name, owner, f"an array to be given `{signal}`", "one number")
+        else:
+            check_known(f"signal for {owner}", signals, signal)
 
     def _wire_outputs(
         self,
@@ -225,19 +222,16 @@ class _Fmu:
         optional: Sequence[str],
         lists: Sequence[str],
     ) -> dict[str, tuple[Any, int]]:
-        names = (*needed, *optional)
-        check_known(
-            f"output in the mapping of FMU `{self.path.name}`", (*names, *lists), *wiring.outputs
-        )
+        names, owner = (*needed, *optional), f"FMU `{self.path.name}`"
+        check_known(f"output in the mapping of {owner}", (*names, *lists), *wiring.outputs)
+        outputs = [name for name, it in self._variables.items() if it.causality == "output"]
         wired = {}
         for name in names:
-            variable = self._variables.get(name)
-            if name in wiring.outputs or (variable is not None and variable.causality == "output"):
+            if name in (*wiring.outputs, *outputs):
                 wired[name] = self._output(wiring.outputs.get(name, name))
             elif name in needed:
-                outputs = [n for n, v in self._variables.items() if v.causality == "output"]
                 raise InputError(
-                    f"FMU `{self.path.name}` has no output `{name}`; `outputs` must map it."
+                    f"{owner} has no output `{name}`; `outputs` must map it."
                     f"{did_you_mean(name, outputs)}"
                 )
         return wired
@@ -327,7 +321,7 @@ class _Fmu:
         """The outputs that are many numbers."""
         return {
             name: [float(value) * self._factor(variables[0]) for value in self._values(variables)]
-            for name, variables in self._lists.items()
+            for name, variables in self.lists.items()
         }
 
     def _values(self, variables: Sequence[Any]) -> Sequence[Any]:
@@ -365,10 +359,10 @@ class _Fmu:
 
     def _give(self, wired: Sequence[Wired], signals: Signals) -> None:
         for variable, signal in wired:
-            if _is_signal(variable, signal):
-                self._set(variable, signals[str(signal)], self._factor(variable))
-            else:
+            if variable.type in _TEXTS or isinstance(signal, float):  # a constant
                 self._set(variable, signal)
+            else:
+                self._set(variable, signals[signal], self._factor(variable))
 
     def _set(self, variable: Any, value: Any, factor: float = 1.0) -> None:
         """Set a value, or one of each vehicle; `factor`: of `_factor`, for a value in SI units."""
@@ -377,8 +371,14 @@ class _Fmu:
         values = [value] * size
         if isinstance(value, list):  # the last value, of an empty place, fills the places left
             values = [*value, *(value[-1:] * size)][:size]
-        plain = [self._plain(variable, it if factor == 1.0 else it / factor) for it in values]
-        getattr(self._instance, f"set{self._kind(variable)}")([variable.valueReference], plain)
+        for place, it in enumerate(values):
+            values[place] = _plain(variable.type, it if factor == 1.0 else it / factor)
+            if values[place] is None:
+                raise ControllerError(
+                    f"`{variable.name}` of FMU `{self.path.name}` is of type {variable.type}, "
+                    f"which cannot hold {it:g}"
+                )
+        getattr(self._instance, f"set{self._kind(variable)}")([variable.valueReference], values)
 
     @contextmanager
     def _in_words(self) -> Iterator[None]:
@@ -397,24 +397,23 @@ class _Fmu:
             words = said(error).replace(f"{self._folder}/", "")  # another folder in each process
             raise ControllerError(f"FMU `{self.path.name}` failed: {words}") from error
 
-    def _plain(self, variable: Any, value: Any) -> Any:
-        """A value as the type of a variable, whole numbers rounded."""
-        kind = variable.type
-        if kind in _MAKERS:
-            return _MAKERS[kind](value)
-        whole, span = round(value), 1 << _WHOLE[kind]
-        low = 0 if kind.startswith("U") else -span // 2
-        if not low <= whole < low + span:
-            raise ControllerError(
-                f"`{variable.name}` of FMU `{self.path.name}` is of type {kind}, which cannot "
-                f"hold {whole}"
-            )
-        return whole
+
+def _plain(kind: str, value: Any) -> Any:
+    """A value as a type of FMI, whole numbers rounded; None: the type cannot hold it."""
+    if kind in _MAKERS:
+        return _MAKERS[kind](value)
+    whole, span = round(value), 1 << _WHOLE[kind]
+    low = 0 if kind.startswith("U") else -span // 2
+    return whole if low <= whole < low + span else None
 
 
-def _is_signal(variable: Any, given: Any) -> bool:
-    """Whether what a variable is given is the name of a signal, not a constant."""
-    return isinstance(given, str) and variable.type not in _TEXTS
+def _may_be(variable: Any, key: str) -> bool:
+    """Whether a variable may be in the table `key` of a mapping."""
+    kind = variable.causality
+    if key == "parameters":  # or a start value; sizes of arrays are those of the file
+        at_start = variable.initial in ("exact", "approx")
+        return at_start and kind not in ("input", "structuralParameter")
+    return key == "outputs" or kind == "input" or variable.variability == "tunable"
 
 
 def _count(variable: Any) -> int | None:
@@ -427,8 +426,8 @@ def _objects(seen: Observation) -> dict[str, list[float]]:
     rows = [(1, *it[1:-1], KINDS[it.kind]) for it in seen.vehicles]
     empty = {"objects_gap": NO_LEAD_GAP, "objects_kind": -1}  # all else 0
     rows.append(tuple(empty.get(name, 0) for name in OBJECTS))
-    columns = zip(*rows, strict=True)
-    return {name: [*map(float, column)] for name, column in zip(OBJECTS, columns, strict=True)}
+    columns = (list(map(float, column)) for column in zip(*rows, strict=True))
+    return dict(zip(OBJECTS, columns, strict=True))
 
 
 @dataclass(slots=True)
@@ -439,7 +438,6 @@ class FmuController(Adapter):
     wiring: FmuSettings
     _fmu: _Fmu = field(init=False)
     _step: float = 0.0
-    _plans: bool = False
     _plan: float | None = None  # the number of the one in force
     is_policy = True
 
@@ -447,9 +445,8 @@ class FmuController(Adapter):
         # the first of these outputs that is mapped says what the ADS answers with
         kinds = ("acceleration", "speed", "throttle", *PLAN)
         kind = next((name for name in kinds if name in self.wiring.outputs), kinds[0])
-        self._plans = kind in PLAN
         outputs: tuple[Sequence[str], ...] = (kind,), ("steering",)
-        if self._plans:
+        if kind in PLAN:
             outputs = (), _OF_A_PLAN, PLAN
         elif kind == "throttle":
             outputs = ("throttle", "brake"), ("steer",)
@@ -472,7 +469,7 @@ class FmuController(Adapter):
                     "inputs.NAME, outputs.NAME or parameters.NAME",
                     key,
                 )
-            wiring[group][name] = _number(value) if group == "parameters" else value.strip("\"'")
+            wiring[group][name] = value.strip("\"'")
         return cls((folder or Path.cwd()) / file, FmuSettings(**wiring))
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
@@ -489,7 +486,7 @@ class FmuController(Adapter):
         if not self._fmu.initialized:
             self._fmu.begin(signals)
         answer = self._fmu.step(signals, seen.time, self._step)
-        if self._plans:
+        if self._fmu.lists:
             return self._planned(answer)
         return Command.pedals(**answer) if "throttle" in answer else Command(**answer)
 
@@ -534,9 +531,8 @@ class FmuPlant:
 
     def advance(self, state: EgoState, command: Command, step: float) -> EgoState:
         """The state one step later."""
-        signals = {
+        signals = state._asdict() | {
             "acceleration": command.acceleration, "steering": command.steering, "time": self._time,
-            "x": state.x, "y": state.y, "heading": state.heading, "speed": state.speed,
         }  # fmt: skip
         try:
             if self._offset is None:
@@ -556,14 +552,13 @@ class FmuPlant:
         self._time += step
         offset, turn = self._offset
         position = _turned(outputs, turn) + offset
-        return EgoState(
-            x=position.real,
-            y=position.imag,
-            heading=outputs["heading"] + turn,
-            speed=outputs["speed"],
-            acceleration=outputs.get("acceleration", (outputs["speed"] - state.speed) / step),
-            steering_wheel_angle=outputs.get("steering_wheel_angle", command.steering),
-        )
+        motion = {
+            "acceleration": (outputs["speed"] - state.speed) / step,
+            "steering_wheel_angle": command.steering,
+        }
+        heading = outputs["heading"] + turn
+        placed = {"x": position.real, "y": position.imag, "heading": heading}
+        return EgoState(**motion | outputs | placed)
 
     def close(self) -> None:
         """Free the instance."""
