@@ -187,6 +187,16 @@ def test_its_identity_holds_the_model_and_its_table(tmp_path):
     assert locator_identity(("ADS", "onnx:policy.onnx"), tmp_path) not in (before, after)
 
 
+def test_its_identity_holds_external_weights_of_any_name(tmp_path):
+    path, seen = linear(tmp_path), []
+    onnx.save(onnx.load(path), path, save_as_external_data=True, location="w.bin", size_threshold=0)
+    for _ in range(2):
+        seen.append(locator_identity(("ADS", "onnx:policy.onnx"), tmp_path))
+        (tmp_path / "w.bin").write_bytes((tmp_path / "w.bin").read_bytes()[::-1])
+    assert seen[0] != seen[1]
+    assert "w.bin" in str(seen[0])
+
+
 def test_what_cannot_be_used_is_refused(tmp_path):
     def refused(words, options=""):
         with refusal(words):
@@ -213,6 +223,13 @@ def test_what_cannot_be_used_is_refused(tmp_path):
     ):
         write_model(tmp_path, [(np.ones((3, 2)), np.zeros(2))], ACC, kind=kind)
         refused(sentence)
+    model = onnx.load(linear(tmp_path))
+    model.graph.node.append(helper.make_node("Softmax", ["a0"], ["s"], axis=0))
+    model.graph.output[0].name = "s"
+    onnx.save(model, path)
+    refused("must answer a row the same alone and among other rows")
+    with refusal("cannot be read: it is a folder"):
+        find_controller("onnx:", tmp_path)
     path.write_bytes(b"none")
     refused("cannot be loaded")
 

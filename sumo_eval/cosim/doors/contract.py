@@ -123,8 +123,7 @@ def check_controller(
         clock.insert(0, Finding("note", text))
     if any(finding.kind == "FAIL" for finding in findings):
         return findings + clock
-    findings.append(Finding("ok", "commands are finite numbers"))
-    findings.append(_in_range(first))
+    findings += [Finding("ok", "commands are finite numbers"), _in_range(first)]
     if not any(np.ptp(recording.ego.speed) for recording in first):
         findings.append(Finding("note", "the ego keeps its first speed in every case", _UNMOVED))
     findings += _planned(first)
@@ -151,8 +150,8 @@ def _projected(
     late = sum(recording.end_reason == "ads_timeout" for recording in recordings)
     mend = "answer sooner, or allow more: [run] step_timeout"
     if late:
-        loses = f"`run` would lose {late} of these {count} cases to step_timeout = "
-        return [Finding("FAIL", f"{loses}{step_timeout:g} s", mend)]
+        limit = f"step_timeout = {step_timeout:g} s"
+        return [Finding("FAIL", f"`run` would lose {late} of these {count} cases to {limit}", mend)]
     if any(recording.end_reason == "ads_error" for recording in recordings):
         return []  # the time of an aborted drive does not predict that of a whole one
     worst = max(recording.controller_latency.longest for recording in recordings)

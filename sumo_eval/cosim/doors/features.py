@@ -23,7 +23,7 @@ For `cosim/doors/onnx.py` and the environments of `extras/gym/`.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -72,17 +72,16 @@ class Feature(Checked):
     low: float | None = None
     high: float | None = None
     mean: float | None = None
-    deviation: float | None = None
+    deviation: PositiveOrNone = None
     absent: float | None = None
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
         _check_range(self.name, self.low, self.high)
-        one_missing = (self.mean is None) != (self.deviation is None)
-        if one_missing or (self.deviation is not None and not self.deviation > 0.0):  # or nan
-            wanted = "both given, the deviation above 0"
-            given = self.mean, self.deviation
-            raise must_be("`mean` and `deviation`", f"feature `{self.name}`", wanted, given)
+        if (self.mean is None) != (self.deviation is None):
+            raise InputError(
+                f"Feature `{self.name}` must have both `mean` and `deviation`, got one."
+            )
         if self.mean is not None and self.low is not None:
             raise InputError(
                 f"Feature `{self.name}` must have a range or a mean and a deviation, got both."
@@ -186,12 +185,6 @@ class Interface(Checked):
             else:
                 rows.append((it.mean or 0.0, it.deviation or 1.0, -np.inf, np.inf))
         return np.array(rows).T
-
-    @cached_property
-    def bounds(self) -> tuple[Floats, Floats]:
-        """Least and greatest value of every feature as it is shown, float32."""
-        high = largest(self.features)
-        return -high, high
 
     def commands(self, answers: Floats) -> Floats:
         """Answers (n, width) as accelerations, m/s2, and steering wheel angles, rad: (n, 2).
@@ -321,11 +314,6 @@ def _of_vehicle(seen: Observations, frame: str, index: int, what: str) -> Floats
     else:
         value = getattr(vehicles, what)[at]
     return np.asarray(np.where(exists, value, np.nan))
-
-
-def largest(scaled: Sequence[Feature | Action]) -> NDArray[np.float32]:
-    """The largest scaled value of each: 1 with a range, else inf."""
-    return np.array([np.inf if it.low is None else 1.0 for it in scaled], np.float32)
 
 
 def _check_range(name: str, low: float | None, high: float | None) -> None:

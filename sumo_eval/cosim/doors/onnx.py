@@ -12,6 +12,8 @@ alike; tests check this for dense networks.
 
 from __future__ import annotations
 
+import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -43,18 +45,28 @@ class OnnxPolicy:
 
     batch = True
 
-    def __init__(self, model: Path, table: Path, output: str | None) -> None:
+    def __init__(self, model: Path, table: Path | None, output: str | None) -> None:
         self._name = model.name
         input_file(model, "model")
+        table = table or model.with_suffix(".toml")  # beside the model, unless it is named
         input_file(table, "features table")
-        self.files = tuple(sorted({model, table, *model.parent.glob(f"{model.name}*.data"),
-                                   *model.parent.glob(f"{model.name}_data*")}))  # fmt: skip
         self.interface: Interface = read_interface(table)
         self._session = _session(model)
+        self.files = tuple(sorted({model, table, *_external_data(model)}))
         self._input, self._dtype, self._rows = self._checked_input()
         self._output = self._checked_output(output)
+        self._check_rows()
+
+    def _check_rows(self) -> None:
+        """Refuse a model that fails, or that answers a row differently among other rows."""
+        rows = np.random.default_rng(1).uniform(0.0, 10.0, (BLOCK, len(self.interface.features)))
         try:
-            self._answers(np.zeros((1, len(self.interface.features)), np.float32))
+            among, alone = self._answers(rows)[0], self._answers(rows[:1])[0]
+            if not np.allclose(among, alone, 1e-3, 1e-4, equal_nan=True):  # more than rounding
+                raise ControllerError(
+                    f"The model {self._name} must answer a row the same alone and among other "
+                    f"rows (exported for evaluation, not for training), got {alone} and {among}"
+                )
         except ControllerError as error:  # refused before the run
             raise InputError(f"{error}.") from error
 
@@ -74,43 +86,39 @@ class OnnxPolicy:
         return it.name, _DTYPES[it.type], rows if isinstance(rows, int) else BLOCK
 
     def _checked_output(self, output: str | None) -> str:
-        owner, given = f"model {self._name}", self._session.get_outputs()
-        names = [it.name for it in given]
-        output = names[0] if output is None else output
-        check_known(f"output of {owner}", names, output)
-        it = given[names.index(output)]
+        owner, given = f"model {self._name}", {it.name: it for it in self._session.get_outputs()}
+        output = next(iter(given), "") if output is None else output
+        check_known(f"output of {owner}", given, output)
+        it = given[output]
         # whether it names one of the discrete choices, by number
         self._chosen = it.type == "tensor(int64)" and self.interface.choices is not None
         if it.type not in _DTYPES and not self._chosen:
-            raise must_be(f"The output `{it.name}`", owner, "of float or double numbers", it.type)
+            raise must_be(f"The output `{output}`", owner, "of float or double numbers", it.type)
         return output
 
     def reset(self, briefing: Briefing) -> None:
         """Begin a batch: find for how many of its steps an answer holds."""
         owner = f"the features table of {self._name}"
         self._every = steps_between(self.interface.period or 0.0, briefing.step, owner)
-        self._step, self._held = briefing.step, np.zeros((0, 2))  # the last answers, by case
+        self._step = briefing.step
 
     def act(self, seen: Observations) -> FloatArray:
         """Accelerations, m/s2, and steering wheel angles, rad, (n, 2)."""
-        if self._every > 1 and round(seen.time / self._step) % self._every:
-            return self._held[seen.number]
-        commands = self.interface.commands(self._answers(self.interface.show(seen)))
-        if self._every > 1:
-            self._held = np.zeros((int(seen.number.max()) + 1, 2))
-            self._held[seen.number] = commands
-        return commands
+        if round(seen.time / self._step) % self._every == 0:
+            answers = self._answers(self.interface.show(seen))
+            self._held = np.zeros((int(seen.number.max()) + 1, 2))  # by case
+            self._held[seen.number] = self.interface.commands(answers)
+        return self._held[seen.number]
 
-    def _answers(self, features: NDArray[np.float32]) -> NDArray[Any]:
+    def _answers(self, features: NDArray[Any]) -> NDArray[Any]:
         """Outputs of the model for rows of features, (n, `Interface.width`)."""
         n, rows, wanted = len(features), self._rows, self.interface.width
-        answers = np.empty((n, wanted))
+        padded = np.zeros((n + rows, features.shape[1]), self._dtype)
+        padded[:n], answers = features, np.empty((n + rows, wanted))
         for begin in range(0, n, rows):
-            part = features[begin : begin + rows]
-            block = np.zeros((rows, features.shape[1]), self._dtype)
-            block[: len(part)] = part
+            block = slice(begin, begin + rows)
             try:
-                (answer,) = self._session.run([self._output], {self._input: block})
+                (answer,) = self._session.run([self._output], {self._input: padded[block]})
             except Exception as error:
                 raise ControllerError(f"The model {self._name} failed: {said(error)}") from error
             answer = np.asarray(answer)
@@ -126,8 +134,8 @@ class OnnxPolicy:
                     f"The output `{self._output}` of {self._name} must have the shape ({rows}, "
                     f"{wanted}) for {rows} rows, by the actions of its table, got {answer.shape}"
                 )
-            answers[begin : begin + rows] = answer.reshape(rows, wanted)[: len(part)]
-        return answers
+            answers[block] = answer.reshape(rows, wanted)
+        return answers[:n]
 
 
 def from_locator(text: str, folder: Path | None) -> PolicyController:
@@ -136,8 +144,7 @@ def from_locator(text: str, folder: Path | None) -> PolicyController:
     options = read_query(query, f"ADS `onnx:{text}`", "features=FILE&output=NAME")
     check_known(f"option of ADS `onnx:{text}`", ("features", "output"), *options)
     folder = folder or Path.cwd()
-    # beside the model, unless it is named
-    table = folder / options.get("features", Path(file).with_suffix(".toml"))
+    table = folder / options["features"] if "features" in options else None
     policy = OnnxPolicy(folder / file, table, options.get("output"))
     # over arrays, as `batch` says
     return PolicyController(policy.act, policy)  # type: ignore[arg-type]
@@ -155,3 +162,12 @@ def _session(model: Path) -> Any:
     options.log_severity_level = 3
     with users_code(f"Model {model.name} cannot be loaded"):
         return onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
+
+
+def _external_data(model: Path) -> set[Path]:
+    """Files that a model's weights lie in, as its protobuf message names them: the key `location`,
+    the length of the name in one byte, the name.
+    """
+    # looked at, not passed over: the next key may be as near
+    found = re.findall(rb"(?s)\n\x08location\x12(.)(?=(.{0,127}))", model.read_bytes())
+    return {model.parent / os.fsdecode(name[: ord(length)]) for length, name in found}

@@ -4,6 +4,7 @@ process.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -12,7 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from sumo_eval.cosim.doors.features import Interface, largest
+from sumo_eval.cosim.doors.features import Action, Feature, Interface
 from sumo_eval.errors import must_be
 from sumo_eval.extras.gym.episodes import TERMINAL, Episodes
 from sumo_eval.scenario.logical import LogicalScenario
@@ -23,11 +24,15 @@ Floats = NDArray[Any]
 
 def _spaces(interface: Interface) -> tuple[gymnasium.spaces.Box, gymnasium.Space[Any]]:
     """The spaces of the features and of the actions."""
-    features = gymnasium.spaces.Box(*interface.bounds, dtype=np.float32)
-    if interface.choices is not None:
-        return features, gymnasium.spaces.Discrete(interface.width)
-    limits = largest(interface.actions)
-    return features, gymnasium.spaces.Box(-limits, limits, dtype=np.float32)
+    choices = gymnasium.spaces.Discrete(interface.width)
+    actions = _box(interface.actions) if interface.choices is None else choices
+    return _box(interface.features), actions
+
+
+def _box(scaled: Sequence[Feature | Action]) -> gymnasium.spaces.Box:
+    """The space of scaled values: -1..1 of each with a range, else all numbers."""
+    largest = np.array([np.inf if it.low is None else 1.0 for it in scaled], np.float32)
+    return gymnasium.spaces.Box(-largest, largest, dtype=np.float32)
 
 
 def _answers(interface: Interface, actions: Any, count: int) -> Floats:
@@ -131,17 +136,9 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
         """
         options = dict(options or {})
         mask = options.pop("reset_mask", np.ones(self.num_envs, dtype=np.bool_))
-        if not (
-            isinstance(mask, np.ndarray)
-            and mask.shape == (self.num_envs,)
-            and mask.dtype == np.bool_
-        ):
-            raise must_be(
-                "`reset_mask`",
-                "the options of reset",
-                f"{self.num_envs} truth values in an array",
-                mask,
-            )
+        if np.shape(mask) != (self.num_envs,) or getattr(mask, "dtype", None) != np.bool_:
+            wanted = f"{self.num_envs} truth values in an array"
+            raise must_be("`reset_mask`", "the options of reset", wanted, mask)
         self._seed(seed)
         self.episodes.begin(np.flatnonzero(mask), self._generators, options)
         self._over[mask] = False
