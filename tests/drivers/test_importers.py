@@ -553,7 +553,8 @@ def test_law_places_do_not_jump_from_lap_to_lap(tmp_path):
     x, y = 100.0 * np.sin(angle), 100.0 * np.cos(angle)
     laps = pd.DataFrame({"vehicle": "v", "t": 10.0 * angle, "x": x, "y": y})
     laps.to_csv(tmp_path / "a.csv", index=False)
-    table = import_recordings("map", [tmp_path / "a.csv"]).table
+    table, notes = import_recordings("map", [tmp_path / "a.csv"])
+    assert "a-1: 1 vehicles along one path, in one lane." in notes
     assert np.diff(table["x"]) == pytest.approx(10.0 * np.diff(table["t"]), rel=0.02)
     assert np.ptp(table["x"]) > 400.0
 

@@ -58,6 +58,8 @@ def straighten(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
             name = f"{recording}-{number}"
             parts.append(laned.assign(recording=name))
             lanes = f"lanes {width:.2f} m wide" if width else "lanes not visible, 3.5 m assumed"
+            if laned["lane"].nunique() == 1:  # every width fits
+                lanes = "in one lane"
             notes.append(f"{name}: {stream['vehicle'].nunique()} vehicles along one path, {lanes}.")
         notes += [f"{recording}: {number} {why}." for why, number in lost.items() if number]
     if not parts:

@@ -127,7 +127,7 @@ def _lane_centres(root: Any, path: Path) -> FloatArray:
         ]
         if min(len(side) for side in sides) < 2:  # one point has no course
             continue
-        longer = max(float(distances(side)[-1]) for side in sides)
+        longer = max(distances(side)[-1] for side in sides)
         count = max(2, math.ceil(longer) + 1)
         left, right = (_even(side, count) for side in sides)
         middle = (left + right) / 2
