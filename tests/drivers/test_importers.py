@@ -287,6 +287,7 @@ csv | x.csv | recording,vehicle,t,x,y,length,width,heading\nr,a,0,1,2,4,2,90\nr,
 | `heading` of recording `r` must be in rad, got 2.04 rad off the course that x, y and t show
 csv | x.csv | recording,vehicle,t,x,y,length,width,lane\nr,a,0,1,2,4,2,0\nr,b,1,9,-2,4,2,1\n
 | must grow to the left, as y does, got lane 1 to the right of the one before
+csv | x.csv | OWNr,a,0,0,5,0,4,2\n | a row has more cells than the heading. Commas separate cells
 csv | x.csv | OWNr,a,0,0,0,4,2\nr,a,1000,9,0,4,2\n | at most 0.5 s apart, got none: 1 holes
 csv | x.csv | recording,vehicle,t,x,y,length,width,lane\nr,a,0,1,2,4,2,1.5\n
 | `lane` in row 2 of

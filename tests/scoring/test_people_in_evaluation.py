@@ -299,6 +299,15 @@ def test_peoples_opinion_beside_the_scores(runs, tmp_path):
     assert "`score` in row 2 of" in result.said
 
 
+def test_raters_are_names_and_none_is_empty(tmp_path):
+    path, head = tmp_path / "ratings.csv", "rater,ads,scenario,score\n"
+    path.write_text(f"{head}01,idm,cut_in,8\n1,idm,cut_in,2\n")
+    assert read_ratings(path)["rater"].tolist() == ["01", "1"]
+    path.write_text(f"{head},idm,cut_in,8\n")
+    with refusal("`rater` in row 2 of .* must be a name, got nothing"):
+        read_ratings(path)
+
+
 def test_a_table_of_the_runs_own_drivers_needs_twenty(runs):
     out, _, _ = runs["fill"]
     for one in score(out, ["method.plausibility.table=recorded"]).scores:

@@ -64,9 +64,8 @@ def read_ratings(path: Path) -> pd.DataFrame:
     Raises InputError that names the file and the first wrong row.
     """
     names = ["rater", "ads", "scenario"]
-    table = read_table(path, (*names, "score"))
+    table = read_table(path, (*names, "score"), dtype=dict.fromkeys(names, str))
     checked_numbers(table, ["score"], path)
-    table = table.astype(dict.fromkeys(names, str))
     outside = np.flatnonzero(~table["score"].between(LEAST, MOST))
     if outside.size:
         line, got = line_of_row(path, outside[0]), table["score"].iloc[outside[0]]

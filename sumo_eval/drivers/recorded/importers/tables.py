@@ -79,7 +79,12 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
         raise
     except (OSError, UnicodeDecodeError, EOFError) as error:
         raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
-    except (ValueError, pd.errors.ParserWarning) as error:
+    except pd.errors.ParserWarning:
+        raise InputError(
+            f"{path} is not such a table: a row has more cells than the heading. Commas separate "
+            "cells, points decimals."
+        ) from None
+    except ValueError as error:
         raise InputError(
             f"{path} is not such a table: {str(error).strip().rstrip('.')}."
         ) from error
