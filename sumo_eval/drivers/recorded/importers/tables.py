@@ -94,21 +94,16 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
     if table.empty:
         raise InputError(f"{path} must have at least one row, got none.")
     for name in options.get("dtype", ()):
-        # pandas reads a name such as NA as a missing value
         if name in table and table[name].hasnans:
-            table[name] = _names(path, name)
+            # pandas reads a name such as NA as a missing value
+            names = pd.read_csv(
+                input_file(path, "file"), usecols=[name], dtype=str, na_filter=False
+            )
+            table[name] = names[name]
+            for row in np.flatnonzero(table[name] == ""):
+                line = line_of_row(path, int(row))
+                raise InputError(f"`{name}` in row {line} of {path} must be a name, got nothing.")
     return table
-
-
-def _names(path: Path, column: str) -> pd.Series[str]:
-    """A column of names, refused where a cell is empty; a vehicle may be called NA."""
-    # with `na_filter=False` no value is missing, so `read_table` does not call this function again
-    names = read_table(path, (), usecols=[column], dtype={column: str}, na_filter=False)[column]
-    empty = np.flatnonzero(names == "")
-    if empty.size:
-        row = line_of_row(path, int(empty[0]))
-        raise InputError(f"`{column}` in row {row} of {path} must be a name, got nothing.")
-    return names
 
 
 def require_columns(table: pd.DataFrame, required: Sequence[str], path: Path) -> None:
