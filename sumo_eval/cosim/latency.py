@@ -41,18 +41,7 @@ class Latencies:
 
     def of(self, case: int) -> Latency:
         """Latency of one case, once all cases have ended."""
-        return self._of_batch if self.shared else self._of(self.own[case])
-
-    @cached_property
-    def _of_batch(self) -> Latency:
-        return self._of(self.shared)
-
-    @cached_property
-    def _work(self) -> float:
-        """Median time of the fixed work, s."""
-        return sorted(self._reference)[len(self._reference) // 2] if self._reference else 0.0
-
-    def _of(self, times: array[float]) -> Latency:
+        times = self.shared or self.own[case]
         steps = np.sort(np.frombuffer(times)) if times else np.zeros(1)  # the shortest first
         return Latency(
             mean=float(steps.mean()),
@@ -61,3 +50,8 @@ class Latencies:
             late=float(steps[int(LATE * len(steps))]),
             reference=self._work,
         )
+
+    @cached_property
+    def _work(self) -> float:
+        """Median time of the fixed work, s."""
+        return sorted(self._reference)[len(self._reference) // 2] if self._reference else 0.0
