@@ -619,14 +619,16 @@ def changed(folder, *changes, **parts):
     return path
 
 
-def test_signals_are_noted_and_trailers_refused(tmp_path):
+def test_signals_and_trailers_are_noted(tmp_path):
     lights = "<TrafficSignals><TrafficSignalController/></TrafficSignals></RoadNetwork>"
     path = str(changed(tmp_path, ("</RoadNetwork>", lights)))
     assert "TrafficSignalController" in find(path).notes[0]
-    cars = CARS.replace("</Vehicle>", "<Trailer/></Vehicle>")
-    (tmp_path / "catalogs" / "cars.xosc").write_text(cars)
-    with refusal("cars.xosc, line 4, <Trailer>: this is not supported"):
-        find(path)
+    trailer = '<Trailer><TrailerRef entityRef="{}"/></Trailer></Vehicle>'
+    cars = tmp_path / "catalogs" / "cars.xosc"
+    cars.write_text(CARS.replace("</Vehicle>", trailer.format("")))
+    assert "Trailer" not in find(path).notes[0]
+    cars.write_text(CARS.replace("</Vehicle>", trailer.format("Other")))
+    assert "Trailer" in find(path).notes[0]
 
 
 def test_no_synchronization_after_a_change_of_speed(tmp_path):

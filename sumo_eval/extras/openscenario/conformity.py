@@ -31,6 +31,7 @@ ROWS = {
     },
     ("entity", "ignored"): {
         "ObjectController": "the ADS drives the ego, scripts the actors",
+        "Trailer": "a vehicle is its own bounding box",
     },
     ("entity", "refused"): {
         "EntitySelection": NAMED,

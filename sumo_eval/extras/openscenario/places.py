@@ -83,6 +83,7 @@ class Entity:
     length, width: of its body, m.
     centre, offset: the body's centre ahead of the reference point and to the left of it, m.
     body: as in `concrete.Actor`.
+    trailer: whether it draws one, which is left out.
 
     At the start:
 
@@ -115,6 +116,7 @@ class Entity:
     offset: float
     body: str
     element: Node
+    trailer: bool
     spot: Spot | None = None
     speed: float = 0.0
     path: Pairs = ()
@@ -446,8 +448,8 @@ def entity_of(element: Node, catalogs: Catalogs) -> Entity:
     body = {"Pedestrian": "pedestrian", "MiscObject": "car", "Vehicle": ""}.get(held.tag)
     if body is None:
         raise held.unsupported()
-    for trailer in held.all("Trailer"):
-        raise trailer.unsupported()
+    # esmini's cars refer to the trailer "": they have none
+    trailer = any(it.text("entityRef", "its own") for it in held.all("Trailer/*"))
     if held.tag == "Vehicle":
         category = held.text("vehicleCategory")
         if category not in BODY_OF:
@@ -457,5 +459,5 @@ def entity_of(element: Node, catalogs: Catalogs) -> Entity:
     centre, size = box.child("Center"), box.child("Dimensions")
     return Entity(
         element.attribute("name"), size.above_zero("length", " m"), size.above_zero("width", " m"),
-        centre.number("x"), centre.number("y"), body, element,
+        centre.number("x"), centre.number("y"), body, element, trailer,
     )  # fmt: skip

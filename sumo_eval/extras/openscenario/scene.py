@@ -250,6 +250,8 @@ class _Player:
         # 2. the road, and all entities in its frame
         roads = [entity.placed().road for entity in entities.values()]
         self.ignored |= dict.fromkeys(kind for road in roads if road for kind in road.left_out)
+        if any(entity.trailer for entity in entities.values()):
+            self.ignored["Trailer"] = None
         self.frame = frame_of(self.ego, self.places.network, self.turning, self.route_end)
         self.actors: list[Entity] = []  # filled in step 3; `moves` and `conditions` share the list
         self.moves = Moves(self.places, self.frame, self.ego, self.actors)
