@@ -250,6 +250,9 @@ def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
     assert sorted(found.table["vehicle"].unique()) == ["a", "a#2", "b"]
     assert any("1 holes" in note for note in found.notes)
     assert found.notes[0].endswith("Did you mean `driver`?")
+    table[hole].replace({"vehicle": {"b": "a#2"}}).to_csv(tmp_path / "names.csv", index=False)
+    named = import_recordings("csv", [tmp_path / "names.csv"]).table
+    assert named.groupby("vehicle").size().to_dict() == {"a": 10, "a##2": 10, "a#2": 30}
     slow = table[table["vehicle"] == "a"].assign(t=lambda rows: np.round(5.0 * rows["t"] + 0.1, 3))
     slow.to_csv(tmp_path / "slow.csv", index=False)
     assert import_recordings("csv", [tmp_path / "slow.csv"]).vehicles == 1, "2 Hz have no holes"

@@ -117,11 +117,14 @@ def _even_tracks(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], int, int]:
     vehicle = [rows["recording"], rows["vehicle"]]
     hole = rows["t"].groupby(vehicle).diff() > LONGEST_HOLE + 1e-6
     pieces: Any = rows.groupby([*vehicle, hole.groupby(vehicle).cumsum()], sort=False)
+    mark = "#"
+    while rows["vehicle"].str.contains(mark).any():  # a vehicle may be called `a#2`
+        mark += "#"
     tracks = []
     for (*_, holes_before), piece in pieces:
         even = _on_the_clock(piece)
         if even is not None:
-            even["vehicle"] += f"#{holes_before + 1}" if holes_before else ""
+            even["vehicle"] += f"{mark}{holes_before + 1}" if holes_before else ""
             tracks.append(even)
     return tracks, hole.sum(), len(pieces) - len(tracks)
 
