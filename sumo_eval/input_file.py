@@ -24,8 +24,11 @@ _KINDS = {
 
 
 def changed_at(path: Path) -> int:
-    """Time of a file's or folder's last change, ns; -1 where there is none."""
-    return path.stat().st_mtime_ns if path.exists() else -1
+    """Time of a file's or folder's last change, ns; -1 where there is none to see."""
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return -1
 
 
 def input_file(path: Path, what: str) -> Path:

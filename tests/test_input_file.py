@@ -18,7 +18,7 @@ from sumo_eval.extras.openscenario.points import read_variation
 from sumo_eval.extras.openscenario.reading import read_openscenario, read_xml
 from sumo_eval.extras.rates.campaign import read_campaign
 from sumo_eval.extras.wheel.tape import read_tape
-from sumo_eval.input_file import hash_of, read_input, write_whole
+from sumo_eval.input_file import changed_at, hash_of, read_input, write_whole
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.number_table import read_numbers
@@ -209,3 +209,7 @@ def test_a_link_to_a_file_stays_a_link(tmp_path):
     write_whole(link, "today")
     assert link.is_symlink()
     assert (tmp_path / "report.html").read_text() == "today"
+
+
+def test_time_of_a_name_too_long_is_that_of_no_file():
+    assert changed_at(Path("9" * 999)) == -1
