@@ -74,6 +74,39 @@ def import_graph(trees: Trees) -> dict[str, frozenset[str]]:
     return graph
 
 
+def users(trees: Trees) -> dict[str, set[str]]:
+    """By module: those that import it, or a name of it by way of a package."""
+    packages = {name.rpartition(".")[0] for name in trees}
+    found: dict[str, set[str]] = {name: set() for name in trees.keys() - packages}
+    imports = [
+        (name, node.module, alias.name)
+        for name, tree in trees.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module
+        for alias in node.names
+    ]
+    homes = {(name, what): source for name, source, what in imports if name in packages}
+    for name, source, what in imports:
+        home = f"{source}.{what}"
+        home = home if home in trees else homes.get((source, what), source)
+        if home in found and name not in packages:
+            found[home].add(name)
+    return found
+
+
+def users_not_named(trees: Trees) -> Iterator[str]:
+    """Modules, each with a user that its docstring, if any, names neither by file nor by room."""
+    for module, names in sorted(users(trees).items()):
+        docstring = ast.get_docstring(trees[module]) or ""
+        for name in sorted(names) if docstring else ():
+            _, *rooms, stem = name.split(".")
+            path = "/".join([*rooms, stem])
+            above = ["/".join(rooms[:depth]) + "/" for depth in range(1, len(rooms) + 1)]
+            ways = path, path.replace("/", "."), stem, f"{stem}.py", f"{path}.py", *above
+            if not any(f"`{way}`" in docstring for way in ways):
+                yield f"{module}: {path}.py"
+
+
 def circles(graph: Graph) -> list[list[str]]:
     """Groups of modules of which each reaches every other one by imports."""
     names = sorted(graph)
@@ -200,6 +233,7 @@ def findings(root: Path, package: str = PACKAGE) -> list[str]:
     found = [f"circle: {' '.join(group)}" for group in circles(graph)]
     found += [f"dead module: {name}" for name in dead_modules(trees, graph, outside)]
     found += [f"dead: {name}" for name in dead_names(trees, outside)]
+    found += [f"user not named in a docstring: {name}" for name in users_not_named(trees)]
     found += [f"docstring: {name}" for name in leaning_docstrings({**trees, **tools})]
     return list(dict.fromkeys(found))
 

@@ -92,6 +92,14 @@ def test_a_docstring_that_leans_on_another_is_found(words, house):
     assert check(house).returncode == 0
 
 
+@pytest.mark.parametrize("users, found", [("`other`", True), ("`door.py`", False)])
+def test_a_docstring_of_a_file_names_its_users(users, found, house):
+    inner = house / "sumo_eval" / "room" / "inner.py"
+    inner.write_text(f'"""An answer. Users: {users}."""\n\n{inner.read_text()}')
+    finding = "user not named in a docstring: sumo_eval.room.inner: door.py\n"
+    assert check(house).stdout == finding * found
+
+
 def test_an_allowance_needs_a_reason_and_a_finding(house):
     (house / "sumo_eval" / "room" / "inner.py").write_text(
         "def answer():\n    return 42\n\n\ndef kept():\n    return 1\n"
