@@ -2,6 +2,8 @@
 
 `scoring/` makes both, `report/` and `nightly/` read them. A table loads a column when it is first
 used: a million records in memory are some gigabytes, their columns on disk a twentieth of that.
+
+Users: `nightly/`, `record/`, `report/`, `results.py`, `scoring/`, `whatif/`, `extras/`.
 """
 
 from __future__ import annotations

@@ -2,6 +2,10 @@
 
 A message says what must be true and what was found, and offers the nearest known name:
 "`gap` of scenario `cut_in` must be within 0..100 m, got 120."
+
+Users: `ads/`, `cli/`, `cosim/`, `drivers/`, `evaluation.py`, `gone.py`, `input_file.py`, `method/`,
+`nightly/`, `record/`, `report/`, `results.py`, `scenario/`, `scoring/`, `settings/`,
+`trajectory.py`, `whatif/`, `extras/`.
 """
 
 from __future__ import annotations

@@ -6,6 +6,8 @@ Facts first: `evaluate` simulates and stores what happened. Scores second: `scor
 index from the stored facts alone, again and again, with other settings if wanted, without a
 simulation. Modules that simulate or compute are imported where they are needed: scores that a run
 keeps are read without these imports, which take a second.
+
+Users: `cli/`, `nightly/`, `report/assessed.py`, `extras/figures/`, `extras/studies/sensitivity.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Items by key."""
+"""Items by key.
+
+Users: `cli/`, `cosim/`, `drivers/`, `report/`, `scenario/`, `scoring/`, `settings/`, `extras/`.
+"""
 
 from __future__ import annotations
 

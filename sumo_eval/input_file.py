@@ -1,5 +1,8 @@
 """Files of a user: looked at before they are opened; what cannot be read or written is refused in
 one sentence.
+
+Users: `cli/`, `cosim/`, `drivers/`, `kernels.py`, `nightly/`, `record/`, `report/`, `scenario/`,
+`settings/`, `extras/`.
 """
 
 from __future__ import annotations

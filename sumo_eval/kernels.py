@@ -7,6 +7,8 @@ the bits of a case do not depend on the number of cases in its batch.
 With SUMO_EVAL_INTERPRETED=1 in the environment every loop runs as plain Python, line by line, for a
 debugger: the same bits, fifty times slower. tests/test_kernels.py holds the rules that make both
 agree: no integer powers, no `** 2.0`, no `math.hypot`, `remainder` or `fmod` in a kernel.
+
+Users: `ads/`, `cosim/`, `drivers/`, `method/`, `record/`, `scenario/`.
 """
 
 from __future__ import annotations

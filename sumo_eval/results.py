@@ -1,6 +1,9 @@
 """Results of an evaluation as records of plain values.
 
 `scoring/` makes them, `report/` and `nightly/` read them; the record of a case is in `cases.py`.
+
+Users: `cli/finish.py`, `evaluation.py`, `nightly/`, `report/`, `scoring/`, `extras/figures/`,
+`extras/studies/`.
 """
 
 from __future__ import annotations

@@ -3,6 +3,9 @@ shown.
 
 `clean` is the one function for that. It is called where a text is made, so that no more of it
 travels than is kept.
+
+Users: `cli/`, `cosim/`, `drivers/`, `errors.py`, `input_file.py`, `method/`, `nightly/`, `record/`,
+`report/`, `scenario/`, `scoring/`, `settings/`, `extras/`.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@ overtake). A rule for the pedals alone changes at the fixed place (`lane_change.
 
 path: the ego's `lane_change.PATH`; its offset is 0 until the change has begun.
 way: the change that the scenario asks for (`cosim.records._WAY`).
+
+Users: `ads/car_following.py`.
 """
 
 from __future__ import annotations

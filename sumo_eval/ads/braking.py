@@ -4,6 +4,8 @@ A rule's braking is a path: a deceleration over time that may begin, rise, hold 
 within a step. The vehicle model's brakes move to a commanded level at a finite rate, from the
 beginning of the step on, and then hold it. So the command is the level that takes off the right
 speed over the step, not the path's value at some instant of it.
+
+Users: `ads/`.
 """
 
 from __future__ import annotations

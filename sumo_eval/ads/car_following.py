@@ -1,5 +1,8 @@
 """Following a vehicle: the Intelligent Driver Model (IDM), its enhanced form for dense traffic, and
 the ADS `idm`.
+
+Users: `ads/lane_changer.py`, `ads/overtaking.py`, `drivers/synthetic/driver.py`,
+`drivers/synthetic/population.py`.
 """
 
 from __future__ import annotations

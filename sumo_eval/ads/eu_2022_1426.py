@@ -9,6 +9,8 @@ at which that vehicle reaches 0.30 m into the lane, is above
 So it may respond after 0.1 s, build its braking up over tau (s) and brake with a (m/s2). With
 standing or unbelted passengers a and tau are smaller. Source: Annex III, cut-in (the German AFGBV,
 Annex 1, has the same). Everything else is as in `reg157`.
+
+Users: `extras/studies/qualification/table.py`.
 """
 
 from __future__ import annotations

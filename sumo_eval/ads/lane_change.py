@@ -3,6 +3,8 @@
 A path is a function of the position along the road, not of time: a vehicle that brakes during its
 lane change needs no sharper curve, and the place where it is clear of the lead vehicle stays where
 it was planned.
+
+Users: `ads/`, `drivers/`.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ and the human drivers.
 A vehicle is in the ego's way if, at the present speeds, the ego's path overlaps it where the ego
 reaches it. That one rule serves for keeping the lane, for passing the old lead during a change, and
 for the lead behind which it ends.
+
+Users: `ads/foresight.py`, `ads/lane_changer.py`, `drivers/synthetic/driver.py`.
 """
 
 from __future__ import annotations

@@ -6,6 +6,8 @@ The baselines of `ads/` and the synthetic drivers use it. All is along and acros
 by road axis, m/s; half_length, half_width: half the extent of the turned body along and across the
 road, m). A vehicle that is not seen has nan as its x. Comparisons with nan are false: tests are
 written so that such a vehicle is never ahead, behind or hiding another vehicle.
+
+Users: `ads/`, `drivers/synthetic/driver.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Common parts of the baselines of UN Regulation No. 157 and of `lane_changer`: brakes that build
 up, headways along and across, sight, foresight.
+
+Users: `ads/`.
 """
 
 from __future__ import annotations

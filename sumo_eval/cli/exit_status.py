@@ -1,4 +1,7 @@
-"""Meanings of exit statuses."""
+"""Meanings of exit statuses.
+
+Users: `cli/`, `extras/rates/command.py`, `extras/studies/`, `extras/wheel/command.py`.
+"""
 
 DONE = 0  # done, and every gate passed
 GATE_FAILED = 1

@@ -1,4 +1,8 @@
-"""Values of the command line by name, NAME=VALUE."""
+"""Values of the command line by name, NAME=VALUE.
+
+Users: `cli/look.py`, `extras/openscenario/command.py`, `extras/studies/boundary_command.py`,
+`extras/wheel/command.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Arguments and options of one kind that many commands take."""
+"""Arguments and options of one kind that many commands take.
+
+Users: `cli/`, `extras/`.
+"""
 
 from __future__ import annotations
 

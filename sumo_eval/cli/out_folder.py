@@ -1,4 +1,7 @@
-"""Output folder of a command: tried before the work, whose result would be lost otherwise."""
+"""Output folder of a command: tried before the work, whose result would be lost otherwise.
+
+Users: `cli/`, `extras/rates/command.py`, `extras/studies/`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
 """Progress of long work, for all commands: a bar with rate, time left and failures on a terminal,
 plain lines elsewhere.
+
+Users: `cli/`, `extras/rates/`, `extras/studies/`, `extras/wheel/command.py`.
 """
 
 from __future__ import annotations

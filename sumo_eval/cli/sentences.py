@@ -1,5 +1,7 @@
 """Lines that the commands print: on a terminal broken between words, to a file or a pipe whole; and
 how long the first sentence of a command may be.
+
+Users: `cli/`, `extras/`.
 """
 
 from __future__ import annotations

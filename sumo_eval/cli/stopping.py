@@ -2,6 +2,8 @@
 
 SIGTERM: running work has a few seconds to end, whatever it is; the sender mostly sends SIGKILL
 next.
+
+Users: `cli/compare.py`, `cli/run.py`, `extras/studies/trials.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Helpers for authors: `check` an ADS or a file, the `schema` for editors."""
+"""Helpers for authors: `check` an ADS or a file, the `schema` for editors.
+
+Users: `cli/run.py`.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 An object of such a class holds its parameters alone. Its memory of a case is a row of arrays that
 the loop keeps. A user's class may also call its `step` through TraCI: that is one row.
+
+Users: `ads/`, `cosim/simulation.py`, `drivers/synthetic/driver.py`, `record/`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """A contact of the ego's body with another: where and how fast.
 
 SUMO's own collision check sees lanes, not bodies, so the harness decides, by `scenario/touch.py`.
+
+Users: `cosim/world.py`.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 faster than any vehicle.
 
 The loop, its kernels, world, stages, traffic, `OnTraci` and `ads/foresight.py` use them.
+
+Users: `ads/foresight.py`, `cosim/`.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 The fixed work tells a slow ADS from a slow or busy machine. `World` holds the times;
 `cosim/loop.py` and its controls measure them.
+
+Users: `cosim/loop.py`, `cosim/world.py`.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ steps all vehicles, the world takes in what SUMO shows. One of five classes cont
 `Rules` (kernels), `OneEach` (a policy in plain Python for each row), `OverArrays` (one policy over
 arrays), `Replays` (recorded commands), and `OnTraci` of `cosim/on_traci.py` (an ADS that calls
 TraCI).
+
+Users: `cosim/no_return.py`, `cosim/on_traci.py`, `cosim/simulation.py`, `record/worker.py`.
 """
 
 from __future__ import annotations

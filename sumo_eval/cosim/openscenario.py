@@ -9,6 +9,8 @@ The header holds the case to the last bit, with a seal over the file and its roa
 file imports as that case.
 
 `sumo-eval export` writes both files; `extras/openscenario` reads the case (`exported_case`).
+
+Users: `extras/openscenario/scene.py`, `report/export_case.py`.
 """
 
 from __future__ import annotations

@@ -6,6 +6,8 @@ a process holds one batch with SUMO, but any number without.
 
 Without SUMO the actors are where their scripts have them. An evaluation fails a case in which SUMO
 shows them elsewhere, so a drive is the same to rounding.
+
+Users: `extras/gym/episodes.py`.
 """
 
 from __future__ import annotations

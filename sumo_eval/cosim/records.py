@@ -5,6 +5,8 @@ The loop of `cosim` and the rules of `ads` and `drivers` share them.
 A row is a case: its ego in `EGO`, its m actors in `OTHER`. x, y and heading of a body are relative
 to the road; `map` has them on the map, where they are the same numbers for a straight road. Rules
 see a body as a `MOVER`.
+
+Users: `ads/`, `cosim/`, `drivers/synthetic/driver.py`, `record/loops.py`.
 """
 
 from __future__ import annotations

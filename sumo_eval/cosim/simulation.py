@@ -8,7 +8,7 @@ well and compared. An ADS that needs the simulation to itself (listeners, progra
 keeps state) is driven alone; when a batch fails as a whole, each of its cases is driven alone too.
 The caller receives the reason for each case that is driven alone.
 
-Users: `record/`, `cosim/no_return.py`, `cosim/doors/contract.py`, the extras; users' own code calls
+Users: `record/`, `cosim/no_return.py`, `cosim/doors/contract.py`, `extras/`; users' own code calls
 `sumo_eval.simulate`.
 """
 

@@ -8,6 +8,8 @@ A vehicle's number is its index row by row, the ego first: row * (1 + m) + colum
 
 `cosim/loop.py` and the gym's episodes call a stage at every step; `cosim/traffic.py` has the one
 for vehicles that react.
+
+Users: `cosim/`.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ across the road's line; on a straight road frame and map are the same numbers.
 
 `cosim/world.py` runs the functions marked `@rows`, before SUMO's step (`move_rows`) and after it
 (`read_rows`, `see_rows`); `cosim/loop.py` runs `stop_rows`. Kernels of other files call the rest.
+
+Users: `cosim/`, `drivers/synthetic/driver.py`, `record/loops.py`.
 """
 
 from __future__ import annotations

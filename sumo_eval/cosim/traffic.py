@@ -8,6 +8,8 @@ For SUMO a body is in one lane only. So a vehicle has two bodies here: one in th
 front's centre, and a shadow in the neighbouring lane into which it reaches, by more than
 `SimulationSettings.seen_over_line`. A shadow that is not needed stands beside the road, where it is
 on no lane and no vehicle sees it.
+
+Users: `cosim/simulation.py`.
 """
 
 from __future__ import annotations

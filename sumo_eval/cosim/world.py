@@ -2,6 +2,8 @@
 ends of cases, recordings.
 
 Its records are defined in `cosim.records`, the rules of a step in `cosim.step_rules`.
+
+Users: `cosim/`, `record/loops.py`.
 """
 
 from __future__ import annotations

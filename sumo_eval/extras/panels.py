@@ -1,5 +1,7 @@
 """Charts, described once for `figures`, `studies` and `rates`: plotly draws them on a page,
 matplotlib in a figure for print.
+
+Users: `extras/figures/`, `extras/rates/`, `extras/studies/`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Agreement of people's opinions with the scores, and with each other: rank correlation and
 Kendall's coefficient of concordance. For studies and the fits of `rates`.
+
+Users: `extras/rates/intervals.py`, `extras/studies/opinion.py`.
 """
 
 from __future__ import annotations

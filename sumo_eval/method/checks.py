@@ -1,4 +1,7 @@
-"""Checks of numbers that callers give to the functions of this room, and quotients."""
+"""Checks of numbers that callers give to the functions of this room, and quotients.
+
+Users: `method/`.
+"""
 
 from __future__ import annotations
 

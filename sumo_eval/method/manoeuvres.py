@@ -8,6 +8,8 @@ a lane counts once it is kept for `manoeuvre_time`. Later changes (back to the r
 again for the next vehicle) make no manoeuvre of their own: they depend on the length of the
 recording. The whole trajectory counts, also past the end of the road: there it shows what a driver
 was about to do.
+
+Users: `method/anthropomorphic.py`, `report/words.py`, `scoring/likeness.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""The combined score S, Eq. 18, and the scale of a population."""
+"""The combined score S, Eq. 18, and the scale of a population.
+
+Users: `extras/studies/calibration.py`, `extras/studies/qualification/table.py`.
+"""
 
 from __future__ import annotations
 

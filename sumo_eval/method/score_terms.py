@@ -7,7 +7,8 @@ evaluation itself; a bootstrap draws further rows. Each score comes back as (m,)
 holds nothing to compute it from. So a score, its interval and a difference of two scores come from
 the same functions, and from their arguments alone.
 
-Users: `scoring/`, `report/`, `extras/`, and the scores of this room.
+Users: `scoring/`, `report/`, `extras/`, `method/anthropomorphic.py`,
+`method/collision_avoidance.py`.
 """
 
 from __future__ import annotations

@@ -15,6 +15,8 @@ V replaces U in every equation: also Ug_i of the ideal vehicle's contact and U0_
 
     C = sum(r V_g / V) / sum(r)
     A = 1 - sum(w max(0, V - V_g)) / sum(w max(0, V_0 - V_g))
+
+Users: `cli/tools.py`, `evaluation.py`, `record/`, `scoring/`.
 """
 
 from __future__ import annotations

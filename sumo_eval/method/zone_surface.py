@@ -6,6 +6,8 @@ target has plateaus and kinks away from the zone boundary. A surface that must p
 them takes length scales so short that it falls back to 0 between the points; this one is exact
 where it matters, near y = 0. For the same reason no length scale may be below half the spacing of
 the training points.
+
+Users: `method/zone_partition.py`, `record/points.py`.
 """
 
 from __future__ import annotations

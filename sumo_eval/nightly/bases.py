@@ -1,5 +1,7 @@
 """Bases of a night: the last good night, and the accepted one. For nights and
 `sumo-eval accept`.
+
+Users: `cli/compare.py`, `nightly/`.
 """
 
 from __future__ import annotations

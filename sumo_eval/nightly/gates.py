@@ -1,5 +1,7 @@
 """Gates: limits that a run passes or fails, by its own values or compared with an earlier run. For
 nights and `sumo-eval compare`.
+
+Users: `cli/compare.py`, `nightly/`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """The history of nights: one SQLite file to which lines are added and in which none is ever changed
 or removed.
+
+Users: `cli/compare.py`, `nightly/`, `extras/figures/of_studies.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Judges a night against its bases: each limit once, what may be chance, and whether the night
 becomes a base. For `nightly.night`.
+
+Users: `nightly/morning.py`, `nightly/night.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Results of a night for programs and for the morning: night.json, a Markdown summary, GitHub
 annotations.
+
+Users: `cli/compare.py`, `nightly/night.py`.
 """
 
 from __future__ import annotations

@@ -8,6 +8,8 @@ unfinished night is ever compared. The history also notes which nights began: on
 no line was killed. The next start with `--resume` continues it. Any other start removes its folder,
 unless its run is complete. Both are reported. A folder is removed only if the history lists it as
 its own.
+
+Users: `cli/compare.py`.
 """
 
 from __future__ import annotations

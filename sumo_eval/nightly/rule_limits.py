@@ -1,5 +1,7 @@
 """The rule's three parts as limits that passed, failed, or could not be evaluated, each with its
 cases. For the verdict on a night, and for `nightly.gates`.
+
+Users: `nightly/`.
 """
 
 from __future__ import annotations

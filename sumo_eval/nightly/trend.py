@@ -1,5 +1,7 @@
 """The trend page: every quantity of every ADS over the nights, with the gates, as plain SVG in one
 offline file.
+
+Users: `cli/compare.py`, `nightly/night.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Check of an ADS's contract (`cosim.doors.contract`) in a child process, where its code can do no
 harm. For `sumo-eval check`.
+
+Users: `cli/tools.py`.
 """
 
 from __future__ import annotations

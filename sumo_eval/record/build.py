@@ -1,5 +1,7 @@
 """Build of each ADS: as its entry states it, or the Git commit of the folder that contains the
 evaluation.
+
+Users: `record/run_folder.py`.
 """
 
 from __future__ import annotations

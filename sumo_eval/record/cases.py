@@ -1,5 +1,8 @@
 """A case: one concrete scenario driven once, and its outcome. `record/` plans, runs and stores
 these.
+
+Users: `nightly/repeats.py`, `record/`, `report/`, `scoring/`, `whatif/search.py`,
+`extras/bench/costs.py`, `extras/rates/command.py`, `extras/studies/`.
 """
 
 from __future__ import annotations

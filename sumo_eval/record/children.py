@@ -11,6 +11,8 @@ This file uses two private parts of multiprocessing, tried with Python 3.11. SUM
 leaves them out. `Child.start` clears the daemon flag of a Dask worker, which could start no child
 with it. `cool_down` ends the fork server by its process id when a command is refused: the server
 would otherwise load for another 2 s.
+
+Users: `cli/compare.py`, `cli/run.py`, `record/pool.py`, `record/spread.py`.
 """
 
 from __future__ import annotations

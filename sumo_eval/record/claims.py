@@ -1,5 +1,7 @@
 """Claims of a child process about its cases: outcomes as plain values for a frame of its pipe, and
 back; and which cases may share a child.
+
+Users: `record/engines.py`, `record/estimate.py`, `record/recording.py`, `record/worker.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """The engine `dask`: batches of cases on an existing Dask cluster (extra `cluster`). Each worker of
 the cluster drives its batches in child processes, as the engine `processes` does.
+
+Users: `cli/run.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Concrete scenarios at the edges of a space, where an ADS is most likely to fail. For
 `sumo-eval check`.
+
+Users: `cli/tools.py`.
 """
 
 from __future__ import annotations

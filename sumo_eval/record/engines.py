@@ -1,4 +1,7 @@
-"""Engines: drive cases in this process, in child processes or on a cluster."""
+"""Engines: drive cases in this process, in child processes or on a cluster.
+
+Users: `record/`, `whatif/search.py`, `extras/studies/`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Cost of an evaluation, from a few drives that are timed; for `sumo-eval run --dry-run`."""
+"""Cost of an evaluation, from a few drives that are timed; for `sumo-eval run --dry-run`.
+
+Users: `cli/run.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
 """A run for other tools: pandas tables in memory, CSV and Parquet files on disk.
 
 For `sumo_eval.open_run` and `sumo-eval export`.
+
+Users: `cli/look.py`.
 """
 
 from __future__ import annotations

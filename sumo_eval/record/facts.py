@@ -2,6 +2,8 @@
 verify.
 
 For `sumo_eval.evaluation`, the estimate of `run --dry-run`, the command line and nightly runs.
+
+Users: `cli/`, `evaluation.py`, `nightly/`, `record/estimate.py`.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@ a locator.
 
 An ADS in a file gets a locator of this file. Any other is written by value into the run folder,
 only by the user's own process; the children only read it there.
+
+Users: `record/facts.py`.
 """
 
 from __future__ import annotations

@@ -7,6 +7,8 @@ asks for the points; they are read from the store and spread over processes.
 All three depend on the recorded drives and the settings alone, so a run's folder keeps them
 (`record.kept_results`): scoring, explaining or comparing a run again reads them there, and scoring
 that was stopped continues where it was.
+
+Users: `evaluation.py`, `scoring/`.
 """
 
 from __future__ import annotations

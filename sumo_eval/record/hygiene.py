@@ -6,6 +6,8 @@ the owner and a child, runs no users' code, and is the subreaper of everything t
 starts: processes that an ADS leaves behind, even in a session of their own, become its children,
 and it ends them. It watches the memory of them all from outside, and ends them when their owner
 ends.
+
+Users: `record/pool.py`, `record/reads.py`.
 """
 
 from __future__ import annotations

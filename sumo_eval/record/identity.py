@@ -1,5 +1,7 @@
 """Identities: texts of all that a case's facts depend on. If they are equal, recorded facts are
 reused. `record.recording` makes fingerprints of cases from them.
+
+Users: `record/`, `extras/studies/`.
 """
 
 from __future__ import annotations

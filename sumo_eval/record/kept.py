@@ -1,6 +1,8 @@
 """A recording as the store keeps it.
 
 Made where the case ran, so that the process that collects handles only bytes.
+
+Users: `record/`, `extras/studies/trials.py`.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ Scores are computed from recorded facts, so computing them again gives the same.
 a part under the hash of the facts, settings and sources that it depends on uses it instead. The
 file may be deleted, which costs the time to compute it again. Every part carries a hash of its own
 content: a damaged one is an error, never a number.
+
+Users: `evaluation.py`, `record/`, `report/assessed.py`, `scoring/`.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The lock ends with the process, however that ends.
 
-Users: runs (`run_folder`), studies (`extras.studies.trials`) and histories of nights.
+Users: runs (`run_folder`), studies (`extras.studies.trials`) and nights (`night`).
 """
 
 from __future__ import annotations

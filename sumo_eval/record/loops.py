@@ -7,6 +7,8 @@ its locator. `record.facts` and `record.engines` ask for pieces before the first
 
 python -m sumo_eval.record.loops        compiles all that is not compiled yet, in as many processes
 as there are cores, at most `_MOST`
+
+Users: `cli/tools.py`, `record/`, `extras/studies/trials.py`, `extras/wheel/command.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Single cases of an evaluation, driven without the rest: `run.only` names them."""
+"""Single cases of an evaluation, driven without the rest: `run.only` names them.
+
+Users: `cli/tools.py`, `record/facts.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """The points of an evaluation's logical scenarios, and the zones they lie in.
 
-Users: `record/facts.py`, `scoring/`, the front door and commands that only look at the points.
+Users: `record/facts.py`, `scoring/`, `evaluation.py`, and commands that only look at the points
+(`cli/space.py`, `cli/tools.py`).
 """
 
 from __future__ import annotations

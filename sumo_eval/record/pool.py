@@ -6,6 +6,8 @@ has pipes of its own and a supervisor (see `hygiene`), so it cannot reach the re
 Its results are frames that cannot execute anything (see `frames`); its output is kept here,
 bounded, and never reaches our own stdout. Nothing here waits for a child longer than its deadline.
 Everything happens in the calling thread.
+
+Users: `record/apart.py`, `record/engines.py`.
 """
 
 from __future__ import annotations

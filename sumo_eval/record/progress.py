@@ -1,4 +1,7 @@
-"""Progress and stopping of long work: functions that a caller passes in."""
+"""Progress and stopping of long work: functions that a caller passes in.
+
+Users: `evaluation.py`, `nightly/`, `record/`, `report/assessed.py`, `scoring/`, `whatif/search.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The tool qualification that a run names: read before the run simulates, kept in its manifest."""
+"""The tool qualification that a run names: read before the run simulates, kept in its manifest.
+
+Users: `cli/tools.py`, `record/facts.py`, `record/run_folder.py`.
+"""
 
 from __future__ import annotations
 

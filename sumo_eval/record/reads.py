@@ -5,6 +5,8 @@ A process notes every Python file outside the installed packages, and every file
 contains such a file or the evaluation, with its content when it is opened. Files that it writes do
 not count, nor do compiled Python files. What a process has read stays in its memory: all cases of
 an ADS depend on all files that its processes have read.
+
+Users: `record/`, `extras/studies/trials.py`.
 """
 
 from __future__ import annotations

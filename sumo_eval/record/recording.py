@@ -1,5 +1,7 @@
 """Recording of a run: ADSs and references drive every concrete scenario, human drivers every safe
 one. `record.facts` records a whole run with it, `record.estimate` times parts of one.
+
+Users: `cli/tools.py`, `nightly/repeats.py`, `record/`, `extras/studies/trials.py`.
 """
 
 from __future__ import annotations

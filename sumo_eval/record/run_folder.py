@@ -1,6 +1,9 @@
 """A run's folder: the resolved evaluation, the manifest (versions and machine that made the run),
 SUMO's input files, and the facts. `record.facts` writes it, one process at a time; all that reads a
 run opens it here.
+
+Users: `cli/`, `evaluation.py`, `nightly/`, `record/`, `report/`, `scoring/comparison.py`,
+`whatif/search.py`, `extras/`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Files that a user's scenario comes from, and a hash of what they hold."""
+"""Files that a user's scenario comes from, and a hash of what they hold.
+
+Users: `record/facts.py`, `scoring/fingerprint.py`, `scoring/steps.py`.
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,8 @@ file is noticed. For `record.run_folder`.
 
 A slip, a flipped bit and a cut file are noticed. A forged file is not: a program that can write it
 can also write a hash that fits.
+
+Users: `record/run_folder.py`, `record/store.py`.
 """
 
 from __future__ import annotations

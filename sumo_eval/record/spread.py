@@ -1,4 +1,7 @@
-"""Computations spread over child processes, in which no users' code runs. For scores and zones."""
+"""Computations spread over child processes, in which no users' code runs. For scores and zones.
+
+Users: `record/facts.py`, `record/human_reference.py`, `scoring/space.py`, `scoring/steps.py`.
+"""
 
 from __future__ import annotations
 

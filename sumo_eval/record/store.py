@@ -5,6 +5,9 @@ Every case carries a hash of all that is recorded of it, and a complete run a se
 cases. Each process checks a file against them once, before its first answer. `vouch` notes that a
 file was checked when it was scored. While that file does not change, a case is checked when it is
 read, and all cases before many are read.
+
+Users: `cli/`, `evaluation.py`, `nightly/`, `record/`, `report/`, `scoring/`, `whatif/search.py`,
+`extras/`.
 """
 
 from __future__ import annotations

@@ -6,6 +6,8 @@ where they are looked for. Opening another user's run must not execute these. Th
 folder has a note of each run that this user recorded here or opened with `--trust`, with a hash of
 the code that the run names. Where the user gives a process an evaluation, the code that it names
 is trusted in every run that this process opens.
+
+Users: `cli/options.py`, `record/facts.py`, `record/run_folder.py`.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 memory that the ADS passes.
 
 For `record/worker.py`, which drives cases in a child process or, with `serial`, in the owner.
+
+Users: `record/apart.py`, `record/pool.py`, `record/worker.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """The report of a run with the confidence in its scores, which is computed here and kept in
 `confidence.json`.
+
+Users: `cli/compare.py`, `cli/finish.py`, `cli/look.py`, `nightly/night.py`.
 """
 
 from __future__ import annotations

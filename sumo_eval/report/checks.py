@@ -1,4 +1,7 @@
-"""The table of passed and failed rows: what a scenario requires of every drive, case by case."""
+"""The table of passed and failed rows: what a scenario requires of every drive, case by case.
+
+Users: `report/evidence.py`, `report/sections.py`, `report/tables.py`, `report/terminal.py`.
+"""
 
 from __future__ import annotations
 

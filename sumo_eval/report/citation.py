@@ -1,5 +1,7 @@
 """One line to cite a run by: what was evaluated, with which versions, what came out, and how to see
 it again.
+
+Users: `cli/finish.py`, `report/html.py`, `report/notebook.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """The report's section on confidence: intervals, risk, further cases, and what the cases cover of
 each space.
+
+Users: `report/assessed.py`, `report/sections.py`.
 """
 
 from __future__ import annotations

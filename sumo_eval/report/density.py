@@ -1,4 +1,7 @@
-"""Pictures of where all cases of an ADS lie, for a page that does not hold them all."""
+"""Pictures of where all cases of an ADS lie, for a page that does not hold them all.
+
+Users: `report/html.py`.
+"""
 
 from __future__ import annotations
 

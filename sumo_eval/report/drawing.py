@@ -1,5 +1,7 @@
 """A figure of matplotlib that a notebook shows. Only drawing imports this module, and with it
 matplotlib.
+
+Users: `extras/figures/style.py`, `report/notebook.py`.
 """
 
 from __future__ import annotations

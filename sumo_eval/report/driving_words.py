@@ -1,5 +1,7 @@
 """One case in driving words: which quantity, compared with which drivers, at what time; and a
 picture.
+
+Users: `report/explain.py`.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ and what stays open.
 Claim - argument - evidence, as assessors of type approval ask for it. A claim that the facts do not
 bear out is written down as such: `supported`, `not supported`, or `open` where nothing could be
 evaluated.
+
+Users: `cli/look.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """The whole arithmetic of one case in words, each step with its equation's number, for
 `sumo-eval explain`.
+
+Users: `cli/`, `nightly/night.py`, `report/`.
 """
 
 from __future__ import annotations

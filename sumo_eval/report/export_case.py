@@ -1,4 +1,7 @@
-"""One case of a run as files that stand alone: for SUMO, for other simulators, and to run again."""
+"""One case of a run as files that stand alone: for SUMO, for other simulators, and to run again.
+
+Users: `cli/look.py`, `extras/wheel/outcome.py`.
+"""
 
 from __future__ import annotations
 

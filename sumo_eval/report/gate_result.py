@@ -1,4 +1,7 @@
-"""Outcome of a limit, and the cases that it names. `nightly` makes them."""
+"""Outcome of a limit, and the cases that it names. `nightly` makes them.
+
+Users: `cli/compare.py`, `nightly/`, `report/`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
 """The first words of a run, on terminal and page alike: safest, most human, best by S+, and what
 must not be missed.
+
+Users: `cli/finish.py`, `report/notebook.py`, `report/summary.py`.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 A failure: the ADS did badly. An error: the case could not be evaluated. Written by lxml in the
 shape that Jenkins, GitLab and the usual GitHub actions read.
+
+Users: `cli/compare.py`, `cli/finish.py`, `nightly/night.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """The report's section on the levers of the night's worst case, and a lever's effect in words, also
 for `sumo-eval whatif`.
+
+Users: `cli/whatif.py`, `report/sections.py`.
 """
 
 from __future__ import annotations

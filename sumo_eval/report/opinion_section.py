@@ -1,5 +1,7 @@
 """The report's section on people's opinion, from what `sumo-eval humans opinion` has left in the
 run's folder.
+
+Users: `extras/studies/opinion.py`, `report/assessed.py`, `report/sections.py`.
 """
 
 from __future__ import annotations

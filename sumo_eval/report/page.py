@@ -2,6 +2,8 @@
 
 In a page, `packed` text is deflated, then in base64; `packed_bytes` only puts bytes in base64.
 `inflated` in templates/field.js unpacks what is deflated.
+
+Users: `nightly/`, `report/`, `extras/`.
 """
 
 from __future__ import annotations

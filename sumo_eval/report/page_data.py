@@ -1,4 +1,7 @@
-"""Data of the page's JavaScript: cases and zone maps, small enough for one file."""
+"""Data of the page's JavaScript: cases and zone maps, small enough for one file.
+
+Users: `extras/figures/of_runs.py`, `extras/wheel/page.py`, `report/html.py`, `report/replay.py`.
+"""
 
 from __future__ import annotations
 

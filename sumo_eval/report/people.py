@@ -1,5 +1,7 @@
 """The report's section on the drivers: their own D compared with that of each ADS, thin references,
 exposure, and the study that they took part in.
+
+Users: `extras/wheel/outcome.py`, `report/assessed.py`, `report/sections.py`.
 """
 
 from __future__ import annotations

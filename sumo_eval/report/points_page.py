@@ -1,5 +1,7 @@
 """Points of a space as files: a CSV that can be sampled from again, and a page that draws every
 pair of parameters.
+
+Users: `cli/space.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """The qualification that a run names, in words: whether the tool passed, and whether that holds for
 this run.
+
+Users: `report/evidence.py`, `report/sections.py`, `report/terminal.py`.
 """
 
 from __future__ import annotations

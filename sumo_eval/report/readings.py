@@ -1,5 +1,7 @@
 """Section of the report on settings: how this run reads the paper where it leaves something open,
 and every setting with its unit and equation.
+
+Users: `report/sections.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """One case, or two side by side, as a page of its own that plays without a server and loads
 nothing.
+
+Users: `cli/look.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """The scores as text: a first table that fits the terminal, and with `--all` every other number in
 tables below it.
+
+Users: `cli/finish.py`, `report/notebook.py`.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ A new one is a line in SECTIONS and a file in templates/sections/.
 A section's template sees what all sections share (`html._context`) and, as `content.<name>`, what
 its own function returned. A section whose function returns None is left out, so optional data has a
 section only where it exists.
+
+Users: `cli/compare.py`, `nightly/night.py`, `report/assessed.py`, `report/html.py`.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 Trajectories keep their recorded samples. Every channel is rounded to its step in `CHANNEL_STEPS`,
 written as differences of whole numbers, and deflated; values outside their range travel unchanged
 in a list. `decodeTrajectories` in templates/field.js is the other half.
+
+Users: `extras/wheel/page.py`, `report/html.py`, `report/page_data.py`, `report/replay.py`.
 """
 
 from __future__ import annotations

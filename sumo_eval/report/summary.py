@@ -1,5 +1,7 @@
 """The report's first screen: the first words of a run, the case to look at first, and the ADSs in
 their order.
+
+Users: `nightly/night.py`, `report/sections.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Tables for machines: one CSV row a case, and the scores as JSON."""
+"""Tables for machines: one CSV row a case, and the scores as JSON.
+
+Users: `nightly/night.py`, `report/junit.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Lines on a terminal or in a log: at the end of a run, of two runs, of the ledger."""
+"""Lines on a terminal or in a log: at the end of a run, of two runs, of the ledger.
+
+Users: `cli/`, `nightly/morning.py`, `report/`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The verdict on a run: one word for programs, one sentence for a user who reads no further."""
+"""The verdict on a run: one word for programs, one sentence for a user who reads no further.
+
+Users: `nightly/night.py`, `report/`.
+"""
 
 from __future__ import annotations
 

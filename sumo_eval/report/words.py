@@ -1,5 +1,7 @@
 """The sentences that reports, terminal and nights share: what happened in a run, and why a score is
 so.
+
+Users: `cli/whatif.py`, `nightly/`, `report/`, `extras/figures/of_runs.py`, `extras/rates/`.
 """
 
 from __future__ import annotations

@@ -3,6 +3,9 @@
 Sizes are SUMO's defaults for the class (its page Vehicle_Type_Parameter_Defaults). The car's are
 the project's own, a child's those of Euro NCAP's child target (EPTc), rounded. A scenario file may
 give others.
+
+Users: `ads/foresight.py`, `cosim/`, `report/page_data.py`, `scenario/`,
+`extras/openscenario/moments.py`.
 """
 
 from __future__ import annotations

@@ -2,6 +2,9 @@
 names one.
 
 A file is read when its scenario is asked for, once.
+
+Users: `cli/`, `record/`, `report/export_case.py`, `scenario/resolved.py`, `scoring/fingerprint.py`,
+`extras/`.
 """
 
 from __future__ import annotations

@@ -5,6 +5,9 @@
 Positions are vehicle centres in road coordinates: x along the road, y to the left, y = 0 on the
 right lane's centre line, headings from the road's direction. On a curved road x is the distance
 along the right lane's centre line.
+
+Users: `ads/`, `cosim/`, `drivers/`, `method/`, `record/`, `report/`, `scenario/`, `scoring/`,
+`whatif/`, `extras/`.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@ the range.
 
 scipy.stats is imported when a distribution is used: it takes 0.7 s, and every child process imports
 this module.
+
+Users: `extras/openscenario/space.py`, `scenario/file_tables.py`, `scenario/logical.py`.
 """
 
 from __future__ import annotations

@@ -6,6 +6,8 @@ ego_speed`.
 Python's parser reads the text. Only these nodes are known: numbers, names, + - * / **, comparisons
 (chains too), and, or, not, and the functions below. There are no attributes, subscripts or other
 calls, and no `eval`. One expression serves a whole space and one point, by numpy.
+
+Users: `scenario/`, `extras/openscenario/`.
 """
 
 from __future__ import annotations

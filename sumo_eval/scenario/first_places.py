@@ -2,6 +2,8 @@
 paths stay on the map.
 
 `scenario/file.py` and `extras/openscenario/logical.py` call it at every point of a sample.
+
+Users: `method/conflict.py`, `scenario/`, `extras/openscenario/`.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 Each format is an entry point of the group `sumo_eval.scenarios`. Its name is the ending of the
 files, e.g. `xosc`. Its object is a `Format`, or a function `(path, options) -> LogicalScenario`.
+
+Users: `record/`, `scenario/`, `scoring/fingerprint.py`, `extras/openscenario/format.py`.
 """
 
 from __future__ import annotations

@@ -14,6 +14,8 @@ long tail too low a density.
 
 `[joint]` of a scenario file and `sumo-eval learn` make these densities.
 scipy is imported only once a density is asked for.
+
+Users: `scenario/`, `extras/rates/`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
 """A logical scenario: a scenario type with a parameter space, and how one point of it becomes a
 concrete scenario.
+
+Users: `drivers/`, `method/`, `record/`, `report/`, `results.py`, `scenario/`, `scoring/`,
+`whatif/`, `extras/`.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 Here a `move` across the road and a `brake` are acts (`scenario.played`), or records with the same
 fields. The `duration` of a move is above 0, the `begin` of a brake finite.
+
+Users: `ads/lane_change.py`, `method/conflict.py`, `scenario/concrete.py`, `scenario/played.py`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """Tables of numbers that users write: a CSV file with a column for each parameter.
 
 `joint.events` of a scenario file and `sampling.file` read theirs here.
+
+Users: `scenario/file_tables.py`, `scenario/sampling/listed_points.py`.
 """
 
 from __future__ import annotations

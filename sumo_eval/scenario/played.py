@@ -8,7 +8,8 @@ with any step. Records are plain numbers, and the loops over them are kernels: a
 bits alone and in a batch.
 
 Users: `cosim/world.py` makes the records, `cosim/step_rules.py` moves the actors in every step;
-readers of scenarios write acts, `scenario/undisturbed.py` plays them without an ego.
+readers of scenarios (`scenario/`, `extras/openscenario/`) write acts, `scenario/undisturbed.py`
+plays them without an ego. `cosim/` knows their records.
 """
 
 from __future__ import annotations

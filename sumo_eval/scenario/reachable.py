@@ -7,6 +7,8 @@ Each quantity in a condition is replaced by the range of its values in a drive: 
 case's end, the ego between its start and the end of the road, distances not below 0, a script no
 faster than its fastest speed. Sums, products and comparisons of ranges are ranges again. A
 condition that is false for all of these values never holds. Any other may: the ADS decides.
+
+Users: `extras/openscenario/logical.py`, `scenario/file.py`.
 """
 
 from __future__ import annotations

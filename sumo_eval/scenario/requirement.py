@@ -6,6 +6,8 @@ Tables of scenario files become them here; `scoring.requirements` evaluates them
 `min`, `max` and `at_end` of one value are taken over the drive of the ego. The value may combine
 the quantities of each moment, below, with parameters and definitions. The rest is the language of
 scenario files (`scenario.expression`).
+
+Users: `scenario/file_tables.py`, `scenario/logical.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""An evaluation with its scenarios, looked up once and handed on."""
+"""An evaluation with its scenarios, looked up once and handed on.
+
+Users: `cli/`, `evaluation.py`, `record/`, `results.py`, `scoring/`, `extras/gym/episodes.py`,
+`extras/rates/campaign.py`.
+"""
 
 from __future__ import annotations
 

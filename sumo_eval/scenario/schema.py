@@ -1,4 +1,7 @@
-"""JSON schemas of the files that people write, with every key's meaning and unit in them."""
+"""JSON schemas of the files that people write, with every key's meaning and unit in them.
+
+Users: `cli/tools.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Paths of the shipped scenario files."""
+"""Paths of the shipped scenario files.
+
+Users: `cli/tools.py`, `scenario/catalogue.py`, `scenario/formats.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
 """Streams of traffic, `[[stream]]` of a scenario file: where their vehicles start and how fast they
 want to drive, drawn once from a declared seed.
+
+Users: `scenario/file_tables.py`, `scenario/vehicle_tables.py`.
 """
 
 from __future__ import annotations

@@ -9,6 +9,8 @@ Curved edges: `fitted_line` finds the line along their lanes. Only the road alon
     a network is written for it as for every other curved road.
 
 The outermost lanes may begin and end where edges meet, without a taper, as in SUMO.
+
+Users: `cosim/sumo/sumo_files.py`, `scenario/file_tables.py`.
 """
 
 from __future__ import annotations

@@ -7,8 +7,9 @@ without skipping a graze:
 2. No two points of them close along it faster than `closing`.
 3. So they do not touch before gap / closing: go there, and begin again.
 
-Users: the loop, in every step (`cosim/step_rules.py`); `ads/foresight.py`, for contact before a
-case begins; `method/conflict.py`, for contact on conflicting ways.
+Users: the loop, in every step (`step_rules` and others of `cosim/`); `ads/foresight.py`, for
+contact before a case begins; `method/conflict.py`, for contact on conflicting ways; `scenario/`;
+`extras/gym/episodes.py`.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@
 of the point (parameters, definitions, options), which are evaluated once for a case, and numbers of
 the moment: `time`, s since the start; `departed`, m between the ego and the recorded ego at that
 time; and the functions below.
+
+Users: `extras/openscenario/written.py`, `scenario/vehicle_tables.py`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Motion of the actors while the ego keeps its speed, or brakes ideally: scripts, no simulation.
 
 Users: `method.conflict` (zones), `ads.foresight`, `scenario.reachable`, `cosim.openscenario`,
-`scoring.plausible_people`, `extras.rates`.
+`scoring.plausible_people`, `record/loops.py`, `extras/rates/`.
 Actors with a SUMO model are assumed to keep their speed: only SUMO knows what its models would do.
 """
 

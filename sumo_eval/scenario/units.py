@@ -1,5 +1,8 @@
 """Units of parameters, options and columns of scenario files and CSV files: the known units, and
 conversions of others into them.
+
+Users: `cosim/doors/fmu.py`, `scenario/file_tables.py`, `scenario/formulas.py`,
+`scenario/number_table.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Vehicles of a scenario file, for `scenario.file_tables`: their tables (ego, actors, manoeuvres),
 these tables read and checked, and the vehicles at a point of the space.
+
+Users: `scenario/file_tables.py`, `scenario/resolved.py`, `scenario/zone_table.py`.
 """
 
 from __future__ import annotations

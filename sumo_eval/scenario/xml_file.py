@@ -1,5 +1,8 @@
 """Reader of XML files from outside, SUMO networks, OpenDRIVE and OpenSCENARIO: no network access,
 no entities.
+
+Users: `extras/openscenario/network.py`, `extras/openscenario/reading.py`,
+`scenario/road/opendrive.py`, `scenario/sumo_network.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""The zone rule of a scenario file: what the zones are computed from, or searched from."""
+"""The zone rule of a scenario file: what the zones are computed from, or searched from.
+
+Users: `scenario/file_tables.py`.
+"""
 
 from __future__ import annotations
 

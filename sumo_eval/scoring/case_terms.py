@@ -1,6 +1,8 @@
 """Contributions of each case to the scores, as arrays, and all scores of one sample of the cases
 or of many. `scoring.quantities` makes the scores of a run here, `scoring.confidence` their
 intervals, `scoring.comparison` the scores of paired cases.
+
+Users: `nightly/`, `report/`, `scoring/`.
 """
 
 from __future__ import annotations

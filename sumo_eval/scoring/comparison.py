@@ -6,6 +6,8 @@ works on columns of the tables. A `ChangedCase` is made only where it is shown.
 
 `sumo-eval compare`, the nightly rule (`scoring.rule`, `nightly`), the terminal, pages and JUnit
 read it.
+
+Users: `cli/compare.py`, `nightly/`, `report/`, `scoring/rule.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Cause of a contact, by when its ADS braked and by the point of no return."""
+"""Cause of a contact, by when its ADS braked and by the point of no return.
+
+Users: `report/`, `scoring/quantities.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
 """Points of a run that matter most: `evaluation.score` keeps their trajectories under
 `[run] keep = "critical"`.
+
+Users: `evaluation.py`.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ equations are in `method/`.
 
 A result depends on recorded trajectories alone: it is kept in the run's folder, and the missing
 ones are computed, point by point, in the processes that compute D_i.
+
+Users: `report/page_data.py`, `scoring/quantities.py`, `scoring/steps.py`.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ Failures of one ADS and one kind belong to one group if a chain of neighbours am
 points joins them (single linkage in the unit box). A group is described by the narrowest ranges
 that hold all its cases, for each parameter whose driven range it does not fill, and by the share of
 all cases in these ranges that fail in this way.
+
+Users: `report/page_data.py`.
 """
 
 from __future__ import annotations

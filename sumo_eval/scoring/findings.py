@@ -3,6 +3,8 @@ scores.
 
 Reports and figures read them here and compute nothing themselves; other files of `scoring` use
 them too.
+
+Users: `report/`, `scoring/`, `extras/figures/of_runs.py`.
 """
 
 from __future__ import annotations

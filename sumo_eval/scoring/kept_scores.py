@@ -1,4 +1,7 @@
-"""The scores of a run and its rows of cases, as the cache in the run's folder keeps them."""
+"""The scores of a run and its rows of cases, as the cache in the run's folder keeps them.
+
+Users: `evaluation.py`, `scoring/steps.py`.
+"""
 
 from __future__ import annotations
 

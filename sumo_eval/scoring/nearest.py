@@ -1,4 +1,7 @@
-"""Cases of a run by their parameters: those nearest to given values, for the command line."""
+"""Cases of a run by their parameters: those nearest to given values, for the command line.
+
+Users: `cli/look.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
 """Requirements of a scenario that a drive does not meet, for cases.csv, the scores and
 `report.checks`.
+
+Users: `report/checks.py`, `scoring/quantities.py`, `scoring/steps.py`.
 """
 
 from __future__ import annotations

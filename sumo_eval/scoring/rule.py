@@ -3,6 +3,8 @@ miss, shift. `nightly/` makes limits of it; the numbers below are the defaults o
 
 d is the amount by which a quantity of a case got worse. A case is worse if d is above its
 tolerance, better if -d is.
+
+Users: `nightly/`, `scoring/behaviour.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Choice of the cases on the report's page, where a run has more than a page can hold."""
+"""Choice of the cases on the report's page, where a run has more than a page can hold.
+
+Users: `report/html.py`, `report/sent_drives.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""One logical scenario of a run during scoring, with all that `scoring.steps` needs."""
+"""One logical scenario of a run during scoring, with all that `scoring.steps` needs.
+
+Users: `scoring/`.
+"""
 
 from __future__ import annotations
 

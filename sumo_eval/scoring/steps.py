@@ -2,6 +2,8 @@
 scores, ranking.
 
 `sumo_eval.evaluation.score` imports this only where the run's folder does not keep its scores.
+
+Users: `evaluation.py`.
 """
 
 from __future__ import annotations

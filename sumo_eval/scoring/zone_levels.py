@@ -1,5 +1,7 @@
 """Zones of a space at the points of a map, and of a lattice over the whole space, for the data of
 the report's page.
+
+Users: `report/page_data.py`.
 """
 
 from __future__ import annotations

@@ -3,6 +3,9 @@
 The bounds in a setting's annotation are the only place where a limit is written. A table of
 settings that is made in Python checks them here; `sumo_eval.settings.config` has pydantic check the
 same annotations in evaluation.toml.
+
+Users: `cosim/doors/features.py`, `report/readings.py`, `scenario/`, `scoring/gate_settings.py`,
+`settings/`, `extras/openscenario/points.py`, `extras/rates/campaign.py`, `extras/wheel/`.
 """
 
 from __future__ import annotations

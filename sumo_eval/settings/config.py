@@ -2,6 +2,9 @@
 an evaluation's also back to TOML.
 
 Every mistake is named, with its path and the nearest known key.
+
+Users: `cli/`, `cosim/`, `evaluation.py`, `nightly/`, `record/`, `report/`, `scenario/`, `scoring/`,
+`extras/`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Settings of the drivers that D compares with, synthetic and recorded."""
+"""Settings of the drivers that D compares with, synthetic and recorded.
+
+Users: `cli/tools.py`, `drivers/`, `record/`, `scoring/`, `settings/evaluation.py`,
+`extras/rates/people_command.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 """Settings of an evaluation, the content of evaluation.toml: its scenarios, their samples and
 exposures, its ADSs, and the tables of the other files of this folder.
+
+Users: `cli/`, `drivers/`, `evaluation.py`, `record/`, `report/`, `results.py`, `scenario/`,
+`scoring/`, `settings/`, `extras/`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
 """Find what a user names: `package.module:name`, or `path/to/file.py:name` relative to the
 evaluation file.
+
+Users: `cases.py`, `cosim/doors/controller.py`, `evaluation.py`, `method/severity.py`, `record/`,
+`results.py`, `scenario/`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,9 @@
 """Settings of the method, each with the number of its equation.
 
 `scoring/` reads them when it makes scores of recorded facts; `record/` drives `task_reference`.
+
+Users: `method/`, `record/`, `scoring/`, `settings/evaluation.py`, `extras/figures/of_runs.py`,
+`extras/rates/importance.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Named random streams: everything random in this package comes from one of these."""
+"""Named random streams: everything random in this package comes from one of these.
+
+Users: `cosim/doors/observation.py`, `drivers/`, `nightly/repeats.py`, `record/`, `scenario/`,
+`scoring/`, `extras/`.
+"""
 
 from __future__ import annotations
 

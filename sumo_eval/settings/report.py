@@ -1,4 +1,7 @@
-"""Settings of what the report and the JUnit file show."""
+"""Settings of what the report and the JUnit file show.
+
+Users: `record/points.py`, `report/junit.py`, `settings/evaluation.py`.
+"""
 
 from __future__ import annotations
 

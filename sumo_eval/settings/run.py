@@ -1,4 +1,8 @@
-"""Settings of the execution of cases: processes, time limits, memory."""
+"""Settings of the execution of cases: processes, time limits, memory.
+
+Users: `cli/tools.py`, `cosim/doors/contract.py`, `record/`, `settings/evaluation.py`,
+`extras/rates/campaign.py`, `extras/studies/`.
+"""
 
 from __future__ import annotations
 

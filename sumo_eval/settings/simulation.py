@@ -1,5 +1,8 @@
 """Table `[simulation]` of evaluation.toml: the ego's vehicle, limits of what an ADS perceives and
 commands, steps and end of a case. Used by `cosim/`; the texts of `About` stand in the reference.
+
+Users: `ads/`, `cosim/`, `record/`, `scenario/`, `settings/evaluation.py`, `whatif/levers.py`,
+`extras/`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Levers of a case: settings and parameters, of which `whatif/search.py` moves one at a time."""
+"""Levers of a case: settings and parameters, of which `whatif/search.py` moves one at a time.
+
+Users: `report/levers_section.py`, `whatif/search.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
 """The least change of each lever that changes the outcome of a recorded case.
 
-Users: `sumo-eval whatif`, the nightly run. The first round drives 33 values along each
+Users: `cli/whatif.py`, `nightly/night.py`, `report/levers_section.py`, `report/verdict.py`.
+
+The first round drives 33 values along each
 lever, or all if it has fewer. The second drives every step between the two values where the outcome
 changes, for the nearest change on each side of the recorded value. Then both ends of these changes
 are rerun: an ADS must repeat its outcome.

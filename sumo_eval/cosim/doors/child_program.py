@@ -1,5 +1,7 @@
 """A user's program as a child process, for ADSs of `exec:` and `traci:`: started for a case, its
 output kept, its process group killed after the case.
+
+Users: `cosim/doors/json_lines.py`, `cosim/doors/traci_program.py`.
 """
 
 from __future__ import annotations

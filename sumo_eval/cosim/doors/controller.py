@@ -8,6 +8,8 @@ code works as it is; `ego` is the ego's vehicle id; `time` is seconds since the 
 `Command` for the harness's vehicle model, or None when it has commanded SUMO itself. A
 controller without TraCI takes an `Observation`: it is a function `(observation)`, or an object with
 `act(observation)`. A `traci.StepListener` is a controller too.
+
+Users: `cli/tools.py`, `cosim/`, `record/`, `extras/studies/qualification/table.py`.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ given.
 It follows the locator in the same text: `my_ads.py:Planner?period=0.2&options.gain=2`. `made` makes
 the controller. A class may first load data that all its objects share (`LOAD_ONCE`), once in a
 process; that time does not count as driving.
+
+Users: `cosim/`, `record/`, `report/export_case.py`, `extras/gym/episodes.py`.
 """
 
 from __future__ import annotations

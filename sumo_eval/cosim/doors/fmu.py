@@ -13,6 +13,8 @@ Outputs.
   `steering`, `throttle`, `brake` and `steer`, or a plan (`PLAN`).
 - A vehicle model: `x`, `y`, `heading`, `speed`, optionally `acceleration` and
   `steering_wheel_angle`.
+
+Users: `cosim/loop.py`, `cosim/simulation.py`, `record/recording.py`.
 """
 
 from __future__ import annotations

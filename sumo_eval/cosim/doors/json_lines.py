@@ -6,6 +6,8 @@ stdin, the program writes one line to its stdout. First {"type": "reset", "proto
 "vehicle": {...}, "road": {...}}, which any JSON object answers; then {"type": "step", "time": s,
 "ego": {...}, "lead": ..., ...}, which {"acceleration": m/s2, "steering": rad} answers, or a speed,
 pedals or a plan. The end of the input ends the case. One program serves one case.
+
+Users: `record/watch.py`.
 """
 
 from __future__ import annotations

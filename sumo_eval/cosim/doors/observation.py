@@ -4,7 +4,8 @@ Road coordinates: x along the road, y to the left, y = 0 on the centre line of t
 `Perception` applies the limits of `ConditionSettings`: delay, range, field of view, misses, noise.
 
 Users: the loop and the gym's episodes make observations; policies and the doors for JSON lines,
-FMUs and ONNX models read them.
+FMUs and ONNX models read them, and `cosim/`, `extras/bench/costs.py`, `extras/gym/episodes.py` and
+`extras/wheel/seat.py`.
 """
 
 from __future__ import annotations

@@ -9,6 +9,8 @@ starts or closes SUMO. A meaningless number (see `traci_numbers`) ends the case 
 
 `cosim/loop.py` and `cosim/on_traci.py` begin and end each case at the guard; `traci_view.py` shows
 each ADS of a batch its own case alone.
+
+Users: `cosim/`.
 """
 
 from __future__ import annotations

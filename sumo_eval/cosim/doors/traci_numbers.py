@@ -3,6 +3,8 @@
 SUMO takes `setMaxSpeed(nan)`, `changeLane(10**6)` and `slowDown(v, -3)` silently, and what it
 makes of them is not intended. `ARGUMENTS` names the arguments of every call that writes to a
 vehicle or a vehicle type.
+
+Users: `cosim/`, `extras/wheel/tape.py`.
 """
 
 from __future__ import annotations

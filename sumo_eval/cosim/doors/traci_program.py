@@ -6,6 +6,8 @@ both have asked for one. A Python script's `traci.start` and `traci.init` connec
 (`stand_in/traci.py`). Any other program finds the port in its environment (SUMO_EVAL_PORT) or in
 its command (`{port}`), and sets its order to 2 after it has connected. Needs the sumo program:
 extra `gui`.
+
+Users: `cosim/simulation.py`, `record/watch.py`.
 """
 
 from __future__ import annotations

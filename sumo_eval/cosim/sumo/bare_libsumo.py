@@ -1,4 +1,7 @@
-"""The yardstick of `extras/bench`: libsumo alone, as the plainest script drives it."""
+"""The yardstick of `extras/bench`: libsumo alone, as the plainest script drives it.
+
+Users: `extras/bench/costs.py`.
+"""
 
 from __future__ import annotations
 

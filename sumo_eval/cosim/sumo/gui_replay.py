@@ -1,6 +1,8 @@
 """A recorded case in sumo-gui: SUMO draws, the recording says where every vehicle is.
 
 No controller runs. `sumo-eval replay` calls it.
+
+Users: `cli/look.py`.
 """
 
 from __future__ import annotations

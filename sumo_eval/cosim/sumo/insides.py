@@ -7,6 +7,8 @@
 - `VehicleDomain`, `VehicleTypeDomain`: traci's, whose calls name their arguments.
 
 SUMO_EVAL_PLAIN=1 leaves out all but the last.
+
+Users: `cosim/`.
 """
 
 from __future__ import annotations

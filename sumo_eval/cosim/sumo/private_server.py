@@ -10,6 +10,8 @@ Where a namespace is not available (other systems, containers that forbid it) SU
 the network. Both of its clients are connected as soon as it listens; it takes no third one. So a
 stranger that connects later is never served. A quicker one takes a client's place, which ends the
 case.
+
+Users: `cosim/doors/traci_program.py`.
 """
 
 from __future__ import annotations

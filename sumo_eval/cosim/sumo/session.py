@@ -5,7 +5,7 @@ libsumo accepts a second `start` silently, delays insertions, and reports a bad 
 one, and quotes SUMO's own log.
 
 Users: `cosim/simulation.py` and the gym's episodes open sessions; `cosim/doors/traci_program.py`
-and `extras/bench` start SUMO by its command line; the stages check starts.
+and `extras/bench/costs.py` start SUMO by its command line; the stages in `cosim/` check starts.
 """
 
 from __future__ import annotations

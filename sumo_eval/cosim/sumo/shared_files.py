@@ -8,6 +8,8 @@ The harness says what vehicles do, SUMO's own driver models decide nothing. So t
 They stay on for actors with a SUMO model, and for the ego of an ADS that asks SUMO.
 
 A case that is alone has the names that the user knows. `ads_asks`: an ADS asks SUMO by names.
+
+Users: `cosim/`.
 """
 
 from __future__ import annotations

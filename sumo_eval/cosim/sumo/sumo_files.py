@@ -2,6 +2,8 @@
 
 One writer serves the files of the shipped scenarios (`tools/generate_sumo_inputs.py`), the run
 folder and the simulation itself: what opens in sumo-gui is what ran.
+
+Users: `cosim/`, `record/run_folder.py`, `report/export_case.py`.
 """
 
 from __future__ import annotations

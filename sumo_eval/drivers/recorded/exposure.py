@@ -3,6 +3,8 @@ declared.
 
 scipy and the recordings' pandas take 1 s to import, so they are imported only where an exposure
 needs them.
+
+Users: `extras/rates/people_command.py`, `record/facts.py`, `scoring/steps.py`.
 """
 
 from __future__ import annotations

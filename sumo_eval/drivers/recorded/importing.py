@@ -1,5 +1,7 @@
 """Import of recordings, for `sumo-eval humans import` and `learn`: files of any known format become
 one canonical table.
+
+Users: `drivers/recorded/reference.py`, `extras/rates/command.py`, `extras/rates/people_command.py`.
 """
 
 from __future__ import annotations

@@ -14,6 +14,8 @@ centres, road coordinates.
 | class | car, van, truck, bus, motorcycle, bicycle, pedestrian or what the source says |
 | lane | 0 is the right lane, 1 the next to the left; negative: ramps and lanes to the right |
 | steering | steering wheel angle, rad; empty: not known |
+
+Users: `drivers/`, `extras/rates/`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """The human reference from recordings: drives in events like a concrete scenario, aligned to its
 start.
+
+Users: `cli/tools.py`, `drivers/recorded/exposure.py`, `record/recording.py`.
 """
 
 from __future__ import annotations

@@ -8,6 +8,8 @@ and counted.
 Across the axis, traffic gathers in lanes of one width: the width at which positions, taken modulo
 it, agree best. Their circular mean is where the lanes lie. It is tracked along the road, so the
 axis may itself change lanes.
+
+Users: `drivers/recorded/importers/commonroad.py`, `drivers/recorded/importing.py`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """Skilled synthetic drivers as controllers; drives of ADSs are compared with theirs.
 
 `human_controller` makes one for a case; the loop of `cosim` runs the kernels.
+
+Users: `extras/bench/costs.py`, `record/loops.py`, `record/worker.py`.
 """
 
 from __future__ import annotations

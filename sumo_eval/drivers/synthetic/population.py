@@ -8,6 +8,8 @@ stop-and-go at 6 m/s, and OpenACC is a test track behind a lead with ACC.
 
 Every distribution is cut off at bounds, so that in a population of ten no driver is extreme; a
 value outside is drawn again.
+
+Users: `drivers/synthetic/driver.py`, `scoring/confidence/drivers.py`.
 """
 
 from __future__ import annotations

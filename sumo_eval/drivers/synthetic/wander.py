@@ -1,4 +1,7 @@
-"""Random but smooth: a stationary noise that a vehicle can follow exactly."""
+"""Random but smooth: a stationary noise that a vehicle can follow exactly.
+
+Users: `drivers/synthetic/driver.py`.
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,8 @@
 Costs are processor time, not wall time, so that other programs disturb little. Everything compared
 is measured once in each of several rounds, and the least cost counts. On other machines only the
 ratios hold.
+
+Users: `extras/bench/command.py`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """Every figure by its name, drawn from an evaluation or a folder.
 
 `sumo-eval plot` and notebooks call `draw`.
+
+Users: `extras/figures/command.py`.
 """
 
 from __future__ import annotations

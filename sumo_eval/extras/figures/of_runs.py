@@ -2,6 +2,8 @@
 
 `drawn.draw` finds each public function by its name, for `sumo-eval plot FIGURE`. A height given to
 `on_paper` is a share of a panel's width, one given to `new_figure` of the figure's width.
+
+Users: `extras/figures/drawn.py`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """Figures of studies: scores over nights, the boundary of an ADS's failures, ratings and scores.
 
 `drawn.draw` calls them for `sumo-eval plot`.
+
+Users: `extras/figures/drawn.py`.
 """
 
 from __future__ import annotations

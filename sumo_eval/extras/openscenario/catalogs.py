@@ -1,4 +1,8 @@
-"""Catalogs: directories of files with entries, found by the catalog's name and the entry's."""
+"""Catalogs: directories of files with entries, found by the catalog's name and the entry's.
+
+Users: `extras/openscenario/places.py`, `extras/openscenario/scene.py`,
+`extras/openscenario/space.py`.
+"""
 
 from __future__ import annotations
 

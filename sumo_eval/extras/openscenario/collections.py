@@ -2,6 +2,9 @@
 
 `scenario.formats` turns them into entries of an evaluation (`entries_of`, through `format.py`), and
 the command `sumo-eval import` lists their files.
+
+Users: `extras/openscenario/command.py`, `extras/openscenario/describe.py`,
+`extras/openscenario/format.py`.
 """
 
 from __future__ import annotations

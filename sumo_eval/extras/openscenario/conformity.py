@@ -1,4 +1,7 @@
-"""The elements of OpenSCENARIO that are played, ignored or refused: one list."""
+"""The elements of OpenSCENARIO that are played, ignored or refused: one list.
+
+Users: `extras/openscenario/command.py`, `extras/openscenario/scene.py`.
+"""
 
 from __future__ import annotations
 

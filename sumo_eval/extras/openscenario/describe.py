@@ -1,4 +1,7 @@
-"""Sentences on an OpenSCENARIO file as it was read, for the command `import`."""
+"""Sentences on an OpenSCENARIO file as it was read, for the command `import`.
+
+Users: `extras/openscenario/command.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Places on the earth as places of a map, for positions by latitude and longitude."""
+"""Places on the earth as places of a map, for positions by latitude and longitude.
+
+Users: `extras/openscenario/places.py`.
+"""
 
 from __future__ import annotations
 

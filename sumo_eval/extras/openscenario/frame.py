@@ -1,6 +1,9 @@
 """The road of a scenario: a frame along and across the ego's road, and places in that frame.
 
 `scene` makes it and places every entity in it.
+
+Users: `extras/openscenario/logical.py`, `extras/openscenario/moments.py`,
+`extras/openscenario/moves.py`, `extras/openscenario/scene.py`.
 """
 
 from __future__ import annotations

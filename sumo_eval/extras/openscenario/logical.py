@@ -3,6 +3,8 @@ the scene at each point. The front of this package: `format`, `describe` and `wr
 
 A space has one road. Where the road is a parameter, the file gives a logical scenario for each,
 which an option picks: `file.xosc?road=2`.
+
+Users: `extras/openscenario/`.
 """
 
 from __future__ import annotations

@@ -9,6 +9,9 @@ Readings, where the standard leaves a choice or this package supports less:
   (`synchronized`).
 - A `rate` is the peak rate of a change, `maxLateralAcc` the peak lateral acceleration.
 - The sign of a `rate` is ignored; the target gives the direction.
+
+Users: `extras/openscenario/describe.py`, `extras/openscenario/logical.py`,
+`extras/openscenario/scene.py`.
 """
 
 from __future__ import annotations

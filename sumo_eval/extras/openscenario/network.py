@@ -1,6 +1,8 @@
 """The OpenDRIVE file of a scenario: where a place on a road, in a lane, lies on the map.
 
 `scene` reads the network, `places` and `frame` look places up in it.
+
+Users: `extras/openscenario/`.
 """
 
 from __future__ import annotations

@@ -6,6 +6,9 @@ axle. `BoundingBox/Center` says where the body's centre lies from there. Without
 entity points towards growing s, even in a left lane, where traffic goes the other way (the UN R157
 file with its ego in lane 4 is written so). On a route towards falling s, number and offset of a
 lane keep the signs that they have on the road, and t changes its sign.
+
+Users: `extras/openscenario/frame.py`, `extras/openscenario/moments.py`,
+`extras/openscenario/moves.py`, `extras/openscenario/scene.py`.
 """
 
 from __future__ import annotations

@@ -13,6 +13,8 @@ Below, "our" parameters are those of the scenario, "their" parameters those of t
 Deterministic distributions give all combinations, stochastic ones as many draws as asked for. The
 constraint groups of the scenario file that the variation names are honoured as the standard has it:
 within a group all constraints hold, and of several groups at least one.
+
+Users: `extras/openscenario/format.py`.
 """
 
 from __future__ import annotations

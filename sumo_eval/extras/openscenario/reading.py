@@ -1,4 +1,7 @@
-"""Elements of OpenSCENARIO files, for all readers here: every fault names file, line, element."""
+"""Elements of OpenSCENARIO files, for all readers here: every fault names file, line, element.
+
+Users: `extras/openscenario/`.
+"""
 
 from __future__ import annotations
 

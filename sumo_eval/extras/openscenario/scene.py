@@ -7,6 +7,9 @@ Readings, where the standard leaves a choice or this package supports less:
 - The ego belongs to the ADS from the start: its controllers and actions during the drive are
   ignored, its start is not.
 - At the end of a trajectory an actor keeps straight on at its speed.
+
+Users: `extras/openscenario/logical.py`, `extras/openscenario/space.py`,
+`extras/openscenario/written.py`.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ A range is an axis with a step, a set an axis of listed values, a list of sets o
 axis for all of them. The value of a listed axis is the number that the file gives, where these are
 numbers and all different, otherwise the index in the list, from 0 on. A file without a distribution
 is a space of one point.
+
+Users: `extras/openscenario/logical.py`, `extras/openscenario/points.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Values in OpenSCENARIO files: literals, `$name` and `${expression}`, and the rules that compare
 them. `reading.Node` uses them for attributes.
+
+Users: `extras/openscenario/`.
 """
 
 from __future__ import annotations

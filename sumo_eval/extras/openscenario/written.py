@@ -1,4 +1,7 @@
-"""An OpenSCENARIO file at one point as an equal scenario file of this project: `import --out`."""
+"""An OpenSCENARIO file at one point as an equal scenario file of this project: `import --out`.
+
+Users: `extras/openscenario/command.py`.
+"""
 
 from __future__ import annotations
 

@@ -8,6 +8,8 @@ the scenarios of the campaign. Its interval covers four uncertainties:
 - The rate of encounters is counted from few recorded events.
 - The distribution of the points is fitted to the same events. Rate and fit are resampled together.
 - The kernels of this distribution may reach too far beyond the events, or not far enough.
+
+Users: `extras/rates/campaign_page.py`, `extras/rates/command.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Results of `sumo-eval campaign`: a page, JSON and sentences."""
+"""Results of `sumo-eval campaign`: a page, JSON and sentences.
+
+Users: `extras/rates/command.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
 """Distance of ADSs from the recorded ego: a page with a line for every drive in a recorded scene.
 
 `sumo-eval humans departure` writes it.
+
+Users: `extras/rates/people_command.py`.
 """
 
 from __future__ import annotations

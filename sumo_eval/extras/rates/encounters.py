@@ -16,6 +16,8 @@ At t = 0 the vehicle that changes lane begins to move sideways, the lead begins 
 passes 3.5 s. Sideways moves are fitted with the smooth step that scenario files have, motion along
 the road with constant acceleration. Moves to either side count alike, and a scenario has them to
 one side.
+
+Users: `extras/rates/learned.py`, `extras/rates/recorded_scene.py`, `extras/rates/scenes.py`.
 """
 
 from __future__ import annotations

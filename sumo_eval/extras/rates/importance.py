@@ -10,6 +10,8 @@ these are drawn by exposure, the rest from Gaussians over the exposed points tha
 The estimate is unbiased whatever the exploration saw, as each round's Gaussians are fixed before
 its points are drawn. A collision outside the explored region has a large weight, and widens the
 interval.
+
+Users: `extras/rates/campaign.py`, `extras/rates/campaign_page.py`.
 """
 
 from __future__ import annotations

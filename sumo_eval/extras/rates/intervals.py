@@ -1,6 +1,9 @@
 """95 % intervals of what is learnt from recorded events: rates, ends of ranges, correlations.
 
 `learned` and `campaign` use them.
+
+Users: `extras/rates/campaign.py`, `extras/rates/importance.py`, `extras/rates/learn_page.py`,
+`extras/rates/learned.py`.
 """
 
 from __future__ import annotations

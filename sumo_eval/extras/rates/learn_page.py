@@ -1,4 +1,7 @@
-"""Results of `sumo-eval learn`: a page, JSON, sentences, and a campaign file to begin with."""
+"""Results of `sumo-eval learn`: a page, JSON, sentences, and a campaign file to begin with.
+
+Users: `extras/rates/command.py`.
+"""
 
 from __future__ import annotations
 

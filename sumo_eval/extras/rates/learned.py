@@ -2,6 +2,8 @@
 
 A scenario file has ranges, a joint distribution and a rate. `Learnt` also says how well the file
 describes the recordings: by vehicles that were held out of the fit, and by the motion of its actor.
+
+Users: `extras/rates/command.py`, `extras/rates/learn_page.py`.
 """
 
 from __future__ import annotations

@@ -6,6 +6,8 @@ paths at their recorded speeds.
 The file's only parameter is `react_beyond`, a distance. If a model is named, SUMO takes over the
 actors when the ego is further than that from where the recorded ego was at the same time. An actor
 that is changing lane ends the change first. At `NEVER` no actor reacts.
+
+Users: `extras/rates/people_command.py`.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 `learned` fills in the ranges. A vehicle that comes from the next lane comes from the left, and one
 from a ramp from the right; encounters from the other side are mirrored.
+
+Users: `extras/rates/learn_page.py`, `extras/rates/learned.py`.
 """
 
 from __future__ import annotations

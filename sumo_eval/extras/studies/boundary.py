@@ -1,5 +1,7 @@
 """Boundary of an ADS's collisions, for `sumo-eval boundary`: drive the points that `straddle` asks
 for until the boundary is settled.
+
+Users: `extras/studies/boundary_command.py`, `extras/studies/boundary_page.py`.
 """
 
 from __future__ import annotations

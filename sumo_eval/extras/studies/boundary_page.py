@@ -1,4 +1,7 @@
-"""Files of `sumo-eval boundary`: trials, summary, page with maps; and their maps for `plot`."""
+"""Files of `sumo-eval boundary`: trials, summary, page with maps; and their maps for `plot`.
+
+Users: `extras/figures/of_studies.py`, `extras/studies/boundary_command.py`.
+"""
 
 from __future__ import annotations
 

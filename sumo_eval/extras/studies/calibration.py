@@ -1,6 +1,8 @@
 """k5 and k6 (Eq. 18) with which the middle one of several ADSs gets half of the points.
 
 For `sumo-eval calibrate`.
+
+Users: `extras/rates/people_command.py`.
 """
 
 from __future__ import annotations

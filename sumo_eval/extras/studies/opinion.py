@@ -1,6 +1,8 @@
 """Ratings of the ADSs by people, compared with the scores as in the paper's Fig. 11.
 
 For `sumo-eval humans opinion`, and for `plot RUN opinion`.
+
+Users: `extras/figures/of_studies.py`, `extras/rates/people_command.py`.
 """
 
 from __future__ import annotations

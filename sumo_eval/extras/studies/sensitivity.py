@@ -1,5 +1,7 @@
 """Response of the ADSs' ranking to constants that the paper leaves open, for `sumo-eval
 sensitivity`.
+
+Users: `extras/rates/people_command.py`.
 """
 
 from __future__ import annotations

@@ -7,6 +7,8 @@ Bryan et al. (2005): where 1.96 sd(f) - |mean(f)| is largest. The points of a ro
 order, each as if the earlier ones had been tried. Every eighth is the point of the largest sd(f)
 instead, so that an isolated island is found as well. The set of either outcome may have any shape:
 intervals, holes, several pieces.
+
+Users: `extras/rates/importance.py`, `extras/studies/boundary.py`.
 """
 
 from __future__ import annotations

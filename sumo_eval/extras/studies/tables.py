@@ -1,4 +1,8 @@
-"""Rows of named tuples as CSV for machines and as aligned lines for a terminal."""
+"""Rows of named tuples as CSV for machines and as aligned lines for a terminal.
+
+Users: `extras/rates/people_command.py`, `extras/studies/opinion.py`,
+`extras/studies/sensitivity.py`.
+"""
 
 from __future__ import annotations
 

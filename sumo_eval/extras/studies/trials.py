@@ -2,6 +2,9 @@
 
 Each is kept as it ends, until the study has written its results. A study asks for the same points
 every time, so a stopped one can continue.
+
+Users: `extras/rates/campaign.py`, `extras/rates/command.py`, `extras/studies/boundary.py`,
+`extras/studies/boundary_command.py`.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ A key cannot be pressed halfway. While a key for steering is held, the steering 
 a limit: the angle that gives a stated acceleration across the road at the ego's speed. When the key
 is released, the wheel returns. Measured with a scripted driver (preview 1.2 s, reaction 0.25 s) at
 10..40 m/s: lane changes of 3.5 m overshoot by 0.3 m, lanes are kept to 0.2 m.
+
+Users: `extras/wheel/messages.py`, `extras/wheel/seat.py`.
 """
 
 from __future__ import annotations

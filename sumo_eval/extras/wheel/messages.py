@@ -1,5 +1,7 @@
 """Messages of a browser, checked before `wheel/window.py` acts on them: each of a known kind, its
 numbers within bounds; anything else is a `MessageError`.
+
+Users: `extras/wheel/window.py`.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@ takes, and for every drive that is left out the rule that left it out.
 
 `sumo-eval drive` computes all of it again from journals and tapes. A tape is rerun for its
 trajectory; a tape that does not give its recorded bytes is left out and reported.
+
+Users: `extras/wheel/command.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""The page of the browser, for `Window`, and the views that `trip` and `study` show in it."""
+"""The page of the browser, for `Window`, and the views that `trip` and `study` show in it.
+
+Users: `extras/wheel/command.py`, `extras/wheel/study.py`, `extras/wheel/trip.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
 """Settings of a study, from STUDY.toml, and its plan: cases, their order, replays. `study` carries
 it out, `outcome` writes its results.
+
+Users: `extras/wheel/command.py`, `extras/wheel/outcome.py`, `extras/wheel/study.py`.
 """
 
 from __future__ import annotations

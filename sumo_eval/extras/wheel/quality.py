@@ -3,6 +3,8 @@
 It concerns the recording, not whether the person drives well. A study leaves a drive out by a
 stated rule; the rule, the value and its bound are recorded with it. `trip` computes the quality of
 each drive, `outcome` compares it with the rules.
+
+Users: `extras/wheel/outcome.py`, `extras/wheel/plan.py`, `extras/wheel/trip.py`.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ the input of hands and feet. `window` runs it in a thread.
 The harness's loop asks it for a command each step, as it asks any ADS. It answers when the step is
 due by the clock, so simulated time passes as fast as real time. A late step changes how the drive
 feels, never its result: that depends on the commands alone, which are on the tape.
+
+Users: `extras/wheel/messages.py`, `extras/wheel/window.py`.
 """
 
 from __future__ import annotations

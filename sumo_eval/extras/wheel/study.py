@@ -3,6 +3,8 @@
 A participant's journal has a line for each step, written when the step is done. After a closed
 browser, a stopped server or a machine that went down, the participant enters the same code and
 continues with the first step that the journal does not have. `outcome` reads the journals.
+
+Users: `extras/wheel/command.py`, `extras/wheel/outcome.py`.
 """
 
 from __future__ import annotations

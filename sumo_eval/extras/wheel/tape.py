@@ -4,6 +4,8 @@ byte. `trip` and `study` make tapes; `outcome` and `sumo-eval drive TAPE.jsonl` 
 A tape is a text file, a JSON value a line: a head, a row for each step, notes in between, and the
 result. A line is written when its step is driven, so a machine that goes down loses at most one
 step.
+
+Users: `extras/wheel/`.
 """
 
 from __future__ import annotations

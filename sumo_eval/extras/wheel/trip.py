@@ -1,6 +1,8 @@
 """`sumo-eval drive SCENARIO`: one person drives one concrete scenario, as often as they like.
 
 `study` uses its parts for the drives of participants.
+
+Users: `extras/wheel/command.py`, `extras/wheel/study.py`.
 """
 
 from __future__ import annotations

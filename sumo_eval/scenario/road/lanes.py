@@ -4,6 +4,8 @@ Scenario files and OpenDRIVE roads make them; every reader of a `Road` asks wher
 A lane that is not there throughout is the outermost one of its side. It opens and ends over a
 taper, along which the road's edge moves in a straight line. Where it is a ramp, a line that must
 not be crossed separates it from the adjacent lane.
+
+Users: `cosim/`, `scenario/`.
 """
 
 from __future__ import annotations

@@ -8,6 +8,8 @@ Read: lines, arcs, spirals and parametric cubics, a constant lane offset, lanes 
     in order, as through a junction. Anything else that shapes a road (slopes, lane offsets and
     other widths that change) is refused by name. Only content without shape is left out silently:
     marks, objects, signals, speeds.
+
+Users: `extras/openscenario/frame.py`, `extras/openscenario/network.py`, `scenario/file_tables.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """A parametric cubic of OpenDRIVE, `paramPoly3`, as pieces whose curvature is linear in their
 length.
+
+Users: `scenario/road/opendrive.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Places on the map, and places seen from other places, for readers of roads."""
+"""Places on the map, and places seen from other places, for readers of roads.
+
+Users: `cosim/`, `scenario/`, `extras/openscenario/`.
+"""
 
 from __future__ import annotations
 

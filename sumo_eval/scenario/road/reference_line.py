@@ -8,6 +8,8 @@ map the line begins at the origin and heads along x. Before its beginning and be
 straight.
 
 On a line of no pieces, a straight one, frame and map are the same numbers.
+
+Users: `ads/`, `cosim/`, `drivers/`, `method/`, `record/`, `report/`, `scenario/`, `extras/`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""A road's line as it stands in a scenario file: `[[road.line]]`, one table a piece."""
+"""A road's line as it stands in a scenario file: `[[road.line]]`, one table a piece.
+
+Users: `record/facts.py`, `scenario/`, `extras/openscenario/`.
+"""
 
 from __future__ import annotations
 

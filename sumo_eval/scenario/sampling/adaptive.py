@@ -13,6 +13,8 @@ not depend on results. So the weighted mean of anything over one round has the s
 expectation, whatever the earlier rounds found, and so has that of all rounds. (Weights V_h / n_h of
 a cell's points from all rounds would not: a cell that shows a collision early gets more points,
 so that collision weighs less, and a cell that shows none by luck keeps showing none.)
+
+Users: `record/facts.py`, `scenario/sampling/samples.py`, `scoring/confidence/next_round.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Combination testing: few points of a grid that still hold every possible combination of values
 of any `strength` parameters. The methods `pairwise` and `combinations` of `sampling`.
+
+Users: `scenario/sampling/samples.py`.
 """
 
 from __future__ import annotations

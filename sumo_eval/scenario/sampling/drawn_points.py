@@ -3,6 +3,9 @@ danger.
 
 The sequences are scipy's, started from a named stream of the seed. Values are rounded to a
 millionth of their range, so that the last digit of a machine's arithmetic decides nothing.
+
+Users: `method/zone_partition.py`, `scenario/`, `scoring/`, `extras/rates/importance.py`,
+`extras/studies/`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Request to a sampling method, and its answer."""
+"""Request to a sampling method, and its answer.
+
+Users: `record/points.py`, `scenario/`, `extras/openscenario/points.py`.
+"""
 
 from __future__ import annotations
 

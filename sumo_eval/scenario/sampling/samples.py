@@ -4,6 +4,9 @@ each.
 Every method is a function of a space and a `Request`; what the constraints exclude is taken out
 here, for all of them, and kept as refused points. Random methods draw from a named stream of the
 evaluation's seed.
+
+Users: `cli/space.py`, `record/`, `report/points_page.py`, `scenario/file.py`, `scoring/`,
+`extras/bench/costs.py`, `extras/wheel/trip.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
 """Confidence in an evaluation: intervals, risk, coverage and further cases, put together from its
 scores and rows. `report.confidence_section` shows it.
+
+Users: `report/assessed.py`, `report/confidence_section.py`, `report/evidence.py`,
+`report/verdict.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Coverage of a space by its sample, for `assessment`."""
+"""Coverage of a space by its sample, for `assessment`.
+
+Users: `report/confidence_section.py`, `scoring/confidence/assessment.py`.
+"""
 
 from __future__ import annotations
 

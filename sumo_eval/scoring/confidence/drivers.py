@@ -5,6 +5,9 @@ The synthetic drivers are not a simple random sample: of any n, n * `overtake_sh
 rounded down or up (`sumo_eval.drivers.synthetic.population`). So followers are compared with
 followers and overtakers with overtakers, and the rounding adds an error. Recorded people are one
 group.
+
+Users: `scoring/confidence/intervals.py`, `scoring/confidence/scored.py`, `scoring/likeness.py`,
+`scoring/steps.py`.
 """
 
 from __future__ import annotations

@@ -25,6 +25,8 @@ compare with. `scoring.confidence.scored` puts them into the results.
   r (Eq. 16) in every replicate.
 - Random streams are named by scenario, driver or ADS, never by a place in a list, so the interval
   of an ADS does not depend on what else is evaluated.
+
+Users: `report/evidence.py`, `scoring/`.
 """
 
 from __future__ import annotations

@@ -10,6 +10,8 @@ exactly.
 S+ over several scenarios is the mean of theirs. A scenario without a safe point has no task to
 drive, no S+ and no part in the order. In one without people to compare with H counts 0, for every
 ADS alike.
+
+Users: `scoring/steps.py`.
 """
 
 from __future__ import annotations

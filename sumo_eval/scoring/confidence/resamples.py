@@ -8,6 +8,8 @@ balanced over it as well (`Balance`).
 `resamples` draws all replicates of some points, then those of the next ones. So time grows in
 proportion to the points, and no table of all points and replicates is in memory. `intervals`,
 `assessment` and `paired_differences` sum the terms of scores over the parts.
+
+Users: `scoring/`.
 """
 
 from __future__ import annotations

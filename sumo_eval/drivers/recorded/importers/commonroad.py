@@ -3,6 +3,8 @@ metres and radians.
 
 Positions are of centres, on a map: `recorded.straighten` makes road coordinates of them. Obstacles
 without a trajectory (standing, or with an `occupancySet` alone) are left out.
+
+Users: `drivers/recorded/importing.py`.
 """
 
 from __future__ import annotations

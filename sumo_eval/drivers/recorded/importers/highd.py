@@ -5,6 +5,8 @@ Traps: `width` is the vehicle's length and `height` its width; x, y is the upper
 box; y points down. Vehicles of direction 1 drive to the left, on the upper lanes, those of
 direction 2 to the right, on the lower ones. Each direction becomes a recording of its own, with the
 lanes of the file's lane markings.
+
+Users: `drivers/recorded/importing.py`.
 """
 
 from __future__ import annotations

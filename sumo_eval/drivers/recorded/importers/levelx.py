@@ -3,6 +3,8 @@ headings (`NN_tracks.csv` ...).
 
 They share one layout: x to the east, y to the north, heading in degrees counter-clockwise. Roads
 may be curved, so `importing` straightens the samples along the paths that vehicles drive.
+
+Users: `drivers/recorded/importers/highd.py`, `drivers/recorded/importing.py`.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ centres, y to the left.
 Needed: `vehicle`, `t`, `x`, `y`. Known: `recording`, `heading` (rad, counter-clockwise from x) or
 `heading_deg`, `speed`, `acceleration`, `length`, `width`, `class`, `driver`. Missing headings,
 speeds and accelerations follow from the motion; missing bodies and classes are those of a car.
+
+Users: `drivers/recorded/importing.py`.
 """
 
 from __future__ import annotations

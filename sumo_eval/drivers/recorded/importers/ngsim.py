@@ -5,6 +5,8 @@ Traps: x, y is the centre of the FRONT; Local_X grows to the right from the left
 along the road; lane 1 is the leftmost, 6 an auxiliary lane, 7 and 8 ramps; vehicle ids are used
 again, in other recordings of the same file and within one; speeds and accelerations are rough
 differences, so accelerations are derived again from smoothed speeds.
+
+Users: `drivers/recorded/importing.py`.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ Position k has Speed{k}, E{k}, N{k}; IVS{k} is the bumper gap between vehicle k 
 it. The vehicles drive in one line, so x is the distance along the path of the first one and follows
 from the gaps: x_(k+1) = x_k - IVS_k - length. Lateral positions are those of a point on a curved
 track and are not read: y = 0. Only runs whose `ACC` is 0 are human drives.
+
+Users: `drivers/recorded/importing.py`.
 """
 
 from __future__ import annotations

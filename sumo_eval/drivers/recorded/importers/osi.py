@@ -6,6 +6,8 @@ holds a GroundTruth. An MCAP file names the kind of each message. Of a GroundTru
 moving objects are read, by the field numbers of OSI 3, which no release of it may change. Positions
 are centres, angles counter-clockwise from x, as here. MCAP needs the extra `osi`, tables the extra
 `parquet`.
+
+Users: `drivers/recorded/importing.py`.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ Traps: x, y is the centre of the FRONT bumper; angles are degrees clockwise from
     has no bodies: a vehicle gets SUMO's default size for the class that its type is named after
     (`BODIES`), else a car's. Its table mixes persons and containers with the vehicles: `read`
     leaves them out.
+
+Users: `drivers/recorded/importing.py`.
 """
 
 from __future__ import annotations

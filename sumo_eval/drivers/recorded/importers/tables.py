@@ -1,5 +1,7 @@
 """Files and tables of foreign formats, for all importers: read, checked and completed. Every fault
 is named with its file and row.
+
+Users: `drivers/`, `extras/studies/`.
 """
 
 from __future__ import annotations

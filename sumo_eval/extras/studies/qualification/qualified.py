@@ -1,4 +1,7 @@
-"""Qualification of an installation, `sumo-eval qualify`: carry out checks, show their results."""
+"""Qualification of an installation, `sumo-eval qualify`: carry out checks, show their results.
+
+Users: `extras/studies/qualify_command.py`.
+"""
 
 from __future__ import annotations
 

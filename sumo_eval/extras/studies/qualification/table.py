@@ -2,6 +2,8 @@
 
 Each check is a function, its arguments, the value it must give and the source of this value;
 `qualified.qualify` carries them out. A generator for each kind of check yields its rows.
+
+Users: `extras/studies/qualification/qualified.py`, `extras/studies/qualify_command.py`.
 """
 
 from __future__ import annotations
