@@ -33,7 +33,7 @@ from sumo_eval.errors import (
     said,
     users_code,
 )
-from sumo_eval.input_file import input_file
+from sumo_eval.input_file import input_file, read_input
 from sumo_eval.trajectory import FloatArray
 
 BLOCK = 32  # rows that a model is given at once
@@ -169,5 +169,6 @@ def _external_data(model: Path) -> set[Path]:
     the length of the name in one byte, the name.
     """
     # looked at, not passed over: the next key may be as near
-    found = re.findall(rb"(?s)\n\x08location\x12(.)(?=(.{0,127}))", model.read_bytes())
+    message = read_input(model, "model", 2**31)  # the most that protobuf allows
+    found = re.findall(rb"(?s)\n\x08location\x12(.)(?=(.{0,127}))", message)
     return {model.parent / os.fsdecode(name[: ord(length)]) for length, name in found}
