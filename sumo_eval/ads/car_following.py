@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields as fields_of
+from dataclasses import asdict
 from typing import Any, ClassVar
 
 from sumo_eval.ads.asked_change import change_if_free, lead_beside
@@ -53,10 +53,9 @@ class IdmParameters:
     deceleration: float = 2.0
 
     def __post_init__(self) -> None:
-        for item in fields_of(self):
-            value = getattr(self, item.name)
+        for name, value in asdict(self).items():
             if not (math.isfinite(value) and value > 0.0):
-                raise must_be(f"`{item.name}`", "the IDM", "a finite number greater than 0", value)
+                raise must_be(f"`{name}`", "the IDM", "a finite number greater than 0", value)
 
     @classmethod
     def of(cls, given: IdmParameters | Mapping[str, float] | None) -> IdmParameters:

@@ -16,13 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.ads.lane_change import lane_of, shortest_duration
+from sumo_eval.ads.lane_change import shortest_duration
 from sumo_eval.ads.overtaking import CLEARANCE, EMERGENCY_GAP, EMERGENCY_LATERAL
 from sumo_eval.ads.perception import covers, safe_gap
 from sumo_eval.cosim.impossible import farthest_in
 from sumo_eval.method.criticality import ideal_impact_speed
 from sumo_eval.scenario.bodies import half_sizes
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Start, Way
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Start, Way, lane_at
 from sumo_eval.scenario.road.reference_line import Line, map_places
 from sumo_eval.scenario.touch import Body, share_at_touch
 from sumo_eval.scenario.undisturbed import tracks
@@ -73,8 +73,10 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
     ego, vehicle, step = concrete.ego, settings.vehicle, settings.step
     until = _end_at_its_speed(concrete, settings)
     undisturbed = tracks([concrete], [(vehicle.length, vehicle.width)], step, until)
-    of_actors = zip(concrete.actors, undisturbed.others[0], strict=True)
-    tracks_ahead = [_Foreseen(actor, step, rows) for actor, rows in of_actors]
+    tracks_ahead = [
+        _Foreseen(actor, step, rows)
+        for actor, rows in zip(concrete.actors, undisturbed.others[0], strict=True)
+    ]
     foresights = []
     for track, first_move in zip(tracks_ahead, undisturbed.begins[0].tolist(), strict=True):
         actor = track.actor
@@ -120,7 +122,7 @@ def evasion(
     settings: those of the case.
     """
     ego, road, vehicle = concrete.ego, concrete.road, settings.vehicle
-    lane = lane_of(ego.y, road)
+    lane = lane_at(road, ego.y)
     # the centre of lane 0 is y = 0; any length above 0 will do, as it is a divisor
     straight = road.lane_width * lane, 0.0, 0.0, 1.0
     suddenly_seen = {

@@ -191,8 +191,11 @@ class IdealBraking(Compiled):
         `Foresight` of each actor, (cases, actors). All cases have the same number of actors.
         """
         own, foresights = cls.own_records(together), list(map(foresee, cases, settings))
-        of_each = zip(together, cases, settings, foresights, strict=True)
-        for i, (ads, concrete, case_settings, foreseen) in enumerate(of_each):
-            own[i]["path"] = evasion(concrete, case_settings, foreseen, ads.deceleration)
+        own["path"] = [
+            evasion(concrete, case_settings, foreseen, ads.deceleration)
+            for ads, concrete, case_settings, foreseen in zip(
+                together, cases, settings, foresights, strict=True
+            )
+        ]
         known = np.array(list(map(list, foresights)), dtype=_KNOWN)
         return own, known, np.zeros(known.shape, MOVER)

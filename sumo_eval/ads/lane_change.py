@@ -15,6 +15,7 @@ from typing import Any
 
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import fields, kernel
+from sumo_eval.scenario.concrete import lane_at
 from sumo_eval.scenario.motion import quintic, quintic_bend, quintic_rate
 
 PEAK_BEND = 10.0 / math.sqrt(3.0)  # largest second derivative of the smooth step
@@ -64,7 +65,7 @@ def path_at(path: Any, x: float) -> tuple[float, float, float]:
 @kernel
 def keep_lane(path: Any, me: Any, road: Any) -> None:
     """Make the path the centre line of the lane that the ego is in."""
-    path.start = road.lane_width * lane_of(me.y, road)
+    path.start = road.lane_width * lane_at(road, me.y)
     path.offset, path.begin, path.length = 0.0, 0.0, 1.0
 
 
@@ -83,12 +84,6 @@ def curvature_kept(path: Any, me: Any) -> float:
 def line_curvature(me: Any) -> float:
     """Curvature of the road's line, 1/m, from that of its parallel at a vehicle (`curvature`)."""
     return float(me.curvature / (1.0 + me.curvature * me.y))
-
-
-@kernel
-def lane_of(y: float, road: Any) -> int:
-    """Number of the lane at y, 0: the right-hand one."""
-    return int(min(max(round(y / road.lane_width), 0), road.lanes - 1))
 
 
 @kernel

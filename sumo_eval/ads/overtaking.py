@@ -18,7 +18,6 @@ from sumo_eval.ads.lane_change import (
     PATH,
     curvature_kept,
     keep_lane,
-    lane_of,
     path_y,
     share_when_done,
     shortest_duration,
@@ -28,6 +27,7 @@ from sumo_eval.ads.perception import bumper_gap, gap_behind, neighbours
 from sumo_eval.errors import must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.kernels import fields, flags, kernel
+from sumo_eval.scenario.concrete import lane_at
 
 # m, free space across the road when the ego's front comes level with the lead's rear
 CLEARANCE = 0.3
@@ -139,14 +139,14 @@ def overtake(
         allowed = change_as_asked(
             memory.path, way, me, others, memory.desired_speed, p.idm, scenario
         )
-    leads = _find_leads(memory, me, others, watched, scenario)
-    may_change = memory.changing == 0 and way.asked == 0
+    lead = _find_leads(memory, me, others, watched, scenario)
+    may_change = memory.changing == 0 and way.asked == 0 and me.along >= LEAST_SPEED
     may_change = may_change and _has_left_lane(memory, me, scenario.road)
-    if leads and may_change and not _comes_towards(others, watched):
-        if _try_to_begin(memory, me, others, watched, habits, scenario):
+    if lead >= 0 and may_change and not _comes_towards(others, watched):
+        if _try_to_begin(memory, me, others, watched, lead, habits, scenario):
             # other vehicles are in the way on the new path
             _find_leads(memory, me, others, watched, scenario)
-        elif _waits_to_overtake(memory, me, others, watched, habits, scenario):
+        elif _waits_to_overtake(memory, me, others, watched, lead, habits, scenario):
             return float(memory.free)
     wanted: float = min(memory.free, allowed)
     for j in range(len(others)):
@@ -174,7 +174,7 @@ def _has_left_lane(memory: Any, me: Any, road: Any) -> bool:
 
     On a shaped road the outermost lanes may open, end, or be parted from their neighbours.
     """
-    lane = lane_of(memory.path.start, road)
+    lane = lane_at(road, memory.path.start)
     if lane + 1 >= road.lanes:
         return False
     if road.shaped == 0:
@@ -228,8 +228,8 @@ def _in_the_way(
 
 @kernel
 def _find_leads(memory: Any, me: Any, others: Any, watched: Any, scenario: Any) -> int:
-    """Mark the vehicles that are in the way; return how many there are."""
-    count = 0
+    """Mark the vehicles that are in the way; return the index of the nearest, -1: none."""
+    nearest = -1
     for j in range(len(others)):
         known = watched[j]
         known.leads = 0
@@ -237,30 +237,20 @@ def _find_leads(memory: Any, me: Any, others: Any, watched: Any, scenario: Any) 
             known.leads = 1
             known.gap = bumper_gap(me, others[j])
             known.closing = me.along - others[j].along
-            count += 1
-    return count
-
-
-@kernel
-def _nearest_lead(others: Any, watched: Any) -> int:
-    """Index of the nearest vehicle in the way; -1: none."""
-    nearest = -1
-    for j in range(len(others)):
-        if watched[j].leads and (nearest < 0 or watched[j].gap < watched[nearest].gap):
-            nearest = j
+            if nearest < 0 or known.gap < watched[nearest].gap:
+                nearest = j
     return nearest
 
 
 @kernel
 def _try_to_begin(
-    memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenario: Any
+    memory: Any, me: Any, others: Any, watched: Any, lead: int, habits: Any, scenario: Any
 ) -> bool:
     """Begin the lane change if it can be done, and is wanted or needed because braking alone is not
     enough; return whether it has begun.
+
+    lead: index of the nearest vehicle in the way.
     """
-    if me.along < LEAST_SPEED:
-        return False
-    lead = _nearest_lead(others, watched)
     emergency = False
     relied_on = EMERGENCY_BRAKING * scenario.vehicle.max_deceleration  # m/s2
     for j in range(len(others)):
@@ -284,15 +274,13 @@ def _try_to_begin(
 
 @kernel
 def _waits_to_overtake(
-    memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenario: Any
+    memory: Any, me: Any, others: Any, watched: Any, lead: int, habits: Any, scenario: Any
 ) -> bool:
-    """Whether the ego will overtake but is not near enough yet: until then it does not follow."""
-    lead = _nearest_lead(others, watched)
-    if (
-        me.along < LEAST_SPEED
-        or not _pays(memory, others[lead], habits)
-        or _is_time(me, watched[lead], habits)
-    ):
+    """Whether the ego will overtake but is not near enough yet: until then it does not follow.
+
+    lead: index of the nearest vehicle in the way.
+    """
+    if not _pays(memory, others[lead], habits) or _is_time(me, watched[lead], habits):
         return False
     return _left_is_free(memory, me, others, habits.duration, False, scenario)
 

@@ -69,11 +69,11 @@ def lateral_gap(me: Any, other: Any) -> float:
 
 
 @kernel
-def within_headway(me: Any, other: Any, limit: float) -> bool:
-    """Whether the time headway is at most `limit` s, or above it by no more than rounding: a
-    scenario may begin at just this headway.
+def within_headway(me: Any, other: Any) -> bool:
+    """Whether the time headway is at most `FOLLOWING_HEADWAY`, or above it by no more than
+    rounding: a scenario may begin at just this headway.
     """
-    return time_headway(me, other) <= limit + HEADWAY_ROUNDING
+    return time_headway(me, other) <= FOLLOWING_HEADWAY + HEADWAY_ROUNDING
 
 
 @kernel

@@ -29,7 +29,6 @@ from sumo_eval.ads.perception import (
 )
 from sumo_eval.ads.r157 import (
     BRAKES,
-    FOLLOWING_HEADWAY,
     GRAVITY,
     HUMAN_BRAKING,
     MOST_COVERED,
@@ -301,12 +300,8 @@ def _revealed(own: Any, others: Any, watched: Any, j: int, leaves: int, time: fl
     leaves: index of the nearest vehicle that has left the ego's lane; -1: none.
     """
     me, other, known = own.me, others[j], watched[j]
-    near = within_headway(me, other, FOLLOWING_HEADWAY)
-    if (
-        leaves >= 0
-        and me.along > other.along
-        and (near or within_headway(me, others[leaves], FOLLOWING_HEADWAY))
-    ):
+    near = within_headway(me, other)
+    if leaves >= 0 and me.along > other.along and (near or within_headway(me, others[leaves])):
         return float(max(watched[leaves].strayed_at, time - own.p.evaluation))
     if not math.isnan(known.braked_at) and near:
         return float(max(known.braked_at, time - own.p.evaluation))

@@ -16,7 +16,6 @@ from typing import Any, ClassVar, NamedTuple
 from sumo_eval.ads.perception import lateral_overlap
 from sumo_eval.ads.r157 import (
     BRAKES,
-    FOLLOWING_HEADWAY,
     SAFETY_MEMORY,
     SIGHTED,
     braking_loop,
@@ -80,7 +79,7 @@ def reg157_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
     if lateral_gap(me, other) > intruding:
         return 0.0
     demands = lateral_overlap(me, other) > 0.0 and other.braking > p.lead_braking
-    demands = demands and within_headway(me, other, FOLLOWING_HEADWAY)
+    demands = demands and within_headway(me, other)
     closing = me.along - other.along
     if closing > 0.0:
         critical = avoidable_ttc(closing, p.brakes) + p.margin + p.standstill_gap / closing

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import check_known, must_be
 from sumo_eval.frozen import frozen
+from sumo_eval.kernels import kernel
 from sumo_eval.scenario import motion, played
 from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.played import Act, Pairs
@@ -134,6 +135,12 @@ Over 3.5 m its lateral acceleration then peaks at 1.26 m/s2.
 LEAST_CHANGE = 20.0  # m of road, at least, that the lane change in a `Way` takes
 RECORDED_EVERY = 0.1  # s between two positions of a recorded ego
 _PIECES = 64  # straight pieces by which the length of a lane change is computed
+
+
+@kernel
+def lane_at(road: Road, y: float) -> int:
+    """Number of the lane nearest to y, m; 0: the right-hand one."""
+    return min(max(round(y / road.lane_width), 0), road.lanes - 1)
 
 
 @frozen

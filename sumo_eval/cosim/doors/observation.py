@@ -22,7 +22,7 @@ import numpy as np
 
 from sumo_eval.kernels import Records
 from sumo_eval.scenario.bodies import BODIES, CAR, half_sizes
-from sumo_eval.scenario.concrete import ConcreteScenario, Road
+from sumo_eval.scenario.concrete import ConcreteScenario, Road, lane_at
 from sumo_eval.scenario.played import Pairs
 from sumo_eval.scenario.road.pose import Pose, onto_the_line
 from sumo_eval.scenario.road.reference_line import curvatures, map_places
@@ -652,11 +652,6 @@ def present(others: FloatArray, is_present: FloatArray) -> FloatArray:
     others = others.copy()
     others[is_present == 0, 0] = math.nan
     return others
-
-
-def lane_at(road: Road, y: float) -> int:
-    """Number of the lane nearest to y, m."""
-    return min(max(round(y / road.lane_width), 0), road.lanes - 1)
 
 
 def lanes_at(road: Road, y: Any) -> IntArray:

@@ -22,10 +22,9 @@ import numpy as np
 from lxml import etree
 from lxml.builder import ElementMaker  # type: ignore[import-not-found]
 
-from sumo_eval.cosim.doors.observation import lane_at
 from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.scenario.bodies import BODIES, CAR
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start, lane_at
 from sumo_eval.scenario.road.reference_line import curvatures, drawn_points, map_places, tightest
 from sumo_eval.scenario.sumo_network import laid_along_x
 from sumo_eval.settings import SimulationSettings, VehicleSettings
