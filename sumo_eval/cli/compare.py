@@ -229,7 +229,8 @@ def trend(history: Path, runs: tuple[Path, ...]) -> None:
 
     if runs:
         with Progress() as progress:
-            for night in import_runs(history, runs, progress):
+            for run in runs:  # each is named, also where a later one is refused
+                (night,) = import_runs(history, [run], progress)
                 tell(f"Added {night.folder} as night {night.night}.")
     with open_history(history) as database:
         tell(str(write_trend(history, database)))

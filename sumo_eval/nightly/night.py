@@ -233,12 +233,12 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
         ) from error
 
 
-def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet) -> Iterator[Night]:
-    """Add finished runs to a history as nights of the time they were recorded, each once it is
-    asked for.
+def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet) -> list[Night]:
+    """Add finished runs to a history as nights of the time they were recorded.
 
     No imported night is a base: no gate evaluated it.
     """
+    added = []
     with _only_one(history), open_history(history, create=True) as database:
         for run in runs:
             evaluation = score(run, progress=progress)
@@ -251,7 +251,8 @@ def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet)
                 "Imported; no gate evaluated it.",
             )
             database.add(night, evaluation, ())
-            yield night
+            added.append(night)
+    return added
 
 
 def _only_one(history: Path) -> AbstractContextManager[None]:

@@ -75,15 +75,22 @@ def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
     """The recordings in files or folders of one format, one file at a time, so that memory holds
     only one.
 
-    Raises InputError at the call for an unknown format and for no path; for a missing path, one
-    without such files, and a mistake in a file only when it is reached.
+    Raises InputError at the call for an unknown format, for no path, and for a folder of canonical
+    tables; for a missing path, one without such files, and a mistake in a file only when it is
+    reached.
     """
     if form not in FORMATS:
         raise unknown("format of recordings", form, FORMATS)
     if not paths:
         raise InputError("At least one file or folder of recordings must be given, got none.")
     if form == OWN:
-        return (read_csv(file) for path in paths for file in files_in(path, "*.csv", "*.csv.gz"))
+        for path in paths:
+            if path.is_dir():
+                raise InputError(
+                    f"{path} is a folder. Of the format `{OWN}`, name every table that `sumo-eval "
+                    f"humans import` wrote; other formats are {', '.join(READERS)}."
+                )
+        return (read_csv(path) for path in paths)
     read, patterns = READERS[form]
     return (_canonical(*read(file)) for path in paths for file in files_in(path, *patterns))
 
