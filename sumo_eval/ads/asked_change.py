@@ -43,20 +43,21 @@ def change_if_free(path: Any, way: Any, me: Any, others: Any, scenario: Any) -> 
     """
     if path.offset != 0.0:
         return True
+    speed = me.along
     room = way.by - me.x  # m of road left for the change
     # m of road that the shortest change takes
-    shortest = max(shortest_duration(way.offset, LATERAL) * me.along, LEAST_CHANGE)
+    shortest = max(shortest_duration(way.offset, LATERAL) * speed, LEAST_CHANGE)
     # not yet, or too late; where the ego's lane ends, a late change is better than none
     if me.x < way.begin or (room < shortest and way.ends == 0):
         return False
-    duration = shortest / max(me.along, 1.0)  # s, at no less than 1 m/s, so that it stays finite
+    duration = shortest / max(speed, 1.0)  # s, at no less than 1 m/s, so that it stays finite
     ahead, behind = beside(way, me, others, scenario)
     if ahead >= 0:
-        closing = max(me.along - others[ahead].along, 0.0)
-        if bumper_gap(me, others[ahead]) - closing * duration < max(HEADWAY * me.along, GAP):
+        closing = max(speed - others[ahead].along, 0.0)
+        if bumper_gap(me, others[ahead]) - closing * duration < max(HEADWAY * speed, GAP):
             return False
     if behind >= 0:
-        closing = max(others[behind].along - me.along, 0.0)
+        closing = max(others[behind].along - speed, 0.0)
         least = (
             closing * DELAY
             + closing * closing / (2.0 * DECELERATION)
@@ -66,7 +67,7 @@ def change_if_free(path: Any, way: Any, me: Any, others: Any, scenario: Any) -> 
             return False
     path.offset, path.begin = way.offset, me.x
     # the usual time, as far as the road allows
-    path.length = max(min(CHANGE_TIME * me.along, room), shortest)
+    path.length = max(min(CHANGE_TIME * speed, room), shortest)
     return True
 
 

@@ -138,11 +138,12 @@ def improved_idm_acceleration(
     """
     free = free_acceleration(speed, desired_speed, idm)
     z = desired_gap(speed, speed - lead_speed, idm, headway) / max(gap, MIN_GAP)
+    crowded = float(idm.acceleration * (1.0 - z * z))
     if speed <= max(desired_speed, MIN_SPEED):
         if z >= 1.0:
-            return float(idm.acceleration * (1.0 - z * z))
+            return crowded
         return float(free * (1.0 - z ** (2.0 * idm.acceleration / free))) if free > 0.0 else 0.0
-    return free + (idm.acceleration * (1.0 - z * z) if z >= 1.0 else 0.0)
+    return free + (crowded if z >= 1.0 else 0.0)
 
 
 @kernel

@@ -122,6 +122,7 @@ def evasion(
     settings: those of the case.
     """
     ego, road, vehicle = concrete.ego, concrete.road, settings.vehicle
+    speed = ego.speed
     lane = lane_at(road, ego.y)
     # the centre of lane 0 is y = 0; any length above 0 will do, as it is a divisor
     straight = road.lane_width * lane, 0.0, 0.0, 1.0
@@ -133,10 +134,10 @@ def evasion(
     if not settings.ideal_steers or concrete.lively or lane + 1 == road.lanes or not suddenly_seen:
         return straight
     begin = min(suddenly_seen.values())
-    begin_x, build_up = ego.x + ego.speed * begin, deceleration / vehicle.brake_jerk
+    begin_x, build_up = ego.x + speed * begin, deceleration / vehicle.brake_jerk
     brakes_in_time = all(
         ideal_impact_speed(
-            ego.speed, actor.start.speed,
+            speed, actor.start.speed,
             actor.x(begin) - begin_x - 0.5 * (vehicle.length + actor.length),
             deceleration=deceleration, build_up=build_up,
         ) <= 0.0
@@ -147,7 +148,7 @@ def evasion(
     duration = shortest_duration(road.lane_width, EMERGENCY_LATERAL)
     until = _end_at_its_speed(concrete, settings)
 
-    length = duration * ego.speed
+    length = duration * speed
     steered = replace(ego, way=Way(road.lane_width, begin_x, begin_x + length, ends=False))
 
     def clear(actor: Actor, time: float, x: float, y: float) -> bool:
@@ -158,12 +159,12 @@ def evasion(
         if time < begin:  # still in its lane, where it would brake for a vehicle that is too near
             if goes_round or not is_ahead or across >= 0.0:
                 return True
-            return along >= safe_gap(ego.speed, actor.speed(time), deceleration, build_up)
-        least = FOLLOWING_GAP * ego.speed if is_ahead else EMERGENCY_GAP
+            return along >= safe_gap(speed, actor.speed(time), deceleration, build_up)
+        least = FOLLOWING_GAP * speed if is_ahead else EMERGENCY_GAP
         return across >= CLEARANCE or along >= (0.0 if goes_round else least)
 
     times = np.arange(0.0, until, _LOOK)
-    places = steered.x_after(ego.speed * times)
+    places = steered.x_after(speed * times)
     way = list(zip(times.tolist(), places.tolist(), steered.y_at(places).tolist(), strict=True))
     if not all(clear(actor, *at) for at in way for actor in concrete.actors):
         return straight
@@ -192,15 +193,16 @@ class _Foreseen(NamedTuple):
     def body(self, k: int) -> Body:
         """The body after k steps."""
         row, actor = self.rows[k].tolist(), self.actor
-        return Body(row[0], row[1], row[2], row[3], actor.length, actor.width, row[4])
+        return Body._make([*row[:4], actor.length, actor.width, row[4]])
 
     def shape(self, time: float) -> _Shape:
         """Its shape at any time, s; a lively vehicle is interpolated between two steps."""
         actor = self.actor
         if actor.lively:
-            at = min(max(time / self.step, 0.0), len(self.rows) - 1.0)
-            k = min(int(at), len(self.rows) - 2)
-            between = self.rows[k] + (at - k) * (self.rows[k + 1] - self.rows[k])
+            rows = self.rows
+            at = min(max(time / self.step, 0.0), len(rows) - 1.0)
+            k = min(int(at), len(rows) - 2)
+            between = rows[k] + (at - k) * (rows[k + 1] - rows[k])
             x, y, heading = between[:3].tolist()
         else:
             # a sliding body keeps its heading
@@ -296,10 +298,7 @@ def _hides(
     # ego's lane, to which lines of sight are parallel, while all others begin at the eye
     in_the_way = abs(farther.y - eye_y) < farther.half_width + 0.5 * settings.vehicle.width
     share = 1.0 if in_the_way else (nearer.x - eye) / (farther.x - eye)
-    return covers(
-        nearer.y, nearer.half_width, eye_y, farther.y, farther.half_width, share,
-        1.0 - settings.ideal_visible_share,
-    )  # fmt: skip
+    return covers(nearer, eye_y, farther, share, 1.0 - settings.ideal_visible_share)
 
 
 class _Shape(NamedTuple):

@@ -70,7 +70,8 @@ def is_too_close_to_hider(
     if lead < 0:
         return False
     for j in range(len(others)):
-        if watched[j].meets > 0.0 and watched[j].hidden > 0.0 and time < watched[j].noticed:
+        known = watched[j]
+        if known.meets > 0.0 and known.hidden > 0.0 and time < known.noticed:
             build_up = p.deceleration / scenario.vehicle.brake_jerk  # s until it brakes fully
             safe = safe_gap(me.along, others[lead].along, p.deceleration, build_up)
             return bool(bumper_gap(me, others[lead]) < safe)
@@ -93,16 +94,16 @@ def full_braking(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time
             first_noticed = min(first_noticed, watched[j].noticed)
     begins = math.inf
     for j in range(len(others)):
-        other = others[j]
+        other, known = others[j], watched[j]
         # an actor ahead, in the ego's path, that the ego comes nearer to
         closes = other.x > me.x and me.along > other.along and lateral_overlap(me, other) > 0.0
         calls = closes and time > first_noticed
-        if watched[j].meets > 0.0:
-            is_faster = me.along > watched[j].speed  # than its lowest speed in the case
+        if known.meets > 0.0:
+            is_faster = me.along > known.speed  # than its lowest speed in the case
             alongside = abs(other.x - me.x) < me.half_length + other.half_length + _TURNED
             calls = calls or is_faster or alongside
         if calls:
-            begins = min(begins, watched[j].noticed)
+            begins = min(begins, known.noticed)
     return -float(
         switched(level, p.deceleration, begins - time, scenario.vehicle.brake_jerk, scenario.step)
     )
@@ -117,14 +118,15 @@ def ideal_braking(
     It counts as settled in every step, as it never accelerates again.
     """
     me, command, time = ego.seen, ego.command, ego.time
+    shared = scenario[0]
     if own.path.offset == 0.0:  # it does not steer
-        command.acceleration = full_braking(me, others, watched, own.p, scenario[0], time)
-        command.steering = lane_kept(ego, scenario[0])
+        command.acceleration = full_braking(me, others, watched, own.p, shared, time)
+        command.steering = lane_kept(ego, shared)
     else:
         if time == 0.0:
             own.curvature = curvature_kept(own.path, me)
-        y, slope, curvature = path_at(own.path, rear_axle_next(me, scenario[0]))
-        command.steering = steering(own, me, y, slope, curvature, scenario[0])
+        y, slope, curvature = path_at(own.path, rear_axle_next(me, shared))
+        command.steering = steering(own, me, y, slope, curvature, shared)
     ego.settled = 1
 
 

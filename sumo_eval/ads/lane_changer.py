@@ -59,10 +59,11 @@ def wanted_at(scene: Any, after: float) -> float:
     others_then, way, scenario = scene[3:]
     _foresee_ego(own.then, me, own.pedals.level, after)
     for j in range(len(others_then)):
-        foresee(others_then[j], watched[j].sighting, after, scenario.step)
+        known = watched[j]
+        foresee(others_then[j], known.sighting, after, scenario.step)
         # each try starts from the headways decided before and expects no actor to brake (0)
         others_then[j].braking = 0.0
-        watched[j].accepted = watched[j].kept
+        known.accepted = known.kept
     # here `leads` says whether the actor is seen at all; `overtake` writes it again
     for j in range(len(others_then)):
         watched[j].leads = 1 if is_visible(own.then, others_then, j, 0.0) else 0

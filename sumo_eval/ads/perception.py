@@ -187,36 +187,25 @@ def is_in_sight(me: Any, others: Any, index: int, hiding_share: float) -> bool:
         nearer = others[j]
         if me.x < nearer.x < other.x:
             share = (nearer.x - me.x) / (other.x - me.x)
-            if covers(
-                nearer.y, nearer.half_width, me.y, other.y, other.half_width, share, hiding_share
-            ):
+            if covers(nearer, me.y, other, share, hiding_share):
                 return False
     return True
 
 
 @kernel
-def covers(
-    nearer_y: float,
-    nearer_half: float,
-    eye_y: float,
-    other_y: float,
-    other_half: float,
-    share: float,
-    hiding: float,
-) -> bool:
+def covers(nearer: Any, eye_y: float, other: Any, share: float, hiding: float) -> bool:
     """Whether a vehicle covers more than the share `hiding` of another's width along the line from
     the eye to it.
 
-    nearer_half, other_half: half their extents across the road, m.
+    nearer, other: with `y` and `half_width`, half the extent across the road, m.
     share: where the nearer vehicle is on the way from the eye to the other one, 0..1. Lines of
         sight meet in the eye, so the other's width appears there scaled by this share.
     """
-    half = other_half * share  # of the other, as it appears where the nearer one is, m
+    half = other.half_width * share  # of the other, as it appears where the nearer one is, m
     # from the line of sight to the nearer vehicle's middle, m
-    apart = abs(nearer_y - eye_y - share * (other_y - eye_y))
-    return bool(
-        min(nearer_half + half - apart, 2.0 * nearer_half, 2.0 * half) > 2.0 * half * hiding
-    )
+    apart = abs(nearer.y - eye_y - share * (other.y - eye_y))
+    widest = min(nearer.half_width + half - apart, 2.0 * nearer.half_width, 2.0 * half)
+    return bool(widest > 2.0 * half * hiding)
 
 
 @kernel

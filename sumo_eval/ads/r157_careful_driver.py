@@ -133,12 +133,11 @@ def careful_driver(
     scenario: two `SCENARIO` records; only the first is used, as the driver decides at every step.
     """
     me, path, time = own.me, own.path, ego.time
-    vehicle, step = scenario[0].vehicle, scenario[0].step
+    shared = scenario[0]
+    vehicle, step = shared.vehicle, shared.step
     take(me, ego.seen)
     me.braking = path.level
-    begins_at = own.p.reaction + _braking_necessary(
-        own, others, watched, others_then, scenario[0], time
-    )
+    begins_at = own.p.reaction + _braking_necessary(own, others, watched, others_then, shared, time)
     own.looked = 1
     ends = _end_events_within(me, others, watched, step)
     braked = ramped(HUMAN_BRAKING, path, begins_at - time, ends, vehicle, step)
@@ -153,7 +152,7 @@ def careful_driver(
     ego.command.acceleration = -path_command(
         path, braked.lost, releases, own.p.brakes, vehicle, step
     )
-    ego.command.steering = lane_kept(ego, scenario[0])
+    ego.command.steering = lane_kept(ego, shared)
     # settled: no event, so it does nothing as long as no vehicle comes nearer
     ego.settled = 1 - own.aeb_brakes
     for j in range(len(others)):
@@ -168,10 +167,9 @@ def _braking_necessary(
     """Earliest instant at which braking became necessary for a vehicle in front, s; inf: none."""
     me, p = own.me, own.p
     for j in range(len(others)):
-        if not math.isnan(others[j].x):
-            _look_at(others[j], watched[j], p, scenario, time)
-    for j in range(len(others)):
         known = watched[j]
+        if not math.isnan(others[j].x):
+            _look_at(others[j], known, p, scenario, time)
         if not math.isnan(known.necessary_at) and _is_over(me, others[j], known, scenario):
             known.braked_at = known.evaluated_at = known.necessary_at = math.nan
     _judge_cut_ins(me, others, watched, p, scenario, time)
@@ -198,9 +196,10 @@ def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None
         braking = (known.speed - other.along) / (steps * scenario.step)
     offset = other.y - known.lane_y
     # the last comparison is false for nan, when it is first seen
-    if math.isnan(known.strayed_at) and abs(offset) > p.wander and abs(offset) > abs(known.offset):
+    now, before = abs(offset), abs(known.offset)
+    if math.isnan(known.strayed_at) and now > p.wander and now > before:
         # share of the time since it was last seen after which it crossed `wander`
-        share = max((p.wander - abs(known.offset)) / (abs(offset) - abs(known.offset)), 0.0)
+        share = max((p.wander - before) / (now - before), 0.0)
         known.strayed_at = known.time + share * (time - known.time)
     if math.isnan(known.braked_at) and braking > p.lead_braking:
         known.braked_at = time - scenario.step  # the earliest instant: braking may jump

@@ -109,7 +109,7 @@ class Stage:
         """Keep only the rows that the world still has, in its order."""
         self._width: int = 1 + world.others.shape[1]  # vehicles of a row
         self._flat = [name for case in world.rows.tolist() for name in self.names[case]]
-        self._edge = [self._edges[case] for case in world.rows.tolist()]
+        self._edge = [self._edges[case] for case in world.rows.tolist() for _ in range(self._width)]
         # a memory view: to read a single number of it takes a tenth as long as of an array
         self._present: Any = world.others["present"].data
         self.without(world)
@@ -125,23 +125,21 @@ class Stage:
     def take_charge(self, world: World) -> None:
         """Take control of SUMO's vehicles; fail the cases that SUMO starts otherwise."""
         calls = self.calls
-        for case, concrete in enumerate(world.cases):
+        for case, (concrete, names) in enumerate(zip(world.cases, self.names, strict=True)):
             try:
-                names = self.names[case]
                 check_start(self.traci, concrete, world.settings, names, by_map=self.as_read)
             except SimulationError as error:
                 world.fail(case, "sim_error", str(error))
                 continue
-            starts: list[tuple[Any, bool]] = [(concrete.ego, False)]
-            starts += [(actor.start, actor.follows_at_once) for actor in concrete.actors]
-            for name, (start, follows) in zip(self.names[case], starts, strict=True):
+            starts = [(actor.start, actor.follows_at_once) for actor in concrete.actors]
+            for name, (start, follows) in zip(names, [(concrete.ego, False), *starts], strict=True):
                 calls.setLaneChangeMode(name, 0)
                 if follows:  # SUMO's model drives it
                     continue
                 calls.setSpeedMode(name, EXACT_SPEED_MODE)
                 calls.setSpeed(name, start.speed)
                 self._told[name] = start.speed
-            for name, actor in zip(self.names[case][1:], concrete.actors, strict=True):
+            for name, actor in zip(names[1:], concrete.actors, strict=True):
                 if departure_speed(actor) < actor.start.speed:
                     calls.setPreviousSpeed(name, actor.start.speed)
 
@@ -166,8 +164,7 @@ class Stage:
         """Put the front bumper of a vehicle where it is on the map at the step's end."""
         name = self._flat[number]
         self.calls.setSpeed(name, speed)
-        edge = self._edge[number // self._width]
-        self.calls.moveToXY(name, edge, self._lane, x, y, angle, self._keep)
+        self.calls.moveToXY(name, self._edge[number], self._lane, x, y, angle, self._keep)
 
     def tell(self, world: World, count: int) -> None:
         """Hand the motion of this step to SUMO: `count` rows of `world.tell`."""
@@ -179,7 +176,7 @@ class Stage:
         set_speed, move, names = self.calls.setSpeed, self.calls.moveToXY, self._flat
         # `_move`, written out: a call less for each vehicle and step
         for number, x, y, angle, speed in world.tell[:count, :5].tolist():
-            name, edge = names[int(number)], self._edge[int(number) // self._width]
+            name, edge = names[int(number)], self._edge[int(number)]
             set_speed(name, speed)
             move(name, edge, self._lane, x, y, angle, self._keep)
 
@@ -192,7 +189,7 @@ class Stage:
                 self.speeds.pop(name, None)
                 self._names = []
                 continue
-            self._set_aside(name, self._edge[number // self._width])
+            self._set_aside(name, self._edge[number])
 
     def _set_aside(self, name: str, edge: str) -> None:
         """Put a vehicle where SUMO has no lane for it, so that no other sees it."""
@@ -226,7 +223,7 @@ class Stage:
             if not (start >= 0.0 and s < end):  # there are no lanes
                 continue
             calls.setSpeed(name, along)
-            calls.moveTo(name, f"{self._edge[number // self._width]}_0", start)
+            calls.moveTo(name, f"{self._edge[number]}_0", start)
             calls.setLateralLanePosition(name, d)
             self._told[name] = along
 

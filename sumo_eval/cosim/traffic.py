@@ -91,9 +91,9 @@ class Traffic(Stage):
         if new:
             self._find_reacting(world)
         for row, j in new:
-            self._hand_over_one(self._number(row, j), row, world.others[row, j])
+            self._hand_over_one(self._number(row, j), world.others[row, j])
 
-    def _hand_over_one(self, number: int, row: int, other: Any) -> None:
+    def _hand_over_one(self, number: int, other: Any) -> None:
         """Let SUMO drive a vehicle from where it is and as fast as it is.
 
         other: its record.
@@ -107,7 +107,7 @@ class Traffic(Stage):
             ground = float(self._ground_of_lane(x, y)) if self._bent else 1.0
             # SUMO's position is that of the front, in metres of the lane
             half = 0.5 * float(other["length"])
-            calls.moveTo(name, f"{self._edge[row]}_{lane}", x + half / ground)
+            calls.moveTo(name, f"{self._edge[number]}_{lane}", x + half / ground)
             calls.setLateralLanePosition(name, y - road.lane_width * lane)
         speed = float(other["speed"]) * math.cos(float(other["heading"]))
         calls.setPreviousSpeed(name, max(speed, 0.0))
@@ -252,7 +252,7 @@ class Traffic(Stage):
         if name not in self._told:
             calls.setPreviousSpeed(name, along)
         self._told[name] = along
-        edge, bodies = self._edge[number // self._width], [(name, lane)]
+        edge, bodies = self._edge[number], [(name, lane)]
         if shadow_lane < 0:
             self._hide_shadow(number)
         else:
@@ -320,19 +320,19 @@ class Traffic(Stage):
         shown: as of `_shown`.
         """
         others, at = world.others, (rows, columns)
-        half, speed = 0.5 * others["length"][at], shown[:, 3]
+        half, front, speed = 0.5 * others["length"][at], shown[:, 0], shown[:, 3]
         if self._bent:
             # taken at the front; where a curve begins, that moves x by centimetres at most
-            ground = self._ground_of_lane(shown[:, 0], others["y"][at])
-            others["x"][at] = shown[:, 0] - half / ground
+            ground = self._ground_of_lane(front, others["y"][at])
+            others["x"][at] = front - half / ground
             others["heading"][at] = 0.0
             speed = speed * ground
         else:
             heading = np.radians((STRAIGHT - shown[:, 2] + 180.0) % 360.0 - 180.0)
-            others["x"][at] = shown[:, 0] - half * np.cos(heading)
+            others["x"][at] = front - half * np.cos(heading)
             others["y"][at] = shown[:, 1] - half * np.sin(heading)
             others["heading"][at] = heading
-            others["front_x"][at], others["front_y"][at] = shown[:, 0], shown[:, 1]
+            others["front_x"][at], others["front_y"][at] = front, shown[:, 1]
         others["across"][at] = 0.0
         others["acceleration"][at] = (speed - others["speed"][at]) / world.settings.step
         others["speed"][at] = speed
