@@ -128,11 +128,10 @@ class Compiled:
     @classmethod
     def own_records(cls, together: Sequence[Any]) -> Records:
         """Memory and parameters of each object, (n,)."""
-        own = np.zeros(
-            len(together), [*cls.memory, ("p", cls.numbers)] if cls.numbers else cls.memory
-        )
-        if cls.numbers:
-            own["p"] = np.array([_numbers(each, cls.numbers) for each in together], cls.numbers)
+        numbers = cls.numbers
+        own = np.zeros(len(together), [*cls.memory, ("p", numbers)] if numbers else cls.memory)
+        if numbers:
+            own["p"] = np.array([_numbers(each, numbers) for each in together], numbers)
         return own
 
     @classmethod
@@ -175,19 +174,18 @@ class Compiled:
         movers = np.zeros(len(bodies), MOVER)
         rear = 0.5 * float(self._scenario["vehicle"]["wheelbase"][0])
         _show_rows(movers, self._in_frame(bodies), knots_of(self._line), rear)
-        self._egos["time"] = time
+        egos = self._egos
+        egos["time"] = time
         if time == 0.0:
-            self._egos["way"]["start"] = movers["y"][0]
-            self._egos["way"]["length"] = 1.0
+            egos["way"]["start"] = movers["y"][0]
+            egos["way"]["length"] = 1.0
             if self._way is not None:
-                write_way(
-                    self._egos[0], self._way, float(movers["y"][0]), float(movers["speed"][0])
-                )
-        self._egos["seen"][0] = movers[0]
+                write_way(egos[0], self._way, float(movers["y"][0]), float(movers["speed"][0]))
+        egos["seen"][0] = movers[0]
         self._seen[0] = movers[1:]
-        type(self).loop(self._egos, self._seen, *self._own, self._scenario, time)
-        command = self._egos["command"][0]
-        self._egos["steering"] = command["steering"]
+        type(self).loop(egos, self._seen, *self._own, self._scenario, time)
+        command = egos["command"][0]
+        egos["steering"] = command["steering"]
         return Command(float(command["acceleration"]), float(command["steering"]))
 
     def _in_frame(self, bodies: Any) -> Any:

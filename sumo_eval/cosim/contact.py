@@ -51,8 +51,7 @@ def struck_side(ego: Body, other: Body) -> Side:
     corners += [corner for corner in ego.corners() if _inside(other, corner)]
     # no corner is inside where bodies cross like a plus: the other's centre decides
     points = [_in_frame_of(ego, corner) for corner in corners or [(other.x, other.y)]]
-    ahead = sum(point[0] for point in points) / len(points)
-    left = sum(point[1] for point in points) / len(points)
+    ahead, left = (sum(each) / len(points) for each in zip(*points, strict=True))
     depths: dict[Side, float] = {
         "front": 0.5 * ego.length - ahead,
         "rear": 0.5 * ego.length + ahead,

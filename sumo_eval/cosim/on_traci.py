@@ -189,13 +189,12 @@ class _Hook:
         self._world, self._case = world, case
         self._calls, self._traci = stage.calls, stage.traci
         self._actuation = self._driver.actuation
-        concrete = world.cases[case]
-        self.ego = stage.names[case][0]
-        self.names = _names(concrete, suffix(case, len(world.cases)))
-        self._native = isinstance(self.ads, NativeModel)
+        ads, self.ego = self.ads, stage.names[case][0]
+        self.names = _names(world.cases[case], suffix(case, len(world.cases)))
+        self._native = isinstance(ads, NativeModel)
         # a function needs no adapter, whose call takes time
-        plain = type(self.ads) is ObjectController and type(self.ads.target) is FunctionType
-        self._act = self.ads.target if plain else self.ads.step
+        plain = type(ads) is ObjectController and type(ads.target) is FunctionType
+        self._act = ads.target if plain else ads.step
         self._step, self._limits = world.settings.step, gripped(world.each[case].vehicle)
         self._half = 0.5 * self._limits.length
         self._take_road(world)
@@ -272,15 +271,15 @@ class _Hook:
 
         An ego that brakes for that place, as SUMO's own model does, keeps its route.
         """
-        vehicle = self._traci.vehicle
+        vehicle, ego = self._traci.vehicle, self.ego
         if not self._may_pass_lane_end():
             return
-        edges, route = vehicle_edges(self.road, self._state[1]), vehicle.getRoute(self.ego)
-        index = vehicle.getRouteIndex(self.ego)
+        edges, route = vehicle_edges(self.road, self._state[1]), vehicle.getRoute(ego)
+        index = vehicle.getRouteIndex(ego)
         following = slice(index + 1, index + 2)
-        drives_on = vehicle.getSpeed(self.ego) > vehicle.getSpeedWithoutTraCI(self.ego)
+        drives_on = vehicle.getSpeed(ego) > vehicle.getSpeedWithoutTraCI(ego)
         if drives_on and edges[following] != route[following]:
-            vehicle.setRoute(self.ego, edges[index:])
+            vehicle.setRoute(ego, edges[index:])
 
     def _may_pass_lane_end(self) -> bool:
         """Whether SUMO may move the ego past the end of its lane in this step."""
@@ -423,9 +422,9 @@ class _Hook:
         Its speed becomes that over the ground, of SUMO's two speeds: across the lane, and along it,
         which on a curved road SUMO counts on the road's line.
         """
-        calls, state = self._calls, self._state
-        front_x, front_y = calls.getPosition(self.ego)
-        angle, speed = calls.getAngle(self.ego), calls.getSpeed(self.ego)
+        calls, state, ego = self._calls, self._state, self.ego
+        front_x, front_y = calls.getPosition(ego)
+        angle, speed = calls.getAngle(ego), calls.getSpeed(ego)
         last_s, last_speed = state[0], state[3]
         last_x, last_y, last_heading = state[MAP : MAP + 3]
         if not (
@@ -441,7 +440,7 @@ class _Hook:
             ):
                 raise LeftTheRoadError
             before = front(Body(last_x, last_y, last_heading, last_speed, *sizes))
-            fault = impossible(calls, self.ego, before, now)
+            fault = impossible(calls, ego, before, now)
             raise ControllerError(f"The ADS is responsible: {fault}") if GUARD.moved else fault
         heading = math.remainder(math.radians(STRAIGHT - angle), math.tau)
         x, y = front_x - self._half * math.cos(heading), front_y - self._half * math.sin(heading)
@@ -460,7 +459,7 @@ class _Hook:
             # along and across the road's line, m, and heading relative to it
             pose = tuple(float(it) for it in frame_places(line, x, y, heading, near=last_s))
             self._bend = float(curvatures(line, pose[0]))
-            self._lanes = self._lanes[1], calls.getLaneIndex(self.ego)
+            self._lanes = self._lanes[1], calls.getLaneIndex(ego)
             stretch = 1.0 - self._bend * pose[1]
             # SUMO stretches a lane evenly, as in any of the road's curves: of the lengths along the
             # line that this motion may have, take the nearest to speed * step
@@ -480,7 +479,7 @@ class _Hook:
             if turned > 1e-3 + abs(last_speed * self._step * self._bend):
                 self._world.note(self._case, "heading", last_heading, heading)
         turned_or_moved = self._bent or moved_y != 0.0 or heading != 0.0
-        sideways = calls.getLateralSpeed(self.ego) if turned_or_moved else 0.0
+        sideways = calls.getLateralSpeed(ego) if turned_or_moved else 0.0
         if not -FASTEST < sideways < FASTEST:
             raise SimulationError(
                 f"SUMO gave vehicle `{EGO}` the speed {sideways:g} m/s across at {now:.2f} s."

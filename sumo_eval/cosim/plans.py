@@ -208,11 +208,15 @@ class _FollowedPlan:
     """A plan as the tracker follows it. end: its last time, s."""
 
     def __init__(self, plan: Plan, ego: Sequence[float], wheelbase: float) -> None:
-        time, x, y = (_numbers(name, getattr(plan, name)) for name in ("time", "x", "y"))
-        heading = None if plan.heading is None else _numbers("heading", plan.heading)
-        speed = None if plan.speed is None else _numbers("speed", plan.speed)
-        for name, values in (("x", x), ("y", y), ("heading", heading), ("speed", speed)):
-            if values is not None and len(values) != len(time):
+        numbers = {name: _numbers(name, getattr(plan, name)) for name in ("time", "x", "y")}
+        time, x, y = numbers.values()
+        numbers |= {
+            name: _numbers(name, given)
+            for name in ("heading", "speed")
+            if (given := getattr(plan, name)) is not None
+        }
+        for name, values in numbers.items():
+            if len(values) != len(time):
                 raise ControllerError(
                     f"`{name}` of the ADS's Plan must have as many values as `time`, {len(time)}, "
                     f"got {len(values)}"
@@ -226,9 +230,11 @@ class _FollowedPlan:
         self._time, self._x, self._y = time, x, y
         ego_heading, ego_speed = ego[2:4]
         self._heading = (
-            _directions(x, y, ego_heading) if heading is None else np.unwrap(heading).tolist()
+            np.unwrap(numbers["heading"]).tolist()
+            if "heading" in numbers
+            else _directions(x, y, ego_heading)
         )
-        self._speed = _speeds(time, x, y, ego_speed) if speed is None else speed
+        self._speed = numbers.get("speed") or _speeds(time, x, y, ego_speed)
         half = 0.5 * wheelbase
         self._front_x = [
             at + half * math.cos(psi) for at, psi in zip(x, self._heading, strict=True)
@@ -246,7 +252,7 @@ class _FollowedPlan:
         through its first or last point, at that point's speed.
         """
         times, last = self._time, len(self._time) - 1
-        if last == 0 or time <= times[0] or time >= times[last]:
+        if time <= times[0] or time >= times[last]:
             i = 0 if time <= times[0] else last
             driven = self._speed[i] * (time - times[i])
             psi = self._heading[i]
@@ -323,8 +329,8 @@ def _speeds(
     if len(time) == 1:
         return [ego_speed]
     driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    speeds: list[float] = np.gradient(driven, time, edge_order=2 if len(time) > 2 else 1).tolist()
-    return [max(speed, 0.0) for speed in speeds]  # second order may extrapolate below 0
+    speeds = np.gradient(driven, time, edge_order=2 if len(time) > 2 else 1)
+    return [max(speed, 0.0) for speed in speeds.tolist()]  # second order may extrapolate below 0
 
 
 def _numbers(name: str, values: Any) -> list[float]:

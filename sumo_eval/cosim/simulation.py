@@ -176,13 +176,14 @@ def _control(ads: Sequence[Any], seeds: Sequence[int], terms: Terms) -> EgoContr
     ads: what drives each case, all of one kind: baseline (`Compiled`), `Replay` or `Adapter`.
     """
     kind: type[EgoControl] = OneEach
-    if isinstance(ads[0], Compiled):
+    first = ads[0]
+    if isinstance(first, Compiled):
         kind = Rules
-    elif isinstance(ads[0], Replay):
+    elif isinstance(first, Replay):
         kind = Replays
-    elif not ads[0].is_policy:
+    elif not first.is_policy:
         kind = OnTraci
-    elif takes_arrays(ads[0].target):
+    elif takes_arrays(first.target):
         kind = OverArrays
         if terms.every > 1:
             raise InputError(
@@ -520,9 +521,9 @@ def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
     return (concrete.road.length - ego.x) / slowest
 
 
-_COMPARED: WeakKeyDictionary[Any, int] = WeakKeyDictionary()
+_COMPARED = WeakKeyDictionary[Any, int]()
 """By hook or policy: how many of its cases were driven together and alone."""
-_KEEPS_STATE: WeakKeyDictionary[Any, Alone] = WeakKeyDictionary()
+_KEEPS_STATE = WeakKeyDictionary[Any, Alone]()
 """By hook or policy that keeps state: why all its cases are driven alone."""
 
 

@@ -107,7 +107,7 @@ class Stage:
 
     def keep(self, world: World) -> None:
         """Keep only the rows that the world still has, in its order."""
-        self._width: int = 1 + world.others.shape[1]  # vehicles of a row
+        self._width = 1 + world.others.shape[1]  # vehicles of a row
         self._flat = [name for case in world.rows.tolist() for name in self.names[case]]
         self._edge = [self._edges[case] for case in world.rows.tolist() for _ in range(self._width)]
         # a memory view: to read a single number of it takes a tenth as long as of an array

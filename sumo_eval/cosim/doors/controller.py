@@ -240,17 +240,12 @@ class NativeModel(Adapter):
 
         Plexe's `CC` wants to know how many lanes there are.
         """
-        own = {
+        attributes = {"lanesCount": str(road.lanes)} if self.model == "CC" else {}
+        attributes |= {
+            "carFollowModel": self.model, "minGap": "2.5", "accel": "2.6", "decel": "4.5"
+        }  # fmt: skip
+        return attributes | {
             name: value for name, value in self.attributes.items() if not name.startswith(PARAMETER)
-        }
-        lanes = {"lanesCount": str(road.lanes)} if self.model == "CC" else {}
-        return {
-            **lanes,
-            "carFollowModel": self.model,
-            "minGap": "2.5",
-            "accel": "2.6",
-            "decel": "4.5",
-            **own,
         }
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:

@@ -317,6 +317,5 @@ def _of_vehicle(seen: Observations, frame: str, index: int, what: str) -> Floats
 
 
 def _check_range(name: str, low: float | None, high: float | None) -> None:
-    one_missing = (low is None) != (high is None)
-    if one_missing or (low is not None and high is not None and not low < high):
+    if (low is None) != (high is None) or (low is not None and high is not None and not low < high):
         raise must_be("`low` and `high`", f"`{name}`", "both given, low < high", (low, high))

@@ -109,7 +109,7 @@ class _Fmu:
         optional: Sequence[str],
         lists: Sequence[str] = (),
     ) -> None:  # fmt: skip
-        self.path = path
+        self.path, self._signals = path, signals
         try:
             import fmpy
         except ImportError as error:
@@ -137,10 +137,10 @@ class _Fmu:
             unit.name: unit.baseUnit.factor for unit in model.unitDefinitions if unit.baseUnit
         }
         self._variables = {variable.name: variable for variable in model.modelVariables}
-        self._inputs = self._wire_inputs(wiring, signals)
+        self._inputs = self._wire_inputs(wiring)
         self._outputs = self._wire_outputs(wiring, needed, optional, lists)
         self.lists = self._wire_lists(wiring, lists)
-        self._parameters = list(self._wired(wiring.parameters, "parameters", signals))
+        self._parameters = list(self._wired(wiring.parameters, "parameters"))
         self._instance: Any = None
         self.initialized = False
 
@@ -166,28 +166,26 @@ class _Fmu:
             raise must_be(f"`{name}`", owner, f"one of its {key} that can be set", got)
         return variable
 
-    def _wire_inputs(self, wiring: FmuSettings, signals: Sequence[str]) -> list[Wired]:
+    def _wire_inputs(self, wiring: FmuSettings) -> list[Wired]:
         rest = wiring.inputs.get("*")
         if rest not in (None, AS_IT_STARTS):
             raise must_be("`inputs.*`", f"FMU `{self.path.name}`", f"`{AS_IT_STARTS}`", rest)
         inputs = [name for name, it in self._variables.items() if it.causality == "input"]
         # an input without a mapping takes the signal of its name
-        mapping = {**{name: name for name in inputs if name in signals}, **wiring.inputs}
+        mapping = {**{name: name for name in inputs if name in self._signals}, **wiring.inputs}
         mapping.pop("*", None)
-        wired = list(self._wired(mapping, "inputs", signals))
+        wired = list(self._wired(mapping, "inputs"))
         for name in inputs:
             if name not in mapping and rest is None:
                 raise InputError(
                     f"Input `{name}` of FMU `{self.path.name}` is not a signal; `inputs` must "
                     f"map it. A number is a constant, `{AS_IT_STARTS}` its start value "
                     f"(`inputs.*={AS_IT_STARTS}`: of all that are "
-                    f"left).{did_you_mean(name, signals)}"
+                    f"left).{did_you_mean(name, self._signals)}"
                 )
         return wired
 
-    def _wired(
-        self, mapping: Mapping[str, str | float], key: str, signals: Sequence[str]
-    ) -> Iterator[Wired]:
+    def _wired(self, mapping: Mapping[str, str | float], key: str) -> Iterator[Wired]:
         """Inputs or parameters (`key`), and the signal or constant of each; without the inputs that
         keep their start values.
         """
@@ -197,12 +195,10 @@ class _Fmu:
                 continue
             if variable.type not in _TEXTS:
                 value = _number(value)
-                self._check_given(variable, value, key, signals)
+                self._check_given(variable, value, key)
             yield variable, value
 
-    def _check_given(
-        self, variable: Any, signal: str | float, key: str, signals: Sequence[str]
-    ) -> None:
+    def _check_given(self, variable: Any, signal: str | float, key: str) -> None:
         """Refuse a constant or signal that does not fit the type and size of a variable."""
         name, owner = f"`{variable.name}`", f"FMU `{self.path.name}`"
         is_array = _count(variable) is not None
@@ -215,7 +211,7 @@ class _Fmu:
         elif signal in OBJECTS and not is_array:
             raise must_be(name, owner, f"an array to be given `{signal}`", "one number")
         else:
-            check_known(f"signal for {owner}", signals, signal)
+            check_known(f"signal for {owner}", self._signals, signal)
 
     def _wire_outputs(
         self,
@@ -482,13 +478,13 @@ class FmuController(Adapter):
 
     def act(self, seen: Observation) -> Any:
         """One step of the FMU: what is seen goes in, the command comes out."""
-        signals: dict[str, Any] = dict(seen.signals())
-        if self._fmu.sees_objects:
+        fmu, signals = self._fmu, dict[str, Any](seen.signals())
+        if fmu.sees_objects:
             signals |= _objects(seen)
-        if not self._fmu.initialized:
-            self._fmu.begin(signals)
-        answer = self._fmu.step(signals, seen.time, self._step)
-        if self._fmu.lists:
+        if not fmu.initialized:
+            fmu.begin(signals)
+        answer = fmu.step(signals, seen.time, self._step)
+        if fmu.lists:
             return self._planned(answer)
         return Command.pedals(**answer) if "throttle" in answer else Command(**answer)
 
@@ -526,29 +522,30 @@ class FmuPlant:
     def __init__(self, wiring: PlantSettings, folder: Path | None) -> None:
         signals = ("acceleration", "steering", *_STATE, "time")
         outputs = ("acceleration", "steering_wheel_angle")
-        file = (folder or Path.cwd()) / wiring.file
-        self._fmu = _Fmu(file, wiring, signals, _STATE, outputs)
+        folder = folder or Path.cwd()
+        self._fmu = _Fmu(folder / wiring.file, wiring, signals, _STATE, outputs)
         self._offset: tuple[complex, float] | None = None  # x + y i, m, and heading, rad
         self._time = 0.0
 
     def advance(self, state: EgoState, command: Command, step: float) -> EgoState:
         """The state one step later."""
+        fmu = self._fmu
         signals = state._asdict() | {
             "acceleration": command.acceleration, "steering": command.steering, "time": self._time,
         }  # fmt: skip
         try:
             if self._offset is None:
-                self._fmu.load()
-                self._fmu.begin(signals)
-                first = self._fmu.read(_STATE)  # an acceleration may need a step
+                fmu.load()
+                fmu.begin(signals)
+                first = fmu.read(_STATE)  # an acceleration may need a step
                 if abs(first["speed"] - state.speed) > _SPEED_TOLERANCE:
                     raise SimulationError(
-                        f"The vehicle model {self._fmu.path.name} must start at {state.speed:g} "
+                        f"The vehicle model {fmu.path.name} must start at {state.speed:g} "
                         f"m/s, got {first['speed']:g}; map a parameter of it to `speed`."
                     )
                 turn = state.heading - first["heading"]
                 self._offset = complex(state.x, state.y) - _turned(first, turn), turn
-            outputs = self._fmu.step(signals, self._time, step)
+            outputs = fmu.step(signals, self._time, step)
         except ControllerError as error:
             raise SimulationError(f"The vehicle model: {error}.") from error
         self._time += step
@@ -558,8 +555,7 @@ class FmuPlant:
             "acceleration": (outputs["speed"] - state.speed) / step,
             "steering_wheel_angle": command.steering,
         }
-        heading = outputs["heading"] + turn
-        placed = {"x": position.real, "y": position.imag, "heading": heading}
+        placed = {"x": position.real, "y": position.imag, "heading": outputs["heading"] + turn}
         return EgoState(**motion | outputs | placed)
 
     def close(self) -> None:

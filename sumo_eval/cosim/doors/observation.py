@@ -517,7 +517,8 @@ class Perception:
         self._random = [
             random_stream(0, "perception", it) for it in streams if self._used[_CHANCE].any()
         ]
-        self._delays = self._limits[:, 0].max(), self._limits[:, 0].min()  # longest, shortest, s
+        delays = self._limits[:, 0]
+        self._delays = delays.max(), delays.min()  # longest, shortest, s
         self._steps = 0
         # time, egos and actors of the last steps, as far back as the longest delay
         self._memory: deque[tuple[float, FloatArray, FloatArray]] = deque()

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.controller import Briefing, PolicyController
 from sumo_eval.cosim.doors.entry import read_query, steps_between
-from sumo_eval.cosim.doors.features import Interface, read_interface
+from sumo_eval.cosim.doors.features import read_interface
 from sumo_eval.cosim.doors.observation import Observations
 from sumo_eval.errors import (
     ControllerError,
@@ -50,7 +50,7 @@ class OnnxPolicy:
         input_file(model, "model")
         table = table or model.with_suffix(".toml")  # beside the model, unless it is named
         input_file(table, "features table")
-        self.interface: Interface = read_interface(table)
+        self.interface = read_interface(table)
         self._session = _session(model)
         self.files = tuple(sorted({model, table, *_external_data(model)}))
         self._input, self._dtype, self._rows = self._checked_input()
@@ -76,13 +76,14 @@ class OnnxPolicy:
             names = ", ".join(it.name for it in given)
             raise must_be("The inputs", owner, "one array (rows, features)", names or "none")
         (it,) = given
+        what, shape = f"The input `{it.name}`", it.shape
         if it.type not in _DTYPES:
-            raise must_be(f"The input `{it.name}`", owner, "of float or double numbers", it.type)
+            raise must_be(what, owner, "of float or double numbers", it.type)
         wanted = len(self.interface.features)
-        if len(it.shape) != 2 or (isinstance(it.shape[1], int) and it.shape[1] != wanted):
-            shape = f"of shape (rows, {wanted}), as its table has {wanted} features"
-            raise must_be(f"The input `{it.name}`", owner, shape, tuple(it.shape))
-        rows = it.shape[0] or BLOCK
+        if len(shape) != 2 or (isinstance(shape[1], int) and shape[1] != wanted):
+            must = f"of shape (rows, {wanted}), as its table has {wanted} features"
+            raise must_be(what, owner, must, tuple(shape))
+        rows = shape[0] or BLOCK
         return it.name, _DTYPES[it.type], rows if isinstance(rows, int) else BLOCK
 
     def _checked_output(self, output: str | None) -> str:

@@ -78,16 +78,17 @@ class SumoNames(dict[str, str]):
 
         Raises TypeError for an object that may hold names.
         """
-        if type(answer) is str:
+        kind = type(answer)
+        if kind is str:
             return answer.replace(self.suffix, "")
-        if type(answer) is tuple or type(answer) is list:
+        if kind is tuple or kind is list:
             for it in answer:
                 if type(it) is not float:
-                    return type(answer)(map(self.outside, answer))
+                    return kind(map(self.outside, answer))
             return answer  # floats, nearly always a position: no names
         if answer is None or isinstance(answer, int | float):
             return answer
-        raise TypeError(f"an answer of type {type(answer).__name__}")
+        raise TypeError(f"an answer of type {kind.__name__}")
 
 
 class Guard:

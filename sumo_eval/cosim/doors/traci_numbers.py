@@ -53,7 +53,7 @@ _PARAMETERS = {
     }
     for domain, of_traci in (("vehicle", VehicleDomain), ("vehicletype", VehicleTypeDomain))
 }
-ARGUMENTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+ARGUMENTS = {
     domain: {call: tuple(it.name for it in own) for call, own in calls.items()}
     for domain, calls in _PARAMETERS.items()
 }

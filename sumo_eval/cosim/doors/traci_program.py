@@ -226,7 +226,7 @@ def _variables(port: int) -> dict[str, str]:
     """Environment of the program: the port, and where Python finds the `traci` that
     connects to it.
     """
-    path = os.pathsep.join([str(_STAND_IN), *filter(None, [os.environ.get("PYTHONPATH", "")])])
+    path = os.pathsep.join(filter(None, [str(_STAND_IN), os.environ.get("PYTHONPATH", "")]))
     return {_PORT: str(port), "PYTHONPATH": path}
 
 

@@ -9,6 +9,7 @@ call about more than the row takes the row out of its batch: `Guard.leave` raise
 
 from __future__ import annotations
 
+import functools
 import io
 import sys
 from collections.abc import Callable, Iterator
@@ -176,6 +177,7 @@ def _seen(domain: Any, call: str) -> Any:
     return lambda *_, **__: GUARD.leave()  # takes the row out of its batch
 
 
+@functools.cache
 def _view() -> list[tuple[Any, str, Any]]:
     """The calls that differ where cases share SUMO: domain, name of the call, its stand-in."""
     view: list[tuple[Any, str, Any]] = []
@@ -222,7 +224,6 @@ class _Console(io.TextIOBase):
 
 
 _NO_LIBSUMO = _NoLibsumo("libsumo")
-_VIEW: list[tuple[Any, str, Any]] = []
 
 
 @contextmanager
@@ -230,9 +231,7 @@ def sharing() -> Iterator[None]:
     """`import traci` gives the guarded one within this block, which answers for the row whose names
     `GUARD.names` has; `import libsumo` gives a stand-in that takes the row out.
     """
-    if not _VIEW:
-        _VIEW.extend(_view())
-    for domain, call, seen in _VIEW:
+    for domain, call, seen in _view():
         setattr(domain, call, seen)
     try:
         with (
@@ -245,5 +244,5 @@ def sharing() -> Iterator[None]:
             yield
     finally:
         GUARD.shared = False
-        for domain, call, _ in _VIEW:
+        for domain, call, _ in _view():
             delattr(domain, call)  # the inherited call of libsumo answers again

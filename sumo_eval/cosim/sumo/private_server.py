@@ -100,7 +100,7 @@ class Relay:
 
     def __init__(self, server: socket.socket) -> None:
         self._listener = socket.create_server((LOOPBACK, 0), backlog=1)
-        self.port: int = self._listener.getsockname()[1]
+        self.port = self._listener.getsockname()[1]
         self._server = server
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()

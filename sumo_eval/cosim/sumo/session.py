@@ -242,10 +242,12 @@ def check_start(
     by_map: `on_map` of `sumo_files.departures`.
     """
     road, calls = concrete.road, vehicles(traci)
-    starts: list[tuple[Any, ...]] = [(EGO, concrete.ego, settings.vehicle.length, None)]
-    starts += [
-        (it.name, replace(it.start, speed=departure_speed(it)), it.length, it.on_map)
-        for it in concrete.actors
+    starts = [
+        (EGO, concrete.ego, settings.vehicle.length, None),
+        *(
+            (it.name, replace(it.start, speed=departure_speed(it)), it.length, it.on_map)
+            for it in concrete.actors
+        ),
     ]
     for in_sumo, (name, start, length, on_map) in zip(
         names or [it[0] for it in starts], starts, strict=True

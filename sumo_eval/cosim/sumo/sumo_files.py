@@ -396,19 +396,20 @@ _EXACT = {"minGap": "0", "sigma": "0", "speedDev": "0"}
 
 def _own_attributes(actor: Actor) -> dict[str, str]:
     """Attributes of a vType that differ from those of a car that the harness moves."""
-    if actor.body == CAR and actor.model is None:
+    model = actor.model
+    if actor.body == CAR and model is None:
         return {}
     body = BODIES[actor.body]
     attributes = {"vClass": body.sumo_class, "guiShape": body.shape}
-    if actor.model is not None:
+    if model is not None:
         attributes |= _texts(
-            carFollowModel=actor.model.name, desiredMaxSpeed=_desired(actor.model.desired),
+            carFollowModel=model.name, desiredMaxSpeed=_desired(model.desired),
             accel="2.6", decel="4.5", emergencyDecel="9", minGap="2.5", tau="1",
             # else a slower vehicle that drives further to the left is never passed
             lcOvertakeRight="1",
-        ) | _texts(**dict(actor.model.numbers))  # fmt: skip
+        ) | _texts(**dict(model.numbers))  # fmt: skip
         # no noise of the EIDM: it comes from a random stream that all vehicles share
-        if actor.model.name == "EIDM":
+        if model.name == "EIDM":
             attributes |= {"sigmaleader": "0", "sigmagap": "0", "sigmaerror": "0"}
     return attributes
 
