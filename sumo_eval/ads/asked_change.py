@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Any
 
 from sumo_eval.ads.lane_change import shortest_duration
-from sumo_eval.ads.perception import bumper_gap, gap_behind, neighbours
+from sumo_eval.ads.perception import bumper_gap, neighbours
 from sumo_eval.kernels import kernel
 from sumo_eval.scenario.concrete import CHANGE_TIME, LEAST_CHANGE
 
@@ -31,8 +31,7 @@ def beside(way: Any, me: Any, others: Any, scenario: Any) -> tuple[int, int]:
     """Indexes of the nearest vehicles ahead and behind in the lane to change to, -1: none. One
     alongside the ego is both.
     """
-    strip = scenario.vehicle.width + 2.0 * STRIP
-    return neighbours(me, others, way.start + way.offset, strip)
+    return neighbours(me, others, way.start + way.offset, scenario.vehicle.width + 2.0 * STRIP)
 
 
 @kernel
@@ -63,7 +62,7 @@ def change_if_free(path: Any, way: Any, me: Any, others: Any, scenario: Any) -> 
             + closing * closing / (2.0 * DECELERATION)
             + HEADWAY * others[behind].along
         )
-        if gap_behind(me, others[behind]) < max(least, GAP):
+        if bumper_gap(others[behind], me) < max(least, GAP):
             return False
     path.offset, path.begin = way.offset, me.x
     # the usual time, as far as the road allows

@@ -94,8 +94,7 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
         yields = actor.model is not None and not ahead
         meets = not yields and _meets(ego, vehicle, track, until, concrete.road.line)
         # an ego that has to change lane waits for one from behind, as if that stood still
-        comes_from_behind = ego.way is not None and not ahead
-        speed = 0.0 if comes_from_behind else track.slowest
+        speed = 0.0 if ego.way is not None and not ahead else track.slowest
         foresights.append(Foresight(noticed, meets, speed, hidden=noticed > changes))
     return tuple(foresights)
 
@@ -145,10 +144,7 @@ def evasion(
     )  # fmt: skip
     if brakes_in_time:
         return straight
-    duration = shortest_duration(road.lane_width, EMERGENCY_LATERAL)
-    until = _end_at_its_speed(concrete, settings)
-
-    length = duration * speed
+    length = shortest_duration(road.lane_width, EMERGENCY_LATERAL) * speed
     steered = replace(ego, way=Way(road.lane_width, begin_x, begin_x + length, ends=False))
 
     def clear(actor: Actor, time: float, x: float, y: float) -> bool:
@@ -163,9 +159,9 @@ def evasion(
         least = FOLLOWING_GAP * speed if is_ahead else EMERGENCY_GAP
         return across >= CLEARANCE or along >= (0.0 if goes_round else least)
 
-    times = np.arange(0.0, until, _LOOK)
+    times = np.arange(0.0, _end_at_its_speed(concrete, settings), _LOOK)
     places = steered.x_after(speed * times)
-    way = list(zip(times.tolist(), places.tolist(), steered.y_at(places).tolist(), strict=True))
+    way = zip(times.tolist(), places.tolist(), steered.y_at(places).tolist(), strict=True)
     if not all(clear(actor, *at) for at in way for actor in concrete.actors):
         return straight
     return straight[0], road.lane_width, begin_x, length

@@ -23,7 +23,7 @@ from sumo_eval.ads.lane_change import (
     shortest_duration,
     smooth_step,
 )
-from sumo_eval.ads.perception import bumper_gap, gap_behind, neighbours
+from sumo_eval.ads.perception import bumper_gap, neighbours
 from sumo_eval.errors import must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.kernels import fields, flags, kernel
@@ -364,7 +364,7 @@ def _left_is_free(
             undiminished = duration * share_when_done(beside) + REAR_DELAY
             braking = closing * closing / (2.0 * REAR_DECELERATION)
             least = closing * undiminished + braking + me.along * REAR_HEADWAY
-        if gap_behind(me, others[behind]) < least:
+        if bumper_gap(others[behind], me) < least:
             return False
     return True
 

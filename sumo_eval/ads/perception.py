@@ -24,18 +24,10 @@ CROSSES = 0.1  # m/s; a road user that moves slower than this towards the path d
 
 @kernel
 def bumper_gap(me: Any, other: Any) -> float:
-    """Free road from the ego's front to the rear of a lead vehicle, m; negative when they are
+    """Free road from a vehicle's front to the rear of its lead vehicle, m; negative when they are
     side by side.
     """
     return float(other.x - me.x - other.half_length - me.half_length)
-
-
-@kernel
-def gap_behind(me: Any, other: Any) -> float:
-    """Free road from the front of a vehicle behind to the ego's rear, m; negative when they are
-    side by side.
-    """
-    return float(me.x - other.x - other.half_length - me.half_length)
 
 
 @kernel

@@ -50,8 +50,7 @@ def each_row(rule: Callable[..., None]) -> Callable[..., None]:
         for i in range(len(egos)):
             if egos[i].live:
                 at = first_of(scenario, i)
-                both = scenario[at : at + 2]
-                rule(egos[i], seen[i], own[i], watched[i], others_then[i], both)
+                rule(egos[i], seen[i], own[i], watched[i], others_then[i], scenario[at : at + 2])
 
     return loop
 
@@ -69,9 +68,9 @@ def decides(own: Any, scenario: Any) -> bool:
 
 def _numbers(thing: Any, layout: Layout) -> tuple[Any, ...]:
     """Attributes of an object as a record; one that has a layout becomes a nested record."""
-    values = ((getattr(thing, name), kind) for name, kind in layout)
     return tuple(
-        _numbers(value, kind) if isinstance(kind, list) else value for value, kind in values
+        _numbers(getattr(thing, name), kind) if isinstance(kind, list) else getattr(thing, name)
+        for name, kind in layout
     )
 
 
@@ -166,10 +165,13 @@ class Compiled:
             self._sizes = [
                 (traci.vehicle.getLength(n), traci.vehicle.getWidth(n)) for n in (ego, *self._names)
             ]
-        sized = zip((ego, *self._names), self._sizes, strict=True)
         # TraCI shows no speed across: 0
         bodies = np.array(
-            [(*_pose(calls, name, size[0], gone), *size, 0.0) for name, size in sized], BODY
+            [
+                (*_pose(calls, name, size[0], gone), *size, 0.0)
+                for name, size in zip((ego, *self._names), self._sizes, strict=True)
+            ],
+            BODY,
         )
         movers = np.zeros(len(bodies), MOVER)
         rear = 0.5 * float(self._scenario["vehicle"]["wheelbase"][0])

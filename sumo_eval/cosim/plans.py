@@ -108,9 +108,10 @@ class Executor:
                 self._in_force = Command(0.0)
             self.holds_plan |= isinstance(asked, Plan)
         elif asked is not None:
-            wheelbase = self._vehicle.wheelbase
             self._in_force = (
-                _FollowedPlan(asked, ego, wheelbase) if isinstance(asked, Plan) else asked
+                _FollowedPlan(asked, ego, self._vehicle.wheelbase)
+                if isinstance(asked, Plan)
+                else asked
             )
             self.holds_plan = isinstance(asked, Plan)
         held = self._in_force

@@ -330,8 +330,10 @@ class Stage:
         drives it, from a start that may be beside the lanes.
         """
         body = world.others[row, other]
-        past = body["x"] + 0.5 * body["length"] > world.end_of_lanes
-        return bool(past or world.players.plays["model"][row, other])
+        return bool(
+            body["x"] + 0.5 * body["length"] > world.end_of_lanes
+            or world.players.plays["model"][row, other]
+        )
 
     def compare(self, world: World) -> None:
         """Fail the cases in which SUMO shows a vehicle elsewhere than it received it."""

@@ -54,7 +54,8 @@ class Traffic(Stage):
     def keep(self, world: World) -> None:
         """Keep only the rows that the world still has, in its order."""
         cases = world.rows.tolist()
-        self._find_reacting(world)
+        # rows and columns of the vehicles that SUMO drives
+        self._reacting = np.nonzero(world.players.plays["model"])
         # whether each vehicle is a pedestrian or a cyclist
         self._walks = np.array(
             [[False, *(it.body in VULNERABLE for it in world.cases[case].actors)] for case in cases]
@@ -78,20 +79,15 @@ class Traffic(Stage):
         """
         return 1.0 - curvatures(self._road.line, x) * y
 
-    def _find_reacting(self, world: World) -> None:
-        """Find the rows and columns of the vehicles that SUMO drives."""
-        self._reacting = np.nonzero(world.players.plays["model"])
-
     def _hand_over(self, world: World) -> None:
         """Let SUMO drive the vehicles that have begun to follow in the last step."""
         present = (world.others["present"] == 1) & (world.egos["live"] == 1)[:, None]
-        handed_over = np.argwhere((world.players.plays["model"] == HANDED_OVER) & present).tolist()
-        new = [(row, j) for row, j in handed_over
-               if self._flat[self._number(row, j)] not in self._handed]  # fmt: skip
-        if new:
-            self._find_reacting(world)
-        for row, j in new:
-            self._hand_over_one(self._number(row, j), world.others[row, j])
+        models = world.players.plays["model"]
+        for row, j in np.argwhere((models == HANDED_OVER) & present).tolist():
+            number = self._number(row, j)
+            if self._flat[number] not in self._handed:
+                self._reacting = np.nonzero(models)
+                self._hand_over_one(number, world.others[row, j])
 
     def _hand_over_one(self, number: int, other: Any) -> None:
         """Let SUMO drive a vehicle from where it is and as fast as it is.

@@ -10,7 +10,6 @@ from tables import values_of
 from sumo_eval.ads.perception import (
     bumper_gap,
     carry_on,
-    gap_behind,
     is_in_sight,
     is_visible,
     lateral_overlap,
@@ -49,7 +48,7 @@ def test_a_turned_body_is_shown_by_its_extents_and_speeds_along_and_across_the_r
 def test_gaps_run_from_bumper_to_bumper():
     me = mover("ego", 100.0)
     assert bumper_gap(me, mover("ahead", 130.0)) == pytest.approx(25.5)
-    assert gap_behind(me, mover("behind", 70.0)) == pytest.approx(25.5)
+    assert bumper_gap(mover("behind", 70.0), me) == pytest.approx(25.5)
     assert bumper_gap(me, mover("beside", 102.0)) < 0.0
 
 

@@ -40,8 +40,8 @@ _READS = (
 
 def writing_calls(domain: type) -> dict[str, Callable[..., Any]]:
     """The calls of a domain of libsumo that write, by name."""
-    calls = {name: getattr(domain, name) for name in dir(domain) if not name.startswith(_READS)}
-    return {name: it for name, it in calls.items() if callable(it) and not isinstance(it, type)}
+    calls = inspect.getmembers(domain, inspect.isroutine)
+    return {name: call for name, call in calls if not name.startswith(_READS)}
 
 
 # Parameters of each call after the vehicle's name. They come from traci, as libsumo's overloaded

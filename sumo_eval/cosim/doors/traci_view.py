@@ -10,6 +10,7 @@ call about more than the row takes the row out of its batch: `Guard.leave` raise
 from __future__ import annotations
 
 import functools
+import inspect
 import io
 import sys
 from collections.abc import Callable, Iterator
@@ -166,9 +167,8 @@ def _seen(domain: Any, call: str) -> Any:
         return _listing(domain.getIDList)
     if kind in _OF_A_ROW and call.startswith(_READS) and call not in _OF_MANY:
         read = getattr(domain, call)
-        by_name = read.__code__.co_argcount == 1  # a static method: its argument is the name
         reading = _reading(read)
-        if by_name:
+        if read.__code__.co_argcount == 1:  # a static method: its argument is the name
             reading = _reading_by_name(insides.direct(call, read, kind), reading)
         # the ego's type has the ego's name
         if call in _OF_MODELS and kind in ("vehicle", "vehicletype"):
@@ -182,11 +182,9 @@ def _view() -> list[tuple[Any, str, Any]]:
     """The calls that differ where cases share SUMO: domain, name of the call, its stand-in."""
     view: list[tuple[Any, str, Any]] = []
     for domain in TRACI.DOMAINS:
-        for call in dir(domain):
-            read = getattr(domain, call)
+        for call, _ in inspect.getmembers(domain, inspect.isroutine):
             # the domains of `TRACI` override libsumo's writing calls, and guard them
-            writes = call in vars(domain)
-            if call.startswith("_") or isinstance(read, type) or not callable(read) or writes:
+            if call.startswith("_") or call in vars(domain):
                 continue
             if domain.__name__ != "simulation" or call not in _OF_ALL_ROWS:
                 view.append((domain, call, _seen(domain, call)))

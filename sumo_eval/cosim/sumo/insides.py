@@ -98,9 +98,9 @@ def direct(call: str, wrapper: Callable[..., Any], domain: str = "vehicle") -> C
 
     wrapper: the call itself, which is returned where it is not libsumo's own plain wrapper.
     """
-    plain = getattr(wrapper, "__module__", "") == "libsumo.libsumo"
-    wrapped = getattr(_LIBSUMO, f"{domain}_{call}", wrapper) if plain else wrapper
-    return cast("Callable[..., Any]", wrapper if kernels.PLAIN else wrapped)
+    if kernels.PLAIN or getattr(wrapper, "__module__", "") != "libsumo.libsumo":
+        return wrapper
+    return getattr(_LIBSUMO, f"{domain}_{call}", wrapper)
 
 
 def simulation_step(traci: Any) -> Callable[[], None]:
