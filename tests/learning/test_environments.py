@@ -357,8 +357,9 @@ def test_what_the_environment_cannot_do_is_refused():
         worthless.reset()
         with refusal("The reward of an environment must be a finite number for each of 2 episodes"):
             worthless.step(np.zeros((2, 1)))
-    with refusal(r"must be 2 x 1 numbers, got \(2, 3\)"):
-        many.step(np.zeros((2, 3)))
+    for actions, got in ((np.zeros((2, 3)), r"\(2, 3\)"), ("x", "'x'"), ([None, 1], "None")):
+        with refusal(rf"must be 2 x 1 numbers, got .*{got}"):
+            many.step(actions)
     with refusal("must be reset before its first step"):
         make("sumo_eval/cut_in-v0").unwrapped.step(np.zeros(1))
 

@@ -42,10 +42,11 @@ def _answers(interface: Interface, actions: Any, count: int) -> Floats:
     """
     width = interface.width
     if interface.choices is None:
-        values = np.asarray(actions, dtype=np.float64)
-        if values.size == count * width:
-            return values.reshape(count, -1)
-        wanted, given = f"{count} x {width} numbers", values.shape
+        values = np.asarray(actions)
+        numbers = values.dtype.kind in "biuf"
+        if numbers and values.size == count * width:
+            return values.reshape(count, -1).astype(np.float64)
+        wanted, given = f"{count} x {width} numbers", values.shape if numbers else actions
     else:
         index = np.asarray(actions).ravel()
         whole = len(index) == count and index.dtype.kind in "iu"
