@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from sumo_eval.errors import InputError
 
 MODULES = {
-    "sumo_eval.adapters": "copy the adapter from docs/examples/adapters: "
+    "sumo_eval.adapters": "copy the adapter from docs/examples/adapters and write "
     "`carla_agent.py:CarlaAgent?options.agent=...`",
 }
 """Removed modules that a locator may still name, and what to do instead."""
@@ -40,7 +40,7 @@ def refuse_command(words: Sequence[str]) -> None:
     """Raise InputError where a command line has a removed command or option."""
     for name, instead in COMMANDS.items():
         command, word = name.split()
-        # an option may stand anywhere, as `--word=VALUE` too, a subcommand only behind its command
+        # options may stand anywhere, also as `--word=VALUE`; a subcommand follows its command
         candidates = words[1:] if word.startswith("--") else words[1:2]
         if command in words[:1] and word in [it.partition("=")[0] for it in candidates]:
             raise InputError(f"`sumo-eval {name}` was removed: {instead}.")

@@ -100,7 +100,7 @@ def write_whole(path: Path, text: str) -> None:
     if path.exists() and not path.is_file():  # a pipe
         path.write_text(text, encoding="utf-8")
         return
-    # of this process alone: another one may write the same file
+    # named by process, as another one may write the same file
     half = path.with_name(f"{path.name}.{os.getpid()}.half")
     try:
         half.write_text(text, encoding="utf-8")

@@ -23,8 +23,8 @@ _FAINTEST = 0.12  # opacity of the faintest tile
 def density_maps(
     logical: LogicalScenario, cases: CaseTable, x: int, y: int
 ) -> list[tuple[str, Markup]]:
-    """Pictures of where all cases of an ADS lie in two parameters, with what each shows: how many
-    there are in each part of the plane, and which share of them collided.
+    """Captions and pictures of all cases of an ADS over two parameters: number in each tile, and
+    share that collided.
 
     x, y: columns of the parameters.
     """
@@ -56,7 +56,8 @@ def _tiles(
     """A square for each tile with a shade above 0.
 
     shade: 0..1, of each tile.
-    values: value of each tile in the saved table, which has the tile's middle, too.
+    values: of each tile, saved beside its middle in the chart's table.
+    words: label; the text before its first comma heads the values.
     """
     size = TILES * _SIDE
     middle = [

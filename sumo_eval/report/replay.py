@@ -98,7 +98,7 @@ def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> dict[str,
 
 
 def _companion(fact: Fact, store: Store, name: str) -> Fact:
-    """The drive of an ADS or of a driver at the point of a drive.
+    """Drive that `name` controls at the point of `fact`.
 
     Raises InputError if none is there, or for one that cannot be played.
     """

@@ -79,7 +79,7 @@ def _not_computed_lines(scores: Sequence[ScenarioResult]) -> Iterator[str]:
             if getattr(score, field) is not None or has_line_below or not reason:
                 continue
             line = missing_term(f"{name} of {score.ads} in {score.scenario}", reason)
-            # the line ends with `Its term counts 0 points.`; H counts in S+ alone
+            # H counts in S+ alone: `0 points.` becomes `0 points of S+.`
             yield f"{line[:-1]} of S+." if name == "H" else line
     if without_drivers:
         reason = reason_without("H", without_drivers[0])
@@ -100,12 +100,12 @@ def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
     """Cases that could not be evaluated: the first of each of `MOST_LISTED` kinds, and how many
     more there are.
 
-    Cases of one kind have the same ADS, status and place in the ADS's code, or without a place
-    the same reason. Of cases that were driven to their end, numbers in the reason may differ. Only
-    the first case of a kind is kept in memory: a million may be missing.
+    Cases of one kind have the same ADS, status and place in the ADS's code (without one: reason).
+    Of cases that were driven to their end, numbers in the reason may differ. Only the first case of
+    a kind is kept in memory: a million may be missing.
     """
     first: dict[tuple[str, str, str], tuple[str, str]] = {}
-    # number of further cases: of each listed kind, and under None of all kinds that are not listed
+    # number of further cases by listed kind; None: of all other kinds
     more: Counter[tuple[str, str, str] | None] = Counter()
     for case in chain.from_iterable(unevaluated(evaluation)):
         sentence = why_missing(case)
@@ -133,7 +133,7 @@ def _note_lines(scores: Sequence[ScenarioResult]) -> list[str]:
         ((score.scenario, score_note(note)), score.ads)
         for score in scores
         for note in score.notes
-        if not isinstance(note, CasesMissing | ReferenceMissing)  # above, with the cases
+        if not isinstance(note, CasesMissing | ReferenceMissing)  # in `_missing_lines`
     )
     return [f"{', '.join(ads)} in {name}: {text}" for (name, text), ads in owners.items()]
 
@@ -160,8 +160,8 @@ def _space_lines(evaluation: Evaluation) -> Iterator[str]:
 
 
 def ranking_lines(ranking: Ranking | None) -> list[str]:
-    """The ADSs in the order of S+, each with the difference to the first of the place above it or
-    of its own; none for a single ADS.
+    """ADSs in order of S+, each with the difference to the first of its place; the first of a
+    place has it to the first of the place above. No lines for one ADS.
     """
     if ranking is None or len(ranking.ads) < 2:
         return []
@@ -171,7 +171,7 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
         f"Ranking by S+ over all scenarios{weighed}{parts_of_total(ranking)}; "
         f"{ranking.level:z.0%} intervals:"
     ]
-    first = ""  # of the place
+    first = ""  # in the current place
     for ads in ranking.ads:
         if ads.place is None or ads.s_plus is None:
             lines.append(f"  not ranked: {one_line(ads.ads)} has no S+ in some scenario")
@@ -240,7 +240,7 @@ def change_lines(comparison: Comparison) -> list[str]:
 
 
 def comparison_notes(comparison: Comparison) -> Iterator[str]:
-    """Notes on ADSs and cases that are not compared, or not with their own name or zone."""
+    """Notes on ADSs and cases that are left out, or have another name or zone in the base."""
     for new, base in comparison.supposed.items():
         yield f"`{new}` is compared with `{base}`: each run has one ADS only."
     for name in comparison.only_new:
@@ -276,8 +276,8 @@ def gate_lines(
 ) -> list[str]:
     """Limits that failed with their worst cases, those not evaluated, and how many passed.
 
-    run: the folder whose cases they are, for the command that drives one of them again.
-    since: when each of them began to fail, by the limit's name.
+    run: folder of the cases, for commands that replay and drive one of them.
+    since: name of a limit -> since when it fails, in words.
     """
     lines = []
     for gate in failed(gates):
@@ -312,7 +312,7 @@ def ways_to(run: Path, case: str) -> dict[str, str]:
 
 def _unjudged_lines(gates: Sequence[GateResult]) -> Iterator[str]:
     """Limits that could not be evaluated, those with one reason on one line."""
-    # key: the ADS where a gate is `blind` (its cases cannot show a change), else ""; the reason
+    # by reason, and by ADS where a gate is `blind` (its cases cannot show a change)
     unjudged = grouped(
         ((gate.ads if gate.blind else "", gate.reason or gate.sentence), gate)
         for gate in gates
@@ -383,8 +383,7 @@ def ledger_sentences(account: Ledger) -> list[str]:
     """The lines that cost points, the costliest first: `H lost 6.1 of 100 points: plausibility in
     14 cases.`
     """
-    # The ledger of S has for each term a line without cases: all the points that the term can give.
-    # The ledger of S+ has no such line: there each term can lose all 100.
+    # all points that a term can give: in the ledger of S its line without cases, in that of S+ FULL
     whole = {
         line.term: line.points for line in account.lines if line.index > 0.0 and not line.entries
     }
@@ -424,7 +423,10 @@ def _ledger_lines(account: Ledger) -> list[str]:
 
 
 def nearest_cases(groups: Iterable[tuple[CaseTable, CaseTable]]) -> Iterator[str]:
-    """Lines on the nearest cases of each ADS, as `nearest` gives them."""
+    """Lines on the nearest cases of each ADS.
+
+    groups: all cases of an ADS, and the nearest of them.
+    """
     for cases, near in groups:
         first = cases[0]
         yield f"{one_line(first.ads)} in {first.scenario}, {count(len(cases), 'case')}:"

@@ -19,7 +19,7 @@ from sumo_eval.errors import InputError, unknown
 from sumo_eval.settings.checked import about
 
 KNOWN = ("1", "m", "s", "m/s", "m/s2", "m/s3", "deg", "rad", "1/s", "1/m", "1/km", "kg")
-"""Units of numbers as everything here takes them; `1` for a number without a unit."""
+"""Units of numbers in this package; `1` for a number without a unit."""
 _SPELT = {
     "m/s^2": "m/s2",
     "m/s²": "m/s2",
@@ -111,9 +111,9 @@ def check_unit(unit: str, owner: str, numbers: Mapping[str, float | None]) -> No
 
 
 def check_uses(table: Any, units: Mapping[str, str], where: str) -> None:
-    """Refuse a key of a table, or of a table in it, whose value is a parameter in a wrong unit.
+    """Refuse keys of a table or its tables that are set to parameters in a wrong unit.
 
-    units: by name.
+    units: of parameters by name; `1` always fits.
     """
     for item, key, name in _names_in(table):
         wanted, unit = about(type(item), key).unit, spelt(units.get(name, "1"))

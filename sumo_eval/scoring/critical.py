@@ -34,8 +34,8 @@ def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[t
         points = np.array([numbers[case] for case in cases.case.tolist()], dtype=np.intp)
         collided, likeness = cases.collided, cases.human_likeness
         critical = collided | cases.departed | (cases.status != "ok")
-        likened = np.flatnonzero(np.isfinite(likeness))
-        least_first = likened[np.lexsort((points[likened], likeness[likened]))]  # ties by point
+        rows = np.flatnonzero(np.isfinite(likeness))
+        least_first = rows[np.lexsort((points[rows], likeness[rows]))]  # ties by point
         critical[least_first[:LEAST_HUMAN]] = True
         if len(points) > 1:
             places = logical.to_unit(cases.parameters(logical.names))

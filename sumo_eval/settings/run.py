@@ -33,8 +33,7 @@ class RunSettings(Checked):
     )
     cases_per_pack: Annotated[PositiveInt, Le(512)] = setting(
         512,
-        "cases simulated together at most where the driver of the ego has a form for many; 1: "
-        "each alone",
+        "most cases in one simulation, if the ego's controller can serve several; 1: each alone",
     )
     engine: Literal["processes", "serial", "dask"] = setting(
         "processes",
@@ -44,9 +43,9 @@ class RunSettings(Checked):
     scheduler: str = setting("", "address of the Dask cluster's scheduler, e.g. tcp://host:8786")
     keep: Literal["all", "critical", "none"] = setting(
         "all",
-        "whose trajectories stay once a run is scored: all; those of points with a collision, "
-        "a drive that could not be evaluated, another outcome than the nearest point's, or "
-        "among an ADS's 100 least human-like; none",
+        "trajectories that stay once a run is scored; critical: at points with a collision, a "
+        "departure, a drive that could not be evaluated, another outcome than the nearest "
+        "point's, or one of an ADS's 100 least human-like cases",
     )
     incomplete: Literal["shown", "gate"] = setting(
         "shown",
@@ -59,5 +58,5 @@ class RunSettings(Checked):
         "carries it",
     )
     only: tuple[str, ...] = setting(
-        (), "cases of ADSs that alone are driven, e.g. cut_in-0042-idm; none: all of them"
+        (), "the only cases of ADSs to drive, e.g. cut_in-0042-idm; empty: all of them"
     )

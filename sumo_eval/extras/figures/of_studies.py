@@ -51,7 +51,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
     if not values:
         raise InputError(f"A night must have driven {ads} in {chosen} before this trend is drawn.")
 
-    # x of a night is its number; a night without a value, as None, is nan: the line has a gap there
+    # x: number of a night; y: nan in a night without a value, a gap in the line
     failed = [x for x, night in enumerate(nights) if night.exit_status == GATE_FAILED]
     panels = []
     for quantity in QUANTITIES:

@@ -36,8 +36,7 @@ from sumo_eval.cli.sentences import say
     help="Most simulations.",
 )
 @click.option("--tolerance", type=float, default=0.001, show_default=True,
-              help="Stop when a round is expected to move less than this share of the "
-                   "space.")  # fmt: skip
+              help="Stop if a smaller share of the space is expected to change sides.")  # fmt: skip
 @SEED
 @count_option("--workers", default=2, show_default=True, help="Processes that simulate.")
 @RESUME
@@ -52,7 +51,7 @@ def boundary(
     workers: int,
     resume: bool,
 ) -> None:
-    """Find the points of SCENARIO where ADS collides, in any shape, with few simulations.
+    """Find regions of any shape in SCENARIO where ADS collides, with few simulations.
 
     SCENARIO is a shipped name, a scenario file (.toml) or module:name; ADS a controller as in an
     evaluation file.
@@ -70,7 +69,7 @@ def boundary(
     setup = Setup(SimulationSettings(), RunSettings(workers=workers), Path.cwd())
     out = out or out_folder.default(scenario, ads)
     with trials_in(
-        out, setup, [ads], f"{scenario} {ads} {point_words(held)} seed={seed}", resume=resume
+        out, setup, [ads], study=f"{scenario} {ads} {point_words(held)} seed={seed}", resume=resume
     ) as trials:
         with Progress(at_most=True) as progress:
             result = find_boundary(
