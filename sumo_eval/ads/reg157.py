@@ -2,7 +2,7 @@
 
 A cut-in must be avoided when its TTC, as it intrudes into the lane, is above v_rel / (2 * 6 m/s2) +
 0.35 s: the system may take 0.35 s and brake at 6 m/s2. This ADS does just that, and begins no
-earlier than it must. docs/baselines.md lists the readings.
+earlier than it must. docs/baselines.md lists the interpretations.
 
 Users: `ads/eu_2022_1426.py`.
 """
@@ -69,8 +69,8 @@ def avoidable_ttc(closing_speed: float, granted: Any) -> float:
 def reg157_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
     """Deceleration that a vehicle in front demands, m/s2: all that is granted, or 0.
 
-    For one in the path that brakes: at a headway of 2 s or less. For any that has intruded into the
-    lane: at the TTC that can just be avoided, or less.
+    A braking vehicle in the path demands it at a headway of at most 2 s. A vehicle that has
+    intruded into the lane demands it at or below the critical TTC.
 
     p: parameters of `Reg157`.
     """
@@ -89,20 +89,20 @@ def reg157_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
 
 @dataclass(eq=False)
 class Reg157(Compiled):
-    """ADS `reg157`: brakes at 6 m/s2, 0.35 s after the last moment to act or after a lead
+    """ADS `reg157`: brakes at 6 m/s2, 0.35 s after the last moment to react or after a lead
     began to brake.
 
     margin: added to the critical TTC, s; by default one sensor step of 0.1 s.
     lead_braking: deceleration of a lead at 2 s headway or less above which the lead counts as
         braking, m/s2.
-    standstill_gap: subtracted from the gap for TTC, m. Without it the rule, which brakes only
-        while TTC is critical, would end exactly against the other vehicle: a contact at 0 m/s.
+    standstill_gap: subtracted from the gap for TTC, m. The rule brakes only while TTC is
+        critical: without this gap the ego would stop in contact, at 0 m/s.
     """
 
     loop = staticmethod(braking_loop(reg157_braking))
     memory, watched = SAFETY_MEMORY, SIGHTED
     numbers: ClassVar = [
-        ("brakes", [*BRAKES[1], *fields("build_up")]),
+        ("brakes", [*BRAKES[1], *fields("build_up")]),  # [1]: its fields
         *fields("margin", "lead_braking", "standstill_gap"),
     ]
     brakes: ClassVar[LastMoment] = LastMoment("reg157", braking=BRAKING, response=RESPONSE)

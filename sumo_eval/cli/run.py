@@ -90,8 +90,8 @@ def run(
     everything: bool,
     **changes: Any,
 ) -> None:
-    """Simulate and score EVALUATION, a TOML or .xosc file or a run; without one the paper's, with
-    --resume the run's own.
+    """Simulate and score EVALUATION: a TOML or .xosc file or a run (default: the paper's; with
+    --resume, the run's own).
     """
     from sumo_eval.record.children import warm_up
 
@@ -214,7 +214,7 @@ def verify(run: Path, share: float, workers: int | None) -> None:
     alike = defaultdict[str, list[str]](list)  # messages, by their reason without its numbers
     for case, why in differences:
         alike[without_numbers(why)].append(f"{case}: {why}.")
-    say(f"{line} Likewise {len(more)} more." if more else line for line, *more in alike.values())
+    say(f"{first} Likewise {len(rest)} more." if rest else first for first, *rest in alike.values())
     if differences:
         tell(f"{len(differences)} of {drives} drives of {run} differ from the recorded ones.")
         sys.exit(GATE_FAILED)

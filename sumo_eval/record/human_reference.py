@@ -43,7 +43,7 @@ from sumo_eval.settings import AnthropomorphicSettings
 
 _CHUNK = 2  # points that a process receives at once
 _KEPT_AT_ONCE = 32  # new results that are written together; scoring that is stopped loses as many
-_WORTH_PROCESSES = 160  # fewer drives of human drivers are done sooner than processes start
+_WORTH_PROCESSES = 160  # human drives; fewer are computed sooner than processes start
 
 
 @frozen
@@ -52,7 +52,7 @@ class PointJob:
 
     drivers: the human drivers' cases at the point.
     ads: the cases that get a D_i.
-    left_out: the ADSs' cases that get a D_i without each driver, and one after each exchange.
+    left_out: ADSs' cases that get a D_i without each driver, and one for each of `exchanges`.
     band: whether each driver gets a D_i against all other drivers.
     exchanges: pairs of places in `drivers`: the driver that is left out, and the one that counts
         twice instead.
@@ -170,7 +170,7 @@ def compute_points(
     done, new = len(jobs) - len(missing), list[KeptPart]()
     for part in spread(_compute_part, parts) if parts else ():
         results |= part
-        # each is the only part of its key, at place 0
+        # a result is one part, so its place is 0
         new += [(name[0], keys[name], 0, data) for name, data in part.items()]
         done = min(done + _CHUNK, len(jobs))
         if len(new) >= _KEPT_AT_ONCE or done == len(jobs):
@@ -180,7 +180,7 @@ def compute_points(
     if jobs and not missing:  # all were kept
         progress(done)
     records: dict[Kind, dict[Any, Any]] = {"index": {}, "left_out": {}, "band": {}}
-    # new ones too are made from their kept form, so that both are equal to the bit
+    # new results are decoded too, so that they equal kept ones to the bit
     for (kind, owner), data in results.items():
         records[kind][owner] = decoded(data, _RECORDS)
     return PointResults(*records.values())

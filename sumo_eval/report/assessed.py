@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 def write_assessed_report(
     evaluation: Evaluation, additions: Additions | None = None, *, progress: Progress = quiet
 ) -> Path:
-    """Write `confidence.json` and `report.html` into the evaluation's folder; the report's path.
+    """Write `confidence.json` and `report.html` into `evaluation.folder`; return the report's path.
 
     Without additions, both files stay if they are unchanged and made of the same scores, settings
     and sources: the run's cache holds a hash of both under `_key`.

@@ -56,7 +56,7 @@ def replay_in_gui(
     bodies: by the vehicle's name, those of `scenario.bodies`; a car where there is none.
     """
     program = program or sumo_gui()
-    from traci import main as traci  # the package itself is libsumo here, which has no window
+    from traci import main as traci  # `import traci` gives libsumo here, which has no window
 
     with tempfile.TemporaryDirectory(prefix="sumo_eval_") as name:
         folder, shows = Path(name), Path(program).name.startswith("sumo-gui")
@@ -89,7 +89,7 @@ def replay_in_gui(
 
 
 def _on_map(road: Road, trajectory: Trajectory) -> Trajectory:
-    """A trajectory along and across a road as one on the map."""
+    """A trajectory in road coordinates, converted to map coordinates."""
     if not road.bent:
         return trajectory
     x, y, heading = map_places(road.line, trajectory.x, trajectory.y, trajectory.heading)
@@ -136,7 +136,7 @@ def _place(traci: Any, name: str, trajectory: Trajectory, moment: float, edge: s
 
     SUMO's point is the middle of the front bumper, its angle clockwise from north.
 
-    edge: the road's only one; "": SUMO looks for the nearest.
+    edge: the road's; "" if it has several: SUMO takes the nearest.
     """
     x, y, heading = (
         float(np.interp(moment, trajectory.time, channel))

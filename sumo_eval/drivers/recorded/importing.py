@@ -62,11 +62,11 @@ def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
         raise InputError(f"Recordings must have different names, got {min(double)!r} twice.")
     table = pd.concat([part.table for part in parts], ignore_index=True)
     kinds = table[["recording", "vehicle", "class"]].drop_duplicates()["class"]
-    unknown = kinds[~kinds.isin({*MOTOR_CLASSES, "bicycle", "pedestrian"})].value_counts()
+    unknown_classes = kinds[~kinds.isin({*MOTOR_CLASSES, "bicycle", "pedestrian"})].value_counts()
     notes = [note for part in parts for note in part.notes]
     notes += [
         f"{count} vehicles have the class `{kind}`, which is not known: they are in no event."
-        for kind, count in unknown.items()
+        for kind, count in unknown_classes.items()
     ]
     return Recordings(table, tuple(dict.fromkeys(notes)))
 
@@ -75,9 +75,8 @@ def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
     """The recordings in files or folders of one format, one file at a time, so that memory holds
     only one.
 
-    Raises InputError at the call for an unknown format, for no path, and for a folder of canonical
-    tables; for a missing path, one without such files, and a mistake in a file only when it is
-    reached.
+    Raises InputError at the call for an unknown format, no path or a folder of canonical tables.
+    A missing path, a folder without such files or a mistake in a file raises it when reached.
     """
     if form not in FORMATS:
         raise unknown("format of recordings", form, FORMATS)

@@ -29,9 +29,9 @@ def plot(
     case: str | None,
     width: str,
 ) -> None:
-    """Draw FIGURE for a paper. RUN is a run: zone_map, field, trajectories, time_history,
-    collisions, boundary, intervals, points, opinion; a folder of nights: trend; what `sumo-eval
-    boundary` wrote: boundary.
+    """Draw FIGURE for a paper. A run has zone_map, field, trajectories, time_history,
+    collisions, boundary, intervals, points, opinion; a folder of nights has trend; one of
+    `sumo-eval boundary` has boundary.
     """
     from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw, is_searched
     from sumo_eval.extras.figures.style import ending_of, refuse_without_matplotlib, save, width_of

@@ -135,7 +135,7 @@ def _awaited(root: Node) -> set[str]:
             if _kinds(Node(holder)) or holder.find("ManeuverGroup/CatalogReference") is not None:
                 names.add(name)
             waits.append((name, _names_around(holder)))
-    # what an awaited element waits for is awaited too; a chain has at most one link a condition
+    # what an awaited element waits for is awaited too; each round follows chains one link further
     for _ in waits:
         names |= {name for name, around in waits if around & names}
     return names
@@ -262,7 +262,7 @@ class _Player:
             road = entity.placed().road
             beside = road is None or road.name != self.frame.road
             entity.on_map = entity is not self.ego and (
-                self.frame.turns or (beside and bool(self.frame.line))
+                self.frame.turns or (beside and bool(self.frame.line))  # beside a curved road
             )
             entity.frame = framed(entity, self.frame)
         for distance, entity in self.distances:
@@ -367,8 +367,8 @@ class _Player:
             self._ignore(element)
 
     def _speed_at_start(self, element: Node, entity: Entity) -> None:
-        """Set a first speed; a gradual change to it, or a relative one kept, is a move from 0 s."""
-        entity.waits -= 1  # a speed relative to the entity itself does not wait for this action
+        """Set a first speed; a gradual change or continuous relative target is a move from 0 s."""
+        entity.waits -= 1  # or a speed relative to its own entity would wait for itself
         try:
             speed = target_speed(element, self.places)
         except UnplacedError:
@@ -426,7 +426,7 @@ class _Player:
 
     def _act(self, act: Node) -> None:
         begin = self.conditions.moment(act, Moment(0.0))
-        span = self.conditions.note(act, Span(begin, NEVER))  # for conditions within it
+        span = self.conditions.note(act, Span(begin, NEVER))  # for its conditions; ends below
         before = [len(entity.acts) for entity in self.actors]
         whole = Span.over(begin, [self._group(it, begin) for it in act.all("ManeuverGroup")])
         span.end, span.ended = whole.end, whole.ended
@@ -448,13 +448,14 @@ class _Player:
         at: when the condition holds.
         before: for each actor, how many moves it had before the act.
         """
-        # appended to a move's condition, in postfix: and "the condition has held", 0 or 1, < 0.5
+        # appended, in postfix: and held < 0.5; held is 1 once the condition held, else 0
         stays = *self.conditions.latch(at.program, 0.0), (played.VALUE, 0, 0, 0.5)
         rest = (*stays, operation(played.BELOW), operation(played.AND))
         for entity, count in zip(self.actors, before, strict=True):
             acts = entity.acts
             own = [k for k in range(count, len(acts)) if not changes_nothing(acts[k])]
             if own and (at.time > 0.0 or any(acts[k].kind <= played.COSINE for k in own)):
+                # up to COSINE: across the road
                 raise stop.fault("an act that a condition stops is supported for changes of speed, "
                                  "without a delay")  # fmt: skip
             for k in own:
@@ -497,9 +498,9 @@ class _Player:
         # supported: parallel events, and to overwrite a move by one of the same kinds
         if not (kinds and others) or (not skips and (priority == "parallel" or kinds == others)):
             return
-        # two speed changes, one with a condition, may overlap: the later ends the earlier here too
+        # two speed changes, one with a condition, may overlap: `played` too ends the earlier one
         apart = skips or "LateralAction" in others or (span.begin.known and running.begin.known)
-        # required of these: the other event begins later, or ends before this one begins
+        # other pairs: `other` begins later, or ends before this event begins
         if apart and not (
             self.moves.follows(running.begin, replace(span, end=span.begin.time))
             or self.moves.follows(span.begin, running)
@@ -537,6 +538,7 @@ class _Player:
                 span = Span.over(spans[0].begin, spans) if spans else Span(begin, NEVER)
             parts.append(self.conditions.note(action, span))
         span = self.conditions.note(event, Span.over(begin, parts))
+        # ends as it begins, by a condition
         if awaited and begin.program and span.end < NEVER and not span.ended:
             return replace(span, ended=self.conditions.latch(begin.program, begin.time))
         return span

@@ -94,8 +94,9 @@ def _why_left_out(obstacle: Any) -> str:
 
 
 def _samples(obstacle: Any, path: Path) -> list[dict[str, Any]]:
-    """The samples of a vehicle, with t in time steps, refused where a state is an interval or an
-    area.
+    """Samples of a vehicle, t in time steps.
+
+    Raises InputError if a state is an interval or an area.
     """
     states = obstacle.findall("initialState") + obstacle.findall("trajectory/state")
     for tags in _SETS:
@@ -146,9 +147,7 @@ def _even(line: FloatArray, count: int) -> FloatArray:
 
 
 def _offsets(table: pd.DataFrame, centres: FloatArray) -> FloatArray:
-    """Distance of each sample to the left, as it is headed, of the nearest lanelet's centre line,
-    m.
-    """
+    """Offset of each sample from the nearest lanelet's centre line, m, positive to its own left."""
     samples = table[["x", "y", "heading"]].to_numpy()
     near = centres[cKDTree(centres[:, :2]).query(samples[:, :2])[1]]
     dx, dy, turned = (samples - near).T

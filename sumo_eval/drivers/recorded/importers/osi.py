@@ -2,9 +2,9 @@
 
 A trace (`.osi`, also `.osi.gz`, `.osi.xz`) holds messages in order, each preceded by its length
 (4 bytes, little-endian). They are GroundTruth, or SensorView (`_sv_` in the file's name), which
-holds a GroundTruth. An MCAP file names the kind of each message. Of a GroundTruth its time and its
-moving objects are read, by the field numbers of OSI 3, which no release of it may change. Positions
-are centres, angles counter-clockwise from x, as here. MCAP needs the extra `osi`, tables the extra
+holds a GroundTruth. An MCAP file names the kind of each message. Time and moving objects of a
+GroundTruth are read by their field numbers, which no release of OSI 3 may change. Positions are
+centres, angles counter-clockwise from x, as here. MCAP needs the extra `osi`, tables the extra
 `parquet`.
 
 Users: `drivers/recorded/importing.py`.
@@ -85,7 +85,7 @@ def _moving_objects(path: Path) -> pd.DataFrame:
 
 
 def _why_left_out(kinds: pd.DataFrame, bodies: pd.DataFrame) -> pd.Series[str]:
-    """Reason why each object is left out; empty: it is not.
+    """Reason to leave out each object; empty keeps it.
 
     kinds: type and subtype; bodies: length and width, m; a row each.
     """
@@ -151,7 +151,7 @@ def _mcap(path: Path) -> Iterator[tuple[str, bytes]]:
                 if kind in ("GroundTruth", _SENSOR_VIEW):
                     yield kind, message.data
         except (mcap_error, ValueError, struct.error) as error:
-            raise InputError(f"{path} is not an MCAP file, or a damaged one: {error}.") from error
+            raise InputError(f"{path} is damaged or not an MCAP file: {error}.") from error
 
 
 def _ground_truth(message: bytes) -> Iterator[Row]:
