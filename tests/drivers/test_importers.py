@@ -1,5 +1,6 @@
 """Importers: the traps of each format, on real samples and on rows worked by hand."""
 
+import gzip
 import shutil
 
 import numpy as np
@@ -308,6 +309,7 @@ commonroad | x.xml | <commonRoad timeStepSize='0.1'>\n<dynamic | is not well-for
 commonroad | x.xml | <commonRoad timeStepSize='nan'/> | must be a number, got 'nan'
 commonroad | x.xml | <commonRoad timeStepSize='0'/> | must have a `timeStepSize` above 0 s
 sumo_fcd | x.csv | FCD0;;;;;\n1;90;a;oops;2;3\n | `speed` in row 3 of
+sumo_fcd | x.xml.gz | <fcd-export/> | cannot be read: Not a gzipped file
 openacc | x.csv | a,b\n1,2\n | must begin with the five rows
 dlr_highway | x.csv | timestamp,id\n1,2\n | must have the columns `center_easting`
 """),
@@ -355,7 +357,7 @@ def test_sumo_keeps_every_id_beside_a_step_without_vehicles(tmp_path):
     assert (bicycle["class"], bicycle["length"]) == ("bicycle", 1.6)
 
 
-@pytest.mark.parametrize("name", ["x.csv", "x.xml"])
+@pytest.mark.parametrize("name", ["x.csv", "x.xml", "x.xml.gz"])
 def test_sumo_leaves_persons_out_with_a_note(tmp_path, name):
     """SUMO's own table has persons as vehicles of an edge and without a lane."""
     pose = "x='1' y='2' speed='3' angle='90'"
@@ -364,7 +366,8 @@ def test_sumo_leaves_persons_out_with_a_note(tmp_path, name):
         "x.xml": f"<fcd-export><timestep time='0'><vehicle id='a' {pose} lane='e_0'/>"
         f"<person id='p' {pose} edge='e'/></timestep></fcd-export>",
     }
-    (tmp_path / name).write_text(text[name])
+    packed = gzip.compress if name.endswith(".gz") else bytes
+    (tmp_path / name).write_bytes(packed(text[name.removesuffix(".gz")].encode()))
     table, notes = sumo_fcd.read(tmp_path / name)
     assert table["vehicle"].tolist() == ["a"]
     assert notes[1] == f"Persons and containers of {name} are left out: 1."

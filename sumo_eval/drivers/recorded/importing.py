@@ -37,7 +37,7 @@ READERS: dict[str, tuple[Callable[[Path], Samples], Sequence[str]]] = {
     **dict.fromkeys(("ind", "exid", "round", "unid"), (levelx.read, ("*_tracks.csv",))),
     "ngsim": (ngsim.read, ("*.csv", "*.txt")),
     "commonroad": (commonroad.read, ("*.xml",)),
-    "sumo_fcd": (sumo_fcd.read, ("*.xml", "*.csv")),
+    "sumo_fcd": (sumo_fcd.read, ("*.xml", "*.csv", "*.gz")),
     "openacc": (openacc.read, ("*.csv",)),
     "dlr_highway": (dlr_highway.read, ("trajectories_*.csv",)),
     "osi": (osi.read, [f"*{ending}" for ending in osi.ENDINGS]),

@@ -10,6 +10,7 @@ Users: `drivers/recorded/importing.py`.
 
 from __future__ import annotations
 
+import gzip
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,7 @@ _NEEDED = ("x", "y", "angle", "speed")
 
 def read(path: Path) -> Samples:
     """The recordings of a file."""
-    is_xml = path.suffix == ".xml"
+    is_xml = ".xml" in path.suffixes
     rows = _from_xml(path) if is_xml else _from_csv(path)
     # a vehicle has a lane, a person or container an edge
     on_edge = rows.get("edge", pd.Series(np.nan, rows.index)).notna()
@@ -94,10 +95,10 @@ def _from_csv(path: Path) -> pd.DataFrame:
 
 
 def _from_xml(path: Path) -> pd.DataFrame:
-    rows = []
+    rows, opened = [], gzip.open if path.suffix == ".gz" else open
     with reading_xml(path):
         for _, step in etree.iterparse(
-            str(input_file(path, "file")),
+            opened(input_file(path, "file"), "rb"),
             tag="timestep",
             resolve_entities=False,
             no_network=True,

@@ -10,6 +10,7 @@ import csv
 import gzip
 import itertools
 import warnings
+import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -57,7 +58,7 @@ def reading_xml(path: Path) -> Iterator[None]:
     """Raise InputError for a file that cannot be read, or for the line where it is damaged."""
     try:
         yield
-    except OSError as error:
+    except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
     except etree.XMLSyntaxError as error:
         raise InputError(f"{path} is not well-formed XML: {str(error.msg).rstrip('.')}.") from error
