@@ -133,7 +133,7 @@ def path_towards(path: Any, target: float, duration: float, rise: float, vehicle
     fall = vehicle.brake_jerk
     braked = moved(path.level, target, min(rise, fall) if target > path.level else fall, duration)
     path.level = braked.level
-    return float(braked.lost)
+    return braked.lost
 
 
 @kernel
@@ -162,7 +162,7 @@ def path_command(
     braked = moved(before, command, fall, step)
     path.brakes = braked.level
     path.owed += lost - braked.lost
-    return float(command)
+    return command
 
 
 @kernel

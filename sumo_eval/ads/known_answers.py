@@ -74,7 +74,7 @@ def is_too_close_to_hider(
         if known.meets > 0.0 and known.hidden > 0.0 and time < known.noticed:
             build_up = p.deceleration / scenario.vehicle.brake_jerk  # s until it brakes fully
             safe = safe_gap(me.along, others[lead].along, p.deceleration, build_up)
-            return bool(bumper_gap(me, others[lead]) < safe)
+            return bumper_gap(me, others[lead]) < safe
     return False
 
 
@@ -104,8 +104,8 @@ def full_braking(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time
             calls = calls or is_faster or alongside
         if calls:
             begins = min(begins, known.noticed)
-    return -float(
-        switched(level, p.deceleration, begins - time, scenario.vehicle.brake_jerk, scenario.step)
+    return -switched(
+        level, p.deceleration, begins - time, scenario.vehicle.brake_jerk, scenario.step
     )
 
 

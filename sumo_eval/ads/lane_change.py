@@ -48,7 +48,7 @@ def smooth_step_bend(share: float) -> float:
 @kernel
 def path_y(path: Any, x: float) -> float:
     """y of a path at x, m."""
-    return float(path_at(path, x)[0])
+    return path_at(path, x)[0]
 
 
 @kernel

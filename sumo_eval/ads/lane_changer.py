@@ -75,7 +75,7 @@ def wanted_at(scene: Any, after: float) -> float:
     tried = own.tried
     tried.desired_speed = own.desired_speed
     tried.free = free_acceleration(own.then.speed, own.desired_speed, own.p.idm)
-    return float(overtake(tried, own.then, others_then, watched, own.p, way, scenario))
+    return overtake(tried, own.then, others_then, watched, own.p, way, scenario)
 
 
 @kernel
@@ -137,7 +137,7 @@ def _decide(scene: Any) -> float:
         _decide_at(scene, split)  # what it decides there holds for the rest of the cycle
         wanted = wanted_at(scene, 0.5 * (split + step))
     gained += gained_towards(own.pedals, max(wanted, -vehicle.max_deceleration), rest, vehicle)
-    return float(pedal_command(own.pedals, me.speed, gained, vehicle, step))
+    return pedal_command(own.pedals, me.speed, gained, vehicle, step)
 
 
 @kernel

@@ -309,7 +309,7 @@ def _needed_braking(lead: Any) -> float:
     if lead.closing <= 0.0:
         return 0.0
     room = lead.gap - BRAKE_BUILD_UP * lead.closing
-    return float(lead.closing * lead.closing / (2.0 * room)) if room > 0.0 else inf
+    return lead.closing * lead.closing / (2.0 * room) if room > 0.0 else inf
 
 
 @kernel

@@ -321,7 +321,7 @@ def _approached(
     if not needed > p.in_path_limit:
         return math.nan
     if own.looked == 0:  # there is no step before this one
-        return float(time)
+        return time
     take(own.then, me)
     carry_on(own.then, -step)
     take(other_then, other)
@@ -330,7 +330,7 @@ def _approached(
     earlier = _needed(own.then, other_then, known, p)
     # share of the step after which the need crossed the limit
     share = (p.in_path_limit - earlier) / (needed - earlier) if earlier < p.in_path_limit else 0.0
-    return float(time - (1.0 - share) * step)
+    return time - (1.0 - share) * step
 
 
 @kernel
@@ -360,7 +360,7 @@ def _end_events_within(me: Any, others: Any, watched: Any, step: float) -> float
         known = watched[j]
         if not math.isnan(known.necessary_at) and others[j].x > me.x:
             known.braked_at = known.evaluated_at = known.necessary_at = math.nan
-    return float(ends)
+    return ends
 
 
 @kernel

@@ -84,7 +84,7 @@ def reg157_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
     if closing > 0.0:
         critical = avoidable_ttc(closing, p.brakes) + p.margin + p.standstill_gap / closing
         demands = demands or time_to_collision(me, other) <= critical
-    return float(p.brakes.braking) if demands else 0.0
+    return p.brakes.braking if demands else 0.0
 
 
 @dataclass(eq=False)

@@ -174,7 +174,7 @@ class Compiled:
             BODY,
         )
         movers = np.zeros(len(bodies), MOVER)
-        rear = 0.5 * float(self._scenario["vehicle"]["wheelbase"][0])
+        rear = 0.5 * self._scenario["vehicle"]["wheelbase"][0]
         _show_rows(movers, self._in_frame(bodies), knots_of(self._line), rear)
         egos = self._egos
         egos["time"] = time
@@ -182,7 +182,7 @@ class Compiled:
             egos["way"]["start"] = movers["y"][0]
             egos["way"]["length"] = 1.0
             if self._way is not None:
-                write_way(egos[0], self._way, float(movers["y"][0]), float(movers["speed"][0]))
+                write_way(egos[0], self._way, movers["y"][0], movers["speed"][0])
         egos["seen"][0] = movers[0]
         self._seen[0] = movers[1:]
         type(self).loop(egos, self._seen, *self._own, self._scenario, time)

@@ -50,7 +50,7 @@ def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
     reach = 0.5 * ego.width - LOSS_MARGIN
     for body in (ego, coming):
         x, y = front(body)
-        right, left = float(road.right_edge_at(x)), float(road.left_edge_at(x))
+        right, left = road.right_edge_at(x), road.left_edge_at(x)
         front_off = not (right - reach <= y <= left + reach and 0.0 <= x <= road.end)
         centre_off = not road.right_edge_at(body.x) <= body.y <= road.left_edge_at(body.x)
         if centre_off or front_off:

@@ -201,7 +201,7 @@ class Executor:
         )
         # theta and heading are relative to the road, so its curvature has to be added
         if self._line:
-            turn += math.atan(limits.wheelbase * float(curvatures(self._line, front)))
+            turn += math.atan(limits.wheelbase * curvatures(self._line, front))
         return Command(acceleration, turn * limits.steering_ratio)
 
 

@@ -99,13 +99,13 @@ class Traffic(Stage):
         calls.setSpeedMode(name, _ITS_OWN_SPEED_MODE)
         if not self.as_read:
             self._hide_shadow(number)
-            x, y, lane = float(other["x"]), float(other["y"]), int(lanes_at(road, other["y"]))
+            x, y, lane = other["x"], other["y"], int(lanes_at(road, other["y"]))
             ground = float(self._ground_of_lane(x, y)) if self._bent else 1.0
             # SUMO's position is that of the front, in metres of the lane
-            half = 0.5 * float(other["length"])
+            half = 0.5 * other["length"]
             calls.moveTo(name, f"{self._edge[number]}_{lane}", x + half / ground)
             calls.setLateralLanePosition(name, y - road.lane_width * lane)
-        speed = float(other["speed"]) * math.cos(float(other["heading"]))
+        speed = other["speed"] * math.cos(other["heading"])
         calls.setPreviousSpeed(name, max(speed, 0.0))
         calls.setSpeed(name, -1.0)
         self._told.pop(name, None)

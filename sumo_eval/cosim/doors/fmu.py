@@ -310,7 +310,7 @@ class _Fmu:
         outputs = {}
         for name in names:
             variable, index = self._outputs[name]
-            outputs[name] = float(self._values([variable])[index]) * self._factor(variable)
+            outputs[name] = self._values([variable])[index] * self._factor(variable)
         if not all(map(math.isfinite, outputs.values())):
             raise ControllerError(f"FMU `{self.path.name}` must give finite numbers, got {outputs}")
         return outputs
@@ -318,7 +318,7 @@ class _Fmu:
     def read_lists(self) -> dict[str, list[float]]:
         """The outputs that are many numbers."""
         return {
-            name: [float(value) * self._factor(variables[0]) for value in self._values(variables)]
+            name: [value * self._factor(variables[0]) for value in self._values(variables)]
             for name, variables in self.lists.items()
         }
 
@@ -499,7 +499,7 @@ class FmuController(Adapter):
         self._plan = number
         lists = self._fmu.read_lists()
         most = min(len(values) for values in lists.values())
-        count = answer.get("plan_count", float(most))
+        count = answer.get("plan_count", most)
         if not 1.0 <= count <= most:
             raise ControllerError(
                 f"`plan_count` of FMU `{self.path.name}` must be within 1 and {most}, the places "

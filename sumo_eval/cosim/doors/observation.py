@@ -52,7 +52,7 @@ def limits_of(conditions: ConditionSettings) -> tuple[float, ...]:
         conditions.position_noise, conditions.speed_noise,
         conditions.sensor_range or math.inf,
         math.radians(conditions.field_of_view_deg or 360.0) / 2.0,
-        float(conditions.occlusion),
+        conditions.occlusion,
     )  # fmt: skip
 
 

@@ -105,8 +105,8 @@ def _play(
     shows: bool,
 ) -> None:
     traci.route.add("road", list(edges))
-    start = min(float(trajectory.time[0]) for trajectory in vehicles.values())
-    end = float(vehicles[EGO].time[-1])
+    start = min(trajectory.time[0] for trajectory in vehicles.values())
+    end = vehicles[EGO].time[-1]
     for name in vehicles:
         traci.vehicle.add(
             name, "road", typeID=name, depart="now", departPos="0", departLane="0", departSpeed="0"
@@ -120,12 +120,12 @@ def _play(
     edge = edges[0] if len(edges) == 1 else ""
     for moment in np.arange(start, end + STEP, STEP):
         for name, trajectory in vehicles.items():
-            _place(traci, name, trajectory, min(float(moment), end), edge)
+            _place(traci, name, trajectory, min(moment, end), edge)
         if collision is not None and moment + STEP > collision.time:
             traci.vehicle.setColor(EGO, (198, 40, 40, 255))
         traci.simulationStep()
         if shows:
-            time.sleep(max(0.0, float(moment) - start - (time.monotonic() - clock)))
+            time.sleep(max(0.0, moment - start - (time.monotonic() - clock)))
     while shows:  # the last frame stays until the window is closed, which ends the connection
         traci.simulation.getTime()
         time.sleep(4 * STEP)
@@ -139,7 +139,7 @@ def _place(traci: Any, name: str, trajectory: Trajectory, moment: float, edge: s
     edge: the road's; "" if it has several: SUMO takes the nearest.
     """
     x, y, heading = (
-        float(np.interp(moment, trajectory.time, channel))
+        np.interp(moment, trajectory.time, channel)
         for channel in (trajectory.x, trajectory.y, np.unwrap(trajectory.heading))
     )
     half = trajectory.length / 2.0

@@ -264,7 +264,7 @@ def check_start(
         if road.bent and (by_map or not concrete.reacts):
             meant, tolerance = map_places(road.line, front, start.y), bend_tolerance(road, start.y)
             # one distance, on the map: beside the line, a metre along it is another length
-            ahead = left = math.hypot(x - float(meant[0]), y - float(meant[1]))
+            ahead = left = math.hypot(x - meant[0], y - meant[1])
             x, y = (float(it) for it in frame_places(road.line, x, y, near=front)[:2])
         else:
             if road.bent:  # vehicles that SUMO drives have places along their lanes
