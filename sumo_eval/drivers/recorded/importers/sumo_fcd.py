@@ -95,10 +95,10 @@ def _from_csv(path: Path) -> pd.DataFrame:
 
 
 def _from_xml(path: Path) -> pd.DataFrame:
-    rows, opened = [], gzip.open if path.suffix == ".gz" else open
-    with reading_xml(path):
+    rows, opening = [], gzip.open if path.suffix == ".gz" else open
+    with reading_xml(path), opening(input_file(path, "file"), "rb") as opened:
         for _, step in etree.iterparse(
-            opened(input_file(path, "file"), "rb"),
+            opened,
             tag="timestep",
             resolve_entities=False,
             no_network=True,
