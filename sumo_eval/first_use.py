@@ -1,4 +1,7 @@
-"""Names of a package that are imported at first use, each without the rest."""
+"""Names of a package that are imported at first use, each without the rest.
+
+Users: `ads/__init__.py`, `cosim/__init__.py`.
+"""
 
 from __future__ import annotations
 

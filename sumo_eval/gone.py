@@ -1,6 +1,6 @@
 """Removed names: one sentence each says what to use instead.
 
-Users: `cli/tools.py`, `scenario/`, `settings/locators.py`, `extras/openscenario/command.py`.
+Users: `cli/`, `scenario/`, `settings/locators.py`, `extras/openscenario/command.py`.
 """
 
 from __future__ import annotations

@@ -75,7 +75,9 @@ def import_graph(trees: Trees) -> dict[str, frozenset[str]]:
 
 
 def users(trees: Trees) -> dict[str, set[str]]:
-    """By module: those that import it, or a name of it by way of a package."""
+    """By module: paths of those that import it, or a name of it by way of a package; not packages
+    that hold it.
+    """
     packages = {name.rpartition(".")[0] for name in trees}
     found: dict[str, set[str]] = {name: set() for name in trees.keys() - packages}
     imports = [
@@ -89,18 +91,18 @@ def users(trees: Trees) -> dict[str, set[str]]:
     for name, source, what in imports:
         home = f"{source}.{what}"
         home = home if home in trees else homes.get((source, what), source)
-        if home in found and name not in packages:
-            found[home].add(name)
+        if home in found and not (name in packages and home.startswith(name)):
+            inner = "/__init__" if name in packages else ""
+            found[home].add(name.partition(".")[2].replace(".", "/") + inner)
     return found
 
 
 def users_not_named(trees: Trees) -> Iterator[str]:
     """Modules, each with a user that its docstring, if any, names neither by file nor by room."""
-    for module, names in sorted(users(trees).items()):
+    for module, paths in sorted(users(trees).items()):
         docstring = ast.get_docstring(trees[module]) or ""
-        for name in sorted(names) if docstring else ():
-            _, *rooms, stem = name.split(".")
-            path = "/".join([*rooms, stem])
+        for path in sorted(paths) if docstring else ():
+            *rooms, stem = path.split("/")
             above = ["/".join(rooms[:depth]) + "/" for depth in range(1, len(rooms) + 1)]
             ways = path, path.replace("/", "."), stem, f"{stem}.py", f"{path}.py", *above
             if not any(f"`{way}`" in docstring for way in ways):

@@ -1,6 +1,7 @@
 """Paths of the shipped scenario files.
 
-Users: `cli/tools.py`, `scenario/catalogue.py`, `scenario/formats.py`.
+Users: `cli/tools.py`, `scenario/catalogue.py`, `scenario/formats.py`,
+`extras/gym/__init__.py`.
 """
 
 from __future__ import annotations
