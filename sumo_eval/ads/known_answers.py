@@ -73,8 +73,9 @@ def is_too_close_to_hider(
         known = watched[j]
         if known.meets > 0.0 and known.hidden > 0.0 and time < known.noticed:
             build_up = p.deceleration / scenario.vehicle.brake_jerk  # s until it brakes fully
-            safe = safe_gap(me.along, others[lead].along, p.deceleration, build_up)
-            return bumper_gap(me, others[lead]) < safe
+            return bumper_gap(me, others[lead]) < safe_gap(
+                me.along, others[lead].along, p.deceleration, build_up
+            )
     return False
 
 

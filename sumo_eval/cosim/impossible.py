@@ -51,9 +51,11 @@ def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
     for body in (ego, coming):
         x, y = front(body)
         right, left = road.right_edge_at(x), road.left_edge_at(x)
-        front_off = not (right - reach <= y <= left + reach and 0.0 <= x <= road.end)
-        centre_off = not road.right_edge_at(body.x) <= body.y <= road.left_edge_at(body.x)
-        if centre_off or front_off:
+        if not (
+            road.right_edge_at(body.x) <= body.y <= road.left_edge_at(body.x)
+            and right - reach <= y <= left + reach
+            and 0.0 <= x <= road.end
+        ):
             return True
     return False
 

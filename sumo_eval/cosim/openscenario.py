@@ -266,11 +266,8 @@ def _entity(name: str, body: str, length: float, width: float, accel: float, dec
 
     accel, decel: m/s2.
     """
-    center = E.Center(x=0, y=0, z=HEIGHT / 2)
-    box = (
-        E.ParameterDeclarations(),
-        E.BoundingBox(center, E.Dimensions(width=width, length=length, height=HEIGHT)),
-    )
+    size = E.Dimensions(width=width, length=length, height=HEIGHT)
+    box = E.ParameterDeclarations(), E.BoundingBox(E.Center(x=0, y=0, z=HEIGHT / 2), size)
     if body in _ON_FOOT:
         it = E.Pedestrian(*box, E.Properties(), name=name, mass=75, pedestrianCategory="pedestrian")
     else:
@@ -285,10 +282,9 @@ def _entity(name: str, body: str, length: float, width: float, accel: float, dec
             )
             for axle, at in (("FrontAxle", 0.3 * length), ("RearAxle", -0.3 * length))
         )
-        power = E.Performance(maxSpeed=70, maxAcceleration=accel, maxDeceleration=decel)
         it = E.Vehicle(
             *box,
-            power,
+            E.Performance(maxSpeed=70, maxAcceleration=accel, maxDeceleration=decel),
             E.Axles(*axles),
             E.Properties(),
             name=name,
@@ -372,8 +368,10 @@ def _follow(name: str, vertices: FloatArray, road: Road) -> Any:
 
 def _after(time: float, name: str) -> Any:
     """Condition that is true from a time on, s."""
-    condition = E.ByValueCondition(E.SimulationTimeCondition(value=time, rule="greaterOrEqual"))
-    return E.ConditionGroup(E.Condition(condition, name=name, delay=0, conditionEdge="none"))
+    return E.ConditionGroup(E.Condition(
+        E.ByValueCondition(E.SimulationTimeCondition(value=time, rule="greaterOrEqual")),
+        name=name, delay=0, conditionEdge="none",
+    ))  # fmt: skip
 
 
 def _position(road: Road, x: float, y: float, heading: float) -> Any:

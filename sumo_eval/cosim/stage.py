@@ -365,7 +365,7 @@ class Stage:
         beside = (front_y <= road.right_edge - reach) | (front_y >= road.left_edge + reach)
         # beside a straight road SUMO shows other places than it received; beside a curved one
         # `bend_tolerance` allows for that
-        return np.asarray(received & (self._bent | ~beside))
+        return received & (self._bent | ~beside)
 
     def _fail(self, world: World, row: int, vehicle: int, words: str) -> None:
         """Fail a case of which SUMO shows a vehicle at another place; the ADS's fault if its calls

@@ -162,13 +162,10 @@ def _projected(
             "machine may lose cases"
         )
         findings.append(Finding("note", text, mend))
-    longest = max(recording.wall_time for recording in recordings)
-    lost = [
-        case
-        for case, recording in zip(cases, recordings, strict=True)
-        if recording.wall_time > case_timeout
-    ]
-    pace = sum(recording.wall_time for recording in recordings) / sum(
+    walls = [recording.wall_time for recording in recordings]
+    longest = max(walls)
+    lost = [case for case, wall in zip(cases, walls, strict=True) if wall > case_timeout]
+    pace = sum(walls) / sum(
         max(recording.simulated_time, settings.step) for recording in recordings
     )
     at_limit = pace * settings.time_limit

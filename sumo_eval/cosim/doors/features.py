@@ -313,7 +313,7 @@ def _of_vehicle(seen: Observations, frame: str, index: int, what: str) -> Floats
         value = seen.kinds[at]
     else:
         value = getattr(vehicles, what)[at]
-    return np.asarray(np.where(exists, value, np.nan))
+    return np.where(exists, value, np.nan)
 
 
 def _check_range(name: str, low: float | None, high: float | None) -> None:

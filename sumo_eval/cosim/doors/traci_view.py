@@ -180,15 +180,14 @@ def _seen(domain: Any, call: str) -> Any:
 @functools.cache
 def _view() -> list[tuple[Any, str, Any]]:
     """The calls that differ where cases share SUMO: domain, name of the call, its stand-in."""
-    view: list[tuple[Any, str, Any]] = []
-    for domain in TRACI.DOMAINS:
-        for call, _ in inspect.getmembers(domain, inspect.isroutine):
-            # the domains of `TRACI` override libsumo's writing calls, and guard them
-            if call.startswith("_") or call in vars(domain):
-                continue
-            if domain.__name__ != "simulation" or call not in _OF_ALL_ROWS:
-                view.append((domain, call, _seen(domain, call)))
-    return view
+    # the domains of `TRACI` override libsumo's writing calls, and guard them
+    return [
+        (domain, call, _seen(domain, call))
+        for domain in TRACI.DOMAINS
+        for call, _ in inspect.getmembers(domain, inspect.isroutine)
+        if not call.startswith("_") and call not in vars(domain)
+        if domain.__name__ != "simulation" or call not in _OF_ALL_ROWS
+    ]
 
 
 class _NoLibsumo(ModuleType):

@@ -70,10 +70,14 @@ def sections(road: Road) -> tuple[RoadSection, ...]:
     last = road.end
     if not road.spans:
         return (RoadSection(_EDGE, 0.0, last, tuple(range(road.lanes)), -1, ""),)
-    changes = {x for it in road.spans for x in (it.begin, it.end, it.parted_until, it.parted_from)}
-    inside = sorted(x for x in changes if 0.0 < x < last)
+    inside = {
+        x
+        for it in road.spans
+        for x in (it.begin, it.end, it.parted_until, it.parted_from)
+        if 0.0 < x < last
+    }
     parts = []
-    for number, (begin, end) in enumerate(itertools.pairwise([0.0, *inside, last])):
+    for number, (begin, end) in enumerate(itertools.pairwise([0.0, *sorted(inside), last])):
         lanes, ramp = [], -1
         for lane in road.lanes_at(0.5 * (begin + end)):
             span = road.span(lane)
