@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 from sumo_eval.kernels import fields, flags, kernel
 
+_Demand = Callable[..., float]  # of a scene and a time; gives m/s2
 _HALVINGS = 20  # bisections that find an instant in a step: to 5e-8 s at 0.05 s
 # m/s2 by which a demand must change within a step to be looked at for a jump: 10 m/s3 at 0.05 s
 JUMP = 0.5
@@ -166,9 +167,7 @@ def path_command(
 
 
 @kernel
-def first_instant(
-    demand: Callable[..., float], scene: Any, above: float, begin: float, end: float
-) -> float:
+def first_instant(demand: _Demand, scene: Any, above: float, begin: float, end: float) -> float:
     """Instant within begin..end, s, at which a demand crosses `above`, upwards or downwards.
 
     demand: called with the scene and a time; it is above `above` at one of both ends only.
@@ -184,7 +183,7 @@ def first_instant(
 
 
 @kernel
-def demand_jump(demand: Callable[..., float], scene: Any, begin: float, end: float) -> float:
+def demand_jump(demand: _Demand, scene: Any, begin: float, end: float) -> float:
     """Instant within begin..end, s, at which a demand that jumps there passes half of its change;
     `end`, where it changes by less than `JUMP`.
 
@@ -200,7 +199,7 @@ def demand_jump(demand: Callable[..., float], scene: Any, begin: float, end: flo
 
 @kernel
 def path_along(
-    path: Any, demand: Callable[..., float], scene: Any, begin: float, end: float, brakes: Any,
+    path: Any, demand: _Demand, scene: Any, begin: float, end: float, brakes: Any,
     vehicle: Any,
 ) -> float:  # fmt: skip
     """Speed lost, m/s, while the braking follows the demand from `begin` to `end`, s after now."""
@@ -215,7 +214,7 @@ def path_along(
 
 @kernel
 def follow_demand(
-    braking: Any, demand: Callable[..., float], scene: Any, time: float, brakes: Any, scenario: Any
+    braking: Any, demand: _Demand, scene: Any, time: float, brakes: Any, scenario: Any
 ) -> float:
     """Command for the vehicle in the coming step, m/s2. Call once a step.
 

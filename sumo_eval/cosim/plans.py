@@ -25,6 +25,7 @@ from sumo_eval.scenario.road.reference_line import Line, curvatures
 from sumo_eval.scenario.touch import within_a_turn
 from sumo_eval.settings import SimulationSettings
 
+_Numbers = Sequence[float]  # of an ego, or of a plan
 _SAME_PLACE = 1e-6  # m, points closer than this are one place
 _SAME_TIME = 1e-9  # s, rounding of sums of steps
 
@@ -93,7 +94,7 @@ class Executor:
         self._in_force, self.holds_plan = None, False
 
     def command(
-        self, asked: Wanted | None, ego: Sequence[float], time: float, *, late: bool = False
+        self, asked: Wanted | None, ego: _Numbers, time: float, *, late: bool = False
     ) -> Command:
         """The acceleration and steering-wheel angle for the step that begins at `time` s.
 
@@ -158,7 +159,7 @@ class Executor:
         acceleration = throttle * limits.max_acceleration - brake * limits.max_deceleration
         return Command(acceleration, steer * math.radians(limits.max_steering_wheel_angle_deg))
 
-    def _along(self, track: _FollowedPlan, ego: Sequence[float], time: float) -> Command:
+    def _along(self, track: _FollowedPlan, ego: _Numbers, time: float) -> Command:
         """The tracker: Stanley's law for the front axle, feed-forward and feedback for the speed.
 
         steering-wheel angle = steering ratio * angle of the front wheels
@@ -208,7 +209,7 @@ class Executor:
 class _FollowedPlan:
     """A plan as the tracker follows it. end: its last time, s."""
 
-    def __init__(self, plan: Plan, ego: Sequence[float], wheelbase: float) -> None:
+    def __init__(self, plan: Plan, ego: _Numbers, wheelbase: float) -> None:
         numbers = {name: _numbers(name, getattr(plan, name)) for name in ("time", "x", "y")}
         time, x, y = numbers.values()
         numbers |= {
@@ -271,7 +272,7 @@ class _FollowedPlan:
         self._segment_in_time = max(i - 1, 0)
         share = (time - times[i]) / (times[i + 1] - times[i])
 
-        def within(values: Sequence[float]) -> float:
+        def within(values: _Numbers) -> float:
             return values[i] + share * (values[i + 1] - values[i])
 
         return within(self._x), within(self._y), within(self._heading), within(self._speed)
@@ -301,7 +302,7 @@ class _FollowedPlan:
         return theta + share * (self._tangent[i + 1] - theta), left
 
 
-def _directions(x: Sequence[float], y: Sequence[float], if_still: float) -> list[float]:
+def _directions(x: _Numbers, y: _Numbers, if_still: float) -> list[float]:
     """Direction of a path at each of its points, rad, without jumps: from the point before to the
     point after.
 
@@ -323,9 +324,7 @@ def _directions(x: Sequence[float], y: Sequence[float], if_still: float) -> list
     return directions
 
 
-def _speeds(
-    time: Sequence[float], x: Sequence[float], y: Sequence[float], ego_speed: float
-) -> list[float]:
+def _speeds(time: _Numbers, x: _Numbers, y: _Numbers, ego_speed: float) -> list[float]:
     """Speeds of the places over the times, m/s; of a single point the one that the ego has."""
     if len(time) == 1:
         return [ego_speed]

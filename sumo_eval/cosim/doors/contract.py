@@ -40,6 +40,7 @@ _WORDS = {
     "plan_ended": "a plan ended at {requested:.2f} s, and was driven on straight until "
     "{applied:.2f} s",
 }
+_Recordings = Sequence[Recording]  # of the drives of an ADS
 _OF_A_PLAN = ("plan_error", "plan_ended")
 _FAR_FROM_A_PLAN = 1.0  # m
 _NO_ACCELERATION = 20.0  # m/s2; a larger request is probably no acceleration
@@ -140,7 +141,7 @@ def check_controller(
 
 def _projected(
     cases: Sequence[ConcreteScenario],
-    recordings: Sequence[Recording],
+    recordings: _Recordings,
     settings: SimulationSettings,
     step_timeout: float,
     case_timeout: float,
@@ -201,7 +202,7 @@ def _projected(
     return findings
 
 
-def _ends(cases: Sequence[ConcreteScenario], recordings: Sequence[Recording]) -> list[Finding]:
+def _ends(cases: Sequence[ConcreteScenario], recordings: _Recordings) -> list[Finding]:
     """Findings on how cases end: each case that does well, and each cause of a fault once, with its
     count.
     """
@@ -242,7 +243,7 @@ def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int)
     return Finding("FAIL", f"{where}: {error}", mend)
 
 
-def _worst(recordings: Sequence[Recording], kinds: Collection[str]) -> dict[str, Clip]:
+def _worst(recordings: _Recordings, kinds: Collection[str]) -> dict[str, Clip]:
     """The worst clips of these kinds: those whose two values are farthest apart."""
     clips = [clip for it in recordings for clip in it.clips if clip.what in kinds]
     clips.sort(key=lambda clip: (abs(clip.requested - clip.applied), abs(clip.requested)))
@@ -253,7 +254,7 @@ def _said(clip: Clip) -> str:
     return _WORDS[clip.what].format(requested=clip.requested, applied=clip.applied)
 
 
-def _in_range(recordings: Sequence[Recording]) -> Finding:
+def _in_range(recordings: _Recordings) -> Finding:
     """Finding on what the vehicle or the harness did not do as the ADS asked."""
     worst = _worst(recordings, _WORDS.keys() - _OF_A_PLAN)
     if not worst:
@@ -280,7 +281,7 @@ def _in_range(recordings: Sequence[Recording]) -> Finding:
     )
 
 
-def _planned(recordings: Sequence[Recording]) -> list[Finding]:
+def _planned(recordings: _Recordings) -> list[Finding]:
     """Finding on the largest distance of the vehicle from its ADS's plan, for an ADS that plans."""
     worst = _worst(recordings, _OF_A_PLAN)
     if not worst:
@@ -327,7 +328,7 @@ def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
     )  # fmt: skip
 
 
-def _latency(recordings: Sequence[Recording], step: float) -> Finding:
+def _latency(recordings: _Recordings, step: float) -> Finding:
     mean = float(np.mean([recording.controller_latency.mean for recording in recordings]))
     worst = max(recording.controller_latency.longest for recording in recordings)
     text = f"{_time(mean)} a step, {_time(worst)} at most; SUMO's step is {_time(step)}"

@@ -25,6 +25,7 @@ from urllib.parse import parse_qsl, quote, unquote_plus
 
 from sumo_eval.errors import InputError, check_known, must_be, said, users_code
 
+Options = Mapping[str, Any]  # keyword arguments of a constructor
 _OWN = "period=", "batch=", "options."  # beginnings of an entry's pairs
 # The `?` before the entry: a key of the entry follows, at once or after other pairs of the same
 # query. Any other `?` belongs to a command or a value.
@@ -32,7 +33,7 @@ _ENTRY = re.compile(rf"\?(?=([^?]*&)?({'|'.join(map(re.escape, _OWN))}))")
 LOAD_ONCE = "load_once"
 """The name of a class method that loads what all objects of the class share."""
 
-_loaded_with: dict[type, Mapping[str, Any]] = {}
+_loaded_with: dict[type, Options] = {}
 """Options of the last `LOAD_ONCE` of a class in this process."""
 _unreported: list[str] = []
 """Sentences on what was loaded."""
@@ -129,7 +130,7 @@ def made_absolute(locator: str, folder: Path) -> str:
     return f"{folder / module}:{name}" if module.endswith(".py") else locator
 
 
-def check_options(kind: Any, options: Mapping[str, Any], described: str) -> None:
+def check_options(kind: Any, options: Options, described: str) -> None:
     """Raises InputError for options that a class cannot be made with, before one is made."""
     if not options or not inspect.isclass(kind):
         return
@@ -154,7 +155,7 @@ def steps_between(period: float, step: float, owner: str) -> int:
     return max(round(ratio), 1)
 
 
-def made(kind: type, options: Mapping[str, Any], described: str) -> Any:
+def made(kind: type, options: Options, described: str) -> Any:
     """An object of a user's class, made with its options after a `LOAD_ONCE` with the same ones."""
     _load_once(kind, options, described)
     try:
@@ -166,7 +167,7 @@ def made(kind: type, options: Mapping[str, Any], described: str) -> Any:
         raise InputError(f"ADS `{described}`: making one {how} failed: {said(error)}.") from error
 
 
-def _load_once(kind: type, options: Mapping[str, Any], described: str) -> None:
+def _load_once(kind: type, options: Options, described: str) -> None:
     load = getattr(kind, LOAD_ONCE, None)
     if not callable(load) or _loaded_with.get(kind) == options:
         return

@@ -59,6 +59,7 @@ from sumo_eval.settings import FmuSettings, PlantSettings
 SIGNALS = signal_names()
 """Signals for inputs of an ADS; where no vehicle is, its gap is 1000 m."""
 
+_Names = Sequence[str]  # of signals or outputs
 _STATE = ("x", "y", "heading", "speed")  # outputs that a vehicle model must have
 _SPEED_TOLERANCE = 0.01  # m/s, between a vehicle model's first speed and the case's: rounding only
 _MAKERS: Mapping[str, Callable[[Any], Any]] = {
@@ -105,9 +106,8 @@ class _Fmu:
     """
 
     def __init__(
-        self, path: Path, wiring: FmuSettings, signals: Sequence[str], needed: Sequence[str],
-        optional: Sequence[str],
-        lists: Sequence[str] = (),
+        self, path: Path, wiring: FmuSettings, signals: _Names, needed: _Names,
+        optional: _Names, lists: _Names = (),
     ) -> None:  # fmt: skip
         self.path, self._signals = path, signals
         try:
@@ -214,11 +214,7 @@ class _Fmu:
             check_known(f"signal for {owner}", self._signals, signal)
 
     def _wire_outputs(
-        self,
-        wiring: FmuSettings,
-        needed: Sequence[str],
-        optional: Sequence[str],
-        lists: Sequence[str],
+        self, wiring: FmuSettings, needed: _Names, optional: _Names, lists: _Names
     ) -> dict[str, tuple[Any, int]]:
         names, owner = (*needed, *optional), f"FMU `{self.path.name}`"
         check_known(f"output in the mapping of {owner}", (*names, *lists), *wiring.outputs)
@@ -234,7 +230,7 @@ class _Fmu:
                 )
         return wired
 
-    def _wire_lists(self, wiring: FmuSettings, lists: Sequence[str]) -> dict[str, list[Any]]:
+    def _wire_lists(self, wiring: FmuSettings, lists: _Names) -> dict[str, list[Any]]:
         """Outputs that are many numbers: an array, or scalars `NAME[1]`, `NAME[2]`, ..."""
         wired = {}
         for output in lists:
@@ -443,7 +439,7 @@ class FmuController(Adapter):
         # the first of these outputs that is mapped says what the ADS answers with
         kinds = ("acceleration", "speed", "throttle", *PLAN)
         kind = next((name for name in kinds if name in self.wiring.outputs), kinds[0])
-        outputs: tuple[Sequence[str], ...] = (kind,), ("steering",)
+        outputs: tuple[_Names, ...] = (kind,), ("steering",)
         if kind in PLAN:
             outputs = (), _OF_A_PLAN, PLAN
         elif kind == "throttle":

@@ -29,6 +29,7 @@ from sumo_eval.cosim.plans import Plan
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, ControllerTimeoutError
 
+_Message = dict[str, Any]  # a JSON object
 PROTOCOL = 1
 # s of wall time for a program's start and its answer to the reset; `step_timeout` if that is longer
 START_TIMEOUT = 10.0
@@ -65,7 +66,7 @@ class JsonLinesProgram(Adapter):
         # a write must not block for ever if a program reads nothing and the pipe is full
         os.set_blocking(self._stdin, False)
         road = scenario.road
-        described: dict[str, Any] = {
+        described: _Message = {
             "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length,
             "speed_limit": road.speed_limit,
             "line": [asdict(piece) for piece in road.line],
@@ -98,7 +99,7 @@ class JsonLinesProgram(Adapter):
             self.log = self._program.stop()
             self._program = None
 
-    def _ask(self, message: dict[str, Any]) -> dict[str, Any]:
+    def _ask(self, message: _Message) -> _Message:
         """Send a message, and return the program's answer to it."""
         text = json.dumps(message, separators=(",", ":")).encode() + b"\n"
         self._until = clock.monotonic() + self._deadline
@@ -141,7 +142,7 @@ class JsonLinesProgram(Adapter):
         return chunk
 
 
-def _asked(answer: dict[str, Any]) -> Any:
+def _asked(answer: _Message) -> Any:
     """The request that an answer of the ADS holds: a command or a plan."""
     kind = next((name for name in _ANSWERS if name in answer), "acceleration")
     names, make = _ANSWERS[kind]
@@ -177,7 +178,7 @@ _ANSWERS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
 request of the values."""
 
 
-def _refuse_other_names(answer: dict[str, Any], names: tuple[str, ...], what: str) -> None:
+def _refuse_other_names(answer: _Message, names: tuple[str, ...], what: str) -> None:
     for name in answer:
         if name not in names:
             known = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]

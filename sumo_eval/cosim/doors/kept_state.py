@@ -25,6 +25,7 @@ import numpy as np
 from sumo_eval.cosim.doors.traci_module import TRACI
 from sumo_eval.cosim.sumo.insides import libsumo
 
+State = dict[str, object]  # by name
 _DEEPEST = 12  # containers and objects within each other
 _MOST = 10_000  # members of a container, the rest of which is not looked at
 _CONTAINERS = (dict, list, tuple, set, frozenset, deque)
@@ -41,7 +42,7 @@ _BY_PATH = re.compile(r"_sumo_eval_file_(.*)_\w{12}\.")  # module loaded from a 
 _ITERATOR = "itertools"  # module whose objects show their position in their `repr`
 
 
-def kept_state(ads: Any) -> dict[str, object]:
+def kept_state(ads: Any) -> State:
     """State outside the ADS's objects that its code can change, by name (`module.variable`,
     `file.py: variable`).
 
@@ -51,7 +52,7 @@ def kept_state(ads: Any) -> dict[str, object]:
     ads: a class or a function.
     """
     # state that all code of a process shares
-    state: dict[str, object] = {
+    state: State = {
         "random": random.getstate(),
         "numpy.random": _frozen(np.random.get_state(), 0),  # noqa: NPY002 - what an ADS may use
         # numba sets variables of its own when its first function is compiled
@@ -129,7 +130,7 @@ def module_of(value: Any) -> ModuleType | None:
     return module
 
 
-def first_change(before: dict[str, object], after: dict[str, object]) -> str | None:
+def first_change(before: State, after: State) -> str | None:
     """Name of the first state that differs; None: all of it is the same."""
     # `...` stands for a name that is missing: None may be a value
     return next((it for it in before | after if before.get(it, ...) != after.get(it, ...)), None)

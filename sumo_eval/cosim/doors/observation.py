@@ -30,6 +30,8 @@ from sumo_eval.settings import ConditionSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray, half_extents
 
+_Body = Sequence[float]  # its seven numbers, and an eighth: see `Observation`
+_Look = tuple[_Body, Sequence[_Body]]  # the ego and the actors, as they are perceived
 _tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long
 NO_LEAD_GAP = 1000.0  # m, what `signals` give as gap where no vehicle is ahead
 _COVERED = 0.8  # a vehicle is hidden if a nearer one covers more than this share of its width
@@ -210,15 +212,13 @@ class Observation:
 
     time: float
     road: Road
-    _ego: Sequence[float]
-    _look: tuple[Sequence[float], Sequence[Sequence[float]]]
+    _ego: _Body
+    _look: _Look
     _task: Task
     _kinds: Sequence[str]
 
     def __init__(
-        self, time: float, road: Road, ego: Sequence[float],
-        look: tuple[Sequence[float], Sequence[Sequence[float]]],
-        task: Task | None,
+        self, time: float, road: Road, ego: _Body, look: _Look, task: Task | None,
         kinds: Sequence[str],
     ) -> None:  # fmt: skip
         own = self.__dict__  # a frozen dataclass's own constructor takes three times as long
@@ -660,7 +660,7 @@ def lanes_at(road: Road, y: Any) -> IntArray:
     return np.asarray(np.clip(np.round(y / road.lane_width), 0, road.lanes - 1), np.intp)
 
 
-def _velocity(body: Sequence[float]) -> tuple[float, float]:
+def _velocity(body: _Body) -> tuple[float, float]:
     """Speeds along and across the road, m/s."""
     heading, speed, across = body[2], body[3], body[6]
     if heading == 0.0:

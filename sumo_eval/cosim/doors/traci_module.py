@@ -41,6 +41,7 @@ from sumo_eval.errors import ControllerError
 from sumo_eval.scenario.concrete import ConcreteScenario
 
 _Call = Callable[..., Any]
+_Arguments = tuple[Any, ...]  # of a call, by position
 _HARMLESS = ("poi", "polygon", "route")  # domains in which writing moves no vehicle
 _CLOCK = ("simulationStep", "step", "executeMove")
 _SHARED = (MOTION - {"openGap"}) | {
@@ -142,8 +143,8 @@ class Guard:
         )
 
     def translate(
-        self, call: str, vehicle: str, args: tuple[Any, ...], kwargs: Mapping[str, Any]
-    ) -> tuple[str, tuple[Any, ...]]:
+        self, call: str, vehicle: str, args: _Arguments, kwargs: Mapping[str, Any]
+    ) -> tuple[str, _Arguments]:
         """Name and arguments, in SUMO, of a call that writes to an ego of a batch. Any other call
         takes the case out of its batch.
         """
@@ -157,7 +158,7 @@ class Guard:
         self.speeds.pop(self.names[EGO], None)
         return self.names[EGO], tuple(self.names[it] if type(it) is str else it for it in args)
 
-    def _on_own_road(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
+    def _on_own_road(self, args: _Arguments) -> _Arguments:
         """Arguments of moveToXY, edge, lane, x, y, angle and `keepRoute`, on the case's own road.
 
         Beside it are the roads of other cases, and the nearest edge could be one of theirs.

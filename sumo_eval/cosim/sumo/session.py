@@ -39,6 +39,7 @@ from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.road.reference_line import frame_places, map_places, tightest
 from sumo_eval.settings import SimulationSettings
 
+_EgoType = Mapping[str, str] | None  # attributes of the ego's vType, as of `routes_xml`
 POSITION_TOLERANCE = 1e-3  # m
 # m, on a curve, a polyline in SUMO: twice the largest distance of a 1 m chord from its arc
 CHORD_TOLERANCE = 0.05
@@ -60,7 +61,7 @@ def simulator_version() -> str:
 def session(
     concrete: ConcreteScenario,
     settings: SimulationSettings,
-    ego_type: Mapping[str, str] | None = None,
+    ego_type: _EgoType = None,
 ) -> Iterator[Any]:
     """The running libsumo module with every vehicle of the case standing at its start (time 0),
     closed at the end.
@@ -124,7 +125,7 @@ def command_line(
     settings: SimulationSettings,
     folder: Path,
     log: Path,
-    ego_type: Mapping[str, str] | None,
+    ego_type: _EgoType,
 ) -> list[str]:
     """SUMO's command line for a case, its files written into `folder`.
 
@@ -137,7 +138,7 @@ def command_line(
 
 
 def _told_routes(
-    concrete: ConcreteScenario, settings: SimulationSettings, ego_type: Mapping[str, str] | None
+    concrete: ConcreteScenario, settings: SimulationSettings, ego_type: _EgoType
 ) -> str:
     """The vehicles of a case as a route file.
 

@@ -30,6 +30,7 @@ from sumo_eval.scenario.sumo_network import laid_along_x
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray
 
+Attributes = dict[str, str]  # of an element of a file
 EGO = "ego"
 SEGMENT = 1.0  # m between the vertices of a lane in a curve, see `_segment`
 _TIGHT = 100.0  # m, radius below which vertices are closer
@@ -120,7 +121,7 @@ def _number(value: float) -> str:
     return repr(float(value))
 
 
-def _texts(**values: Any) -> dict[str, str]:
+def _texts(**values: Any) -> Attributes:
     """Attributes of an element: texts as they are, numbers with all their digits."""
     return {
         name: value if isinstance(value, str) else _number(value) for name, value in values.items()
@@ -361,7 +362,7 @@ def routes_xml(
 
 def vehicle_types(
     concrete: ConcreteScenario, vehicle: VehicleSettings, ego_type: Mapping[str, str] | None = None
-) -> list[dict[str, str]]:
+) -> list[Attributes]:
     """Attributes of the vTypes of a case, the ego's first.
 
     vehicle: settings of the ego, as `concrete.simulation` gives them.
@@ -398,7 +399,7 @@ _EXACT = {"minGap": "0", "sigma": "0", "speedDev": "0"}
 """No standstill gap is kept, and nothing is random."""
 
 
-def _own_attributes(actor: Actor) -> dict[str, str]:
+def _own_attributes(actor: Actor) -> Attributes:
     """Attributes of a vType that differ from those of a car that the harness moves."""
     model = actor.model
     if actor.body == CAR and model is None:
@@ -436,7 +437,7 @@ def departure_speed(actor: Actor) -> float:
 
 def departures(
     concrete: ConcreteScenario, ego_length: float, *, one_lane: bool = False, on_map: bool = False
-) -> list[dict[str, str]]:
+) -> list[Attributes]:
     """Attributes of the vehicles of a case, the ego first.
 
     one_lane: the network has only lane 0 (`shared_files.fits_one_lane`).
@@ -485,7 +486,7 @@ def departures(
 
 def _departure(
     road: Road, name: str, wanted: tuple[int, int], front: float, *, on_map: bool
-) -> tuple[int, dict[str, str]]:
+) -> tuple[int, Attributes]:
     """The lane in which a vehicle departs on a road of several sections, and its attributes, which
     are empty beyond the road's end.
 
