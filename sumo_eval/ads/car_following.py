@@ -7,9 +7,9 @@ Users: `ads/lane_changer.py`, `ads/overtaking.py`, `drivers/synthetic/driver.py`
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict
+from math import inf, isfinite, isnan, nan, sqrt, tanh
 from typing import Any, ClassVar
 
 from sumo_eval.ads.asked_change import change_if_free, lead_beside
@@ -54,7 +54,7 @@ class IdmParameters:
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            if not (math.isfinite(value) and value > 0.0):
+            if not (isfinite(value) and value > 0.0):
                 raise must_be(f"`{name}`", "the IDM", "a finite number greater than 0", value)
 
     @classmethod
@@ -78,7 +78,7 @@ def desired_gap(
     Source: Treiber, Hennecke, Helbing, Phys. Rev. E 62, 1805 (2000).
     """
     time = idm.headway if headway is None else headway
-    braking = speed * closing_speed / (2.0 * math.sqrt(idm.acceleration * idm.deceleration))
+    braking = speed * closing_speed / (2.0 * sqrt(idm.acceleration * idm.deceleration))
     return float(idm.standstill_gap + max(0.0, speed * time + braking))
 
 
@@ -208,9 +208,7 @@ def enhanced_idm_acceleration(
     if plain >= needed:
         return plain
     b = idm.deceleration
-    return float(
-        (1.0 - COOLNESS) * plain + COOLNESS * (needed + b * math.tanh((plain - needed) / b))
-    )
+    return float((1.0 - COOLNESS) * plain + COOLNESS * (needed + b * tanh((plain - needed) / b)))
 
 
 FOLLOWED = fields("accepted", "gap")
@@ -232,7 +230,7 @@ def follow(followed: Any, me: Any, lead: Any, desired_speed: float, idm: Any, st
     Rec. 2316 (2012), LMRS.
     """
     own, accepted, gap = idm.headway, followed.accepted, followed.gap
-    if math.isnan(accepted):
+    if isnan(accepted):
         accepted = min(own, max(gap - idm.standstill_gap, 0.0) / max(me.speed, MIN_SPEED))
     followed.accepted = accepted + (own - accepted) * (step / HEADWAY_RECOVERY)
     return enhanced_idm_acceleration(
@@ -251,7 +249,7 @@ def change_as_asked(
     has begun it brakes for that vehicle only comfortably (b). It waits before the end of its lane.
     """
     changing = change_if_free(path, way, me, others, scenario)
-    most = math.inf  # no limit yet
+    most = inf  # no limit yet
     lead = lead_beside(way, me, others, scenario)
     if lead >= 0:
         most = idm_acceleration(
@@ -297,15 +295,15 @@ def _decide(
         coming = coming_into_path(me, others)
         if coming >= 0 and (lead < 0 or others[coming].x < others[lead].x):
             lead = coming
-    gap, lead_speed, braking = math.inf, 0.0, 0.0
+    gap, lead_speed, braking = inf, 0.0, 0.0
     if lead >= 0:
         gap = bumper_gap(me, others[lead])
         lead_speed = others[lead].along
         # `last_speed` is of the last cycle, and `scenario.step` is a cycle's length, s
-        if not math.isnan(watched[lead].last_speed):
+        if not isnan(watched[lead].last_speed):
             braking = (watched[lead].last_speed - lead_speed) / scenario.step
     for j in range(len(others)):
-        watched[j].last_speed = math.nan if math.isnan(others[j].x) else others[j].along
+        watched[j].last_speed = nan if isnan(others[j].x) else others[j].along
     strongest = scenario.vehicle.max_deceleration
     now = max(idm_acceleration(me.speed, own.desired_speed, gap, lead_speed, p), -strongest)
     # Midpoint rule: move both with `now` and `-braking` to the middle of the cycle; what the

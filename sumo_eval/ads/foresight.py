@@ -9,9 +9,9 @@ drive, and clearances are checked every `_LOOK` s.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import atan2, cos, inf, isfinite, isinf, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -81,13 +81,13 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
     for track, first_move in zip(tracks_ahead, undisturbed.begins[0].tolist(), strict=True):
         actor = track.actor
         ahead = actor.start.x > ego.x
-        slower = actor.start.speed * math.cos(actor.heading) < ego.speed
+        slower = actor.start.speed * cos(actor.heading) < ego.speed
         # whether it starts with its body in a path that the ego drives
         lanes = [ego.y] if ego.way is None else [ego.y, ego.y + ego.way.offset]
         on_the_way = 2.0 * min(abs(actor.start.y - y) for y in lanes) < actor.width + vehicle.width
         caught_up = ahead and slower and on_the_way
         # a slower one ahead is a hazard from the start, and so is one whose motion never changes
-        changes = 0.0 if caught_up or math.isinf(first_move) else first_move
+        changes = 0.0 if caught_up or isinf(first_move) else first_move
         others = [other.shape for other in tracks_ahead if other is not track]
         noticed = first_sight(ego, settings, track.shape, others, changes, until)
         # one with a SUMO model, from behind, brakes for an ego that keeps its speed
@@ -127,7 +127,7 @@ def evasion(
     straight = road.lane_width * lane, 0.0, 0.0, 1.0
     suddenly_seen = {
         actor: foresight.noticed for actor, foresight in zip(concrete.actors, known, strict=True)
-        if foresight.meets and foresight.hidden and math.isfinite(foresight.noticed)
+        if foresight.meets and foresight.hidden and isfinite(foresight.noticed)
         and not actor.acts
     }  # fmt: skip
     if not settings.ideal_steers or concrete.lively or lane + 1 == road.lanes or not suddenly_seen:
@@ -170,7 +170,7 @@ def evasion(
 def _end_at_its_speed(concrete: ConcreteScenario, settings: SimulationSettings) -> float:
     """Time at which an ego that keeps its speed is at the road's end, s; at most the time limit."""
     ego = concrete.ego
-    to_the_end = (concrete.road.length - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
+    to_the_end = (concrete.road.length - ego.x) / ego.speed if ego.speed > 0.0 else inf
     return min(settings.time_limit, to_the_end)
 
 
@@ -204,7 +204,7 @@ class _Foreseen(NamedTuple):
             # a sliding body keeps its heading
             across = 0.0 if actor.slides else actor.lateral_speed(time)
             x, y = actor.x(time), actor.y(time)
-            heading = math.atan2(across, actor.speed(time)) if across else 0.0
+            heading = atan2(across, actor.speed(time)) if across else 0.0
         return _Shape(x, y, *half_sizes(heading, actor.length, actor.width))
 
     @property
@@ -265,7 +265,7 @@ def first_sight(
 
     while hidden(time):
         if time > until:
-            return math.inf
+            return inf
         later = time + _LOOK
         if not hidden(later):
             for _ in range(_HALVINGS):
@@ -318,13 +318,11 @@ def _ego_body(ego: Start, vehicle: VehicleSettings, time: float, line: Line) -> 
     half = 0.5 * vehicle.wheelbase if line or ego.way is not None else 0.0
     x = float(ego.x_after(ego.speed * time - half))
     y, next_y = ego.y_at([x, x + _AHEAD]).tolist()
-    heading = math.atan2(next_y - y, _AHEAD)  # slope over `_AHEAD`
+    heading = atan2(next_y - y, _AHEAD)  # slope over `_AHEAD`
     axle = _on_the_map(
         Body(x, y, heading, ego.speed, vehicle.length + room, vehicle.width + room), line
     )
-    return axle._replace(
-        x=axle.x + half * math.cos(axle.heading), y=axle.y + half * math.sin(axle.heading)
-    )
+    return axle._replace(x=axle.x + half * cos(axle.heading), y=axle.y + half * sin(axle.heading))
 
 
 def _on_the_map(body: Body, line: Line) -> Body:

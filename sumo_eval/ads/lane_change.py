@@ -10,7 +10,7 @@ Users: `ads/`, `drivers/`.
 from __future__ import annotations
 
 import functools
-import math
+from math import atan, atan2, cos, sin, sqrt, tan
 from typing import Any
 
 from sumo_eval.errors import must_be
@@ -18,7 +18,7 @@ from sumo_eval.kernels import fields, kernel
 from sumo_eval.scenario.concrete import lane_at
 from sumo_eval.scenario.motion import quintic, quintic_bend, quintic_rate
 
-PEAK_BEND = 10.0 / math.sqrt(3.0)  # largest second derivative of the smooth step
+PEAK_BEND = 10.0 / sqrt(3.0)  # largest second derivative of the smooth step
 RATE = 1.0  # w of `steering`, 1/s: how fast an error decays
 SLOW = 8.0  # m/s; below it an error decays by distance, RATE / SLOW per metre
 
@@ -117,7 +117,7 @@ def steering(
     """
     memory.curvature = steered(memory.curvature, me, path_y, slope, bend, scenario)
     return float(
-        scenario.vehicle.steering_ratio * math.atan(scenario.vehicle.wheelbase * memory.curvature)
+        scenario.vehicle.steering_ratio * atan(scenario.vehicle.wheelbase * memory.curvature)
     )
 
 
@@ -132,27 +132,25 @@ def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scena
     per_metre = RATE / max(me.speed, SLOW)  # w/v
     if me.curvature == 0.0:  # a straight road
         mean_heading = me.heading + 0.5 * ahead * now
-        y = me.y - half * math.sin(me.heading) + ahead * math.sin(mean_heading)
+        y = me.y - half * sin(me.heading) + ahead * sin(mean_heading)
         heading = me.heading + ahead * now
-        wanted = math.atan(slope)
+        wanted = atan(slope)
         beside = 0.0  # curvature of the road's parallel at the path, 1/m
     else:
         line = line_curvature(me)
         # from the centre back to the rear axle
-        left, turn = beside_an_arc(
-            me.curvature, -half * math.cos(me.heading), -half * math.sin(me.heading)
-        )
+        left, turn = beside_an_arc(me.curvature, -half * cos(me.heading), -half * sin(me.heading))
         y, heading = me.y + left, me.heading - turn
         # the rear axle's motion in the coming step
         mean_heading = heading + 0.5 * ahead * now
         left, turn = beside_an_arc(
-            line / (1.0 - line * y), ahead * math.cos(mean_heading), ahead * math.sin(mean_heading)
+            line / (1.0 - line * y), ahead * cos(mean_heading), ahead * sin(mean_heading)
         )
         y, heading = y + left, heading + ahead * now - turn
         stretched = 1.0 / (1.0 - line * path_y)  # metres of the line for each metre of the path
-        wanted, beside = math.atan(slope * stretched), line * stretched
+        wanted, beside = atan(slope * stretched), line * stretched
         bend = bend * stretched * stretched
-    cosine = math.cos(wanted)  # 1 / sqrt(1 + y'^2)
+    cosine = cos(wanted)  # 1 / sqrt(1 + y'^2)
     return float(
         bend * (cosine * cosine * cosine)
         + per_metre * per_metre * (path_y - y)
@@ -172,8 +170,8 @@ def beside_an_arc(curvature: float, ahead: float, left: float) -> tuple[float, f
     ahead, left: a and l, of the move, m, along the arc where it starts and to the left of that.
     """
     square = ahead * ahead + left * left
-    root = math.sqrt(max(1.0 + curvature * (curvature * square - 2.0 * left), 0.0))
-    return (2.0 * left - curvature * square) / (1.0 + root), math.atan2(
+    root = sqrt(max(1.0 + curvature * (curvature * square - 2.0 * left), 0.0))
+    return (2.0 * left - curvature * square) / (1.0 + root), atan2(
         curvature * ahead, 1.0 - curvature * left
     )
 
@@ -189,10 +187,10 @@ def lane_kept(ego: Any, scenario: Any) -> float:
         return 0.0
     vehicle = scenario.vehicle
     # curvature that the vehicle drives now, 1/m
-    now = math.tan(ego.steering / vehicle.steering_ratio) / vehicle.wheelbase
+    now = tan(ego.steering / vehicle.steering_ratio) / vehicle.wheelbase
     y, slope, bend = path_at(ego.way, rear_axle_next(ego.seen, scenario))
     curvature = steered(now, ego.seen, y, slope, bend, scenario)
-    return float(vehicle.steering_ratio * math.atan(vehicle.wheelbase * curvature))
+    return float(vehicle.steering_ratio * atan(vehicle.wheelbase * curvature))
 
 
 @functools.cache  # all drivers of a population ask for the same share
@@ -225,4 +223,4 @@ def shortest_duration(offset: float, lateral_acceleration: float) -> float:
 
     offset: m.
     """
-    return math.sqrt(PEAK_BEND * abs(offset) / lateral_acceleration)
+    return sqrt(PEAK_BEND * abs(offset) / lateral_acceleration)

@@ -12,8 +12,8 @@ R157 controllers. docs/baselines.md lists the readings.
 
 from __future__ import annotations
 
-import math
 from dataclasses import KW_ONLY, dataclass
+from math import inf, isinf, isnan, nan
 from typing import Any, ClassVar
 
 from sumo_eval.ads.braking import BRAKE_PATH, Braked, first_instant, moved, path_command
@@ -70,11 +70,11 @@ def needed_deceleration(
     needed = 0.0
     if closing > 0.0:
         room = gap - closing * delay
-        needed = closing * closing / (2.0 * room) if room > 0.0 else math.inf
+        needed = closing * closing / (2.0 * room) if room > 0.0 else inf
     if lead_braking <= 0.0:
         return needed
     room = gap + lead_speed * lead_speed / (2.0 * lead_braking) - speed * delay
-    return max(needed, speed * speed / (2.0 * room) if room > 0.0 else math.inf)
+    return max(needed, speed * speed / (2.0 * room) if room > 0.0 else inf)
 
 
 @kernel
@@ -148,7 +148,7 @@ def careful_driver(
             if emergency > braked:  # by speed lost, then by level
                 braked = emergency
     path.level = braked.level
-    releases = (math.isinf(begins_at) or ends < step) and own.aeb_brakes == 0
+    releases = (isinf(begins_at) or ends < step) and own.aeb_brakes == 0
     ego.command.acceleration = -path_command(
         path, braked.lost, releases, own.p.brakes, vehicle, step
     )
@@ -156,7 +156,7 @@ def careful_driver(
     # settled: no event, so it does nothing as long as no vehicle comes nearer
     ego.settled = 1 - own.aeb_brakes
     for j in range(len(others)):
-        if not math.isnan(watched[j].necessary_at):
+        if not isnan(watched[j].necessary_at):
             ego.settled = 0
 
 
@@ -168,13 +168,13 @@ def _braking_necessary(
     me, p = own.me, own.p
     for j in range(len(others)):
         known = watched[j]
-        if not math.isnan(others[j].x):
+        if not isnan(others[j].x):
             _look_at(others[j], known, p, scenario, time)
-        if not math.isnan(known.necessary_at) and _is_over(me, others[j], known, scenario):
-            known.braked_at = known.evaluated_at = known.necessary_at = math.nan
+        if not isnan(known.necessary_at) and _is_over(me, others[j], known, scenario):
+            known.braked_at = known.evaluated_at = known.necessary_at = nan
     _judge_cut_ins(me, others, watched, p, scenario, time)
     _judge_path(own, others, watched, others_then, scenario, time)
-    first = math.inf
+    first = inf
     for j in range(len(others)):
         necessary_at = watched[j].necessary_at
         if others[j].x > me.x and necessary_at < first:  # false for nan
@@ -186,7 +186,7 @@ def _braking_necessary(
 def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None:
     """Write into the memory what a vehicle that is in sight shows at this step."""
     braking = 0.0
-    if math.isnan(known.lane_y):
+    if isnan(known.lane_y):
         centre = scenario.road.lane_width * round(other.y / scenario.road.lane_width)
         # a vehicle parked off the centre has not strayed
         known.lane_y = centre if other.speed > 0.0 else other.y
@@ -197,11 +197,11 @@ def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None
     offset = other.y - known.lane_y
     # the last comparison is false for nan, when it is first seen
     now, before = abs(offset), abs(known.offset)
-    if math.isnan(known.strayed_at) and now > p.wander and now > before:
+    if isnan(known.strayed_at) and now > p.wander and now > before:
         # share of the time since it was last seen after which it crossed `wander`
         share = max((p.wander - before) / (now - before), 0.0)
         known.strayed_at = known.time + share * (time - known.time)
-    if math.isnan(known.braked_at) and braking > p.lead_braking:
+    if isnan(known.braked_at) and braking > p.lead_braking:
         known.braked_at = time - scenario.step  # the earliest instant: braking may jump
     known.offset, known.time = offset, time
     known.braking, known.speed = braking, other.along
@@ -230,7 +230,7 @@ def _began_in_ego_lane(me: Any, known: Any, scenario: Any) -> bool:
 @kernel
 def _comes_towards(me: Any, known: Any, scenario: Any) -> bool:
     """Whether the vehicle has left its own lane towards the ego's."""
-    if math.isnan(known.strayed_at) or _began_in_ego_lane(me, known, scenario):
+    if isnan(known.strayed_at) or _began_in_ego_lane(me, known, scenario):
         return False
     return bool(known.offset * (me.y - known.lane_y) > 0.0)  # to the same side
 
@@ -242,7 +242,7 @@ def _judge_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, ti
         other, known = others[j], watched[j]
         if (
             not other.x > me.x
-            or not math.isnan(known.necessary_at)
+            or not isnan(known.necessary_at)
             or not _comes_towards(me, known, scenario)
             or not is_in_sight(me, others, j, MOST_COVERED)
         ):
@@ -271,10 +271,10 @@ def _judge_path(
     while j >= 0:
         known = watched[j]
         in_path = lateral_overlap(me, others[j]) > 0.0
-        if in_path and math.isnan(known.necessary_at) and not _comes_towards(me, known, scenario):
-            if math.isnan(known.evaluated_at):
+        if in_path and isnan(known.necessary_at) and not _comes_towards(me, known, scenario):
+            if isnan(known.evaluated_at):
                 perceived_at = _revealed(own, others, watched, j, leaves, time)
-                if math.isnan(perceived_at):
+                if isnan(perceived_at):
                     perceived_at = _approached(
                         own, others[j], known, others_then[j], scenario.step, time
                     )
@@ -282,7 +282,7 @@ def _judge_path(
             # the nearest step decides, as for a cut-in; false for nan
             if time >= known.evaluated_at - 0.5 * scenario.step:
                 known.necessary_at = known.evaluated_at
-        if not math.isnan(known.strayed_at) and _began_in_ego_lane(me, known, scenario):
+        if not isnan(known.strayed_at) and _began_in_ego_lane(me, known, scenario):
             leaves = j if leaves < 0 else leaves
         elif in_path:
             return
@@ -302,9 +302,9 @@ def _revealed(own: Any, others: Any, watched: Any, j: int, leaves: int, time: fl
     near = within_headway(me, other)
     if leaves >= 0 and me.along > other.along and (near or within_headway(me, others[leaves])):
         return float(max(watched[leaves].strayed_at, time - own.p.evaluation))
-    if not math.isnan(known.braked_at) and near:
+    if not isnan(known.braked_at) and near:
         return float(max(known.braked_at, time - own.p.evaluation))
-    return math.nan
+    return nan
 
 
 @kernel
@@ -319,7 +319,7 @@ def _approached(
     me, p = own.me, own.p
     needed = _needed(me, other, known, p)
     if not needed > p.in_path_limit:
-        return math.nan
+        return nan
     if own.looked == 0:  # there is no step before this one
         return time
     take(own.then, me)
@@ -348,18 +348,18 @@ def _end_events_within(me: Any, others: Any, watched: Any, step: float) -> float
     """
     ends, events = 0.0, 0
     for j in range(len(others)):
-        if math.isnan(watched[j].necessary_at) or not others[j].x > me.x:
+        if isnan(watched[j].necessary_at) or not others[j].x > me.x:
             continue
         if watched[j].braking > 0.0 or me.braking <= 0.0:
-            return math.inf
+            return inf
         ends = max(ends, (me.along - others[j].along) / me.braking)
         events += 1
     if events == 0 or ends >= step:
-        return math.inf
+        return inf
     for j in range(len(others)):
         known = watched[j]
-        if not math.isnan(known.necessary_at) and others[j].x > me.x:
-            known.braked_at = known.evaluated_at = known.necessary_at = math.nan
+        if not isnan(known.necessary_at) and others[j].x > me.x:
+            known.braked_at = known.evaluated_at = known.necessary_at = nan
     return ends
 
 
@@ -369,7 +369,7 @@ def _aeb_ttc(me: Any, other: Any) -> float:
     full = 2.0 * min(me.half_width, other.half_width) - OVERLAP_TOLERANCE
     if other.x > me.x and lateral_overlap(me, other) >= full:
         return time_to_collision(me, other)
-    return math.inf
+    return inf
 
 
 @kernel
@@ -410,7 +410,7 @@ def _watch_over(
             own.aeb_began = time + begins
         return
     for j in range(len(others)):
-        if _aeb_ttc(own.me, others[j]) < math.inf:  # still closing in
+        if _aeb_ttc(own.me, others[j]) < inf:  # still closing in
             return
     own.aeb_brakes = 0
 

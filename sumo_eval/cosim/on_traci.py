@@ -8,9 +8,9 @@ harness checks that the ego moves as a vehicle can. Calls through TraCI are guar
 from __future__ import annotations
 
 import cmath
-import math
 from collections.abc import Callable, Sequence
 from functools import partial
+from math import cos, dist, hypot, radians, remainder, sin, sqrt, tau
 from time import perf_counter
 from types import FunctionType
 from typing import Any
@@ -442,15 +442,15 @@ class _Hook:
             before = front(Body(last_x, last_y, last_heading, last_speed, *sizes))
             fault = impossible(calls, ego, before, now)
             raise ControllerError(f"The ADS is responsible: {fault}") if GUARD.moved else fault
-        heading = math.remainder(math.radians(STRAIGHT - angle), math.tau)
-        x, y = front_x - self._half * math.cos(heading), front_y - self._half * math.sin(heading)
+        heading = remainder(radians(STRAIGHT - angle), tau)
+        x, y = front_x - self._half * cos(heading), front_y - self._half * sin(heading)
         # before the first step it is the lane's, along which SUMO inserts the ego
         heading_before = last_heading
         if not self._world.steps:
             heading_before, state[2] = last_heading - state[2], 0.0
         # motion of the front bumper
-        moved_x = front_x - last_x - self._half * math.cos(heading_before)
-        moved_y = front_y - last_y - self._half * math.sin(heading_before)
+        moved_x = front_x - last_x - self._half * cos(heading_before)
+        moved_y = front_y - last_y - self._half * sin(heading_before)
         stretch = 1.0  # metres on the map for each metre along the line
         pose: tuple[float, ...] = x, y, heading
         state[MAP], state[MAP + 1], state[MAP + 2] = pose
@@ -463,8 +463,8 @@ class _Hook:
             stretch = 1.0 - self._bend * pose[1]
             # SUMO stretches a lane evenly, as in any of the road's curves: of the lengths along the
             # line that this motion may have, take the nearest to speed * step
-            across = pose[1] - state[1] + self._half * (math.sin(pose[2]) - math.sin(state[2]))
-            moved = math.sqrt(max(moved_x**2 + moved_y**2 - across**2, 0.0))
+            across = pose[1] - state[1] + self._half * (sin(pose[2]) - sin(state[2]))
+            moved = sqrt(max(moved_x**2 + moved_y**2 - across**2, 0.0))
             lengths = [moved / (1.0 - bend * pose[1]) for bend in self._bends]
             moved_x, moved_y = min(max(speed * self._step, min(lengths)), max(lengths)), across
         self._check_motion(moved_x, moved_y, speed, now)
@@ -474,7 +474,7 @@ class _Hook:
         # in the first step in which SUMO moves the ego, SUMO may turn it into the lane
         if self._flags[_STALE]:
             self._flags[_STALE] = 0
-            turned = abs(math.remainder(heading - last_heading, math.tau))
+            turned = abs(remainder(heading - last_heading, tau))
             # more than rounding and the road's own curve
             if turned > 1e-3 + abs(last_speed * self._step * self._bend):
                 self._world.note(self._case, "heading", last_heading, heading)
@@ -487,7 +487,7 @@ class _Hook:
         if self._bent:
             speed *= stretch
         if sideways:
-            speed = math.hypot(speed, sideways)
+            speed = hypot(speed, sideways)
         state[0], state[1], state[2] = pose
         state[3], state[7] = speed, acceleration
 
@@ -543,7 +543,7 @@ class _Hook:
         least, most = slower * step - tolerance, faster * step + tolerance
         if least <= ahead <= most and -sideways <= across <= sideways:
             return
-        moved = math.hypot(ahead, across)
+        moved = hypot(ahead, across)
         possible = min(max(moved, least), most)
         # SUMO itself moves an ego to a lane's centre, or along a curve when it changes lanes
         sideways_only = least <= ahead <= most
@@ -579,8 +579,8 @@ class _Hook:
         """
         at, (old, new) = self._calls.getLanePosition(self.ego), self._lanes
         on_map, edge = self._traci.simulation.convert2D, self._traci.vehicle.getRoadID(self.ego)
-        apart = math.dist(*(on_map(edge, at, lane) for lane in (old, new)))
-        return math.sqrt(max(apart**2 - (self.road.lane_width * (new - old)) ** 2, 0.0))
+        apart = dist(*(on_map(edge, at, lane) for lane in (old, new)))
+        return sqrt(max(apart**2 - (self.road.lane_width * (new - old)) ** 2, 0.0))
 
     def _check_course(self, pose: Sequence[float], now: float) -> None:
         """Refuse fast sideways motion into which no vehicle can turn.
@@ -595,7 +595,7 @@ class _Hook:
         course, last_course = cmath.phase(moved), self._course
         self._course = course
         # lateral acceleration
-        sharp = abs(moved * math.remainder(course - last_course, math.tau)) / step**2
+        sharp = abs(moved * remainder(course - last_course, tau)) / step**2
         too_sharp = abs(moved.imag) > _SIDEWAYS_SPEED * step and sharp > _SHARPEST
         if too_sharp and not self._put_on_centre():
             self._unphysical(

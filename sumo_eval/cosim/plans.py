@@ -10,9 +10,9 @@ Users: `cosim/`, `record/watch.py`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from math import atan, atan2, cos, hypot, isfinite, radians, sin, sqrt
 from typing import Any
 
 import numpy as np
@@ -134,7 +134,7 @@ class Executor:
             and speed is None
             and type(acceleration) is float
             and type(steering) is float
-            and math.isfinite(acceleration + steering)
+            and isfinite(acceleration + steering)
         ):
             return held
         return Command(
@@ -157,7 +157,7 @@ class Executor:
             values.append(value)
         throttle, brake, steer = values
         acceleration = throttle * limits.max_acceleration - brake * limits.max_deceleration
-        return Command(acceleration, steer * math.radians(limits.max_steering_wheel_angle_deg))
+        return Command(acceleration, steer * radians(limits.max_steering_wheel_angle_deg))
 
     def _along(self, track: _FollowedPlan, ego: _Numbers, time: float) -> Command:
         """The tracker: Stanley's law for the front axle, feed-forward and feedback for the speed.
@@ -182,27 +182,27 @@ class Executor:
         if time > track.end + _SAME_TIME:
             self._note("plan_ended", track.end, time)
         dx, dy = plan[0] - x, plan[1] - y
-        self._note("plan_error", 0.0, math.sqrt(dx * dx + dy * dy))
-        behind = dx * math.cos(direction) + dy * math.sin(direction)
+        self._note("plan_error", 0.0, sqrt(dx * dx + dy * dy))
+        behind = dx * cos(direction) + dy * sin(direction)
         # dv_plan/dt, m/s2
         planned = (track.at(time + self._step)[3] - plan_speed) / self._step
         acceleration = (
             planned + gains.speed_gain * (plan_speed - speed) + gains.position_gain * behind
         )
         half = 0.5 * limits.wheelbase
-        front = x + half * math.cos(heading)
-        path = track.beside(front, y + half * math.sin(heading))
+        front = x + half * cos(heading)
+        path = track.beside(front, y + half * sin(heading))
         # one place, or the same one at all times: without a direction to follow the wheels stay
         # straight, even where the road is curved
         if path is None:
             return Command(acceleration, 0.0)
         theta, aside = path
-        turn = within_a_turn(theta - heading) + math.atan2(
+        turn = within_a_turn(theta - heading) + atan2(
             gains.steering_gain * aside, gains.softening_speed + speed
         )
         # theta and heading are relative to the road, so its curvature has to be added
         if self._line:
-            turn += math.atan(limits.wheelbase * curvatures(self._line, front))
+            turn += atan(limits.wheelbase * curvatures(self._line, front))
         return Command(acceleration, turn * limits.steering_ratio)
 
 
@@ -238,12 +238,8 @@ class _FollowedPlan:
         )
         self._speed = numbers.get("speed") or _speeds(time, x, y, ego_speed)
         half = 0.5 * wheelbase
-        self._front_x = [
-            at + half * math.cos(psi) for at, psi in zip(x, self._heading, strict=True)
-        ]
-        self._front_y = [
-            at + half * math.sin(psi) for at, psi in zip(y, self._heading, strict=True)
-        ]
+        self._front_x = [at + half * cos(psi) for at, psi in zip(x, self._heading, strict=True)]
+        self._front_y = [at + half * sin(psi) for at, psi in zip(y, self._heading, strict=True)]
         self._tangent = _directions(self._front_x, self._front_y, self._heading[0])
         # segments of the last answers of `at` and of `beside`: a search begins there, and goes
         # forward only
@@ -259,8 +255,8 @@ class _FollowedPlan:
             driven = self._speed[i] * (time - times[i])
             psi = self._heading[i]
             return (
-                self._x[i] + driven * math.cos(psi),
-                self._y[i] + driven * math.sin(psi),
+                self._x[i] + driven * cos(psi),
+                self._y[i] + driven * sin(psi),
                 psi,
                 self._speed[i],
             )
@@ -290,7 +286,7 @@ class _FollowedPlan:
             if square > _SAME_PLACE * _SAME_PLACE:
                 share = ((x - xs[i]) * along_x + (y - ys[i]) * along_y) / square
                 across = along_x * (ys[i] - y) - along_y * (xs[i] - x)  # cross product
-                nearest = i, share, across / math.sqrt(square)
+                nearest = i, share, across / sqrt(square)
                 if share <= 1.0:
                     break
         if nearest is None:
@@ -314,12 +310,12 @@ def _directions(x: _Numbers, y: _Numbers, if_still: float) -> list[float]:
         a, b = max(i - 1, 0), min(i + 1, len(x) - 1)
         along, across = x[b] - x[a], y[b] - y[a]
         if abs(along) > _SAME_PLACE or abs(across) > _SAME_PLACE:
-            last += within_a_turn(math.atan2(across, along) - last)
+            last += within_a_turn(atan2(across, along) - last)
         directions.append(last)
     # at an end the chord of one segment is the direction at its middle: extrapolate to the end
     if len(x) > 2:
         for end, inner in ((0, 1), (-1, -2)):
-            if math.hypot(x[inner] - x[end], y[inner] - y[end]) > _SAME_PLACE:
+            if hypot(x[inner] - x[end], y[inner] - y[end]) > _SAME_PLACE:
                 directions[end] += directions[end] - directions[inner]
     return directions
 
@@ -343,7 +339,7 @@ def _numbers(name: str, values: Any) -> list[float]:
 
 
 def _finite(name: str, value: Any, owner: str) -> float:
-    number = value if type(value) is float and math.isfinite(value) else finite_number(value)
+    number = value if type(value) is float and isfinite(value) else finite_number(value)
     if number is None:
         raise ControllerError(
             f"`{name}` of the ADS's {owner} must be a finite number, got {shown(value)}"

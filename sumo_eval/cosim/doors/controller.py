@@ -15,10 +15,10 @@ Users: `cli/tools.py`, `cosim/`, `record/`, `extras/studies/qualification/table.
 from __future__ import annotations
 
 import inspect
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from math import inf, isnan, nan
 from pathlib import Path
 from typing import Any, Protocol, cast
 
@@ -66,11 +66,11 @@ class Briefing:
     vehicle: VehicleSettings
     step: float
     values: Mapping[str, float] | None = None
-    step_timeout: float = math.inf
-    desired_speed: float = math.nan
-    goal: tuple[float, float] = (math.nan, math.nan)
+    step_timeout: float = inf
+    desired_speed: float = nan
+    goal: tuple[float, float] = (nan, nan)
     change: tuple[float, float] | None = None
-    period: float = math.nan
+    period: float = nan
     way: Way | None = None
 
     @property
@@ -459,7 +459,7 @@ def _check_attributes(attributes: Mapping[str, str], owner: str) -> None:
     for name, value in attributes.items():
         if name not in SUMO_ATTRIBUTES and not name.startswith(PARAMETER):
             raise unknown(f"vType parameter of {owner}", name, SUMO_ATTRIBUTES)
-        if math.isnan(number_in(value)):
+        if isnan(number_in(value)):
             raise must_be(f"`{name}`", owner, "a finite number", value)
 
 

@@ -10,11 +10,11 @@ FMUs and ONNX models read them, and `cosim/`, `extras/bench/costs.py`, `extras/g
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from math import cos, inf, nan, radians, sin, tau
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -52,8 +52,8 @@ def limits_of(conditions: ConditionSettings) -> tuple[float, ...]:
     return (
         conditions.perception_delay, conditions.dropout,
         conditions.position_noise, conditions.speed_noise,
-        conditions.sensor_range or math.inf,
-        math.radians(conditions.field_of_view_deg or 360.0) / 2.0,
+        conditions.sensor_range or inf,
+        radians(conditions.field_of_view_deg or 360.0) / 2.0,
         conditions.occlusion,
     )  # fmt: skip
 
@@ -86,7 +86,7 @@ class Task(NamedTuple):
     change: tuple[float, float] | None = None
 
 
-_NO_TASK = Task(math.nan, (math.nan, math.nan))
+_NO_TASK = Task(nan, (nan, nan))
 
 
 def stream_of(seed: int, concrete: ConcreteScenario) -> str:
@@ -249,7 +249,7 @@ class Observation:
         me, others = self._look
         my_x, my_y = me[0], me[1]
         half_length, half_width = half_sizes(me[2], me[4], me[5])
-        nearest, least = 0, math.inf
+        nearest, least = 0, inf
         for number, other in enumerate(others, 1):
             x = other[0]
             if x > my_x:  # false where x is nan: not seen
@@ -367,7 +367,7 @@ class Observation:
         `change_by` are nan where the ego may stay in its lane.
         """
         me, road = self.ego, self.road
-        change_from, change_by = self.change or (math.nan, math.nan)
+        change_from, change_by = self.change or (nan, nan)
         values = {
             "time": self.time,
             **{f"ego_{name}": float(value) for name, value in me._asdict().items()},
@@ -539,7 +539,7 @@ class Perception:
         seen[..., :7] = others
         if self._steps == 0:
             # when each was last seen, s, and how fast, m/s
-            self._last = np.full((2, *others.shape[:2]), math.nan)
+            self._last = np.full((2, *others.shape[:2]), nan)
         x, speed = seen[..., 0], seen[..., 3]
         visible = x == x  # false where x is nan
         if self._used[_REACH].any():
@@ -553,7 +553,7 @@ class Perception:
             seen[..., :2] += errors[..., :2]
             # noise makes no speed negative; without noise a speed stays as it is
             np.maximum(speed + errors[..., 2], 0.0, out=speed, where=errors[..., 2] != 0.0)
-        np.copyto(x, math.nan, where=~visible)
+        np.copyto(x, nan, where=~visible)
         when, last = self._last
         since = time - when
         seen[..., 7] = 0.0
@@ -622,7 +622,7 @@ class Perception:
             c, s = np.cos(heading), np.sin(heading)
             points_y, points_x = y + along * s + across * c, x + along * c - across * s
             angle = np.arctan2(points_y - bumper_y, points_x - bumper_x) - turned
-            angle -= math.tau * np.floor(angle / math.tau + 0.5)
+            angle -= tau * np.floor(angle / tau + 0.5)
             reach &= (np.abs(angle) <= half_angle).any(axis=0)
         if self._used[6]:  # occlusion
             reach &= ~(_hidden(me_x, x, y, width) & (hides > 0.0))
@@ -651,7 +651,7 @@ def present(others: FloatArray, is_present: FloatArray) -> FloatArray:
     if is_present.all():
         return others
     others = others.copy()
-    others[is_present == 0, 0] = math.nan
+    others[is_present == 0, 0] = nan
     return others
 
 
@@ -665,7 +665,7 @@ def _velocity(body: _Body) -> tuple[float, float]:
     heading, speed, across = body[2], body[3], body[6]
     if heading == 0.0:
         return speed, across
-    c, s = math.cos(heading), math.sin(heading)
+    c, s = cos(heading), sin(heading)
     return speed * c - across * s, speed * s + across * c
 
 

@@ -146,12 +146,11 @@ def _into_own_network(report: socket.socket) -> Callable[[], None]:
             user, group = os.geteuid(), os.getegid()
             if ctypes.CDLL(None, use_errno=True).unshare(_NEW_USERS | _NEW_NETWORK) != 0:
                 return
-            maps = {
+            for name, text in {  # the child keeps its user and group
                 "uid_map": f"{user} {user} 1",
                 "setgroups": "deny",
                 "gid_map": f"{group} {group} 1",
-            }
-            for name, text in maps.items():  # the child keeps its user and group
+            }.items():
                 with suppress(OSError), open(f"/proc/self/{name}", "w") as file:
                     file.write(text)
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
