@@ -7,8 +7,8 @@ The kernels take what `cosim.compiled.each_row` hands to a rule. In a `MOVER`, x
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from math import inf, isfinite
 from typing import Any
 
 import numpy as np
@@ -89,11 +89,11 @@ def full_braking(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time
     watched: a `Foresight` of each actor, its flags as 0 or 1.
     """
     level = p.deceleration if is_too_close_to_hider(me, others, watched, p, scenario, time) else 0.0
-    first_noticed = math.inf  # of the vehicles that the ego would touch
+    first_noticed = inf  # of the vehicles that the ego would touch
     for j in range(len(others)):
         if watched[j].meets > 0.0:
             first_noticed = min(first_noticed, watched[j].noticed)
-    begins = math.inf
+    begins = inf
     for j in range(len(others)):
         other, known = others[j], watched[j]
         # an actor ahead, in the ego's path, that the ego comes nearer to
@@ -165,7 +165,7 @@ class IdealBraking(Compiled):
     numbers = fields("deceleration")
 
     def __init__(self, deceleration: float = 9.0) -> None:
-        if not (math.isfinite(deceleration) and deceleration > 0.0):
+        if not (isfinite(deceleration) and deceleration > 0.0):
             raise must_be(
                 "`deceleration`",
                 "ADS `ideal_braking`",

@@ -12,7 +12,7 @@ Users: `ads/`, `drivers/synthetic/driver.py`.
 
 from __future__ import annotations
 
-import math
+from math import isnan
 from typing import Any
 
 from sumo_eval.kernels import kernel
@@ -154,7 +154,7 @@ def is_visible(me: Any, others: Any, index: int, hiding_share: float) -> bool:
     of it shows.
     """
     other = others[index]
-    if math.isnan(other.x):
+    if isnan(other.x):
         return False
     allowed = 2.0 * other.half_width * hiding_share  # width that may be covered, m
     for j in range(len(others)):
@@ -173,7 +173,7 @@ def is_in_sight(me: Any, others: Any, index: int, hiding_share: float) -> bool:
     at the side hide what stands between them.
     """
     other = others[index]
-    if math.isnan(other.x) or other.x <= me.x or lateral_overlap(me, other) > 0.0:
+    if isnan(other.x) or other.x <= me.x or lateral_overlap(me, other) > 0.0:
         return is_visible(me, others, index, hiding_share)
     for j in range(len(others)):
         nearer = others[j]

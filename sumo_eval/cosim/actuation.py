@@ -6,8 +6,8 @@ Users: `cosim/loop.py`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
+from math import ceil, inf
 from typing import Any
 
 import numpy as np
@@ -38,10 +38,10 @@ class Actuation:
         note: Callable[[str, float, float], None],
     ) -> None:
         self._steps = np.array(
-            [max(math.ceil((it.actuation_delay - _ROUNDING) / step), 0) for it in conditions]
+            [max(ceil((it.actuation_delay - _ROUNDING) / step), 0) for it in conditions]
         )
         # s of wall time; a case with a budget is the only one
-        self.budget, self._note = conditions[0].step_budget or math.inf, note
+        self.budget, self._note = conditions[0].step_budget or inf, note
         # a ring over the last steps; zeros until the first command: speed kept, wheel straight
         self._given = np.zeros((self._steps.max() + 1, len(conditions)), kind)
 
@@ -64,7 +64,7 @@ class Actuation:
         has_new: whether there are new commands; else the last ones hold.
         """
         slots = len(self._given)  # of the ring: the longest delay in steps, and the present step
-        if slots == 1 and self.budget == math.inf:
+        if slots == 1 and self.budget == inf:
             return
         new = commands if has_new else self._given[(now - 1) % slots, cases]
         self._given[now % slots, cases] = new

@@ -9,8 +9,8 @@ Users: `ads/`, `cosim/simulation.py`, `drivers/synthetic/driver.py`, `record/`.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Sequence
+from math import isfinite, nan
 from typing import Any, ClassVar
 
 import numpy as np
@@ -81,7 +81,7 @@ def unseen(count: int, others: int, layout: Layout) -> Records:
 
     def row(layout: Layout) -> tuple[Any, ...]:
         return tuple(
-            row(kind) if isinstance(kind, list) else math.nan if kind == "f8" else 0
+            row(kind) if isinstance(kind, list) else nan if kind == "f8" else 0
             for _, kind in layout
         )
 
@@ -95,7 +95,7 @@ def check_numbers(ads: str, rule: Any) -> None:
     """
     for field in dataclasses.fields(rule):
         value = getattr(rule, field.name)
-        if not (math.isfinite(value) and value >= 0.0):
+        if not (isfinite(value) and value >= 0.0):
             raise must_be(f"`{field.name}`", f"ADS `{ads}`", "a finite number, at least 0", value)
 
 
@@ -222,7 +222,7 @@ def _pose(
     try:
         x, y = calls.getPosition(name)
     except gone:
-        return (math.nan,) * 4
+        return (nan,) * 4
     heading = np.radians(90.0 - calls.getAngle(name))
     return (
         x - 0.5 * length * np.cos(heading),

@@ -423,6 +423,7 @@ class _Hook:
         which on a curved road SUMO counts on the road's line.
         """
         calls, state, ego = self._calls, self._state, self.ego
+        half, step = self._half, self._step
         front_x, front_y = calls.getPosition(ego)
         angle, speed = calls.getAngle(ego), calls.getSpeed(ego)
         last_s, last_speed = state[0], state[3]
@@ -436,21 +437,21 @@ class _Hook:
             sizes = self._limits.length, self._limits.width
             # SUMO has lost it beside its lanes
             if front_x <= -LOST and leaves_the_lanes(
-                Body(last_s, state[1], state[2], last_speed, *sizes), self.road, self._step
+                Body(last_s, state[1], state[2], last_speed, *sizes), self.road, step
             ):
                 raise LeftTheRoadError
             before = front(Body(last_x, last_y, last_heading, last_speed, *sizes))
             fault = impossible(calls, ego, before, now)
             raise ControllerError(f"The ADS is responsible: {fault}") if GUARD.moved else fault
         heading = remainder(radians(STRAIGHT - angle), tau)
-        x, y = front_x - self._half * cos(heading), front_y - self._half * sin(heading)
+        x, y = front_x - half * cos(heading), front_y - half * sin(heading)
         # before the first step it is the lane's, along which SUMO inserts the ego
         heading_before = last_heading
         if not self._world.steps:
             heading_before, state[2] = last_heading - state[2], 0.0
         # motion of the front bumper
-        moved_x = front_x - last_x - self._half * cos(heading_before)
-        moved_y = front_y - last_y - self._half * sin(heading_before)
+        moved_x = front_x - last_x - half * cos(heading_before)
+        moved_y = front_y - last_y - half * sin(heading_before)
         stretch = 1.0  # metres on the map for each metre along the line
         pose: tuple[float, ...] = x, y, heading
         state[MAP], state[MAP + 1], state[MAP + 2] = pose
@@ -463,20 +464,20 @@ class _Hook:
             stretch = 1.0 - self._bend * pose[1]
             # SUMO stretches a lane evenly, as in any of the road's curves: of the lengths along the
             # line that this motion may have, take the nearest to speed * step
-            across = pose[1] - state[1] + self._half * (sin(pose[2]) - sin(state[2]))
+            across = pose[1] - state[1] + half * (sin(pose[2]) - sin(state[2]))
             moved = sqrt(max(moved_x**2 + moved_y**2 - across**2, 0.0))
             lengths = [moved / (1.0 - bend * pose[1]) for bend in self._bends]
-            moved_x, moved_y = min(max(speed * self._step, min(lengths)), max(lengths)), across
+            moved_x, moved_y = min(max(speed * step, min(lengths)), max(lengths)), across
         self._check_motion(moved_x, moved_y, speed, now)
         self._check_course(pose, now)
-        acceleration = (speed - state[_LANE_SPEED]) / self._step
+        acceleration = (speed - state[_LANE_SPEED]) / step
         state[_LANE_SPEED] = speed
         # in the first step in which SUMO moves the ego, SUMO may turn it into the lane
         if self._flags[_STALE]:
             self._flags[_STALE] = 0
             turned = abs(remainder(heading - last_heading, tau))
             # more than rounding and the road's own curve
-            if turned > 1e-3 + abs(last_speed * self._step * self._bend):
+            if turned > 1e-3 + abs(last_speed * step * self._bend):
                 self._world.note(self._case, "heading", last_heading, heading)
         turned_or_moved = self._bent or moved_y != 0.0 or heading != 0.0
         sideways = calls.getLateralSpeed(ego) if turned_or_moved else 0.0

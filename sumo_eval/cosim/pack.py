@@ -96,23 +96,24 @@ class Pack:
         commands: (n, 2), acceleration, m/s2, and steering wheel angle, rad.
         """
         world = self.world
-        world.egos["command"]["acceleration"] = commands[:, 0]
-        world.egos["command"]["steering"] = commands[:, 1]
+        egos = world.egos
+        egos["command"]["acceleration"] = commands[:, 0]
+        egos["command"]["steering"] = commands[:, 1]
         stage, steps = self._stage, world.steps
         count, gone = world.move(to_sumo=0 if stage is None else stage.sends(world))
         if stage is not None:
             stage.put_aside(gone)
             stage.tell(world, count)
             if steps:  # before step 0 SUMO has all vehicles at their starts
-                for row in np.flatnonzero(world.egos["begun"] == steps).tolist():  # restarted
+                for row in np.flatnonzero(egos["begun"] == steps).tolist():  # restarted
                     stage.begin_again(world, row)
             stage.step()
             if stage.compares(steps):
                 stage.compare(world)
         if not world.see():
             return np.empty(0, np.intp)
-        rows = np.flatnonzero((world.egos["reason"] != 0) & (world.egos["live"] != 0))
-        world.egos["live"][rows] = 0
+        rows = np.flatnonzero((egos["reason"] != 0) & (egos["live"] != 0))
+        egos["live"][rows] = 0
         return rows
 
     def reason(self, row: int) -> str:

@@ -468,18 +468,19 @@ def _manner(
         if keeps_state is not None:
             return alone(keeps_state)
         return _Manner(ObjectController, lambda: wrap(make()), code=user_code, is_hook=True)
-    if _asks_traci(ads.target if ads.target is not None else ads.act):
+    policy = ads.target
+    if _asks_traci(policy if policy is not None else ads.act):
         return alone(ASKS_SUMO)
-    if takes_arrays(ads.target):
+    if takes_arrays(policy):
         shared = wrap(ads)
         if not batches:
             return alone(Alone("batch"))
         # `id`, not type: in a list of controllers, each such policy drives its own cases
-        return _Manner(id(ads.target), lambda: shared, over_arrays=True)
+        return _Manner(id(policy), lambda: shared, over_arrays=True)
     if one_case:
         return _Manner(type(ads), lambda: ads)
     # a function or a class: fresh for each case
-    if ads.target is None or isinstance(user_code, type):
+    if policy is None or isinstance(user_code, type):
         if keeps_state is not None:
             return alone(keeps_state)
         return _Manner(type(ads), lambda: wrap(make()), code=user_code if is_code else None)

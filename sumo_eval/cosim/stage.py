@@ -66,10 +66,11 @@ class Stage:
         self, traci: Any, world: World, *, ads_asks: bool = False, as_read: bool = False
     ) -> None:
         self.traci, self.ads_asks, self.as_read = traci, ads_asks, as_read
+        cases = world.cases
         self.calls = vehicles(traci)
         self.step = simulation_step(traci)
-        self.names = vehicle_names(world.cases, ads_asks=ads_asks)
-        count, road = len(world.cases), world.cases[0].road
+        self.names = vehicle_names(cases, ads_asks=ads_asks)
+        count, road = len(cases), cases[0].road
         self._alone = count == 1
         self._bent, self._road, self._step = road.bent, road, world.settings.step
         # whether SUMO receives places on lanes: in a curve it takes fifty times as long for a place
@@ -77,7 +78,7 @@ class Stage:
         self._on_lanes = self._bent and not as_read
         # Whether SUMO can move by itself the actors that only keep their speed: on a straight road,
         # where the actors' motion depends on time alone.
-        quiet = as_read and not road.line and not any(case.lively for case in world.cases)
+        quiet = as_read and not road.line and not any(case.lively for case in cases)
         self._sent = 2 if quiet else 1  # as in `move_rows`
         # the speed that SUMO received last, m/s along the line, by vehicle
         self._told: dict[str, float] = {}
@@ -100,7 +101,7 @@ class Stage:
         # SUMO drives no lane backwards
         on_map = (
             actor.on_map is not None or math.cos(actor.heading) < 0.0
-            for it in world.cases for actor in it.actors
+            for it in cases for actor in it.actors
         )  # fmt: skip
         self._on_map = set(compress(actors, on_map))
         self.keep(world)

@@ -14,9 +14,9 @@ Users: `cosim/simulation.py`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from contextlib import suppress
+from math import cos
 from typing import Any
 
 import numpy as np
@@ -105,7 +105,7 @@ class Traffic(Stage):
             half = 0.5 * other["length"]
             calls.moveTo(name, f"{self._edge[number]}_{lane}", x + half / ground)
             calls.setLateralLanePosition(name, y - road.lane_width * lane)
-        speed = other["speed"] * math.cos(other["heading"])
+        speed = other["speed"] * cos(other["heading"])
         calls.setPreviousSpeed(name, max(speed, 0.0))
         calls.setSpeed(name, -1.0)
         self._told.pop(name, None)
@@ -130,7 +130,7 @@ class Traffic(Stage):
         for names, concrete in zip(self.names, world.cases, strict=True):
             for name, actor in zip(names[1:], concrete.actors, strict=True):
                 if actor.heading:
-                    self._told[name] = max(actor.start.speed * math.cos(actor.heading), 0.0)
+                    self._told[name] = max(actor.start.speed * cos(actor.heading), 0.0)
                     calls.setPreviousSpeed(name, self._told[name])
 
     def sends(self, world: World) -> bool:

@@ -79,6 +79,9 @@ class Finding(NamedTuple):
     mend: str = ""
 
 
+_Findings = list[Finding]
+
+
 def check_controller(
     controller: ControllerLike,
     cases: Sequence[ConcreteScenario],
@@ -87,7 +90,7 @@ def check_controller(
     folder: Path | None = None,
     step_timeout: float = RUN.step_timeout,
     case_timeout: float = RUN.case_timeout,
-) -> list[Finding]:
+) -> _Findings:
     """Every point of the contract for an ADS, from two drives of each case.
 
     InputError if it cannot be loaded, or without a case.
@@ -145,7 +148,7 @@ def _projected(
     settings: SimulationSettings,
     step_timeout: float,
     case_timeout: float,
-) -> list[Finding]:
+) -> _Findings:
     """Losses of a run to its two limits on wall time, by the time that the drives took here."""
     count = len(recordings)
     late = sum(recording.end_reason == "ads_timeout" for recording in recordings)
@@ -202,7 +205,7 @@ def _projected(
     return findings
 
 
-def _ends(cases: Sequence[ConcreteScenario], recordings: _Recordings) -> list[Finding]:
+def _ends(cases: Sequence[ConcreteScenario], recordings: _Recordings) -> _Findings:
     """Findings on how cases end: each case that does well, and each cause of a fault once, with its
     count.
     """
@@ -281,7 +284,7 @@ def _in_range(recordings: _Recordings) -> Finding:
     )
 
 
-def _planned(recordings: _Recordings) -> list[Finding]:
+def _planned(recordings: _Recordings) -> _Findings:
     """Finding on the largest distance of the vehicle from its ADS's plan, for an ADS that plans."""
     worst = _worst(recordings, _OF_A_PLAN)
     if not worst:
@@ -294,7 +297,7 @@ def _planned(recordings: _Recordings) -> list[Finding]:
     return [Finding("ok", text)]
 
 
-def _counted(findings: Sequence[Finding]) -> list[Finding]:
+def _counted(findings: Sequence[Finding]) -> _Findings:
     """All findings but the `FAIL`s, then the first `FAIL`, with the number of all."""
     wrong = [finding for finding in findings if finding.kind == "FAIL"]
     count = f"{len(wrong)} of {len(findings)} cases, e.g. " if len(wrong) > 1 else ""

@@ -21,11 +21,11 @@ from __future__ import annotations
 
 import cmath
 import functools
-import math
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from math import isfinite, prod
 from pathlib import Path
 from typing import Any
 
@@ -203,7 +203,7 @@ class _Fmu:
         name, owner = f"`{variable.name}`", f"FMU `{self.path.name}`"
         is_array = _count(variable) is not None
         if isinstance(signal, float):  # a constant
-            if not math.isfinite(signal) or _plain(variable.type, signal) != signal:
+            if not isfinite(signal) or _plain(variable.type, signal) != signal:
                 raise must_be(name, owner, f"finite and of type {variable.type}", signal)
         elif is_array and key == "inputs" and signal not in OBJECTS:
             wanted = f"given one of {', '.join(OBJECTS)}, as it is an array"
@@ -307,7 +307,7 @@ class _Fmu:
         for name in names:
             variable, index = self._outputs[name]
             outputs[name] = self._values([variable])[index] * self._factor(variable)
-        if not all(map(math.isfinite, outputs.values())):
+        if not all(map(isfinite, outputs.values())):
             raise ControllerError(f"FMU `{self.path.name}` must give finite numbers, got {outputs}")
         return outputs
 
@@ -412,7 +412,7 @@ def _may_be(variable: Any, key: str) -> bool:
 
 def _count(variable: Any) -> int | None:
     """Number of values of an array; None: it is not an array."""
-    return math.prod(variable.shape) if variable.dimensions else None
+    return prod(variable.shape) if variable.dimensions else None
 
 
 def _objects(seen: Observation) -> dict[str, list[float]]:

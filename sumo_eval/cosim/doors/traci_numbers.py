@@ -10,11 +10,11 @@ Users: `cosim/`, `extras/wheel/tape.py`.
 from __future__ import annotations
 
 import inspect
-import math
 import numbers
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from math import isfinite
 from typing import Any, NamedTuple
 
 from sumo_eval import text
@@ -167,7 +167,7 @@ def _reads_as_no_number(word: str) -> bool:
     if _NO_NUMBER.fullmatch(word):
         return True
     try:
-        return not math.isfinite(float(word))  # 1e999
+        return not isfinite(float(word))  # 1e999
     except ValueError:
         return False
 
@@ -225,4 +225,4 @@ def finite_number(value: Any, *, truth: bool = False) -> float | None:
         number = float(value)
     except Exception:  # noqa: BLE001 - 10**400, and whatever a type of the user's own may raise
         return None
-    return number if math.isfinite(number) else None
+    return number if isfinite(number) else None
