@@ -66,7 +66,7 @@ _OPTIONAL = frozenset(
     if it.default is not it.empty
 )
 
-PLACING = frozenset({"moveTo", "moveToXY", "setLateralLanePosition"})
+PLACING = {"moveTo", "moveToXY", "setLateralLanePosition"}
 """Calls that put a vehicle at a place."""
 
 MOTION = PLACING | {
@@ -105,18 +105,16 @@ IGNORED = {
     for call in calls.split()
 }
 """Calls that SUMO takes and ignores under the settings of a case, by what would heed them."""
-HANDS_OVER = frozenset({"setSpeed", "slowDown", "setAcceleration"})
+HANDS_OVER = {"setSpeed", "slowDown", "setAcceleration"}
 """Calls after which SUMO's own model drives: at once by a negative speed, or when their time has
 passed."""
 
-DURATIONS = frozenset(
-    {"duration", "until", "leadTime", "actionStepLength", "boardingDuration", "time", "begTime",
-        "endTime"}
-)  # fmt: skip
+DURATIONS = {
+    "duration", "until", "leadTime", "actionStepLength", "boardingDuration", "time", "begTime",
+    "endTime"
+}  # fmt: skip
 """Names of arguments that are durations or times, s."""
-_NUMBERS_IN_TEXT = frozenset(
-    {"value", "depart", "departPos", "departSpeed", "arrivalPos", "arrivalSpeed"}
-)
+_NUMBERS_IN_TEXT = {"value", "depart", "departPos", "departSpeed", "arrivalPos", "arrivalSpeed"}
 
 
 class Breach(NamedTuple):

@@ -189,12 +189,10 @@ def served(
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))  # a free port
             port = probe.getsockname()[1]
-        command = command_line(
-            concrete, settings, folder, log, own_vehicle_type(ads, concrete.road)
-        )
+        vehicle_type = own_vehicle_type(ads, concrete.road)
         words = [
             sumo_binary(),
-            *command[1:],
+            *command_line(concrete, settings, folder, log, vehicle_type)[1:],
             "--remote-port",
             str(port),
             "--num-clients",

@@ -143,10 +143,10 @@ def _place(traci: Any, name: str, trajectory: Trajectory, moment: float, edge: s
         for channel in (trajectory.x, trajectory.y, np.unwrap(trajectory.heading))
     )
     half = trajectory.length / 2.0
-    front = x + math.cos(heading) * half, y + math.sin(heading) * half
     traci.vehicle.moveToXY(
-        name, edge, 0 if edge else -1, *front, angle=90.0 - math.degrees(heading), keepRoute=2
-    )
+        name, edge, 0 if edge else -1, x + math.cos(heading) * half, y + math.sin(heading) * half,
+        angle=90.0 - math.degrees(heading), keepRoute=2,
+    )  # fmt: skip
 
 
 def _types(vehicles: Trajectories, bodies: Mapping[str, str]) -> str:
