@@ -168,6 +168,11 @@ def test_learning_from_a_folder_says_what_to_name(tmp_path):
     assert "humans import" in result.said
 
 
+def test_imported_people_are_written_as_csv_alone(tmp_path):
+    result = sumo_eval("humans", "import", "csv", "no", "--out", tmp_path / "x.parquet", status=2)
+    assert "must be a file that ends with .csv or .csv.gz, got " in result.said
+
+
 def test_a_folder_to_check_is_answered_with_what_it_holds(tmp_path):
     result = sumo_eval("check", tmp_path, status=2)
     assert "is a folder without an evaluation, a scenario (.toml) or an ADS (.py)." in result.said

@@ -14,6 +14,7 @@ from sumo_eval.cli.finish import scored
 from sumo_eval.cli.options import RUN, path_argument, path_option
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import WHOLE, say, tell
+from sumo_eval.errors import must_be
 
 
 class _WholeLines(click.Group):
@@ -52,6 +53,8 @@ def import_(form: str, paths: tuple[Path, ...], out: Path) -> None:
     from sumo_eval.drivers.recorded.importing import import_recordings
     from sumo_eval.drivers.recorded.recordings import write_csv
 
+    if not out.name.endswith((".csv", ".csv.gz")):
+        raise must_be("`--out`", "import", "a file that ends with .csv or .csv.gz", str(out))
     recordings = import_recordings(form, paths)
     write_csv(recordings, out)
     say(recordings.notes)
