@@ -63,7 +63,7 @@ def with_no_return(
         braking = np.flatnonzero(contact.commands[:, -2] <= -BRAKES)
         braked = round(float(braking[0]) * settings.step, 6) if len(braking) else NEVER
         # `UNKNOWN` and `NEVER`, which are no steps, are below 0
-        time = step if step < 0.0 else round(step * settings.step, 6)
+        time = float(step) if step < 0 else round(step * settings.step, 6)
         clip = Clip(NO_RETURN, 1, time, braked, contact.hit.time)
         marked[index] = replace(contact.recording, clips=(*contact.recording.clips, clip))
     return marked
