@@ -36,8 +36,7 @@ OPENS = re.compile(
 )
 
 
-ALLOWED = ("input_file(", '.open("x', '.open("w', "gzip.open", "iterparse(opened",
-           "read_parquet(str(path))")  # fmt: skip
+ALLOWED = ("input_file(", '.open("x', '.open("w', "gzip.open", "read_parquet(str(path))")
 """Opened after a look at the file, or for writing; `osi` looks at its file before it asks which
 kind it is."""
 

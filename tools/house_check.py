@@ -91,7 +91,7 @@ def users(trees: Trees) -> dict[str, set[str]]:
     for name, source, what in imports:
         home = f"{source}.{what}"
         home = home if home in trees else homes.get((source, what), source)
-        if home in found and not (name in packages and home.startswith(name)):
+        if home in found and not (name in packages and home.startswith(f"{name}.")):
             inner = "/__init__" if name in packages else ""
             found[home].add(name.partition(".")[2].replace(".", "/") + inner)
     return found

@@ -196,8 +196,8 @@ def covers(nearer: Any, eye_y: float, other: Any, share: float, hiding: float) -
     half = other.half_width * share  # of the other, as it appears where the nearer one is, m
     # from the line of sight to the nearer vehicle's middle, m
     apart = abs(nearer.y - eye_y - share * (other.y - eye_y))
-    widest = min(nearer.half_width + half - apart, 2.0 * nearer.half_width, 2.0 * half)
-    return bool(widest > 2.0 * half * hiding)
+    covered = min(nearer.half_width + half - apart, 2.0 * nearer.half_width, 2.0 * half)
+    return bool(covered > 2.0 * half * hiding)
 
 
 @kernel

@@ -2,7 +2,7 @@
 
 A cut-in must be avoided when its TTC, as it intrudes into the lane, is above v_rel / (2 * 6 m/s2) +
 0.35 s: the system may take 0.35 s and brake at 6 m/s2. This ADS does just that, and begins no
-earlier than it must. docs/baselines.md lists the interpretations.
+earlier than it must. docs/baselines.md lists the readings.
 
 Users: `ads/eu_2022_1426.py`.
 """

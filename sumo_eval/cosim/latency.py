@@ -1,9 +1,7 @@
 """Wall times of an ADS's steps and, between them, of a fixed piece of work.
 
-The fixed work tells a slow ADS from a slow or busy machine. `World` holds the times;
+The fixed work tells a slow ADS from a slow or busy machine. `cosim/world.py` holds the times;
 `cosim/loop.py` and its controls measure them.
-
-Users: `cosim/loop.py`, `cosim/world.py`.
 """
 
 from __future__ import annotations
@@ -43,7 +41,13 @@ class Latencies:
 
     def of(self, case: int) -> Latency:
         """Latency of one case, once all cases have ended."""
-        times = self.shared or self.own[case]
+        return self._of_batch if self.shared else self._of(self.own[case])
+
+    @cached_property
+    def _of_batch(self) -> Latency:
+        return self._of(self.shared)
+
+    def _of(self, times: array[float]) -> Latency:
         steps = np.sort(np.frombuffer(times)) if times else np.zeros(1)  # the shortest first
         return Latency(
             mean=float(steps.mean()),

@@ -10,8 +10,8 @@ Readings of the paper (docs/method.md) that this file is built on:
 - The velocity points along the heading.
 
 The sum of magnitudes is compiled by numba, which is imported at first use, because that takes a
-while. Users: `shared_fields` for the fields behind D_i, `operations`, figures and
-studies in `extras/`.
+while. Users: `shared_fields` for the fields behind D_i, `operations`, figures and studies in
+`extras/`.
 """
 
 from __future__ import annotations

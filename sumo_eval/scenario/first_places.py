@@ -1,9 +1,8 @@
 """Check that all vehicles start on the road, on a lane, and clear of each other, and that their
 paths stay on the map.
 
-`scenario/file.py` and `extras/openscenario/logical.py` call it at every point of a sample.
-
-Users: `method/conflict.py`, `scenario/`, `extras/openscenario/`.
+Users: readers of scenario files (`scenario/`, `extras/openscenario/`) call it at every point of a
+sample; `method/conflict.py` takes the standard ego.
 """
 
 from __future__ import annotations

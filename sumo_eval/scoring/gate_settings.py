@@ -213,7 +213,7 @@ class ShiftSettings(Checked):
     share_alone: Share = setting(0.15, "share that fails if no case is better")
     far: NotNegativeFloat = setting(
         5.0,
-        "how far one of `cases` is worse, in tolerances, that fails if none is better; of no time",
+        "tolerances by which one of `cases` must be worse to fail, if none is better; not of times",
     )
     lost: Share = setting(0.3, "loss of task in a case that fails if none is better")
     measure: tuple[MeasureSettings, ...] = setting(

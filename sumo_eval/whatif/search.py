@@ -2,10 +2,9 @@
 
 Users: `cli/whatif.py`, `nightly/night.py`, `report/levers_section.py`, `report/verdict.py`.
 
-The first round drives 33 values along each
-lever, or all if it has fewer. The second drives every step between the two values where the outcome
-changes, for the nearest change on each side of the recorded value. Then both ends of these changes
-are rerun: an ADS must repeat its outcome.
+The first round drives 33 values along each lever, or all if it has fewer. The second drives every
+step between the two values where the outcome changes, for the nearest change on each side of the
+recorded value. Then both ends of these changes are rerun: an ADS must repeat its outcome.
 """
 
 from __future__ import annotations

@@ -676,9 +676,7 @@ def _velocities(bodies: Records) -> tuple[FloatArray, FloatArray]:
     return speed * c - across * s, speed * s + across * c
 
 
-def _seen(
-    number: int, look: tuple[Any, Sequence[Any]], road: Road, kinds: Sequence[str]
-) -> SeenVehicle:
+def _seen(number: int, look: _Look, road: Road, kinds: Sequence[str]) -> SeenVehicle:
     """An actor relative to the ego.
 
     number: 1, 2, ...; look: as in `Observation`; kinds: of all actors.

@@ -85,6 +85,7 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
     """
     rows, doubled = in_order(table.astype(dict.fromkeys(_TRACK, str)))
     back = _goes_back(rows)
+    oncoming = rows[back].groupby(_TRACK).ngroups
     parts, holes, too_short = _even_tracks(_checked(rows[~back]))
     # numbers by the words that follow them in a note
     counted = {
@@ -92,9 +93,7 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
         "own.": holes,
         f"tracks of less than two samples on the clock of {INTERVAL:g} s are left out.": too_short,
         f"vehicles that go back more than {BACK:g} m along x are left out: each direction of "
-        "travel must be a recording of its own, with x along it.": rows[back]
-        .groupby(_TRACK)
-        .ngroups,
+        "travel must be a recording of its own, with x along it.": oncoming,
     }
     counts = [*doubled, *(f"{count} {words}" for words, count in counted.items() if count)]
     if not parts:

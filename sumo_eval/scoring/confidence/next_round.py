@@ -79,14 +79,14 @@ def standing(
     state = f"half the widest 95 % interval is {width}"
     if half == math.inf:
         state = "an ADS has no interval"
-    asked = "" if until is None else f" than the {until:g} asked for"
+    asked = "" if until is None else f"more than the {until:g} asked for"
     # why there is no further round; where there is one, why it is not driven yet
     if until is not None and half <= until:
-        further, reason = 0, f"{state}, no more{asked}"
+        further, reason = 0, f"{state}, no {asked}"
     elif further:
         reason = f"{state}; it was stopped, `--resume` drives more rounds"
     else:
-        reason = f"all it may drive; {state}{asked and ', more'}{asked}"
+        reason = ", ".join(filter(None, (f"all it may drive; {state}", asked)))
     sentence = f"Adaptive sampling: {done} of at most {budget} points in {rounds} rounds; {reason}."
     return Standing(rounds, size, further, sentence)
 

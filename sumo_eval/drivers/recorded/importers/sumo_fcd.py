@@ -11,6 +11,7 @@ Users: `drivers/recorded/importing.py`.
 from __future__ import annotations
 
 import gzip
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -95,10 +96,11 @@ def _from_csv(path: Path) -> pd.DataFrame:
 
 
 def _from_xml(path: Path) -> pd.DataFrame:
-    rows, opening = [], gzip.open if path.suffix == ".gz" else open
-    with reading_xml(path), opening(input_file(path, "file"), "rb") as opened:
+    rows = []
+    opening = gzip.open if path.suffix == ".gz" else open
+    with reading_xml(path), ExitStack() as opened:
         for _, step in etree.iterparse(
-            opened,
+            opened.enter_context(opening(input_file(path, "file"), "rb")),
             tag="timestep",
             resolve_entities=False,
             no_network=True,
