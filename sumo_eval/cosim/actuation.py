@@ -1,7 +1,7 @@
 """Commands on their way from the ADS to the vehicle: delayed, or dropped where a step of the ADS
 took too long.
 
-Users: `cosim/loop.py`.
+Users: `cosim/ego_control.py`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Wall times of an ADS's steps and, between them, of a fixed piece of work.
 
 The fixed work tells a slow ADS from a slow or busy machine. `cosim/world.py` holds the times;
-`cosim/loop.py` and its controls measure them.
+`cosim/loop.py` and `cosim/policies.py` measure them.
 """
 
 from __future__ import annotations

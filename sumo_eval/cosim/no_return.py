@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cosim.loop import Replay
+from sumo_eval.cosim.ego_control import Replay
 from sumo_eval.cosim.simulation import simulate_together
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings

@@ -20,6 +20,14 @@ import numpy as np
 
 from sumo_eval.cosim.doors.controller import Adapter, NativeModel, ObjectController
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, SumoNames
+from sumo_eval.cosim.ego_control import (
+    EgoControl,
+    Terms,
+    advance_plant,
+    error_of,
+    note_unlimited,
+    settled_of,
+)
 from sumo_eval.cosim.impossible import (
     FASTEST,
     JUMP_TOLERANCE,
@@ -31,16 +39,8 @@ from sumo_eval.cosim.impossible import (
     impossible,
     leaves_the_lanes,
 )
-from sumo_eval.cosim.loop import (
-    EgoControl,
-    Terms,
-    advance_plant,
-    error_of,
-    make_briefing,
-    note_unlimited,
-    with_time,
-)
 from sumo_eval.cosim.plans import Executor, checked_answer
+from sumo_eval.cosim.policies import make_briefing, with_time
 from sumo_eval.cosim.records import (
     COMMAND,
     MAP,
@@ -203,9 +203,7 @@ class _Hook:
         """Keep the road and its curves, what delays commands, and their executor."""
         case, settings = self._case, world.each[self._case]
         self._latencies = world.latencies.own[case]
-        self._settled = (
-            getattr(self.ads.target, "settled", None) if settings.end_when_decided else None
-        )
+        self._settled = settled_of(self.ads, settings)
         self.road = world.cases[case].road
         self._bent = self.road.bent
         # 1/m, of all curves

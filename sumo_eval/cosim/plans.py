@@ -3,7 +3,7 @@
 A tracker follows plans (`Executor._along` states its law), a first-order law takes up speeds, a
 linear map reads pedals. One `Executor` a case holds what was asked for until it is replaced.
 
-`cosim/loop.py` and `cosim/on_traci.py` carry out the answers of ADSs by an executor.
+`cosim/policies.py` and `cosim/on_traci.py` carry out the answers of ADSs by an executor.
 
 Users: `cosim/`, `record/watch.py`.
 """

@@ -49,19 +49,10 @@ from sumo_eval.cosim.doors.kept_state import first_change, kept_state, module_of
 from sumo_eval.cosim.doors.traci_module import GUARD, seen_as_traci
 from sumo_eval.cosim.doors.traci_program import TraciProgram, served
 from sumo_eval.cosim.doors.traci_view import sharing
-from sumo_eval.cosim.loop import (
-    ASKS_SUMO,
-    EgoControl,
-    OneEach,
-    OverArrays,
-    Replay,
-    Replays,
-    Rules,
-    Terms,
-    break_off,
-    drive,
-)
+from sumo_eval.cosim.ego_control import EgoControl, Replay, Replays, Rules, Terms
+from sumo_eval.cosim.loop import break_off, drive
 from sumo_eval.cosim.on_traci import OnTraci
+from sumo_eval.cosim.policies import ASKS_SUMO, OneEach, OverArrays
 from sumo_eval.cosim.records import MODEL, SUMO
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.sumo.session import running, session

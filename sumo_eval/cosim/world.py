@@ -37,25 +37,12 @@ from sumo_eval.cosim.records import (
     WHATS,
     Scenes,
 )
-from sumo_eval.cosim.step_rules import (
-    begin_rows,
-    map_rows,
-    move_rows,
-    read_rows,
-    see_rows,
-)
+from sumo_eval.cosim.step_rules import begin_rows, map_rows, move_rows, read_rows, see_rows
 from sumo_eval.cosim.vehicle_model import GRAVITY, count_clip
 from sumo_eval.errors import ControllerError
 from sumo_eval.kernels import Records, bound
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Way, departures
-from sumo_eval.scenario.played import (
-    BEGUN,
-    FOLLOW,
-    WAITS,
-    Cast,
-    players,
-    wake_rows,
-)
+from sumo_eval.scenario.played import BEGUN, FOLLOW, WAITS, Cast, players, wake_rows
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import curvatures, knots_of
 from sumo_eval.scenario.touch import Body

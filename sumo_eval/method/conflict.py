@@ -325,11 +325,7 @@ def _other(way: Any, pose: Any) -> Body:
 
 @rows
 def _search_rows(
-    ways: Records,
-    egos: FloatArray,
-    others: FloatArray,
-    horizon: int,
-    result: FloatArray,
+    ways: Records, egos: FloatArray, others: FloatArray, horizon: int, result: FloatArray
 ) -> None:
     """Write the result of each row: largest inverse TTC, 1/s, inf where both touch, the speed at
     which they do, m/s, and the smallest distance, m.

@@ -109,10 +109,7 @@ class Course(NamedTuple):
 
 
 def course_of(
-    ego: Trajectory,
-    actors: Trajectories,
-    collision: Collision | None,
-    road: Road,
+    ego: Trajectory, actors: Trajectories, collision: Collision | None, road: Road
 ) -> Course:
     """The course of a drive.
 
@@ -132,10 +129,7 @@ def course_of(
 
 
 def measures(
-    ego: Trajectory,
-    actors: Trajectories,
-    collision: Collision | None,
-    seen: Course,
+    ego: Trajectory, actors: Trajectories, collision: Collision | None, seen: Course
 ) -> CriticalityMeasures:
     """The criticality measures of a case.
 
@@ -260,10 +254,7 @@ def speed_along(drive: Trajectory, road: Road) -> FloatArray:
 
 
 def vehicle_ahead(
-    ego: Trajectory,
-    actors: Trajectories,
-    collision: Collision | None,
-    road: Road,
+    ego: Trajectory, actors: Trajectories, collision: Collision | None, road: Road
 ) -> tuple[FloatArray, FloatArray]:
     """Gap d, m, and closing speed, m/s, to the nearest lead vehicle in the ego's path: (n,) each,
     nan without one.

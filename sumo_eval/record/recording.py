@@ -225,11 +225,7 @@ def planner(run: Resolved) -> Planner:
 
 
 def record(
-    spaces: Sequence[Space],
-    plan: Planner,
-    store: Store,
-    progress: Progress,
-    stopping: Stopping,
+    spaces: Sequence[Space], plan: Planner, store: Store, progress: Progress, stopping: Stopping
 ) -> None:
     """Simulate the cases of an evaluation that are not recorded yet.
 

@@ -17,7 +17,7 @@ from sumo_eval.ads.known_answers import IdealBraking, no_reaction
 from sumo_eval.cosim.doors.controller import Adapter, load_controller
 from sumo_eval.cosim.doors.entry import split_entry, take_load_report
 from sumo_eval.cosim.doors.fault_place import fault_place
-from sumo_eval.cosim.loop import Terms
+from sumo_eval.cosim.ego_control import Terms
 from sumo_eval.cosim.no_return import with_no_return
 from sumo_eval.cosim.simulation import simulate, simulate_together
 from sumo_eval.cosim.vehicle_model import GRAVITY

@@ -339,8 +339,7 @@ class JointTable(Checked):
     """Exposure of points from recorded events, with the dependence between parameters."""
 
     events: Annotated[
-        FilledText,
-        About("CSV with a row an event and a column a parameter, relative to this file"),
+        FilledText, About("CSV with a row an event and a column a parameter, relative to this file")
     ]
     kind: JointKind = setting(
         "kde",

@@ -230,10 +230,7 @@ def _laid(lanes: _Lanes) -> tuple[Pose, dict[str, int]]:
 
 
 def _spans(
-    edges: Sequence[str],
-    places: Sequence[set[int]],
-    along: Sequence[float],
-    owner: str,
+    edges: Sequence[str], places: Sequence[set[int]], along: Sequence[float], owner: str
 ) -> tuple[LaneSpan, ...]:
     """Spans of outermost lanes that do not exist throughout.
 
@@ -269,12 +266,7 @@ def _spans(
 # -- a curved road ---------------------------------------------------------------------------------
 
 
-def _along_curves(
-    lanes: _Lanes,
-    links: Sequence[_Link],
-    what: str,
-    owner: str,
-) -> _Course:
+def _along_curves(lanes: _Lanes, links: Sequence[_Link], what: str, owner: str) -> _Course:
     """The course of curved edges, whose line follows a lane that all of them have.
 
     links: from each edge to the next one. what: the road, for messages.

@@ -3,7 +3,7 @@
 import pytest
 from road_scenes import actor, case, lead
 
-from sumo_eval.cosim.loop import Replay
+from sumo_eval.cosim.ego_control import Replay
 from sumo_eval.cosim.no_return import with_no_return
 from sumo_eval.cosim.simulation import simulate, simulate_many, simulate_together
 from sumo_eval.scenario import catalogue

@@ -14,7 +14,7 @@ Outputs.
 - A vehicle model: `x`, `y`, `heading`, `speed`, optionally `acceleration` and
   `steering_wheel_angle`.
 
-Users: `cosim/loop.py`, `cosim/simulation.py`, `record/recording.py`.
+Users: `cosim/ego_control.py`, `cosim/simulation.py`, `record/recording.py`.
 """
 
 from __future__ import annotations

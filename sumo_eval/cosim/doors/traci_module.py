@@ -7,7 +7,7 @@ clock belong to the harness. For a call that writes to these, `ConditionSettings
 decides: `refuse` ends the case; `record` counts the call and makes it, except that nothing steps,
 starts or closes SUMO. A meaningless number (see `traci_numbers`) ends the case either way.
 
-`cosim/loop.py` and `cosim/on_traci.py` begin and end each case at the guard; `traci_view.py` shows
+`cosim/ego_control.py` begins and ends each case at the guard; `traci_view.py` shows
 each ADS of a batch its own case alone.
 
 Users: `cosim/`.

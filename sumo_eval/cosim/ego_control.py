@@ -1,0 +1,307 @@
+"""Controls of egos: their base, and those without a user's code, `Rules` (kernels) and `Replays`
+(recorded commands).
+
+Users: `cosim/`, `record/worker.py`.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Sequence
+from functools import partial
+from math import hypot, inf
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sumo_eval.cosim.actuation import Actuation
+from sumo_eval.cosim.doors.controller import knows_the_scripts
+from sumo_eval.cosim.doors.fmu import FmuPlant
+from sumo_eval.cosim.doors.observation import sees_all
+from sumo_eval.cosim.doors.traci_module import GUARD, heeding
+from sumo_eval.cosim.impossible import FASTEST, LOWEST_SPEED
+from sumo_eval.cosim.records import COMMAND, MODEL, NEXT, PLANT, REASONS, numbers_of
+from sumo_eval.cosim.stage import Stage
+from sumo_eval.cosim.sumo.insides import simulation_time
+from sumo_eval.cosim.sumo.sumo_files import EGO
+from sumo_eval.cosim.vehicle_model import Command, EgoState
+from sumo_eval.cosim.world import World
+from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
+from sumo_eval.kernels import Records, bound
+from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import EndReason, FloatArray, IntArray
+
+_CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
+_STANDS = 1e-3  # m in a step, least divisor in `Replays._steering`: a standing ego does not turn
+
+
+class Terms(NamedTuple):
+    """Conditions of calling an ADS.
+
+    step_timeout: longest wall time of a step, s.
+    plant: the user's vehicle model; None: the package's.
+    folder: where relative paths start.
+    every: the ADS is called every n-th step.
+    """
+
+    step_timeout: float = inf
+    plant: FmuPlant | None = None
+    folder: Path | None = None
+    every: int = 1
+
+
+def error_of(call: Callable[..., Any], *arguments: Any) -> BaseException | None:
+    """The error that a call of the user's code raises, None without one; Ctrl-C is passed on."""
+    try:
+        call(*arguments)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # noqa: BLE001 - returned to the caller
+        return error
+    return None
+
+
+class EgoControl:
+    """Controls the egos of all rows.
+
+    ads: what drives each case; a policy over arrays is the first one alone.
+    seeds: of each case, for the random effects of its conditions.
+    unguarded: whether the ADS writes to SUMO past the harness. If SUMO then shows a vehicle where
+        none can be, that is the ADS's fault.
+    """
+
+    unguarded = False
+
+    def __init__(self, ads: Sequence[Any], seeds: Sequence[int], terms: Terms) -> None:
+        self._ads, self._seeds, self._terms = ads, seeds, terms
+        self.released: set[int] = set()  # cases whose ADS has been released
+
+    def begin(self, world: World, stage: Stage) -> None:
+        """Prepare for the first step, and take charge of the vehicles."""
+        self._traci, self._clock = stage.traci, simulation_time(stage.traci)
+        concrete, settings = world.cases[0], world.settings
+        others = [actor.name for actor in concrete.actors]
+        GUARD.begin(others, settings.step, settings.conditions.interference, heeding(concrete))
+        stage.take_charge(world)
+        self.actuation = Actuation(
+            [it.conditions for it in world.each],
+            settings.step,
+            world.egos["command"].dtype,
+            # notes go to case 0: only a case that is alone has a step budget, which makes them
+            partial(world.note, 0),
+        )
+
+    def step(self, world: World, time: float) -> None:
+        """Write the egos' commands, or fail rows."""
+        raise NotImplementedError
+
+    def after(self, world: World, now: float) -> None:
+        """Act after SUMO's step to `now`, s."""
+
+    def keep(self, world: World, rows: IntArray) -> None:
+        """Drop all rows but these; keep their order."""
+
+    def release(self, world: World, row: int) -> None:
+        """Close what the control holds for a row that has ended."""
+        if self._terms.plant is not None:
+            self._closed(world, row, self._terms.plant.close, "sim_error")
+
+    def _pass_on(self, world: World, took: float = 0.0) -> None:
+        """Replace the commands by those that reach the vehicles; with a plant, also ask it for its
+        next state.
+
+        took: wall time of the ADS's step, of one case, s; if it is over the budget, the last
+            commands hold.
+        """
+        self.actuation.pass_on(
+            world.egos["command"], world.rows, world.steps, has_new=not self.actuation.late(took)
+        )
+        if self._terms.plant is not None:
+            advance_plant(self._terms.plant, world, Command(*world.egos["command"][0].tolist()))
+
+    def _closed(
+        self,
+        world: World,
+        row: int,
+        close: Callable[[], None],
+        fault: EndReason,
+        target: Any = None,
+    ) -> None:
+        """Close one of the things that a case holds; record an error of it, without raising it.
+
+        close: closes it.
+        fault: why the case then ends, unless it ended with a contact.
+        target: the user's code, for the place of the error.
+        """
+        error = error_of(close)
+        if error is None:
+            return
+        world.keep_fault(world.case_of(row), error, target, self._terms.folder)
+        subject = "The ADS" if fault == "ads_error" else "The vehicle model"
+        if REASONS[int(world.egos["reason"][row])] == "contact":  # it stays the reason
+            fault = "contact"
+        world.fail(row, fault, f"{subject} raised in close: {said(error)}.")
+
+    def _close_guarded(
+        self, world: World, row: int, close: Callable[[], None], target: Any
+    ) -> None:
+        """Close an ADS that may have used TraCI, and remove its listeners."""
+        self._closed(world, row, close, "ads_error", target)
+        self._closed(world, row, GUARD.end, "ads_error")
+        # records what the ADS changed that is not its own
+        world.touched(GUARD.touched, GUARD.ignored)
+
+    def _check_clock(self, world: World, time: float) -> None:
+        """Raise ControllerError if the ADS has stepped or closed the simulation, or has caught the
+        refusal of a call that is not allowed.
+        """
+        if GUARD.refusal is not None:
+            deed, reason = GUARD.refusal
+            raise ControllerError(f"{deed} at {time:.2f} s; {reason}.")
+        try:
+            now = self._clock()
+        except (self._traci.TraCIException, self._traci.FatalTraCIError) as error:
+            raise ControllerError(
+                f"The ADS closed the simulation at {time:.2f} s; that is the harness's."
+            ) from error
+        # SUMO is one step ahead: the step that inserted the vehicles
+        ahead = now - time - world.settings.step
+        if abs(ahead) > _CLOCK_TOLERANCE:
+            raise ControllerError(
+                f"The ADS moved SUMO's clock by {ahead:+.2f} s at {time:.2f} s; stepping is the "
+                "harness's."
+            )
+
+
+def note_unlimited(world: World) -> None:
+    """Note in each case with limited perception that its ADS sees everything all the same."""
+    for case, settings in enumerate(world.each):
+        if not sees_all(settings.conditions):
+            world.note(case, "perception_not_limited", 1.0, 0.0)
+
+
+def settled_of(ads: Any, settings: SimulationSettings) -> Any:
+    """The method `settled` of an ADS, which says whether its case may end early; None: the ADS has
+    none, or no case ends early.
+    """
+    return getattr(ads.target, "settled", None) if settings.end_when_decided else None
+
+
+def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
+    """Ask the user's vehicle model for the single ego's state at the end of the coming step."""
+    ego = world.egos[0]
+    before = EgoState(*ego["map"].tolist(), *ego[["speed", "acceleration", "steering"]].tolist())
+    state = plant.advance(before, command, world.settings.step)
+    moved = hypot(state.x - before.x, state.y - before.y)
+    if not (moved < FASTEST * world.settings.step and LOWEST_SPEED < state.speed < FASTEST):
+        raise SimulationError(
+            f"The vehicle model moved `{EGO}` {moved:g} m in the step after {world.time:.2f} s, "
+            f"to the speed {state.speed:g} m/s; no vehicle is faster than {FASTEST:g} m/s."
+        )
+    world.egos["next"][0] = tuple(state)
+    world.egos["placed"][0] = PLANT
+
+
+class Rules(EgoControl):
+    """Controls egos by rules that are kernels: one object a case, all of one class."""
+
+    def begin(self, world: World, stage: Stage) -> None:
+        """Make the memory of every row."""
+        super().begin(world, stage)
+        note_unlimited(world)  # a rule sees the world
+        kind = type(self._ads[0])
+        self._loop = kind.loop
+        if knows_the_scripts(self._ads[0]):  # the ideal vehicle of Eq. 17
+            self._arrays = kind.foreseeing(self._ads, world.cases, world.each)
+        else:
+            self._arrays = kind.arrays(self._ads, world.scenario, world.seen.shape[1])
+        # a call without rows: the kernel is compiled or loaded here, not within a timed step
+        self._loop(world.egos[:0], world.seen[:0], *self._arrays, world.scenario, 0.0)
+        self._egos: Records | None = None
+        self._code = self._loop
+
+    def step(self, world: World, time: float) -> None:
+        """Call the kernel once for all rows."""
+        started = clock.perf_counter()
+        arguments = (world.egos, world.seen, *self._arrays, world.scenario, time)
+        # machine code is for arrays of one layout: find it again after `World.keep` replaced them
+        if self._egos is not world.egos:
+            self._code, self._egos = bound(self._loop, *arguments), world.egos
+        self._code(*arguments)
+        took = (clock.perf_counter() - started) / world.going
+        world.latencies.shared.append(took)
+        self._pass_on(world, took)
+
+    def keep(self, world: World, rows: IntArray) -> None:
+        """Keep the memory of these rows."""
+        # each an array, or a named tuple of arrays
+        self._arrays = tuple(
+            type(it)(*(array[rows] for array in it)) if isinstance(it, tuple) else it[rows]
+            for it in self._arrays
+        )
+
+
+class Replay(NamedTuple):
+    """A recorded drive up to a step, and full braking from there on.
+
+    commands: of a `Recording`: acceleration and steering, (steps, 2), or, where SUMO or a plant
+        moved the ego, its motion as in `records._NEXT`, (steps, 6).
+    until: index of the first step of braking.
+    """
+
+    commands: FloatArray
+    until: int
+
+
+class Replays(EgoControl):
+    """Controls egos by recorded commands, then by the strongest braking, with the wheel straight,
+    or, on a curved road, as it was last.
+
+    The commands were recorded after all delays.
+    """
+
+    def begin(self, world: World, stage: Stage) -> None:
+        """Find the strongest braking of each ego, and the steering of those that need it."""
+        super().begin(world, stage)
+        recorded = [it.commands for it in self._ads]
+        # (n, steps, 6), as in `records._NEXT`; of replays of two columns the first four are 0;
+        # the last step, beyond the longest recording, stands for all that follow
+        self._commands = np.zeros((len(recorded), 1 + max(map(len, recorded)), 6))
+        for row, commands in enumerate(recorded):
+            self._commands[row, : len(commands), -commands.shape[1] :] = commands
+        # whether the ego was moved by SUMO or a plant
+        self._moved = np.array([it.shape[1] > 2 for it in recorded])
+        self._until = np.array([it.until for it in self._ads])
+        self._strongest = np.array([it.vehicle.max_deceleration for it in world.each])
+        if world.cases[0].road.bent:
+            self._commands[self._moved, :, -1] = self._steering(world)[self._moved]
+
+    def _steering(self, world: World) -> FloatArray:
+        """Steering wheel angles by which the vehicle turns as it did in each step, rad."""
+        heading, speed = self._commands[..., 2], self._commands[..., 3]
+        turned = np.diff(heading, axis=1, prepend=heading[:, :1])
+        distance = np.maximum(speed * world.settings.step, _STANDS)
+        vehicle = world.settings.vehicle
+        return np.arctan(vehicle.wheelbase * turned / distance) * vehicle.steering_ratio
+
+    def step(self, world: World, time: float) -> None:
+        """Write the recorded command of this step, or full braking."""
+        rows, egos = world.rows, world.egos
+        brakes = world.steps >= self._until[rows]
+        replays, numbers, command = ~brakes, numbers_of(egos), egos["command"]
+        # of the egos that do not brake yet, (k, 6)
+        now = self._commands[rows, min(world.steps, self._commands.shape[1] - 1)][replays]
+        numbers[replays, NEXT], numbers[replays, COMMAND] = now, now[:, -2:]
+        egos["placed"] = np.where(self._moved[rows] & replays, PLANT, MODEL)
+        command["acceleration"][brakes] = -self._strongest[rows][brakes]
+        if not world.cases[0].road.bent:
+            command["steering"][brakes] = 0.0
+        egos["settled"] = brakes  # the case of a braking ego ends once it stands
+
+
+def fault_of(error: ControllerError | SimulationError) -> EndReason:
+    """The reason why an error ends a case."""
+    if isinstance(error, SimulationError):
+        return "sim_error"
+    return "ads_timeout" if isinstance(error, ControllerTimeoutError) else "ads_error"
