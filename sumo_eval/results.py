@@ -220,7 +220,7 @@ ScoreNote = (
     | WorstAndBest
     | RequirementMissed
 )
-"""A note on a score as numbers; `report/words.py` makes the sentences."""
+"""A note on a score as numbers; `report/notes.py` makes the sentences."""
 
 
 @frozen

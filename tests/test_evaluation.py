@@ -20,9 +20,9 @@ import sumo_eval
 from sumo_eval.evaluation import zone_partitions
 from sumo_eval.record.store import FORMAT_VERSION, open_store
 from sumo_eval.report.html import write_report
+from sumo_eval.report.notes import score_note
 from sumo_eval.report.tables import scores_json, write_tables
 from sumo_eval.report.terminal import closing_lines
-from sumo_eval.report.words import score_note
 from sumo_eval.results import CasesMissing, Counted, DrivesLeftOut, ReferenceMissing
 from sumo_eval.settings import AdsSettings, MethodSettings, ZoneSettings
 from sumo_eval.settings.config import read_evaluation

@@ -30,11 +30,12 @@ from sumo_eval.report.confidence_section import confidence_json
 from sumo_eval.report.evidence import write_evidence
 from sumo_eval.report.html import write_report
 from sumo_eval.report.junit import run_suites, write_junit
+from sumo_eval.report.notes import index_notes
 from sumo_eval.report.people import MOST_WORST, people_rows
+from sumo_eval.report.score_words import explain_a, explain_h
 from sumo_eval.report.sent_drives import Embedded
 from sumo_eval.report.tables import cases_csv
 from sumo_eval.report.terminal import closing_lines, ledger_lines, nearest_cases
-from sumo_eval.report.words import explain_a, explain_h, index_notes
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.case_terms import case_terms

@@ -63,10 +63,10 @@ def compare(
     from sumo_eval.nightly.gates import judge
     from sumo_eval.record.run_folder import give_what_is_own
     from sumo_eval.report.assessed import write_assessed_report
+    from sumo_eval.report.comparison_lines import comparison_lines
     from sumo_eval.report.gate_result import failed
     from sumo_eval.report.junit import comparison_suites, write_junit
     from sumo_eval.report.sections import Additions
-    from sumo_eval.report.terminal import comparison_lines
     from sumo_eval.scoring.comparison import compare as compare_runs
     from sumo_eval.scoring.gate_settings import read_gate
 
@@ -167,7 +167,8 @@ def nightly(
         warm_up()  # loads the simulator for the workers during the imports below
         from sumo_eval.nightly.morning import morning_lines, tell_github
         from sumo_eval.nightly.night import run_night
-        from sumo_eval.report.terminal import change_lines, closing_lines
+        from sumo_eval.report.comparison_lines import change_lines
+        from sumo_eval.report.terminal import closing_lines
         from sumo_eval.scoring.gate_settings import read_gate
 
     settings = read_gate(gate)

@@ -73,7 +73,7 @@ NoteKind = Literal[
 
 @frozen
 class IndexNote:
-    """A special rule that a D_i needed, and how often; `report.words` makes a sentence of it.
+    """A special rule that a D_i needed, and how often; `report.notes` makes a sentence of it.
 
     kind: the rule.
     count: number of slices, points, trajectories or drivers that it was needed for.

@@ -14,7 +14,8 @@ import numpy as np
 
 from sumo_eval.nightly.rule_limits import EVERYWHERE, WORDS, end_change, judge_rule
 from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult, in_order
-from sumo_eval.report.words import REASON_WITHOUT_T, count, not_computed, number, reason_without
+from sumo_eval.report.score_words import REASON_WITHOUT_T, not_computed, reason_without
+from sumo_eval.report.words import count, number
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.comparison import AdsComparison, Comparison, QuantityChange

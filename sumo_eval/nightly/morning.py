@@ -17,9 +17,9 @@ from sumo_eval.input_file import write_whole
 from sumo_eval.nightly.bases import NIGHT
 from sumo_eval.nightly.history import Night
 from sumo_eval.nightly.judged import JudgedNight, Since
+from sumo_eval.report.comparison_lines import difference_lines, gate_lines, ways_to, worst_lines
 from sumo_eval.report.gate_result import GateResult, failed
 from sumo_eval.report.page import REPORT, case_key
-from sumo_eval.report.terminal import difference_lines, gate_lines, ways_to, worst_lines
 from sumo_eval.report.words import one_line
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import builds_besides

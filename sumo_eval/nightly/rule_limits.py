@@ -12,7 +12,8 @@ from functools import partial
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult
-from sumo_eval.report.words import MEASURES, cause_words, count, placed, severity_words, why_missing
+from sumo_eval.report.notes import why_missing
+from sumo_eval.report.words import MEASURES, cause_words, count, placed, severity_words
 from sumo_eval.scoring.comparison import Comparison
 from sumo_eval.scoring.gate_settings import ENDS, TIMED, GateSettings
 from sumo_eval.scoring.rule import (

@@ -24,8 +24,9 @@ from sumo_eval.input_file import hash_of
 from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, FACTS, MANIFEST
 from sumo_eval.report.checks import FAILED, PASSED, checked_cases
 from sumo_eval.report.page import template, write_json, write_page
+from sumo_eval.report.people import people_sentence
 from sumo_eval.report.qualification import holds, qualification_sentence
-from sumo_eval.report.words import count, people_sentence, reference_sentence, sampling_words
+from sumo_eval.report.words import count, reference_sentence, sampling_words
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.confidence.assessment import risk_of
 from sumo_eval.scoring.confidence.intervals import LEVEL

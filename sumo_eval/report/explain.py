@@ -23,21 +23,9 @@ from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Fact, Store, open_store
 from sumo_eval.report.driving_words import driving_words
-from sumo_eval.report.words import (
-    MEASURES,
-    STRUCK,
-    because,
-    count,
-    end_reason,
-    explain_s,
-    explain_s_plus,
-    index_note_words,
-    not_computed,
-    notes_sentence,
-    number,
-    placed,
-    reason_without,
-)
+from sumo_eval.report.notes import because, index_note_words, notes_sentence
+from sumo_eval.report.score_words import explain_s, explain_s_plus, not_computed, reason_without
+from sumo_eval.report.words import MEASURES, STRUCK, count, end_reason, number, placed
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.drive_beside import index_again
 from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, Findings

@@ -9,13 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from sumo_eval.report.words import (
-    REASON_WITHOUT_T,
-    count,
-    number,
-    parts_of_total,
-    span,
-)
+from sumo_eval.report.score_words import REASON_WITHOUT_T, parts_of_total
+from sumo_eval.report.words import count, number, span
 from sumo_eval.results import Evaluation, RankedAds, Ranking
 from sumo_eval.scoring.behaviour import Behaviour, behaviour_of, harm_beside, ranked
 

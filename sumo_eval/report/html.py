@@ -22,30 +22,27 @@ from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.citation import citation
 from sumo_eval.report.density import density_maps
 from sumo_eval.report.gate_result import failed
+from sumo_eval.report.notes import GIVEN_UP, index_notes, score_note, why_missing
 from sumo_eval.report.page import REPORT, packed_json, template, write_page
 from sumo_eval.report.page_data import embedded_cases, gathered_words, map_words, page_data
-from sumo_eval.report.sections import SECTIONS, Additions, change_content
-from sumo_eval.report.sent_drives import sent_drives
-from sumo_eval.report.words import (
+from sumo_eval.report.people import nobody_drove, nobody_recorded, people_sentence
+from sumo_eval.report.score_words import (
     EXPLAIN,
     EXPLAIN_PAPER,
     FACTORS,
-    GIVEN_UP,
     GLOSSARY,
     LIKENESS_FACTORS,
-    LOOKS,
     collision_words,
-    count,
-    index_notes,
-    nobody_drove,
-    nobody_recorded,
-    people_sentence,
-    percent,
     reason_without,
+)
+from sumo_eval.report.sections import SECTIONS, Additions, change_content
+from sumo_eval.report.sent_drives import sent_drives
+from sumo_eval.report.words import (
+    LOOKS,
+    count,
+    percent,
     reference_sentence,
     sampling_words,
-    score_note,
-    why_missing,
 )
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.logical import LogicalScenario

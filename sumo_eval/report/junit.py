@@ -24,18 +24,12 @@ from lxml import etree
 
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.input_file import writing
+from sumo_eval.report.comparison_lines import worst_lines
 from sumo_eval.report.gate_result import GateResult
+from sumo_eval.report.notes import why_missing
+from sumo_eval.report.score_words import explain_s_plus
 from sumo_eval.report.tables import write_tables
-from sumo_eval.report.terminal import worst_lines
-from sumo_eval.report.words import (
-    count,
-    end_reason,
-    explain_s_plus,
-    number,
-    placed,
-    severity_words,
-    why_missing,
-)
+from sumo_eval.report.words import count, end_reason, number, placed, severity_words
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.comparison import AdsComparison, ChangedCase, Comparison

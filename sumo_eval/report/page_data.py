@@ -14,17 +14,10 @@ from typing import Any
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.groups import grouped
 from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.report.notes import index_note_words, why_missing
 from sumo_eval.report.page import packed_bytes
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, SentDrives
-from sumo_eval.report.words import (
-    LOOKS,
-    MEASURES,
-    cause_words,
-    count,
-    end_reason,
-    index_note_words,
-    why_missing,
-)
+from sumo_eval.report.words import LOOKS, MEASURES, cause_words, count, end_reason
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.concrete import ConcreteScenario, Road

@@ -1,7 +1,7 @@
-"""The report's section on the drivers: their own D compared with that of each ADS, thin references,
-exposure, and the study that they took part in.
+"""The drivers that D and H compare with: where they come from, their own D compared with that of
+each ADS, thin references, exposure, and the study that they took part in.
 
-Users: `extras/wheel/outcome.py`, `report/assessed.py`, `report/sections.py`.
+Users: `extras/wheel/outcome.py`, `report/`.
 """
 
 from __future__ import annotations
@@ -11,10 +11,12 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from sumo_eval.input_file import read_input_text, taking_apart
+from sumo_eval.report.score_words import TWO_GROUPS
 from sumo_eval.report.verdict import Additions
-from sumo_eval.report.words import TWO_GROUPS, count, percent
+from sumo_eval.report.words import count, percent
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.driver_bands import below_drivers, driver_bands
+from sumo_eval.scoring.findings import people_behind
 from sumo_eval.text import capitalised
 
 MOST_WORST = 10  # cases in the table of the worst, at most
@@ -93,3 +95,84 @@ def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
         }
         for band in driver_bands(evaluation)
     ]  # fmt: skip
+
+
+def nobody_recorded(evaluation: Evaluation) -> bool:
+    """Whether recorded drivers were asked for, and none stands behind any D_i."""
+    recorded = evaluation.settings.drivers.source == "recorded"
+    return recorded and not any(people.drives for people in people_behind(evaluation))
+
+
+def nobody_drove(evaluation: Evaluation) -> bool:
+    """Whether no scenario has drivers to compare an ADS with."""
+    return bool(evaluation.scores) and all(score.nobody_compared for score in evaluation.scores)
+
+
+def people_sentence(evaluation: Evaluation) -> str:
+    """The drivers that D and H compare with, how many of them are recorded people, and how many
+    drives of these each limit leaves out.
+    """
+    recorded = evaluation.settings.drivers.source == "recorded"
+    if nobody_drove(evaluation):
+        words = (
+            "D and H have no drivers to compare with: synthetic drivers do not cover these scenes, "
+            "and no recorded driver matches them."
+        )
+    else:
+        words = _recorded_drivers(evaluation) if recorded else _other_drivers(evaluation)
+    return words + _drives_left_out(evaluation) if recorded else words
+
+
+def _drives_left_out(evaluation: Evaluation) -> str:
+    """Sentences on the recorded drives that each limit leaves out; empty without any."""
+    words, least = "", evaluation.settings.drivers.coverage
+    # columns of `left_out`; with a row of zeros they exist without any entry, too
+    short, share, astray = zip((0, 0.0, 0), *evaluation.left_out, strict=True)
+    if any(short):
+        words = (
+            f" {count(sum(short), 'recorded drive')} left out: at most {percent(max(share))} "
+            f"of the road covered, at least {percent(least)} asked (`drivers.coverage`)."
+        )
+    if any(astray):
+        words += f" {count(sum(astray), 'recorded drive')} left out: they leave the road."
+    return words
+
+
+def _other_drivers(evaluation: Evaluation) -> str:
+    """Drivers that are not recorded people."""
+    drivers = evaluation.settings.drivers
+    without = dict.fromkeys(score.scenario for score in evaluation.scores if score.nobody_compared)
+    origin = (
+        f"The {drivers.count} human drivers of each concrete scenario are synthetic: "
+        "drawn from distributions fitted to recorded traffic. They are not recorded people."
+        if drivers.source == "synthetic"
+        else f"The human drivers come from `{drivers.source}`, which this evaluation names as "
+        "its reference."
+    )
+    return origin + (f" There are none in {', '.join(without)}." if without else "")
+
+
+def _recorded_drivers(evaluation: Evaluation) -> str:
+    """Recorded drivers of each scenario, and what replaces those that are too few."""
+    drivers, behind = evaluation.settings.drivers, people_behind(evaluation)
+    source = ", ".join(drivers.recordings) or drivers.cases
+    fills = drivers.too_thin == "fill"
+    if not any(people.drives for people in behind):
+        instead = "D and H compare with synthetic drivers alone" if fills else "there is no D_i"
+        who = "no drive counts" if fills else f"fewer than {drivers.least} drives count"
+        points = count(sum(people.points for people in behind), "safe concrete scenario")
+        return (
+            f"D and H use no recorded driver: of {source}, {who} in any of these {points}; "
+            f"{instead}. `recorded_drivers` in cases.csv counts them."
+        )
+    rest = "synthetic drivers fill up" if fills else "the point is left out"
+    each = "; ".join(
+        f"{people.scenario}: {people.with_people} of "
+        f"{count(people.points, 'safe concrete scenario')}, "
+        f"{count(people.drives, 'recorded drive')}"
+        for people in behind
+    )
+    return (
+        f"Recorded people ({source}) stand behind D and H in {each}. Where they are fewer than "
+        f"{drivers.least}, {rest}."
+    )

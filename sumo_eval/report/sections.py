@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.checks import checks_content
+from sumo_eval.report.comparison_lines import comparison_notes, moved_words, quantity_words, ways_to
 from sumo_eval.report.confidence_section import confidence_content
 from sumo_eval.report.gate_result import failed
 from sumo_eval.report.levers_section import levers_content
@@ -25,19 +26,12 @@ from sumo_eval.report.opinion_section import opinion_content
 from sumo_eval.report.people import people_context
 from sumo_eval.report.qualification import qualification_content
 from sumo_eval.report.readings import settings_content
+from sumo_eval.report.score_words import parts_of_total
 from sumo_eval.report.summary import summary_content
-from sumo_eval.report.terminal import (
-    cause_of,
-    comparison_notes,
-    ledger_sentences,
-    ledger_words,
-    moved_words,
-    quantity_words,
-    ways_to,
-)
+from sumo_eval.report.terminal import cause_of, ledger_sentences, ledger_words
 from sumo_eval.report.verdict import Additions as Additions
 from sumo_eval.report.verdict import verdict
-from sumo_eval.report.words import number, parts_of_total, severity_words
+from sumo_eval.report.words import number, severity_words
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import BETTER, WORSE, AdsComparison, QuantityChange
 from sumo_eval.scoring.findings import findings_of

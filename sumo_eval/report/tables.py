@@ -15,15 +15,14 @@ from pydantic_core import from_json, to_json
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.checks import checked_cases
-from sumo_eval.report.page import write_csv, write_json
-from sumo_eval.report.words import (
+from sumo_eval.report.notes import (
     exposure_note_words,
     index_note_words,
-    not_computed,
-    reason_without,
     reference_note_words,
     score_note,
 )
+from sumo_eval.report.page import write_csv, write_json
+from sumo_eval.report.score_words import not_computed, reason_without
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.findings import people_behind
 from sumo_eval.scoring.preventability import preventability, reference_ads

@@ -7,8 +7,8 @@ from commands import sumo_eval
 
 from sumo_eval.extras.figures import style
 from sumo_eval.record import cluster, loops
+from sumo_eval.report.comparison_lines import gate_lines
 from sumo_eval.report.gate_result import GateResult
-from sumo_eval.report.terminal import gate_lines
 from sumo_eval.scenario.shipped_files import scenario_files
 
 TWO = (

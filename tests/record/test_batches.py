@@ -15,7 +15,7 @@ from sumo_eval.record.engines import once_each, run_batches, run_cases
 from sumo_eval.record.identity import with_fingerprint
 from sumo_eval.record.kept import KeptRecording
 from sumo_eval.record.store import open_store
-from sumo_eval.report.words import score_note
+from sumo_eval.report.notes import score_note
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import RunSettings, SimulationSettings
 from sumo_eval.trajectory import Alone

@@ -16,7 +16,7 @@ from sumo_eval.record.engines import identify, run_cases
 from sumo_eval.record.facts import merge, record_facts, verify
 from sumo_eval.record.identity import is_over_arrays
 from sumo_eval.record.store import open_store
-from sumo_eval.report.words import score_note
+from sumo_eval.report.notes import score_note
 from sumo_eval.results import DrivenInBlocks
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.resolved import Resolved

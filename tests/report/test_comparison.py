@@ -10,7 +10,7 @@ from report_cases import HIT, pick, with_case, with_settings
 
 from sumo_eval.errors import InputError
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.report.terminal import comparison_notes, moved_words
+from sumo_eval.report.comparison_lines import comparison_notes, moved_words
 from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.gate_settings import GateSettings
 from sumo_eval.scoring.kept_scores import RowWriter, table_of

@@ -15,7 +15,7 @@ from tables import rows_of, values_of
 from sumo_eval.nightly import gates
 from sumo_eval.nightly.gates import judge
 from sumo_eval.report.gate_result import failed
-from sumo_eval.report.words import REASON_WITHOUT_T
+from sumo_eval.report.score_words import REASON_WITHOUT_T
 from sumo_eval.results import NotComputed
 from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.gate_settings import (

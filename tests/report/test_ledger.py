@@ -8,9 +8,9 @@ import pytest
 from report_cases import every, findings, with_settings
 
 from sumo_eval.cases import CaseTable
+from sumo_eval.report.score_words import explain_a
 from sumo_eval.report.terminal import ledger_sentences as sentences
 from sumo_eval.report.terminal import ledger_words
-from sumo_eval.report.words import explain_a
 from sumo_eval.scoring.findings import Findings
 from sumo_eval.scoring.ledger import ledger, ledger_plus
 from sumo_eval.scoring.quantities import combine

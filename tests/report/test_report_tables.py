@@ -9,13 +9,9 @@ import pandas as pd
 import pytest
 from refusals import refusal
 
+from sumo_eval.report.notes import exposure_note_words, index_note_words, reference_note_words
 from sumo_eval.report.tables import cases_csv, scores_json
-from sumo_eval.report.words import (
-    count,
-    exposure_note_words,
-    index_note_words,
-    reference_note_words,
-)
+from sumo_eval.report.words import count
 
 
 @pytest.fixture(scope="module")

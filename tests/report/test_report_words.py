@@ -18,18 +18,9 @@ from sumo_eval.nightly.rule_limits import end_change
 from sumo_eval.report import words
 from sumo_eval.report.explain import _zone
 from sumo_eval.report.junit import _facts
-from sumo_eval.report.words import (
-    count,
-    explain_c,
-    explain_d,
-    explain_s,
-    index_notes,
-    notes_sentence,
-    number,
-    percent,
-    sampling_words,
-    severity_words,
-)
+from sumo_eval.report.notes import index_notes, notes_sentence
+from sumo_eval.report.score_words import explain_c, explain_d, explain_s
+from sumo_eval.report.words import count, number, percent, sampling_words, severity_words
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.findings import Findings, unevaluated
 from sumo_eval.settings import CollisionSettings, SamplingSettings

@@ -21,7 +21,7 @@ from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.facts import record_facts
 from sumo_eval.record.run_folder import read_settings
 from sumo_eval.record.store import RECORDED, open_store
-from sumo_eval.report.words import score_note
+from sumo_eval.report.notes import score_note
 from sumo_eval.results import PlausibleTo
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.resolved import Resolved

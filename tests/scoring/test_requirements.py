@@ -14,8 +14,8 @@ from tables import rows_of
 from sumo_eval import evaluate
 from sumo_eval.nightly.gates import judge
 from sumo_eval.report.junit import run_suites
+from sumo_eval.report.notes import score_note
 from sumo_eval.report.tables import write_tables
-from sumo_eval.report.words import score_note
 from sumo_eval.scenario.requirement import requirement
 from sumo_eval.scoring.gate_settings import GateSettings, LimitSettings
 from sumo_eval.scoring.requirements import series_of

@@ -8,8 +8,8 @@ import pytest
 from record.runs import sumo_eval_cli, write_evaluation
 
 from sumo_eval.cases import CaseResult
+from sumo_eval.report.notes import score_note
 from sumo_eval.report.score_table import score_lines
-from sumo_eval.report.words import score_note
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.settings import (
