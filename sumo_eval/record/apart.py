@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from sumo_eval.cosim.doors.contract import Finding, check_controller
+from sumo_eval.cosim.doors.contract import PATIENCE, Finding, check_controller
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.record.engines import what_happened
@@ -19,7 +19,6 @@ from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import RunSettings
 from sumo_eval.text import clean
 
-_TIMEOUT = 600.0  # s for all drives of a check
 _LONGEST = 100_000  # characters of a text of a finding
 
 
@@ -34,7 +33,8 @@ def check_apart(
 
     Raises InputError if it cannot be loaded.
     """
-    limits = RunSettings(case_timeout=_TIMEOUT)
+    # each case is driven twice, the last one of each time when patience has just run out
+    limits = RunSettings(case_timeout=min(2.0 * (PATIENCE + run.case_timeout), 1e6))
     with Pool(1, limits) as pool:
         (ended,) = pool.each(Work(_checked, (Path.cwd(), run)), [(locator, tuple(cases))])
     if ended.how == "done":

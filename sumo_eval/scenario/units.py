@@ -61,10 +61,11 @@ def factor_to(own: str, unit: str, column: str) -> float:
 
 
 @functools.cache
-def si_factor(unit: str) -> float:
-    """The factor from numbers in a unit to the SI unit; 1 of an unknown unit."""
-    known = {**_CONVERSIONS, "deg": ("rad", math.radians(1.0))}
-    return known.get(spelt(unit).lower(), ("", 1.0))[1]
+def si_factor(unit: str) -> float | None:
+    """The factor from numbers in a unit to the SI unit; None: the unit is unknown."""
+    factors = {name: factor for name, (_, factor) in _CONVERSIONS.items()}
+    factors |= dict.fromkeys(KNOWN, 1.0) | {"deg": math.radians(1.0)}
+    return factors.get(spelt(unit).lower())
 
 
 def in_own_unit(value: float, factor: float) -> float:

@@ -8,6 +8,7 @@ import shutil
 import textwrap
 import zipfile
 from dataclasses import replace
+from types import SimpleNamespace
 from zipfile import ZipFile
 
 import pytest
@@ -38,9 +39,11 @@ def fmus(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("unit, name", [(1.0, "one"), (0.8, "one"), (1.0 / 3.6, "km/h")])
-def test_an_fmu_drives_as_the_same_formula_in_python_does(fmus, tmp_path, unit, name):
-    """unit: of all its variables, in SI units; km/h has no BaseUnit."""
+@pytest.mark.parametrize(
+    "unit, name", [(1.0, "one"), (0.8, "one"), (1.0 / 3.6, "km/h"), (1.0, "rod")]
+)
+def test_an_fmu_drives_as_the_same_formula_in_python_does(fmus, tmp_path, capsys, unit, name):
+    """unit: of all its variables, in SI units; km/h and rod have no BaseUnit, rod is unknown."""
     base = f'<BaseUnit factor="{unit}"/>' if name == "one" else ""
     definition = f'<UnitDefinitions><Unit name="{name}">{base}</Unit></UnitDefinitions>'
 
@@ -65,6 +68,7 @@ def test_an_fmu_drives_as_the_same_formula_in_python_does(fmus, tmp_path, unit, 
     assert (fmu.error, fmu.clips) == (None, python.clips)
     assert fmu.ego.speed == pytest.approx(python.ego.speed, abs=1e-9)
     assert fmu.ego.speed[-1] < 12.0
+    assert (name == "rod") == ("unit `rod` is not known, SI is assumed" in capsys.readouterr().out)
 
 
 def test_a_parameter_reaches_the_fmu_and_every_case_has_a_fresh_instance(fmus):
@@ -498,8 +502,25 @@ def test_an_fmu_that_cannot_run_here_is_refused(tmp_path, text, sentence):
         load_controller("fmu:m.fmu", tmp_path)
 
 
-def test_an_fmu_that_asks_to_end_ends_its_case(feedthroughs, monkeypatch):
-    monkeypatch.setattr("fmpy.fmi3.FMU3Slave.doStep", lambda *_, **__: (False, True, False, 0.0))
+@pytest.mark.parametrize(
+    "flags, deed",
+    [
+        ((False, True, False, 0.0), "asked to end the simulation"),
+        ((False, False, True, 0.05), "ended its step early"),
+    ],
+)
+def test_an_fmu_that_steps_no_further_ends_its_case(feedthroughs, monkeypatch, flags, deed):
+    monkeypatch.setattr("fmpy.fmi3.FMU3Slave.doStep", lambda *_, **__: flags)
     locator = f"{THREE}&outputs.acceleration=speeds[0]"
     recording = simulate(case(), locator, HALF_SECOND, folder=feedthroughs)
-    assert recording.error == "FMU `Feedthrough3.fmu` asked to end the simulation at 0.00 s."
+    assert recording.error == f"FMU `Feedthrough3.fmu` {deed} at 0.00 s."
+
+
+def test_messages_of_an_fmu_are_kept_in_any_encoding(feedthroughs, monkeypatch, capsys):
+    def instance(*_, logger):
+        logger(None, b"car", 1, b"", b"temp\xe9rature")
+
+    monkeypatch.setattr("fmpy.instantiate_fmu", instance)
+    ads = load_controller(f"{TWO}&inputs.*=start", feedthroughs)
+    ads.reset(SimpleNamespace(period=0.1), None, "ego")
+    assert capsys.readouterr().out == "[WARNING] temp\N{REPLACEMENT CHARACTER}rature\n"

@@ -440,7 +440,9 @@ def test_shared_state_drives_each_case_alone_and_is_named(hook, name, tmp_path, 
 
 
 def test_shared_state_is_named_with_its_file(tmp_path):
+    """Beside a proxy that is not bound, whose `__class__` raises."""
     (tmp_path / "my_ads.py").write_text(
+        "class Proxy:\n    __class__ = property(lambda self: 1 / 0)\n\nREQUEST = Proxy()\n"
         "CALLS = []\n"
         "def step(traci, ego, time):\n"
         "    CALLS.append(time)\n"

@@ -75,6 +75,11 @@ def test_a_client_and_the_same_script_in_process_make_the_same_recording(
 
 TWICE = "traci.start([], label='a')\ntraci.start([], label='b')\n"
 CLOSED = "traci.start([])\ntraci.simulationStep()\ntraci.close()\nprint('left')\ntime.sleep(60)\n"
+NO_SPEED = (
+    "traci.start([])\ntraci.simulationStep()\n"
+    "try:\n    traci.vehicle.setSpeed('ego', float('nan'))\n"
+    "except Exception:\n    time.sleep(60)\n"
+)
 
 
 @pytest.mark.parametrize(
@@ -83,6 +88,7 @@ CLOSED = "traci.start([])\ntraci.simulationStep()\ntraci.close()\nprint('left')\
         ("print('on stdout')\nsys.exit('no map')\n", "with status 1", "on stdout\nno map"),
         (TWICE, "with status 1", "a case takes one connection, got a second one"),
         (CLOSED, "closing its connection", "left"),
+        (NO_SPEED, "with status 1", "setSpeed must be given finite numbers, got (nan,)"),
     ],
 )
 def test_a_client_that_breaks_ends_its_case_and_what_it_said_is_kept(tmp_path, text, how, said):

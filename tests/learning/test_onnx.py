@@ -228,6 +228,9 @@ def test_what_cannot_be_used_is_refused(tmp_path):
     model.graph.output[0].name = "s"
     onnx.save(model, path)
     refused("must answer a row the same alone and among other rows")
+    model.ir_version = 99
+    onnx.save(model, path)
+    refused("cannot be loaded: .* failed: Unsupported model IR version: 99")
     with refusal("cannot be read: it is a folder"):
         find_controller("onnx:", tmp_path)
     path.write_bytes(b"none")

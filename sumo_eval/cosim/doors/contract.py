@@ -48,7 +48,7 @@ _LINES = 12  # of a log that a finding shows
 _COMMANDS = ("acceleration", "steering_angle")
 RUN = RunSettings()
 # s of wall time: an ADS that is slower than this in a few cases need not drive all of them
-_PATIENCE = 60.0
+PATIENCE = 60.0
 _MARGIN = 0.5  # of a limit: a busier machine can take twice as long
 _HINTS = {
     r"[Tt]ype '.*' is not known": "a type of the ego's own is the class attribute `vehicle_type`, "
@@ -107,10 +107,10 @@ def check_controller(
     findings = [Finding("ok", "can be loaded")]
 
     def drive(some: Sequence[ConcreteScenario]) -> list[Recording]:
-        """Drive cases until they took `_PATIENCE`; return their recordings."""
+        """Drive cases until they took `PATIENCE`; return their recordings."""
         drives: list[Recording] = []
         for case in some:
-            if sum(recording.wall_time for recording in drives) <= _PATIENCE:
+            if sum(recording.wall_time for recording in drives) <= PATIENCE:
                 drives.append(
                     simulate(
                         case, controller, settings, folder=folder, step_timeout=step_timeout, seed=1
@@ -123,7 +123,7 @@ def check_controller(
     findings += _ends(driven, first)
     clock = _projected(driven, first, settings, step_timeout, case_timeout)
     if len(driven) < len(cases):
-        text = f"{len(driven)} of {len(cases)} cases were driven: they took over {_PATIENCE:g} s"
+        text = f"{len(driven)} of {len(cases)} cases were driven: they took over {PATIENCE:g} s"
         clock.insert(0, Finding("note", text))
     if any(finding.kind == "FAIL" for finding in findings):
         return findings + clock

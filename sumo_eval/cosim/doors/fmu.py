@@ -73,6 +73,7 @@ _WHOLE = {"Integer": 32, "Enumeration": 32} | {
 """Types of whole numbers -> bits."""
 _TEXTS = ("String", "Binary")
 _TYPES = (*_MAKERS, *_WHOLE)
+_STATUS = dict(enumerate(("OK", "WARNING", "DISCARD", "ERROR", "FATAL", "PENDING")))
 _FATAL = 4  # fmi2Fatal, fmi3Fatal
 AS_IT_STARTS = "start"
 """A mapping to this instead of a signal: the input keeps its start value.
@@ -277,7 +278,7 @@ class _Fmu:
         """Load the library and make an instance."""
         make = self._library.instantiate_fmu
         with self._in_words():
-            self._instance = make(self._folder, self.description, "CoSimulation")
+            self._instance = make(self._folder, self.description, "CoSimulation", logger=_log)
 
     def begin(self, signals: Signals) -> None:
         """Set parameters and inputs, initialize at time 0."""
@@ -297,8 +298,10 @@ class _Fmu:
             flags = self._instance.doStep(
                 currentCommunicationPoint=time, communicationStepSize=step
             )
-        if isinstance(flags, tuple) and flags[1]:  # FMI 3: `terminateSimulation`
-            raise ControllerError(f"FMU `{self.path.name}` asked to end the simulation")
+        # FMI 3: `eventEncountered`, `terminateSimulation`, `earlyReturn`, `lastSuccessfulTime`
+        if isinstance(flags, tuple) and any(flags[1:3]):
+            deed = "asked to end the simulation" if flags[1] else "ended its step early"
+            raise ControllerError(f"FMU `{self.path.name}` {deed}")
         return self.read(self._outputs)
 
     def read(self, names: Iterable[str]) -> dict[str, float]:
@@ -342,8 +345,11 @@ class _Fmu:
 
     def _factor(self, variable: Any) -> float:
         """Factor from the unit of a variable, or of its type, to the SI unit."""
-        unit = variable.unit or getattr(variable.declaredType, "unit", None)
-        return self._factors.get(unit) or si_factor(str(unit))  # no BaseUnit: by its name
+        unit = variable.unit or getattr(variable.declaredType, "unit", None) or ""
+        factor = self._factors.get(unit) or si_factor(unit)  # no BaseUnit: by its name
+        if factor is None:
+            _say(f"FMU `{self.path.name}`: unit `{unit}` is not known, SI is assumed.")
+        return factor or 1.0
 
     def _kind(self, variable: Any) -> str:
         """Type of a variable in the names of the FMU's get and set functions."""
@@ -390,6 +396,18 @@ class _Fmu:
                 self._instance = None
             words = said(error).replace(f"{self._folder}/", "")  # another folder in each process
             raise ControllerError(f"FMU `{self.path.name}` failed: {words}") from error
+
+
+@functools.cache
+def _say(words: str) -> None:
+    """Tell the case's log, once a process."""
+    print(words)  # noqa: T201
+
+
+def _log(*words: Any) -> None:
+    """Print a message of an FMU, in any encoding. Its words end with status, category and text."""
+    status, _, text = words[-3:]
+    print(f"[{_STATUS.get(status, status)}] {(text or b'').decode(errors='replace')}")  # noqa: T201
 
 
 def _plain(kind: str, value: Any) -> Any:

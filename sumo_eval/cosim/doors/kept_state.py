@@ -93,7 +93,7 @@ def reached_modules(ads: Any) -> list[ModuleType]:
     waiting = [ads]  # modules, and values whose modules are looked into
     while waiting:
         value = waiting.pop()
-        module = value if isinstance(value, ModuleType) else module_of(value)
+        module = value if _is(value, ModuleType) else module_of(value)
         if module is None or module.__name__ in reached:
             continue
         name, file = module.__name__, getattr(module, "__file__", None)
@@ -104,6 +104,13 @@ def reached_modules(ads: Any) -> list[ModuleType]:
         # the values of a module lead to the modules that define them
         waiting += vars(module).values()
     return list(reached.values())
+
+
+def _is(value: Any, kinds: Any) -> bool:
+    """`isinstance` without the value's `__class__`, which is the user's code and may raise: of a
+    proxy that is not bound.
+    """
+    return issubclass(type(value), kinds)
 
 
 def _is_foreign(module: str) -> bool:
@@ -117,7 +124,7 @@ def module_of(value: Any) -> ModuleType | None:
     A module that was loaded from a file's path may be missing in `sys.modules`. Its variables are
     then taken from a function that it defines.
     """
-    kind = value if isinstance(value, type | FunctionType) else type(value)
+    kind = value if _is(value, type | FunctionType) else type(value)
     if kind.__module__ in sys.modules:
         return sys.modules[kind.__module__]
     function = next(
@@ -142,15 +149,15 @@ def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> objec
     depth: number of containers and objects around it.
     seen: their ids, to end at one that contains itself.
     """
-    if isinstance(value, _PLAIN):
+    if _is(value, _PLAIN):
         return "nan" if value != value else value
-    contains = isinstance(value, _CONTAINERS)
+    contains = _is(value, _CONTAINERS)
     # containers compare by length, not id: `_parts` makes new ones for each snapshot
     identity = len(value) if contains else id(value)
     if depth > _DEEPEST or id(value) in seen:
         return identity
-    members = value.items() if isinstance(value, dict) else value
     try:
+        members = value.items() if isinstance(value, dict) else value
         if (content := _content(value)) is not None:
             return content
         parts = islice(members, _MOST) if contains else _parts(value)

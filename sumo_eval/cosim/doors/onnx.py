@@ -28,12 +28,12 @@ from sumo_eval.errors import (
     ControllerError,
     InputError,
     check_known,
+    kind_of,
     must_be,
     needs_extra,
-    said,
-    users_code,
 )
 from sumo_eval.input_file import input_file, read_input
+from sumo_eval.text import clean
 from sumo_eval.trajectory import FloatArray
 
 BLOCK = 32  # rows that a model is given at once
@@ -121,7 +121,7 @@ class OnnxPolicy:
             try:
                 (answer,) = self._session.run([self._output], {self._input: padded[block]})
             except Exception as error:
-                raise ControllerError(f"The model {self._name} failed: {said(error)}") from error
+                raise ControllerError(f"The model {self._name} failed: {_words(error)}") from error
             answer = np.asarray(answer)
             if self._chosen and answer.size == rows:
                 if not ((answer >= 0) & (answer < wanted)).all():
@@ -161,8 +161,17 @@ def _session(model: Path) -> Any:
     options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
     options.use_deterministic_compute = True
     options.log_severity_level = 3
-    with users_code(f"Model {model.name} cannot be loaded"):
+    try:
         return onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
+    except Exception as error:
+        raise InputError(f"Model {model.name} cannot be loaded: {_words(error)}.") from error
+
+
+def _words(error: Exception) -> str:
+    """Words for an error of the runtime, without the place in its source code, which is long and
+    stands before the reason.
+    """
+    return clean(re.sub(r"/\S+:\d+ .*?\) ", " ", f"{kind_of(error)}: {error}")).rstrip(" .")
 
 
 def _external_data(model: Path) -> set[Path]:

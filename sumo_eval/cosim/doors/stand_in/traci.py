@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import math
 import os
 import sys
 from typing import Any
@@ -61,6 +62,19 @@ def _without_window(call: str) -> Any:
     return lambda *_, **__: _say(f"traci.gui.{call} does nothing: a case has no window")
 
 
+def _of_finite_numbers(call: str, usual: Any) -> Any:
+    """A call that moves a vehicle and ends the script at nan or infinity: SUMO takes them, and
+    nothing shows the harness that it did.
+    """
+
+    def checked(self: Any, vehicle: str, *values: float, **named: float) -> Any:
+        if not all(map(math.isfinite, (*values, *named.values()))):
+            sys.exit(f"sumo_eval: traci.vehicle.{call} must be given finite numbers, got {values}")
+        return usual(self, vehicle, *values, **named)
+
+    return checked
+
+
 def _quietly(
     kind: type[BaseException], error: BaseException, trace: Any, _usual: Any = sys.excepthook
 ) -> None:
@@ -78,6 +92,9 @@ windows = importlib.import_module("traci._gui").GuiDomain
 for call in vars(windows):
     if not call.startswith(("_", "get", "has", "is")):
         setattr(windows, call, _without_window(call))
+vehicles = importlib.import_module("traci._vehicle").VehicleDomain
+for call in ("setSpeed", "slowDown", "setAcceleration", "setPreviousSpeed"):
+    setattr(vehicles, call, _of_finite_numbers(call, getattr(vehicles, call)))
 sys.excepthook = _quietly
 real.start = main.start = start  # type: ignore[attr-defined]
 # for a script that imports both; `libsumo.py` is for one that imports libsumo first
