@@ -2,6 +2,7 @@
 evaluation."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -357,9 +358,17 @@ def test_what_the_environment_cannot_do_is_refused():
         worthless.reset()
         with refusal("The reward of an environment must be a finite number for each of 2 episodes"):
             worthless.step(np.zeros((2, 1)))
-    for actions, got in ((np.zeros((2, 3)), r"\(2, 3\)"), ("x", "'x'"), ([None, 1], "None")):
+    ragged = [[0.0], [0.0, 1.0]]
+    for actions, got in (
+        (np.zeros((2, 3)), r"\(2, 3\)"), ("x", "'x'"), ([None, 1], "None"), (ragged, "1.0"),
+    ):  # fmt: skip
         with refusal(rf"must be 2 x 1 numbers, got .*{got}"):
             many.step(actions)
+    for name, kind in (("settings", "SimulationSettings"), ("interface", "Interface")):
+        with refusal(rf"`{name}` of an environment must be of {kind}, got {{'step': 0.1}}"):
+            make("sumo_eval/cut_in-v0", **{name: {"step": 0.1}})
+    with refusal(r"Unknown logical scenario `my\.toml`|There is no scenario file"):
+        make("sumo_eval/scenario-v0", use=Path("my.toml"))
     with refusal("must be reset before its first step"):
         make("sumo_eval/cut_in-v0").unwrapped.step(np.zeros(1))
 

@@ -28,12 +28,11 @@ from sumo_eval.errors import (
     ControllerError,
     InputError,
     check_known,
-    kind_of,
     must_be,
     needs_extra,
 )
 from sumo_eval.input_file import input_file, read_input
-from sumo_eval.text import clean
+from sumo_eval.text import clean, kind_of
 from sumo_eval.trajectory import FloatArray
 
 BLOCK = 32  # rows that a model is given at once

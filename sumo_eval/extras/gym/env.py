@@ -5,6 +5,7 @@ process.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import gymnasium
@@ -40,19 +41,20 @@ def _answers(interface: Interface, actions: Any, count: int) -> Floats:
 
     A choice becomes a score of 1 for it and 0 for the rest.
     """
-    width = interface.width
-    if interface.choices is None:
+    width, values = interface.width, np.empty(0, object)
+    with suppress(ValueError):  # of rows of different lengths: refused below
         values = np.asarray(actions)
-        numbers = values.dtype.kind in "biuf"
-        if numbers and values.size == count * width:
+    kind, given = values.dtype.kind, actions
+    if interface.choices is None:
+        if kind in "biuf" and values.size == count * width:
             return values.reshape(count, -1).astype(np.float64)
-        wanted, given = f"{count} x {width} numbers", values.shape if numbers else actions
+        wanted = f"{count} x {width} numbers"
+        given = values.shape if kind in "biuf" else actions
     else:
-        index = np.asarray(actions).ravel()
-        whole = len(index) == count and index.dtype.kind in "iu"
-        if whole and 0 <= index.min() <= index.max() < width:
-            return np.asarray(np.eye(width)[index])
-        wanted, given = f"whole numbers from 0 to {width - 1}, {count} in all", actions
+        whole = values.size == count and kind in "iu"
+        if whole and 0 <= values.min() <= values.max() < width:
+            return np.asarray(np.eye(width)[values.ravel()])
+        wanted = f"whole numbers from 0 to {width - 1}, {count} in all"
     raise must_be("The actions", "an environment", wanted, given)
 
 

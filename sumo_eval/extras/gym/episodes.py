@@ -111,13 +111,16 @@ class Episodes:
             raise must_be("`num_envs`", "an environment", "at least 1", count)
         if max_episode_steps is not None and max_episode_steps < 1:
             raise must_be("`max_episode_steps`", "an environment", "at least 1", max_episode_steps)
-        self.settings = settings or SimulationSettings()
-        if not isinstance(use, LogicalScenario):
-            use = find_with(self.settings.vehicle, use, Path.cwd())
-        self.logical = use
         if isinstance(interface, str | Path):
             interface = read_interface(Path(interface))
         self.interface = interface or usual(steering=steering)
+        self.settings = settings or SimulationSettings()
+        for name, kind in (("interface", Interface), ("settings", SimulationSettings)):
+            if not isinstance(value := getattr(self, name), kind):
+                raise must_be(f"`{name}`", "an environment", f"of {kind.__name__}", value)
+        if not isinstance(use, LogicalScenario):
+            use = find_with(self.settings.vehicle, str(use), Path.cwd())
+        self.logical = use
         self.reward, self.sampler = reward or usual_reward, sampler
         self.count, self._sumo = count, sumo
         self._pack: Pack | None = None
