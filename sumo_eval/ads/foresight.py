@@ -20,6 +20,7 @@ from sumo_eval.ads.lane_change import shortest_duration
 from sumo_eval.ads.overtaking import CLEARANCE, EMERGENCY_GAP, EMERGENCY_LATERAL
 from sumo_eval.ads.perception import covers, safe_gap
 from sumo_eval.cosim.impossible import farthest_in
+from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.method.criticality import ideal_impact_speed
 from sumo_eval.scenario.bodies import half_sizes
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Start, Way, lane_at
@@ -121,7 +122,8 @@ def evasion(
     settings: those of the case.
     """
     ego, road, vehicle = concrete.ego, concrete.road, settings.vehicle
-    speed = ego.speed
+    speed, grip = ego.speed, vehicle.friction * GRAVITY
+    deceleration = min(deceleration, grip)
     lane = lane_at(road, ego.y)
     # the centre of lane 0 is y = 0; any length above 0 will do, as it is a divisor
     straight = road.lane_width * lane, 0.0, 0.0, 1.0
@@ -144,7 +146,7 @@ def evasion(
     )  # fmt: skip
     if brakes_in_time:
         return straight
-    length = shortest_duration(road.lane_width, EMERGENCY_LATERAL) * speed
+    length = shortest_duration(road.lane_width, min(EMERGENCY_LATERAL, grip)) * speed
     steered = replace(ego, way=Way(road.lane_width, begin_x, begin_x + length, ends=False))
 
     def clear(actor: Actor, time: float, x: float, y: float) -> bool:

@@ -7,7 +7,7 @@ depend on the step. The path within a step is a circular arc with the step's mea
 That is the kinematic model: its tyres do not slip, which is true below about 0.4 g across. The
 dynamic one has side slip and a yaw rate of its own (`move_dynamic`).
 
-Users: `ads/pedals.py`, `cosim/`, `record/worker.py`, `extras/bench/costs.py`,
+Users: `ads/foresight.py`, `ads/pedals.py`, `cosim/`, `record/worker.py`, `extras/bench/costs.py`,
 `extras/studies/qualification/table.py`, `extras/wheel/`.
 """
 

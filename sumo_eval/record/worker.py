@@ -20,7 +20,6 @@ from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.cosim.ego_control import Terms
 from sumo_eval.cosim.no_return import with_no_return
 from sumo_eval.cosim.simulation import simulate, simulate_together
-from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.errors import InputError
 from sumo_eval.record import reads
@@ -199,7 +198,7 @@ def _settings(case: Case, setup: Setup) -> SimulationSettings:
     """Settings of the simulation of a case.
 
     The run's conditions and vehicle model apply only to ADSs under test. The ideal vehicle has its
-    own brakes, and friction to match. Only its collision counts, so its drive may end early.
+    own brakes on the same road. Only its collision counts, so its drive may end early.
     """
     if case.role == "ads":
         return setup.simulation
@@ -213,7 +212,6 @@ def _settings(case: Case, setup: Setup) -> SimulationSettings:
             settings.vehicle,
             max_deceleration=settings.ideal_deceleration,
             brake_build_up=settings.ideal_build_up,
-            friction=max(settings.vehicle.friction, settings.ideal_deceleration / GRAVITY),
         ),
     )
 

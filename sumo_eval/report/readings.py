@@ -151,7 +151,7 @@ def readings(settings: EvaluationSettings) -> list[tuple[str, str]]:
         (
             "17",
             f"{loss} The ideal vehicle brakes at once with {simulation.ideal_deceleration:g} "
-            "m/s², built up in "
+            "m/s² where friction allows it, built up in "
             f"{simulation.ideal_build_up:g} s. An ADS that hits more gently than it counts 1.",
         ),
         (

@@ -208,7 +208,7 @@ class SimulationSettings(Checked):
     vehicle: VehicleSettings = field(default_factory=VehicleSettings)
     # the ideal vehicle: its U is Ug, which the paper uses in Eq. 17
     ideal_deceleration: PositiveFloat = setting(
-        9.0, "braking of the ideal vehicle", "m/s2", symbol="Ug", equation="17"
+        9.0, "braking of the ideal vehicle, limited by friction", "m/s2", symbol="Ug", equation="17"
     )
     ideal_build_up: PositiveFloat = setting(
         0.15, "pressure build-up time of its brakes", "s", symbol="Ug", equation="17"

@@ -15,6 +15,7 @@ from sumo_eval.record.engines import once_each, run_batches, run_cases
 from sumo_eval.record.identity import with_fingerprint
 from sumo_eval.record.kept import KeptRecording
 from sumo_eval.record.store import open_store
+from sumo_eval.record.worker import run_case
 from sumo_eval.report.notes import score_note
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import RunSettings, SimulationSettings
@@ -277,6 +278,21 @@ def test_settings_that_reject_a_case_reject_it_in_a_batch():
         ]
         assert facts(found[0]) == facts(found[1])
         assert {outcome.status for outcome in found[1]} == {"rejected"}
+
+
+def test_friction_of_a_run_limits_the_ideal_vehicle():
+    concrete = CUT_IN.concrete(ego_speed=20.0, cut_in_speed=6.0, gap=20.0, lateral_speed=0.9)
+    icy = replace(SIMULATION, vehicle=replace(SIMULATION.vehicle, friction=0.3))
+    iced = replace(concrete, changes=(("vehicle.friction", 0.3),))
+    dry, *ice = (
+        run_case(
+            Case(0, case, "ideal", "ideal", "ideal_braking"), Setup(simulation, RunSettings(), HERE)
+        ).recording
+        for case, simulation in ((concrete, SIMULATION), (concrete, icy), (iced, SIMULATION))
+    )
+    assert ice[0].drives == ice[1].drives
+    braking = [it.ego.acceleration.min() for it in (dry, ice[0])]
+    assert braking == pytest.approx([-9.0, -0.3 * 9.81], rel=1e-6)
 
 
 def test_score_says_which_drives_left_their_batch(tmp_path):
