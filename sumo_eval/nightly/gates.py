@@ -105,7 +105,8 @@ def _judge(
         if bound is None:
             continue
         got = "not computed" if value is None or np.isnan(value) else _number(quantity, value, unit)
-        sentence = f"{quantity} is {got}; it must be at {words} {bound:g}{unit}"
+        asked = f"it must be at {words} {bound:g}{unit}"
+        sentence = f"{quantity} is {got}; {asked}"
         # beyond the bound by no more than the tolerance, a share of the bound
         ok = value is not None and sign * (value - bound) >= -limit.tolerance * max(1.0, abs(bound))
         keys, worst = ((), ()) if ok or value is None else _worst(quantity, part)
@@ -121,6 +122,7 @@ def _judge(
             keys[:MOST_KEYS],
             worst,
             own=quantity not in OF_THE_COMPARISON,
+            bound=asked,
         )
     for bound, percent in ((limit.worse_by, ""), (limit.worse_by_percent, " %")):
         if bound is None:
@@ -143,7 +145,8 @@ def _judge_change(
     bound: how much worse; ` %` of the base's value, or empty; unit of the quantity.
     """
     quantity, (most, percent, unit) = limit.quantity, bound
-    result = partial(GateResult, quantity, score.ads, score.scenario)
+    asked = _asked(limit, most, percent or unit)
+    result = partial(GateResult, quantity, score.ads, score.scenario, bound=asked)
     if quantity in part.quantities:
         change = part.quantities[quantity]
     else:
@@ -165,30 +168,31 @@ def _judge_change(
     ok = excused or sign * (change.base - change.new) <= allowed + slack
     worst = () if ok else _worst(quantity, part)[1]
     keys = tuple(change.case for change in worst)
-    sentence = _change_words(limit, change, bound, confidence)
+    sentence = f"{quantity} {_moved(quantity, change, unit, confidence)}; {asked}"
     return result(ok, sentence, change.new, change.base - sign * allowed, keys, worst)
 
 
-def _change_words(
-    limit: LimitSettings, change: QuantityChange, bound: tuple[float, str, str], confidence: float
-) -> str:
-    """`S went from 60.0 to 55.0; it may fall by at most 2 %`."""
-    quantity, (most, percent, unit) = limit.quantity, bound
+def _asked(limit: LimitSettings, most: float, unit: str) -> str:
+    """`it may fall by at most 2 %`."""
+    way = "fall" if limit.quantity in HIGHER_IS_BETTER else "rise"
+    asked = f"it may {way} by at most {most:g}{unit}" if most else f"it must not {way}"
+    if limit.only_if_certain:
+        larger = "a larger" if most else "a"
+        asked += f"; {larger} {way} counts only where the interval leaves out 0"
+    return asked
+
+
+def _moved(quantity: str, change: QuantityChange, unit: str, confidence: float) -> str:
+    """`went from 60.0 to 55.0`, with the interval of the difference."""
     before, after = (_number(quantity, value, unit) for value in (change.base, change.new))
+    if change.base == change.new and not change.low and not change.high:
+        return f"is {before} as in the base"
     moved = f"went from {before} to {after}"
     if change.low is not None and change.high is not None:
         moved += (
             f", difference within {change.low:+z.4g} to {change.high:+z.4g} ({confidence:z.0%})"
         )
-    if change.base == change.new and not change.low and not change.high:
-        moved = f"is {before} as in the base"
-
-    way = "fall" if quantity in HIGHER_IS_BETTER else "rise"
-    asked = f"it may {way} by at most {most:g}{percent or unit}" if most else f"it must not {way}"
-    if limit.only_if_certain:
-        larger = "a larger" if most else "a"
-        asked += f"; {larger} {way} counts only where the interval leaves out 0"
-    return f"{quantity} {moved}; {asked}"
+    return moved
 
 
 def _why_missing(quantity: str, score: ScenarioResult) -> str:
@@ -239,7 +243,9 @@ def _judge_cases(
     for beyond, scale, words in _column_bounds(limit, before, after, unit):
         # own: a bound on the new run's values alone; one on a change has the base's as its scale
         own, known = scale is not before, int(np.isfinite(beyond).sum())
-        result = partial(GateResult, limit.quantity, score.ads, score.scenario, own=own)
+        result = partial(
+            GateResult, limit.quantity, score.ads, score.scenario, own=own, bound=words
+        )
         if known:
             bad = np.flatnonzero(beyond > limit.tolerance * np.maximum(1.0, np.abs(scale)))
             worst = bad[np.argsort(-beyond[bad], kind="stable")]

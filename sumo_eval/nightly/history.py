@@ -118,6 +118,7 @@ class GateLine(NamedTuple):
     """One gate of one night.
 
     threshold: the value at which it would fail; None: it has none.
+    bound: as in `GateResult`; "" in histories of earlier versions.
     """
 
     night: str
@@ -127,6 +128,7 @@ class GateLine(NamedTuple):
     passed: bool | None
     threshold: float | None
     sentence: str
+    bound: str = ""
 
 
 class Accepted(NamedTuple):
@@ -243,9 +245,10 @@ class History:
     def _read(self, table: str, kind: Callable[..., Row]) -> list[Row]:
         """The lines of a table, the oldest first; none where an older history has no such table."""
         read = self._connection.execute
-        if not read("SELECT 1 FROM sqlite_master WHERE name = ?", (table,)).fetchone():
+        there = _columns(self._connection, table)
+        columns = {name: hint for name, hint in get_type_hints(kind).items() if name in there}
+        if not columns:
             return []
-        columns = get_type_hints(kind)
         names = ", ".join(columns)
         # columns of a bool, which SQLite gives back as 0 or 1
         flags = [hint in (bool, bool | None) for hint in columns.values()]
@@ -327,6 +330,8 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
             connection.executescript(
                 f"BEGIN; {_SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;"
             )
+            if "bound" not in _columns(connection, "gates"):
+                connection.execute("ALTER TABLE gates ADD COLUMN bound TEXT NOT NULL DEFAULT ''")
         elif version == 0:
             raise InputError(f"The history {path} is empty. {_FIX}")
         elif version != FORMAT_VERSION:
@@ -339,6 +344,11 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
         raise InputError(f"The history {path} cannot be used: {error}. {_FIX}") from error
     finally:
         connection.close()
+
+
+def _columns(connection: sqlite3.Connection, table: str) -> set[str]:
+    """Names of a table's columns; none without such a table."""
+    return {row[1] for row in connection.execute(f"PRAGMA table_info({table})")}
 
 
 def is_begun(folder: Path) -> bool:

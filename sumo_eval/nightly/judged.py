@@ -129,7 +129,7 @@ def failing_since(
 ) -> dict[LimitName, Since]:
     """Since when each limit that failed tonight has failed, by its name."""
     failing = {
-        (line.night, *GateResult(line.quantity, line.ads, line.scenario, False, line.sentence).name)
+        (line.night, line.ads, line.scenario, line.quantity, line.bound)
         for line in database.gates()
         if line.passed is False
     }

@@ -22,6 +22,7 @@ from sumo_eval.scoring.rule import (
     can_fail,
     got_worse,
     holm,
+    is_far,
     many,
     newly_bad,
     severity_limit,
@@ -196,7 +197,7 @@ def _result(
     sentence += f" (P = {tally.chance:z.2g})"
     if tally.near and tally.least_kept <= settings.near_miss.kept_margin:
         sentence += f"; one kept {tally.least_kept:z.0%} of its margin"
-    if not tally.near and tally.furthest >= settings.shift.far:
+    if not tally.near and is_far(tally, settings):
         sentence += f"; one by {tally.furthest:z.2g} tolerances"
     keys = tuple(
         worse.part.changed.paired.new[pair].case for worse in tally.worse for pair in worse.which

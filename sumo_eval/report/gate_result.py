@@ -14,7 +14,7 @@ from sumo_eval.text import point_words
 
 MOST_NAMED = 5  # cases of a failed limit that are shown with their values
 MOST_KEYS = 1_000  # cases that a failed limit names by key
-LimitName = tuple[str, str, str, bool]  # ADS, scenario, quantity, whether of a gate file
+LimitName = tuple[str, str, str, str]  # ADS, scenario, quantity, bound
 
 
 class CaseChange(NamedTuple):
@@ -54,6 +54,7 @@ class GateResult(NamedTuple):
     passed: None if the limit could not be evaluated; then the sentence has the reason.
     reason: why it could not be evaluated; equal reasons share a line. "": the sentence tells it.
     blind: the quantity in words, if the cases of this ADS cannot show a change of it; else "".
+    bound: of a gate file, in words; "" for the rule.
     threshold: the value of the new run at which it would fail, for drawing.
     cases: keys of the cases that a failed limit is about, at most `MOST_KEYS`.
     worst: the worst of them.
@@ -74,14 +75,12 @@ class GateResult(NamedTuple):
     own: bool = False
     reason: str = ""
     blind: str = ""
+    bound: str = ""
 
     @property
     def name(self) -> LimitName:
-        """Identity of the limit across nights: the rule and a gate file may limit one quantity.
-
-        Only the sentences of a gate file begin with the name of the quantity.
-        """
-        return self.ads, self.scenario, self.quantity, self.sentence.startswith(self.quantity)
+        """Identity of the limit across nights: several bounds may limit one quantity."""
+        return self.ads, self.scenario, self.quantity, self.bound
 
 
 def in_order(

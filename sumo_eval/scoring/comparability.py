@@ -46,7 +46,7 @@ def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
     """Everything that differs except the ADSs' behaviour; deciding differences first."""
     items = []
     # both runs have the same parts, in the same order
-    for (decides, old), (_, now) in zip(_parts(base), _parts(new), strict=True):
+    for (decides, old), (_, now) in zip(_parts(base, new), _parts(new, base), strict=True):
         for key in old | now:
             before, after = old.get(key, ABSENT), now.get(key, ABSENT)
             # a run of an earlier version has no hash of a scenario's file
@@ -68,11 +68,19 @@ def refuse_unless_comparable(differing: tuple[Difference, ...]) -> None:
         )
 
 
-def _parts(evaluation: Evaluation) -> list[tuple[bool, dict[str, str]]]:
-    """Parts in which two runs may differ: whether a difference decides, and name -> value."""
+def _parts(evaluation: Evaluation, other: Evaluation) -> list[tuple[bool, dict[str, str]]]:
+    """Parts in which two runs may differ: whether a difference decides, and name -> value.
+
+    other: run that it is compared with.
+    """
     manifest, settings = evaluation.manifest, evaluation.settings
     plain = {key: value for key, value in to_plain(settings).items() if key not in HARMLESS}
-    plain["scenario"] = {entry["use"]: entry for entry in plain["scenario"]}
+    # of a scenario that only one run has its name is enough
+    common = {entry.use for entry in other.settings.scenario}
+    plain["scenario"] = {
+        entry["use"]: entry if entry["use"] in common else {"use": entry["use"]}
+        for entry in plain["scenario"]
+    }
     # two versions of the package may write one scenario differently
     written = {
         name: sha256[:12]

@@ -351,16 +351,20 @@ def got_worse(total: Tally, settings: GateSettings) -> bool:
 def _shifted(total: Tally, settings: GateSettings) -> bool:
     """Part three of `got_worse`."""
     shift = settings.shift
-    quantity = total.measure.quantity
     # 0.7 - 0.4 is below 0.3 by rounding
-    lost = quantity == "task_share" and total.most >= shift.lost * (1.0 - LAST_DIGIT)
-    # a drive takes longer where it no longer crashes, and measured times vary
-    is_time = quantity in (*TIMED, "simulated_time")
-    far = total.furthest >= shift.far * (1.0 - LAST_DIGIT) and not is_time
-    enough = many(total, settings, 0.0 if far else shift.share_alone)
+    task = total.measure.quantity == "task_share"
+    lost = task and total.most >= shift.lost * (1.0 - LAST_DIGIT)
+    enough = many(total, settings, 0.0 if is_far(total, settings) else shift.share_alone)
     if (lost or enough) and not total.better:
         return True
     return many(total, settings, shift.share) and total.chance < shift.chance
+
+
+def is_far(total: Tally, settings: GateSettings) -> bool:
+    """Whether a case is worse by many tolerances; not of times."""
+    # a drive takes longer where it no longer crashes, and measured times vary
+    is_time = total.measure.quantity in (*TIMED, "simulated_time")
+    return total.furthest >= settings.shift.far * (1.0 - LAST_DIGIT) and not is_time
 
 
 def many(total: Tally, settings: GateSettings, share: float) -> bool:

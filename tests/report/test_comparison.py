@@ -201,6 +201,7 @@ def test_what_could_change_a_score_by_itself_is_refused_unless_accepted(evaluati
     with pytest.raises(InputError, match="not only the ADS differs") as caught:
         compare(evaluation, other, GATE)
     assert words in str(caught.value)
+    assert str(caught.value).count("\n  ") == 1  # one line a difference
     comparison = compare(evaluation, other, GATE, accept_differences=True)
     assert any(words in item.words and item.decides for item in comparison.differences)
 

@@ -111,6 +111,15 @@ def test_limits_are_absolute_relative_or_of_the_value_itself(evaluation):
         assert result.passed is passes, limit
 
 
+def test_each_bound_is_a_limit_of_its_own(evaluation):
+    bounds = ({"worse_by": 1.0}, {"worse_by": 2.0}, {"worse_by_percent": 1.0}, {"at_least": 0.1})
+    for quantity in ("D", "min_gap"):
+        one = {"ads": builders.CALM, "scenario": builders.SCENARIOS[0]}
+        limits = [LimitSettings(quantity, **one, **bound) for bound in bounds]
+        results = judged(evaluation, evaluation, *limits)
+        assert len({result.name for result in results}) == 4
+
+
 CERTAIN = "counts only where the interval leaves out 0"
 
 

@@ -1,9 +1,11 @@
 """What a night leaves for the morning: summary, chat, annotations, JUnit; the pin, and a drift
 beside it."""
 
+import contextlib
 import functools
 import json
 import shlex
+import sqlite3
 from dataclasses import replace
 from datetime import UTC, datetime
 from types import SimpleNamespace
@@ -412,14 +414,20 @@ def test_a_failure_says_since_when_without_a_break(evaluation, tmp_path):
     assert (since.night, since.nights, since.words) == (LATER, 2, f"since {LATER}, 2 nights")
 
 
-def test_a_limit_of_a_file_is_not_that_of_the_rule(evaluation, tmp_path):
-    """Both limit the smallest gap; in the night before, only that of the gate file failed."""
-    of_the_file = FAILED._replace(sentence="min_gap is below 0.5 m in 1 of 9 cases", own=True)
-    add(tmp_path, TODAY, evaluation, of_the_file)
+def test_each_limit_of_a_quantity_has_its_own_since(evaluation, tmp_path):
+    """Three limit the smallest gap; in the night before, only the first of the file failed."""
+    first, second = (FAILED._replace(bound=f"below {gap} m", own=True) for gap in ("0.5", "1"))
+    add(tmp_path, TODAY, evaluation, first)
     with open_history(tmp_path) as lines:
-        since = failing_since(lines, [FAILED, of_the_file], LATER)
-    assert since[FAILED.name].words == "new"
-    assert since[of_the_file.name].nights == 2
+        since = failing_since(lines, [FAILED, first, second], LATER)
+    assert [since[gate.name].nights for gate in (FAILED, first, second)] == [1, 2, 1]
+    # a history of an earlier version has no bounds
+    with contextlib.closing(sqlite3.connect(tmp_path / "history.sqlite")) as file:
+        file.execute("ALTER TABLE gates DROP COLUMN bound")
+    for create in (False, True):
+        with open_history(tmp_path, create=create) as lines:
+            assert [line.bound for line in lines.gates()] == [""]
+    add(tmp_path, LATER, evaluation, first)
 
 
 def test_a_dead_mans_switch_knows_its_hours(evaluation, tmp_path):

@@ -243,6 +243,9 @@ def test_three_cases_far_worse_fail_and_say_how_far(evaluation):
         assert [gate.sentence.partition("; ")[2] for gate in gates] == [
             "one by 5 tolerances"
         ] * fails
+    late = some(calm(evaluation, simulated_time=1.0), 3, simulated_time=9.0)
+    (gate,) = judged(calm(evaluation, simulated_time=1.0), late)
+    assert "tolerances" not in gate.sentence  # of a time they do not count
 
 
 def test_too_few_cases_are_not_good_news(evaluation):
