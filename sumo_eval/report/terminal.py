@@ -258,7 +258,7 @@ def _ledger_lines(account: Ledger) -> list[str]:
     subject = f"{one_line(account.score.ads)} in {account.score.scenario}"
     lines = [f"{subject}: {ledger_words(account, 2)}"]
     for line in account.lines:
-        cases = f", {count(line.cases, 'case')}" if line.entries else ""
+        cases = f", {count(line.cases, 'case')}" if line.cases else ""
         equation = f"Eq. {line.equation}: " if line.equation else ""
         lines.append(
             f"  {line.points:+z8.2f}  {line.term} {line.index:+z.4f}  {equation}"

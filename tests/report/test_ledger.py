@@ -9,8 +9,8 @@ from report_cases import every, findings, with_settings
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.report.score_words import explain_a
+from sumo_eval.report.terminal import ledger_lines, ledger_words
 from sumo_eval.report.terminal import ledger_sentences as sentences
-from sumo_eval.report.terminal import ledger_words
 from sumo_eval.scoring.findings import Findings
 from sumo_eval.scoring.ledger import ledger, ledger_plus
 from sumo_eval.scoring.quantities import combine
@@ -78,6 +78,7 @@ def test_what_cost_most_is_said_first(evaluation):
     lost = [float(sentence.split(" lost ")[1].split(" of ")[0]) for sentence in said]
     assert lost == sorted(lost, reverse=True)
     assert any("operations factor in" in sentence for sentence in said)
+    assert ", 0 cases" not in "\n".join(ledger_lines(evaluation))
 
 
 def test_a_case_that_gains_leaves_the_points_of_its_term(evaluation):
