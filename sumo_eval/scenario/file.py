@@ -1,8 +1,8 @@
 """A scenario file in TOML: read into a `LogicalScenario`, and checked with vehicles at every point
 of its sample.
 
-Users: `cli/tools.py`, `record/facts.py`, `scenario/catalogue.py`, `extras/rates/`,
-`extras/studies/qualification/table.py`.
+Users: `cli/tools.py`, `record/facts.py`, `scenario/catalogue.py`,
+`extras/openscenario/describe.py`, `extras/rates/`, `extras/studies/qualification/table.py`.
 """
 
 from __future__ import annotations

@@ -591,6 +591,13 @@ CAMBER = '<lateralProfile><{} s="0" a="0" b="0.1" c="0" d="0"/></lateralProfile>
         ("</right>", WIDER, "lanes of another width"),
         ("</planView>", "</planView>" + CAMBER.format("crossfall"), "elevation"),
         ("</planView>", "</planView>" + CAMBER.format("shape"), "elevation"),
+        ("</planView>", "</planView><objects><object/></objects>", "objects"),
+        ("</planView>", "</planView><signals><signal/></signals>", "signals"),
+        ("</planView>", "</planView><surface><CRG/></surface>", "road surface"),
+        ("<planView>", '<type s="0"><speed max="20"/></type><planView>', "speed limits"),
+        ("</lane></left>", '<height inner="0.1"/></lane></left>', "heights of lanes"),
+        ("</lane></left>", '<access rule="deny"/></lane></left>', "rules of lanes"),
+        ('length="1000" junction', 'length="900" junction', "a road length other than"),
     ],
 )
 def test_what_a_road_file_says_in_vain_is_noted(tmp_path, old, new, kind):
@@ -619,12 +626,53 @@ def changed(folder, *changes, **parts):
     return path
 
 
-def test_signals_and_trailers_are_noted(tmp_path):
-    lights = "<TrafficSignals><TrafficSignalController/></TrafficSignals></RoadNetwork>"
-    path = str(changed(tmp_path, ("</RoadNetwork>", lights)))
-    assert "TrafficSignalController" in find(path).notes[0]
-    trailer = '<Trailer><TrailerRef entityRef="{}"/></Trailer></Vehicle>'
+FOLLOWS = 'dynamicsDimension="rate" followingMode="follow"'
+IN_VAIN = {
+    "TrafficSignalController": (
+        "</RoadNetwork>",
+        "<TrafficSignals><TrafficSignalController/></TrafficSignals></RoadNetwork>",
+    ),
+    "heights of positions": (
+        'dLane="1" ds="50" offset="0.25"/>',
+        'dLane="1" ds="50" offset="0.25" dz="1"/>',
+    ),
+    "followingMode `follow`": ('dynamicsDimension="rate"', FOLLOWS),
+}
+
+
+@pytest.mark.parametrize("kind", IN_VAIN)
+@pytest.mark.parametrize("event", [CUT_IN, timed(BRAKE, 40)])
+def test_text_without_effect_is_noted(tmp_path, kind, event):
+    assert not find(str(written(tmp_path, events=event))).notes[0].startswith("Not simulated")
+    note = find(str(changed(tmp_path, IN_VAIN[kind], events=event))).notes[0]
+    assert note == f"Not simulated: {kind}."
+
+
+@pytest.mark.parametrize("length", [400, 500])
+def test_end_of_another_road_is_noted(tmp_path, length):
+    """The other drives 15 m/s for 30 s, from s = 10 of a road that begins beside the ego's."""
+    place = '<LanePosition roadId="1" laneId="-1" s="10"/>'
+    path = changed(tmp_path, (OTHER_PLACE, place))
+    other = re.search(r"<road .*</road>", ROAD, re.DOTALL)[0]
+    for old, new in (('id="0"', 'id="1"'), ('x="5"', 'x="105"'), ("1000", str(length))):
+        other = other.replace(old, new)
+    (tmp_path / "road.xodr").write_text(ROAD.replace("</OpenDRIVE>", f"{other}</OpenDRIVE>"))
+    noted = "Not simulated: the end of the road of `Other`." in find(str(path)).notes
+    assert noted == (length == 400)
+
+
+def test_import_says_which_actor_leaves_the_road(tmp_path):
+    """The other begins at s = 951 and drives 15 m/s, the ego 20 m/s behind it."""
+    path = changed(tmp_path, ('ds="50"', 'ds="931"'))
+    assert any("Vehicle `Other` comes to the end" in it for it in described(read_file(path)))
+
+
+def test_parts_of_vehicles_without_effect_are_noted(tmp_path):
+    path = str(written(tmp_path))
     cars = tmp_path / "catalogs" / "cars.xosc"
+    cars.write_text(CARS.replace("<BoundingBox>", "<Performance/><BoundingBox>"))
+    assert find(path).notes[0] == "Not simulated: Performance."
+    trailer = '<Trailer><TrailerRef entityRef="{}"/></Trailer></Vehicle>'
     cars.write_text(CARS.replace("</Vehicle>", trailer.format("")))
     assert "Trailer" not in find(path).notes[0]
     cars.write_text(CARS.replace("</Vehicle>", trailer.format("Other")))

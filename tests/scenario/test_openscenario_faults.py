@@ -122,6 +122,11 @@ EVENTS = {
         'freespace="true" continuous="true"/></LongitudinalAction>',
         1,
     ),
+    r"<LongitudinalDistanceAction>: `coordinateSystem` must be one of entity, lane, road, got": timed(
+        '<LongitudinalAction><LongitudinalDistanceAction entityRef="Ego" distance="30" '
+        'coordinateSystem="world" freespace="true" continuous="true"/></LongitudinalAction>',
+        1,
+    ),
     r"<Event>: with its priority `overwrite` it ends while event `e1` runs": (
         speed_change(1, 0.0, 5.0, 6.0) + lane_change(2, 2.0, SELF.format(-1))
     ),
@@ -181,6 +186,10 @@ expression .* divides by zero | ${$kph / 3.6} | ${$kph % 0}
 holds `\$kph and 2` | ${$kph / 3.6} | ${$kph and 2}
 bracket does not close | ${$kph / 3.6} | ${$kph / 3.6
 parameter `kmh` is not declared. Did you mean `kph` | ${$kph / 3.6} | ${max(pow($kmh, 2), 1)}
+<OpenSCENARIO>|<RoadNetwork>: it must hold one <LogicFile>, got 2 | <RoadNetwork>
+| <RoadNetwork><LogicFile filepath="road.xodr"/>
+<WorldPosition>: `r` must be 0 | <RelativeLanePosition entityRef="Ego" dLane="1" ds="50" offset="0.25"/>
+| <WorldPosition x="60" y="40" r="0.1"/>
 <Private>: entity `Third` is not among | <Private entityRef="Other"> | <Private entityRef="Third">
 """)} | {
     r"<StopTrigger>: an act that a time stops while an actor moves in it": (
@@ -208,6 +217,8 @@ def test_a_file_with_one_thing_wrong_is_refused_with_its_element(tmp_path, sente
 ROADS = {name: row for name, *row in rows_of(r"""
 <lane>: `id` must be a whole number, got 1\.5 | <lane id="-1" | <lane id="1.5"
 <lane>: `id` must be a finite number, got 'one' | <lane id="-1" | <lane id="one"
+<lane>: its width must be one constant of at least 0 m | a="3.5" | a="-3.5"
+<laneSection>: the first <laneSection> must begin at s = 0 | <laneSection s="0"> | <laneSection s="9">
 <width>: `a` must be a finite number, got 'wide' | a="3.5" | a="wide"
 <width>: `b` must be a finite number, got 'steep' | b="0" | b="steep"
 `length` of <geometry>.* must be a number|length | hdg="0.5" length="1000"

@@ -18,7 +18,8 @@ ROWS = {
         "CatalogLocations": "every .xosc of a folder; entries with their parameters",
         "RoadNetwork": (
             "OpenDRIVE: lines, arcs, spirals, parametric cubics, one lane section, constant "
-            "widths and offset, flattened; other roads of the file may be of any kind"
+            "widths and offset, flattened, without objects, signals, limits; other roads of the "
+            "file may be of any kind"
         ),
         "ParameterValueDistribution": "ranges, sets, sets of several; uniform, normal with a range",
     },
@@ -33,6 +34,7 @@ ROWS = {
         "MiscObject": "as a standing car of its size",
     },
     ("entity", "ignored"): {
+        "Performance": "the ego's limits are settings, scripts are exact",
         "ObjectController": "the ADS drives the ego, scripts the actors",
         "Trailer": "a vehicle is its own bounding box",
     },

@@ -10,12 +10,15 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.collections import uses_of
 from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points
 from sumo_eval.extras.openscenario.moves import changes_nothing
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor
+from sumo_eval.scenario.file import leaving
 
 _SHOWN = 5  # reasons that are listed, at most
 _MOST = 5_000  # points of a space in which all are tried
@@ -68,6 +71,8 @@ def described(read: Read) -> Iterator[str]:
         )
         for actor in case.actors:
             yield from _of(actor)
+        point = [case.values[name] for name in read.logical.names]
+        yield from (f"    {it}" for it in leaving(read.logical, np.array([point])))
 
 
 def listed(name: str, paths: Sequence[Path]) -> Iterator[str]:

@@ -25,7 +25,7 @@ from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.openscenario.frame import Frame
 from sumo_eval.extras.openscenario.moves import changes_nothing
 from sumo_eval.extras.openscenario.reading import Node, changes, read_openscenario
-from sumo_eval.extras.openscenario.scene import FileCase, FileOptions, read_case
+from sumo_eval.extras.openscenario.scene import LONGEST, FileCase, FileOptions, read_case
 from sumo_eval.extras.openscenario.space import Assignments, Axis, FileSpace, read_space
 from sumo_eval.extras.openscenario.values import Value
 from sumo_eval.frozen import frozen
@@ -51,7 +51,6 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 _MOST = 2_000_000  # points of a grid
 _LOOKED_AT = 2_000  # points at which a file is tried before the first case
-_LONGEST = 60.0  # s that a case lasts where no stop of the file is by time
 _SEARCHED = 3  # parameters of a space in which zones are searched, at most
 _ROUND = 10.0  # m: a road's end is a multiple of it
 _ALONG = 0.5  # cosine of the largest angle to the road at which an actor still drives along it
@@ -202,7 +201,7 @@ def _impossible(path: Path, case: FileCase) -> Iterator[InputError]:
             fastest = f"at most {road.speed_limit:g} m/s, the fastest that roads here allow"
             yield declared(name).fault(f"its speed at the start must be {fastest}")
     if any(act.program for actor in case.actors for act in actor.acts):
-        limit = case.ends if math.isfinite(case.ends) else _LONGEST
+        limit = case.ends if math.isfinite(case.ends) else LONGEST
         drawn = ConcreteScenario(
             path.stem, {}, 1.0, road, case.ego, case.actors, ego_body=case.ego_body
         )
@@ -290,7 +289,9 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
             f"Points that differ in {', '.join(dropped)} alone are driven alike, and are one point."
         )
     if ignored:
-        notes.append(f"Ignored, because they move no vehicle here: {', '.join(ignored)}.")
+        notes.append(f"Not simulated: {', '.join(ignored)}.")
+    if read_openscenario(path).find("ParameterValueDistribution/Stochastic"):
+        notes.append("`numberOfTestRuns` and `randomSeed` are not used: the sampling's are.")
     further = [
         f"{count} of the points that were tried are not supported: {why}"
         for why, count in refused.items()
@@ -381,7 +382,7 @@ def _without_doubles(space: FileSpace, scenes: Scenes) -> tuple[FileSpace, tuple
 
 def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
     limit = max(case.ends for _, case in scenes)
-    limit = limit if math.isfinite(limit) else _LONGEST
+    limit = limit if math.isfinite(limit) else LONGEST
     body, *bodies = {case.ego_body for _, case in scenes}
     if bodies:
         raise InputError(

@@ -233,7 +233,7 @@ class Moves:
 
     def _speed(self, element: Node, entity: Entity, begin: Moment) -> Span:
         speed = target_speed(element, self.places)
-        dynamics = element.child("SpeedActionDynamics")
+        dynamics = self.places.exact(element.child("SpeedActionDynamics"))
         target = element.child("SpeedActionTarget").only()
         if target.flag("continuous"):  # relative to another's speed at every instant, without end
             if not is_step(dynamics):
@@ -364,6 +364,9 @@ class Moves:
         other = self.places.referred(element)
         if entity.on_map or other.on_map:
             raise element.fault("a distance of an entity that drives on the map is not supported")
+        # on a curve the distance is along the lane, not along the file's reference line
+        systems = ("entity", "lane") if self.frame.line else ("entity", "lane", "road")
+        element.one_of("coordinateSystem", systems, "entity")
         sides = ("any", "leadingReferencedEntity", "trailingReferencedEntity")
         side = element.one_of("displacement", sides, "any")
         ahead = entity.frame.x >= other.frame.x if side == "any" else side.startswith("leading")
@@ -447,7 +450,7 @@ class Moves:
             raise target.unsupported()
         t = lane.centre + element.number("targetLaneOffset", 0.0)
         offset = self._y(t, element, entity) - entity.frame.y
-        dynamics = element.child("LaneChangeActionDynamics")
+        dynamics = self.places.exact(element.child("LaneChangeActionDynamics"))
         shape = self._shape(dynamics, "lateral move", *_PEAKS)
         value = dynamics.above_zero("value")  # m/s, s or m; made s below
         kind = dynamics.one_of("dynamicsDimension", _DIMENSIONS)

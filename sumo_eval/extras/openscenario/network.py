@@ -31,6 +31,11 @@ from sumo_eval.scenario.xml_file import read_xml
 WIDEST = 6.0  # m: a wider lane is an area without marks
 MARKED = 3.5  # m: the lane that the ego is given in such an area
 ON = 1e-6  # m by which a place may miss a road or a line
+_LEFT_OUT = {
+    "objects": "objects/*", "signals": "signals/*", "road surface": "surface/*",
+    "speed limits": ".//speed", "heights of lanes": ".//lane/height", "rules of lanes": ".//access",
+}  # fmt: skip
+"""Contents of a road that have no effect: words for them, and their path."""
 _ROUNDS = 20  # of the fixed point in `ahead_in_lane`, which then changes no more
 
 
@@ -194,6 +199,8 @@ def _road(element: Node, name: str) -> MapRoad:
     owner = f"road `{name}` of OpenDRIVE file {element.file.name}"
     line, begin = reference_line(element.element, owner)
     sections, length = element.all("lanes/laneSection"), length_of(line)
+    if sections and sections[0].number("s", 0.0) != 0.0:
+        raise sections[0].fault("the first <laneSection> must begin at s = 0")
     shift = lane_offset(element.element, owner, length, flat=True)
     lanes = [_lanes(it, shift, length) for it in sections]
     if not lanes or lanes.count(lanes[0]) < len(lanes):
@@ -207,6 +214,9 @@ def _road(element: Node, name: str) -> MapRoad:
         "elevation": not level,
         "left-hand traffic": element.get("rule") == "LHT",
         "lanes of another width than the ego's": bool(widths) and max(widths) - min(widths) > ON,
+        "a road length other than its geometries'": abs(element.number("length", length) - length)
+        > 0.1,
+        **{kind: element.find(path) is not None for kind, path in _LEFT_OUT.items()},
     }
     return MapRoad(name, begin, line, lanes[0], tuple(kind for kind, has in kinds.items() if has))
 
@@ -226,8 +236,8 @@ def _lanes(section: Node, shift: float, length: float) -> dict[float, Lane]:
             if number in lanes:
                 raise lane.fault(f"there is another lane with the `id` {number}")
             widths = cubics_of(lane.all("width"), "sOffset", Node.number)
-            if not widths or not constant(widths, length):
-                raise lane.fault("its width must be one constant")
+            if not widths or not constant(widths, length) or widths[0][1] < 0.0:
+                raise lane.fault("its width must be one constant of at least 0 m")
             width = widths[0][1]
             centre = shift + sign * (edge + 0.5 * width)
             lanes[number] = Lane(number, str(lane.get("type")), centre, width)

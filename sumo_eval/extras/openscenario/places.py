@@ -54,6 +54,12 @@ class Spot:
     way: int = 0
     reason: str = ""
 
+    @property
+    def room(self) -> float:
+        """Length of its road ahead, m; inf where it does not point along one."""
+        length = self.road.length if self.road else math.inf
+        return (math.inf, length - self.s, self.s)[self.way]
+
     def in_lane(self, element: Node) -> tuple[MapRoad, Lane]:
         """Its road and its lane; `element`, which is relative to it, is refused without them."""
         if self.road is None or self.lane is None:
@@ -86,7 +92,7 @@ class Entity:
     length, width: of its body, m.
     centre, offset: the body's centre ahead of the reference point and to the left of it, m.
     body: as in `concrete.Actor`.
-    trailer: whether it draws one, which is left out.
+    left_out: its parts that have no effect: limits of a vehicle, a controller, a trailer.
 
     At the start:
 
@@ -119,7 +125,7 @@ class Entity:
     offset: float
     body: str
     element: Node
-    trailer: bool
+    left_out: tuple[str, ...]
     spot: Spot | None = None
     speed: float = 0.0
     path: Pairs = ()
@@ -222,12 +228,14 @@ class Places:
 
     entities: by name.
     side: 1; -1 where y and headings point to the right, as in files for CARLA.
+    ignored: contents of the file without effect, in the order in which they were found.
     """
 
     network: Network
     catalogs: Catalogs
     entities: dict[str, Entity]
     side: float
+    ignored: dict[str, None]
 
     def entity(self, name: str, element: Node) -> Entity:
         """An entity by its name; refused where there is none."""
@@ -252,12 +260,15 @@ class Places:
             "GeoPosition": self._geo,
         }  # fmt: skip
         spot = kind.chosen(known, "positions")(kind)
-        turn = kind.find("Orientation")
-        if turn is None:
-            return spot
+        if any(kind.number(name, 0.0) for name in ("z", "dz", "altitude", "height")):
+            self.ignored["heights of positions"] = None
+        # a WorldPosition has its angles itself, all others have them in an <Orientation>
+        turn = kind.find("Orientation") or kind
         for name in ("p", "r"):
             if turn.number(name, 0.0) != 0.0:
                 raise turn.fault(f"`{name}` must be 0 on a road that is flat")
+        if turn is kind:
+            return spot
         heading = self.side * turn.number("h", 0.0)
         if turn.one_of("type", ("relative", "absolute"), "absolute") == "relative":
             heading += spot.pose.heading
@@ -352,11 +363,18 @@ class Places:
     def followed(self, action: Node) -> MapPath:
         """The trajectory of a FollowTrajectoryAction."""
         for mode in action.all("TrajectoryFollowingMode"):
-            # checked only: both are driven alike
-            mode.one_of("followingMode", ("position", "follow"))
+            self.exact(mode)
         course = self.trajectory(action.find("TrajectoryRef") or action)
         # with <None> the times at its vertices do not count, but version 1.0 requires them
         return replace(course, times=()) if action.find("TimeReference/None") else course
+
+    def exact(self, element: Node) -> Node:
+        """The element; its `followingMode` is noted where it allows to be off the planned motion,
+        because scripts are always driven exactly.
+        """
+        if element.one_of("followingMode", ("position", "follow"), "position") == "follow":
+            self.ignored["followingMode `follow`"] = None
+        return element
 
     def _polyline(self, shape: Node) -> MapPath:
         vertices = shape.all("Vertex")
@@ -393,7 +411,10 @@ class Places:
 
     def route(self, holder: Node) -> tuple[Spot, Spot]:
         """Both ends of a route, which must lie on one road or on a straight line."""
-        waypoints = self.catalogs.held(holder, "Route").all("Waypoint")
+        route = self.catalogs.held(holder, "Route")
+        if route.flag("closed"):
+            raise route.fault("a closed route is not supported")
+        waypoints = route.all("Waypoint")
         if len(waypoints) < 2:
             raise holder.fault(f"its route must have at least two waypoints, got {len(waypoints)}")
         begin, *spots = [self.located(self.spot(it.child("Position"))) for it in waypoints]
@@ -451,8 +472,10 @@ def entity_of(element: Node, catalogs: Catalogs) -> Entity:
     body = {"Pedestrian": "pedestrian", "MiscObject": "car", "Vehicle": ""}.get(held.tag)
     if body is None:
         raise held.unsupported()
+    left_out = [it.tag for it in (*held.all("Performance"), *element.all("ObjectController"))]
     # esmini's cars refer to the trailer "": they have none
-    trailer = any(it.text("entityRef", "its own") for it in held.all("Trailer/*"))
+    if any(it.text("entityRef", "its own") for it in held.all("Trailer/*")):
+        left_out.append("Trailer")
     if held.tag == "Vehicle":
         category = held.text("vehicleCategory")
         if category not in BODY_OF:
@@ -462,5 +485,6 @@ def entity_of(element: Node, catalogs: Catalogs) -> Entity:
     centre, size = box.child("Center"), box.child("Dimensions")
     return Entity(
         element.attribute("name"), size.above_zero("length", " m"), size.above_zero("width", " m"),
-        centre.number("x"), centre.number("y"), body, element, trailer,
+        centre.number("x"), centre.number("y"), body, element,
+        tuple(left_out),
     )  # fmt: skip

@@ -150,8 +150,11 @@ class Node:
         return [replace(self, element=it) for it in self.element.iterfind(path)]
 
     def find(self, path: str) -> Node | None:
-        """The first element at a path below it."""
-        return next(iter(self.all(path)), None)
+        """The first element at a path below it; refused where there is a second inside it."""
+        parts = self.all(path)
+        if len(parts) > 1 and "/" not in path:
+            raise self.fault(f"it must hold one <{path.partition('[')[0]}>, got {len(parts)}")
+        return parts[0] if parts else None
 
     def children(self) -> list[Node]:
         """The elements inside it, without comments."""
@@ -166,12 +169,10 @@ class Node:
 
     def child(self, name: str) -> Node:
         """The one element of a name inside it."""
-        parts = self.all(name)
-        if not parts:
+        part = self.find(name)
+        if part is None:
             raise self.fault(f"<{name}> is missing in it")
-        if len(parts) > 1:
-            raise self.fault(f"it must hold one <{name}>, got {len(parts)}")
-        return parts[0]
+        return part
 
     # -- its attributes ----------------------------------------------------------------------------
 

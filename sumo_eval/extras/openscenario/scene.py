@@ -59,6 +59,7 @@ from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.pose import Pose
 
 EGO = "Ego"
+LONGEST = 60.0  # s that a case lasts where no stop of the file is by time
 Actions = list[tuple[Node, Entity]]
 """Actions of Init, each with its entity."""
 
@@ -209,7 +210,9 @@ class _Player:
         # scenario_runner reads these files with CARLA's axes, in which y points to the right
         about = str(self.root.child("FileHeader").get("description"))
         side = -1.0 if about.startswith("CARLA:") else 1.0
-        self.places = Places(network, self.catalogs, entities, side)
+        signals = self.root.all("RoadNetwork/TrafficSignals/*")
+        self.ignored: dict[str, None] = dict.fromkeys(it.tag for it in signals)
+        self.places = Places(network, self.catalogs, entities, side, self.ignored)
         ego = self._only_controlled() if options.ego is None else options.ego
         if ego not in entities:
             raise holder.fault(
@@ -218,8 +221,6 @@ class _Player:
                 f"{', '.join(entities) or 'none'}"
             )
         self.ego = entities[ego]
-        signals = self.root.all("RoadNetwork/TrafficSignals/*")
-        self.ignored: dict[str, None] = dict.fromkeys(it.tag for it in signals)
         self.distances: Actions = []
         self.begun: Actions = []
         self.ends = math.inf
@@ -253,8 +254,8 @@ class _Player:
         # 2. the road, and all entities in its frame
         roads = [entity.placed().road for entity in entities.values()]
         self.ignored |= dict.fromkeys(kind for road in roads if road for kind in road.left_out)
-        if any(entity.trailer for entity in entities.values()):
-            self.ignored["Trailer"] = None
+        parts = (kind for entity in entities.values() for kind in entity.left_out)
+        self.ignored |= dict.fromkeys(parts)
         self.frame = frame_of(self.ego, self.places.network, self.turning, self.route_end)
         self.actors: list[Entity] = []  # filled in step 3; `moves` and `conditions` share the list
         self.moves = Moves(self.places, self.frame, self.ego, self.actors)
@@ -568,6 +569,10 @@ class _Player:
             raise entity.element.fault(
                 "it must not drive along a curved road that is not the ego's"
             )
+        # of an actor on the ego's road, `scenario.file.leaving` reports it
+        elsewhere = spot.road and spot.road.name != self.frame.road
+        if elsewhere and not entity.path and self._farthest(entity) > spot.room:
+            self.ignored[f"the end of the road of `{entity.name}`"] = None
         heading = 0.0 if abs(frame.heading) < 1e-6 else frame.heading
         map_pose = self.frame.pose_on_map(entity) if entity.on_map else None
         ground = 1.0 if map_pose is not None else self.frame.ground(frame)
@@ -583,6 +588,12 @@ class _Player:
             entity.width, body=entity.body, heading=heading,
             on_map=None if map_pose is None else (*map_pose,),
         )  # fmt: skip
+
+    def _farthest(self, entity: Entity) -> float:
+        """Distance that an entity drives at most, m; a guess where its speed depends on others."""
+        speeds = [entity.speed, *(act.speed for act in entity.acts)]
+        speeds += (speed for act in entity.acts for _, speed in act.table)
+        return max(speeds) * min(self.ends, LONGEST)
 
     def _stop(self, story: Node) -> None:
         """Note the first stop by time, which ends the case.
