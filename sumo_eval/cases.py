@@ -1,33 +1,24 @@
-"""Results of cases: `CaseResult` is the record of one case, `CaseTable` a table of many.
+"""The result of one case: fields that are recorded or computed once, and properties that follow.
 
-`scoring/` makes both, `report/` and `nightly/` read them. A table loads a column when it is first
-used: a million records in memory are some gigabytes, their columns on disk a twentieth of that.
+`scoring/` makes records, `report/` and `nightly/` read them; a table of many is in `case_table.py`.
 
-Users: `nightly/`, `record/`, `report/`, `results.py`, `scoring/`, `whatif/`, `extras/`.
+Users: `case_table.py`, `nightly/`, `record/`, `report/`, `results.py`, `scoring/`, `whatif/`,
+`extras/`.
 """
 
 from __future__ import annotations
 
-import json
-import zlib
-from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields
-from functools import lru_cache
-from itertools import accumulate, chain, groupby
-from typing import Any, Literal, overload
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sumo_eval.coded import decoded, encoded
 from sumo_eval.frozen import frozen
 from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.settings.locators import load_object
-from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
+from sumo_eval.trajectory import FloatArray
 
 Zone = Literal["safe", "hazardous"]
-Column = NDArray[Any]
 
 EVALUATED = ("ok", "collision", "off_road")
 """Statuses of cases that were evaluated, i.e. whose outcome counts in all scores."""
@@ -68,7 +59,7 @@ def _rule(compute: Callable[[Any], Any]) -> Any:
     return property(value, doc=compute.__doc__)
 
 
-def _number(values: Any) -> FloatArray:
+def floats(values: Any) -> FloatArray:
     """A field of a record, a column, or a list (n,) as floats with nan for None."""
     return np.asarray(values, dtype=np.float64)
 
@@ -79,7 +70,7 @@ def _among(status: Any, statuses: Sequence[str]) -> Any:
 
 
 class CaseProperties:
-    """Properties of one case (`CaseResult`) and of all rows of a table (`CaseTable`).
+    """Properties of one case (`CaseResult`) and of all rows of a `CaseTable`.
 
     "It" is the case.
     """
@@ -110,7 +101,7 @@ class CaseProperties:
     def missing(self: Any) -> Any:
         """Whether a mean lacks it: it was not evaluated, or its Ug or U0 is not known."""
         # a sum is nan where one of its terms is
-        references = _number(self.ideal_severity) + _number(self.no_reaction_severity)
+        references = floats(self.ideal_severity) + floats(self.no_reaction_severity)
         return np.logical_not(self.evaluated) | np.isnan(references)
 
     @_rule
@@ -121,7 +112,7 @@ class CaseProperties:
     @_rule
     def departed(self: Any) -> Any:
         """Whether a corner of the ego was more than `road_margin` off the road at some time."""
-        return np.isfinite(_number(self.departure_time))
+        return np.isfinite(floats(self.departure_time))
 
     @_rule
     def incident(self: Any) -> Any:
@@ -134,10 +125,10 @@ class CaseProperties:
 
         nan: it does not count (`counted`), or the ADS gave up and U0 is not known.
         """
-        collision = np.where(self.collided, _number(self.severity), 0.0)
-        departure = np.nan_to_num(_number(self.departure_severity))
+        collision = np.where(self.collided, floats(self.severity), 0.0)
+        departure = np.nan_to_num(floats(self.departure_severity))
         worst = np.fmax(collision, departure)  # fmax: a nan gives way to a number
-        given_up = np.maximum(worst, _number(self.no_reaction_severity))  # maximum: nan stays nan
+        given_up = np.maximum(worst, floats(self.no_reaction_severity))  # maximum: nan stays nan
         worst = np.where(self.gave_up, given_up, worst)
         return np.where(self.counted, worst, np.nan)
 
@@ -149,7 +140,7 @@ class CaseProperties:
     @_rule
     def unavoidable(self: Any) -> Any:
         """Whether it is a collision, and the ideal vehicle collides too."""
-        return self.collided & (_number(self.ideal_severity) > 0.0)
+        return self.collided & (floats(self.ideal_severity) > 0.0)
 
     @_rule
     def caused(self: Any) -> Any:
@@ -350,250 +341,3 @@ class CaseResult(CaseProperties):
         """The table for a notebook."""
         # by name: `report/` imports this file
         return str(load_object("sumo_eval.report.notebook:case_html", None, "Case")(self))
-
-
-# --- tables ---------------------------------------------------------------------------------------
-
-_RECORDS = {record.__name__: record for record in (ThinReference, IndexNote)}
-_TYPES = {item.name: str(item.type) for item in fields(CaseResult)}
-"""Fields of a row and their annotations, as text."""
-_PLACES = {name: index for index, name in enumerate(_TYPES)}
-"""Fields and their places among the columns; behind the fields each parameter has a column.
-
-The column of `values` holds the names of the parameters.
-"""
-COLUMNS = len(_PLACES) + 100
-"""Most columns of a row: all fields, and room for 100 parameters."""
-NUMBERS = tuple(name for name, kind in _TYPES.items() if kind.startswith(("float", "bool", "int")))
-"""Fields that hold numbers or truth values."""
-_TEXT = np.dtypes.StringDType()
-_CACHED_CHUNKS = 32  # chunks whose records stay in memory
-
-
-@frozen(eq=False)
-class Chunk:
-    """Consecutive rows of a table: one ADS in one scenario, the same names of parameters.
-
-    rows: their number.
-    columns: function that reads the columns at a slice of places, as `encode_rows` made them.
-    """
-
-    scenario: str
-    ads: str
-    rows: int
-    columns: Callable[[slice], list[bytes]]
-
-
-def encode_rows(rows: Sequence[CaseResult]) -> list[bytes]:
-    """The columns of rows whose parameters have the same names, each compressed alone."""
-    names = list(rows[0].values)
-    columns = [
-        _encoded(name, [getattr(row, name) for row in rows]) for name in _TYPES if name != "values"
-    ]
-    columns.insert(_PLACES["values"], encoded(names))
-    return columns + [_encoded("", [row.values[name] for row in rows]) for name in names]
-
-
-def _is_real(name: str) -> bool:
-    """Whether a column holds real numbers.
-
-    name: of the field; "", here and below, for a parameter.
-    """
-    return not name or _TYPES[name].startswith("float")
-
-
-def _encoded(name: str, values: Sequence[Any]) -> bytes:
-    """A column as compressed bytes.
-
-    Real numbers: the first of their 8 bytes of all rows, then the second of all rows and so on,
-    which compresses better than row by row.
-    Anything else: for each row the place of its value in the list of distinct values, 4 bytes,
-    then that list.
-    """
-    if _is_real(name):
-        return zlib.compress(_number(values).view(np.uint8).reshape(-1, 8).T.tobytes(), 1)
-    places: dict[Any, int] = {}  # of the distinct values, in the order of their first row
-    indices = [places.setdefault(value, len(places)) for value in values]
-    return zlib.compress(np.array(indices, dtype="<u4").tobytes() + encoded(list(places)), 1)
-
-
-def _real(data: bytes, rows: int) -> FloatArray:
-    """Real numbers (n,) of a column that `_encoded` made."""
-    bytes_of_rows = np.frombuffer(zlib.decompress(data), dtype=np.uint8).reshape(8, rows)
-    return np.ascontiguousarray(bytes_of_rows.T).view("<f8").reshape(rows)
-
-
-def _listed(data: bytes, rows: int) -> tuple[tuple[Any, ...], IntArray]:
-    """Distinct values of a column that `_encoded` made, and the place of each row's value among
-    them, (n,).
-    """
-    body = zlib.decompress(data)
-    indices = np.frombuffer(body[: 4 * rows], dtype="<u4")
-    return decoded(body[4 * rows :], _RECORDS), indices.astype(np.intp)
-
-
-@lru_cache(256)
-def _array_of(chunk: Chunk, name: str, column: int) -> Column:
-    """The column of a chunk at a place, as an array; the last 256 stay in memory."""
-    return _array(name, chunk.columns(slice(column, column + 1))[0], chunk.rows)
-
-
-def _array(name: str, data: bytes, rows: int) -> Column:
-    """A column as an array (n,): numbers with nan for None, truth values, texts with "" for None,
-    else objects.
-    """
-    if _is_real(name):
-        return _real(data, rows)
-    values, indices = _listed(data, rows)
-    kind = _TYPES[name]
-    if kind == "bool":
-        return np.array(values, dtype=np.bool_)[indices]
-    if name in NUMBERS:
-        return _number(values)[indices]
-    if kind.startswith(("str", "Zone", "Literal")):
-        return np.array([value or "" for value in values], dtype=_TEXT)[indices]
-    # filled afterwards: of tuples `np.array` would make a 2-d array
-    objects = np.empty(len(values), dtype=object)
-    objects[:] = values
-    return objects[indices]
-
-
-def _plain(name: str, data: bytes, rows: int) -> list[Any]:
-    """A column as the values of records, with None for nan."""
-    if _is_real(name):
-        return [None if value != value else value for value in _real(data, rows).tolist()]
-    values, indices = _listed(data, rows)
-    return [values[index] for index in indices.tolist()]
-
-
-@lru_cache(_CACHED_CHUNKS)
-def records_of(chunk: Chunk) -> list[CaseResult]:
-    """The records of a chunk."""
-    data = chunk.columns(slice(COLUMNS))  # all in one query, which is faster than one for each
-    names = json.loads(data[_PLACES["values"]])
-    parameters = [_plain("", column, chunk.rows) for column in data[len(_PLACES) :]]
-    points = [dict(zip(names, point, strict=True)) for point in zip(*parameters, strict=True)]
-    points = points or [{} for _ in range(chunk.rows)]  # a scenario without parameters
-    columns = (
-        points if name == "values" else _plain(name, data[index], chunk.rows)
-        for name, index in _PLACES.items()
-    )
-    return [CaseResult(*row) for row in zip(*columns, strict=True)]
-
-
-class CaseTable(CaseProperties):
-    """Rows of cases. A field of `CaseResult` is a column, an array (n,): nan and "" stand for None.
-
-    chunks: where the rows are stored, in order.
-    rows: those of this table, numbered over all chunks, (n,); None: it has all.
-    key: hash under which the run's cache holds this scoring; None: it does not.
-    """
-
-    def __init__(
-        self, chunks: Iterable[Chunk], rows: IntArray | None = None, key: bytes | None = None
-    ) -> None:
-        self.chunks, self.rows, self.key = tuple(chunks), rows, key
-        # number of the first row of each chunk; at the end, of all rows
-        self._starts = list(accumulate((chunk.rows for chunk in self.chunks), initial=0))
-
-    @classmethod
-    def of(cls, rows: Iterable[CaseResult] | CaseTable) -> CaseTable:
-        """Make a table of records, in their order; a table is returned as it is."""
-        if isinstance(rows, CaseTable):
-            return rows
-        chunks = []
-        # consecutive rows of one scenario and ADS, with the same names of parameters
-        of_chunk = groupby(rows, key=lambda row: (row.scenario, row.ads, *row.values))
-        for (scenario, ads, *_), group in of_chunk:
-            alike = list(group)
-            chunks.append(Chunk(scenario, ads, len(alike), encode_rows(alike).__getitem__))
-        return cls(chunks)
-
-    def part(self, scenario: str, ads: str | None = None) -> CaseTable:
-        """The rows in one scenario, of one ADS or (None) of all.
-
-        Only of a table that has all rows of its chunks.
-        """
-        return CaseTable(
-            it for it in self.chunks if it.scenario == scenario and ads in (None, it.ads)
-        )
-
-    def parameters(self, names: Sequence[str]) -> FloatArray:
-        """Points of the cases, (n, k): the parameters of these names."""
-        points = np.empty((self._starts[-1], len(names)))
-        # `_starts` has one number more, hence not strict
-        for first, chunk in zip(self._starts, self.chunks, strict=False):
-            stored = json.loads(chunk.columns(slice(_PLACES["values"], _PLACES["values"] + 1))[0])
-            for axis, name in enumerate(names):
-                index = len(_PLACES) + stored.index(name)
-                points[first : first + chunk.rows, axis] = _array_of(chunk, "", index)
-        return points if self.rows is None else points[self.rows]
-
-    def __getattr__(self, name: str) -> Column:
-        if name not in _PLACES or name == "values":
-            raise AttributeError(name)
-        parts = [_array_of(chunk, name, _PLACES[name]) for chunk in self.chunks]
-        column = np.concatenate(parts) if parts else _array(name, _encoded(name, []), 0)
-        return column if self.rows is None else column[self.rows]
-
-    def __len__(self) -> int:
-        return self._starts[-1] if self.rows is None else len(self.rows)
-
-    def __iter__(self) -> Iterator[CaseResult]:
-        if self.rows is None:
-            return chain.from_iterable(map(records_of, self.chunks))
-        return map(self._record, self.rows.tolist())
-
-    @overload
-    def __getitem__(self, where: int | np.integer[Any]) -> CaseResult: ...
-
-    @overload
-    def __getitem__(self, where: slice | BoolArray | IntArray) -> CaseTable: ...
-
-    def __getitem__(
-        self, where: int | np.integer[Any] | slice | BoolArray | IntArray
-    ) -> CaseResult | CaseTable:
-        if isinstance(where, int | np.integer):
-            row = range(len(self))[where]
-            return self._record(row if self.rows is None else int(self.rows[row]))
-        return CaseTable(
-            self.chunks, (np.arange(len(self)) if self.rows is None else self.rows)[where]
-        )
-
-    def _record(self, row: int) -> CaseResult:
-        """The record of a row, numbered over all chunks."""
-        number = bisect_right(self._starts, row) - 1
-        return records_of(self.chunks[number])[row - self._starts[number]]
-
-
-def counts(cases: CaseTable) -> dict[str, int]:
-    """Number of cases with each outcome, by the names of `ScenarioResult`."""
-    flags = {
-        "collisions": cases.collided,
-        "avoidable_collisions": cases.avoidable,
-        "unavoidable_collisions": cases.unavoidable,
-        "caused_collisions": cases.caused,
-        "safe_collisions": cases.collided & cases.safe,
-        "off_road": cases.off_road,
-        "departures": cases.departed,
-        "gave_up": cases.gave_up,
-        "not_evaluated": ~cases.evaluated,
-    }
-    return {name: int(np.count_nonzero(flag)) for name, flag in flags.items()}
-
-
-def point_numbers(tables: Sequence[CaseTable]) -> list[IntArray]:
-    """Number of each case's point, (n,) for each table: equal for equal points, in all tables.
-
-    The cases of all tables have parameters of the same names.
-    """
-    filled = [table for table in tables if len(table)]
-    ends = np.cumsum([len(table) for table in tables])
-    number = np.zeros(sum(map(len, filled)), dtype=np.intp)
-    for name in sorted(filled[0][0].values) if filled else ():
-        values = np.concatenate([table.parameters([name]).ravel() for table in filled])
-        rank = np.unique(values, return_inverse=True)[1]
-        # number each pair (number so far, rank in this parameter), then close the gaps
-        pair = number * (int(rank.max()) + 1) + rank
-        number = np.unique(pair, return_inverse=True)[1]
-    return np.split(number, ends[:-1])

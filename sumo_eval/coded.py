@@ -1,7 +1,7 @@
 """Records as plain values, as JSON too, and back to the last bit: nothing that is read can execute
 anything.
 
-Users: `cases.py`, `cosim/openscenario.py`, `record/`, `scoring/`.
+Users: `case_table.py`, `cosim/openscenario.py`, `record/`, `scoring/`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Declaration of records: dataclasses whose fields never change.
 
-Users: `ads/`, `cases.py`, `cosim/`, `drivers/`, `method/`, `record/`, `report/`, `results.py`,
-`scenario/`, `scoring/`, `settings/`, `trajectory.py`, `whatif/`, `extras/`.
+Users: `ads/`, `case_table.py`, `cases.py`, `cosim/`, `drivers/`, `method/`, `record/`, `report/`,
+`results.py`, `scenario/`, `scoring/`, `settings/`, `trajectory.py`, `whatif/`, `extras/`.
 """
 
 from __future__ import annotations

@@ -15,7 +15,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable, Zone
+from sumo_eval.case_table import CaseTable
+from sumo_eval.cases import CaseResult, Zone
 from sumo_eval.errors import check_known
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario.logical import LogicalScenario

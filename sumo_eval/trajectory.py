@@ -4,8 +4,8 @@ Positions are the vehicle's centre in road coordinates: x along the road, y to t
 the centre line of the right-hand lane. Headings are mathematical (0 along the road,
 counter-clockwise positive). SI units throughout.
 
-Users: `ads/`, `cases.py`, `cosim/`, `drivers/`, `method/`, `nightly/`, `record/`, `report/`,
-`results.py`, `scenario/`, `scoring/`, `extras/`.
+Users: `ads/`, `case_table.py`, `cases.py`, `cosim/`, `drivers/`, `method/`, `nightly/`, `record/`,
+`report/`, `results.py`, `scenario/`, `scoring/`, `extras/`.
 """
 
 from __future__ import annotations

@@ -7,7 +7,8 @@ import builders
 import numpy as np
 import pytest
 
-from sumo_eval.cases import CaseTable, ThinReference, point_numbers
+from sumo_eval.case_table import CaseTable, point_numbers
+from sumo_eval.cases import ThinReference
 from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.record.kept_results import KeptResults

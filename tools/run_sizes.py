@@ -23,7 +23,8 @@ from unittest.mock import patch
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from sumo_eval.cases import COLUMNS, CaseResult, CaseTable, encode_rows
+from sumo_eval.case_table import COLUMNS, CaseTable, encode_rows
+from sumo_eval.cases import CaseResult
 from sumo_eval.evaluation import evaluate, score, zone_partitions
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.report.confidence_section import confidence_json

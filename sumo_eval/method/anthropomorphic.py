@@ -1,7 +1,7 @@
 """Anthropomorphic index D, Eqs. 11-13: how closely an ADS drives as skilled humans do in the same
 concrete scenario.
 
-Users: `record/`, `scoring/`, `report/`, `cases.py`, `extras/`.
+Users: `record/`, `scoring/`, `report/`, `cases.py`, `case_table.py`, `extras/`.
 
 Readings of the paper (docs/method.md) that this file is built on:
 - A trajectory's centre at a slice is the vehicle's own lateral position where it first gets there.

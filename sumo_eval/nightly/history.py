@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.errors import InputError
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.results import Evaluation, ScenarioResult

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.case_table import CaseTable
+from sumo_eval.cases import CaseResult
 from sumo_eval.evaluation import score
 from sumo_eval.nightly.history import ShakyCase
 from sumo_eval.record.cases import Case

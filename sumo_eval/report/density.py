@@ -10,7 +10,7 @@ import json
 import numpy as np
 from markupsafe import Markup
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
 from sumo_eval.scoring.map_view import tile_counts
 from sumo_eval.trajectory import FloatArray

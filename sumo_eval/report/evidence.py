@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.frozen import frozen
 from sumo_eval.input_file import hash_of
 from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, FACTS, MANIFEST

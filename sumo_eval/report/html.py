@@ -16,7 +16,8 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
-from sumo_eval.cases import OUTCOMES, CaseTable
+from sumo_eval.case_table import CaseTable
+from sumo_eval.cases import OUTCOMES
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.citation import citation

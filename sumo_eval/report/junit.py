@@ -22,7 +22,8 @@ from typing import IO, Literal, NamedTuple
 
 from lxml import etree
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.case_table import CaseTable
+from sumo_eval.cases import CaseResult
 from sumo_eval.input_file import writing
 from sumo_eval.report.comparison_lines import worst_lines
 from sumo_eval.report.gate_result import GateResult

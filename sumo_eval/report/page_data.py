@@ -11,7 +11,8 @@ from dataclasses import asdict
 from math import isfinite
 from typing import Any
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.case_table import CaseTable
+from sumo_eval.cases import CaseResult
 from sumo_eval.groups import grouped
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report.notes import index_note_words, why_missing

@@ -18,7 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.case_table import CaseTable
+from sumo_eval.cases import CaseResult
 from sumo_eval.record.cases import Role
 from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.report.page import LEVEL, packed_bytes

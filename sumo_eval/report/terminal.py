@@ -10,7 +10,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.case_table import CaseTable
+from sumo_eval.cases import CaseResult
 from sumo_eval.groups import grouped
 from sumo_eval.report.checks import check_lines
 from sumo_eval.report.notes import GIVEN_UP, score_note, why_missing

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, point_numbers
+from sumo_eval.case_table import point_numbers
+from sumo_eval.cases import CaseResult
 from sumo_eval.results import Evaluation, RankedAds
 from sumo_eval.scoring.findings import findings_of, mean_of
 from sumo_eval.scoring.rule import sign_test

@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.case_table import CaseTable
+from sumo_eval.cases import CaseResult
 from sumo_eval.frozen import frozen
 from sumo_eval.method import score_terms
 from sumo_eval.method.collision_avoidance import collision_loss

@@ -20,7 +20,8 @@ from typing import Final, NamedTuple, get_args
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable, counts, point_numbers
+from sumo_eval.case_table import CaseTable, counts, point_numbers
+from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import excess

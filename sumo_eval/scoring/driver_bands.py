@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.findings import findings_of, mean_of
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import FloatArray, IntArray
 

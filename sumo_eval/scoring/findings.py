@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable, point_numbers
+from sumo_eval.case_table import CaseTable, point_numbers
+from sumo_eval.cases import CaseResult
 from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import (
     avoided_share_losses,

@@ -14,7 +14,7 @@ from importlib.metadata import entry_points, version
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.cases import COLUMNS
+from sumo_eval.case_table import COLUMNS
 from sumo_eval.record.kept_results import key_of
 from sumo_eval.record.scenario_files import files_of
 from sumo_eval.scenario.catalogue import options_of
@@ -24,7 +24,7 @@ from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 _PACKAGE = Path(__file__).parent.parent
 # rooms and files of this package that scores depend on
 _ROOMS = ("drivers", "method", "record", "scenario", "scoring", "settings")
-_FILES = ("cases.py", "coded.py", "evaluation.py", "results.py", "trajectory.py")
+_FILES = ("case_table.py", "cases.py", "coded.py", "evaluation.py", "results.py", "trajectory.py")
 _READERS = "extras/openscenario"  # makes scenarios of files, as the room `scenario` does
 _COMPUTES = ("numpy", "scipy", "numba")  # libraries whose version may change a score
 

@@ -12,7 +12,7 @@ from typing import Annotated, Final, Literal
 
 from annotated_types import Ge, Le
 
-from sumo_eval.cases import NUMBERS
+from sumo_eval.case_table import NUMBERS
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.frozen import frozen
 from sumo_eval.scoring.case_terms import SCORES

@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
 
 from sumo_eval import results
-from sumo_eval.cases import COLUMNS, CaseResult, CaseTable, Chunk, encode_rows
+from sumo_eval.case_table import COLUMNS, CaseTable, Chunk, encode_rows
+from sumo_eval.cases import CaseResult
 from sumo_eval.coded import decoded, encoded
 from sumo_eval.errors import InputError
 from sumo_eval.frozen import frozen

@@ -21,7 +21,8 @@ from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.case_table import CaseTable
+from sumo_eval.cases import CaseResult
 from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import product_losses, worth
 from sumo_eval.results import ScenarioResult

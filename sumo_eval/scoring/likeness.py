@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import EVALUATED, CaseTable, ThinReference, Zone
+from sumo_eval.case_table import CaseTable
+from sumo_eval.cases import EVALUATED, ThinReference, Zone
 from sumo_eval.errors import InputError
 from sumo_eval.groups import grouped
 from sumo_eval.method.collision_avoidance import collision_weight

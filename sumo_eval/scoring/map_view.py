@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.case_table import CaseTable
+from sumo_eval.cases import CaseResult
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
 from sumo_eval.trajectory import FloatArray, IntArray
 

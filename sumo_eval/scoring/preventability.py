@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.cases import CaseTable, point_numbers
+from sumo_eval.case_table import CaseTable, point_numbers
 from sumo_eval.frozen import frozen
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.settings import EvaluationSettings

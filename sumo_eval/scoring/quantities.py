@@ -14,7 +14,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, CaseTable, Zone, counts
+from sumo_eval.case_table import CaseTable, counts
+from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, Zone
 from sumo_eval.groups import grouped
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.method.conflict import conflict_at

@@ -11,7 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sumo_eval.cases import EVALUATED, CaseTable
+from sumo_eval.case_table import CaseTable
+from sumo_eval.cases import EVALUATED
 from sumo_eval.method.measures import course_of
 from sumo_eval.record.store import EGO, Fact
 from sumo_eval.results import RequirementMissed, ScenarioResult

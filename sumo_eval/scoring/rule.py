@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import bdtr
 
-from sumo_eval.cases import CaseTable, Column
+from sumo_eval.case_table import CaseTable, Column
 from sumo_eval.scoring.comparison import AdsComparison, Comparison
 from sumo_eval.scoring.gate_settings import (
     ENDS,

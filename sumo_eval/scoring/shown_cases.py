@@ -9,7 +9,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.behaviour import least_human, ranked, worst_case
 from sumo_eval.trajectory import FloatArray, IntArray

@@ -18,7 +18,8 @@ from pathlib import Path
 import pytest
 
 import sumo_eval
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.case_table import CaseTable
+from sumo_eval.cases import CaseResult
 from sumo_eval.nightly.gates import judge
 from sumo_eval.report.gate_result import failed
 from sumo_eval.scenario.catalogue import load

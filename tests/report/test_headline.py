@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import report_cases
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.report.headline import headline, safety_words
 from sumo_eval.report.summary import summary_content
 from sumo_eval.report.verdict import Additions

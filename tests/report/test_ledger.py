@@ -7,7 +7,7 @@ import builders
 import pytest
 from report_cases import every, findings, with_settings
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.report.score_words import explain_a
 from sumo_eval.report.terminal import ledger_lines, ledger_words
 from sumo_eval.report.terminal import ledger_sentences as sentences

@@ -7,7 +7,7 @@ from functools import lru_cache
 import pytest
 from loaded import load
 
-from sumo_eval import cases as tables
+from sumo_eval import case_table as tables
 from sumo_eval.scoring.confidence import resamples
 from sumo_eval.scoring.steps import POINTS_AT_ONCE
 

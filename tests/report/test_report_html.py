@@ -17,7 +17,7 @@ from packed_pages import unpacked
 from refusals import refusal
 from report_cases import with_losses, with_settings
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.report import sent_drives
 from sumo_eval.report.html import term, write_report
 from sumo_eval.report.page import template

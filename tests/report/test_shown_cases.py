@@ -13,7 +13,7 @@ import pytest
 from packed_pages import unpacked
 from refusals import refusal
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.report.density import TILES, density_maps
 from sumo_eval.report.html import write_report
 from sumo_eval.report.terminal import nearest_cases

@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.case_table import CaseTable
+from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError, check_known, unknown
 from sumo_eval.frozen import frozen
 from sumo_eval.record.run_folder import FACTS

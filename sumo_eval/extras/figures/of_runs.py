@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.evaluation import zone_partitions
 from sumo_eval.extras.figures.chosen import DrivenPoint, FigureRequest, driven_point
 from sumo_eval.extras.figures.style import label, look_of, new_figure, on_paper, styled

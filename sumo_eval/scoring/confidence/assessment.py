@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.errors import must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import mean_shares, worth

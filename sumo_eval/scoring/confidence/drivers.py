@@ -21,7 +21,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.drivers.synthetic.population import draw_driver
 from sumo_eval.frozen import frozen
 from sumo_eval.record.human_reference import LeftOut

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.method.score_terms import Stakes, grade_slope
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scenario.logical import LogicalScenario

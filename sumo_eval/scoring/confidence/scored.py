@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.method.score_terms import worth
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.results import ScenarioResult

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scoring.confidence.scored_by_hand import with_intervals_of
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.drivers.synthetic.population import draw_driver
 from sumo_eval.method.anthropomorphic import anthropomorphic_index
 from sumo_eval.method.zone_partition import partition

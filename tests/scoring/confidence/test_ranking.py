@@ -9,7 +9,7 @@ import pytest
 from refusals import refusal
 from scoring.test_scoring_intervals import HIT, LOST_SAFE, SAFE, combined
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.case_table import CaseTable
 from sumo_eval.report.score_table import score_lines
 from sumo_eval.report.tables import scores_json
 from sumo_eval.report.terminal import ranking_lines
