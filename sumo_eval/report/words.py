@@ -1,6 +1,6 @@
 """Words for values, cases and verdicts, which pages, terminal and nights share.
 
-Users: `cli/whatif.py`, `nightly/`, `report/`, `extras/figures/of_runs.py`, `extras/rates/`.
+Users: `cli/whatif.py`, `nightly/`, `report/`, `extras/figures/of_scenes.py`, `extras/rates/`.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ scores.
 Reports and figures read them here and compute nothing themselves; other files of `scoring` use
 them too.
 
-Users: `report/`, `scoring/`, `extras/figures/of_runs.py`.
+Users: `report/`, `scoring/`, `extras/figures/of_scores.py`.
 """
 
 from __future__ import annotations

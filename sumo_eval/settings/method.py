@@ -2,7 +2,7 @@
 
 `scoring/` reads them when it makes scores of recorded facts; `record/` drives `task_reference`.
 
-Users: `method/`, `record/`, `scoring/`, `settings/evaluation.py`, `extras/figures/of_runs.py`,
+Users: `method/`, `record/`, `scoring/`, `settings/evaluation.py`, `extras/figures/of_scenes.py`,
 `extras/rates/importance.py`.
 """
 

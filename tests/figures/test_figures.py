@@ -20,7 +20,7 @@ from tables import rows_of
 import sumo_eval
 from sumo_eval.evaluation import zone_partitions
 from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw
-from sumo_eval.extras.figures.of_runs import intervals
+from sumo_eval.extras.figures.of_scores import intervals
 from sumo_eval.extras.figures.style import MM, WIDTHS, look_of, on_paper, save
 from sumo_eval.extras.panels import INK, Marks, Panel
 from sumo_eval.nightly.history import open_history
@@ -119,12 +119,12 @@ def test_axes_hold_what_is_drawn_and_no_more(done):
 
 @pytest.mark.parametrize("speed, line", [(0.0, ()), (20.0, (arc(600.0, 100.0),))])
 def test_fields_of_egos_that_stand_or_turn_are_drawn(done, monkeypatch, speed, line):
-    from sumo_eval.extras.figures import of_runs
+    from sumo_eval.extras.figures import of_scenes
 
-    time, driven = np.arange(100) / 10.0, of_runs.driven_point
+    time, driven = np.arange(100) / 10.0, of_scenes.driven_point
     drive = Trajectory(time, 50.0 + speed * time, 0.0 * time, 0.0 * time)
     shown = lambda asked, names: replace(driven(asked, names), runs={names[0]: drive}, line=line)  # noqa: E731
-    monkeypatch.setattr(of_runs, "driven_point", shown)
+    monkeypatch.setattr(of_scenes, "driven_point", shown)
     assert draw(done, "field").axes[0].collections
 
 

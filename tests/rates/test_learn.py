@@ -20,7 +20,7 @@ from scipy.integrate import cumulative_trapezoid
 from sumo_eval.drivers.recorded.importing import import_recordings
 from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.extras.rates.command import called
-from sumo_eval.extras.rates.encounters import LEAD_MOVES, Encounters, find_encounters
+from sumo_eval.extras.rates.encounters import Encounters, find_encounters
 from sumo_eval.extras.rates.intervals import (
     end_interval,
     kolmogorov,
@@ -30,6 +30,7 @@ from sumo_eval.extras.rates.intervals import (
     rate_interval,
 )
 from sumo_eval.extras.rates.learned import fold_of, learn, measure
+from sumo_eval.extras.rates.measured import LEAD_MOVES
 from sumo_eval.extras.rates.scenes import content_of
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import smooth_step

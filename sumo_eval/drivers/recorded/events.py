@@ -16,7 +16,7 @@ front in the same lane):
 Dropped as ghosts of the tracker: a least TTC under 1 s, a gap under 1 m, accelerations beyond 6
 m/s2, cut-ins with a lateral speed over 2 m/s.
 
-Users: `drivers/recorded/reference.py`, `extras/rates/encounters.py`,
+Users: `drivers/recorded/reference.py`, `extras/rates/encounters.py`, `extras/rates/measured.py`,
 `extras/rates/people_command.py`.
 """
 

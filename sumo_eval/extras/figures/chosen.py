@@ -1,6 +1,6 @@
-"""Scenario, ADSs and drives that a figure of `of_runs` shows: as the user asks, or by default.
+"""Scenario, ADSs and drives that a figure of a run shows: as the user asks, or by default.
 
-Users: `extras/figures/drawn.py`, `extras/figures/of_runs.py`.
+Users: `extras/figures/`.
 """
 
 from __future__ import annotations

@@ -12,21 +12,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeGuard
 
 from sumo_eval.errors import InputError, check_known
-from sumo_eval.extras.figures import of_runs
 from sumo_eval.extras.figures.chosen import FigureRequest
+from sumo_eval.extras.figures.of_scenes import boundary, field, time_history, trajectories, zone_map
+from sumo_eval.extras.figures.of_scores import collisions, intervals, points
 from sumo_eval.results import Evaluation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OF_RUNS: Final[Mapping[str, Any]] = {
-    name: getattr(of_runs, name)
-    for name in (
-        "zone_map", "field", "trajectories", "time_history", "collisions", "boundary", "intervals",
-        "points",
+    drawing.__name__: drawing
+    for drawing in (
+        zone_map, field, trajectories, time_history, collisions, boundary, intervals, points,
     )
 }  # fmt: skip
-"""Name -> function of `of_runs` that draws this figure of a scored run."""
+"""Name -> function that draws this figure of a scored run."""
 
 FIGURES: Final = (*OF_RUNS, "trend", "opinion")
 

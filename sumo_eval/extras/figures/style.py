@@ -1,6 +1,6 @@
 """Appearance and saving of figures: widths, fonts, and the look of each ADS.
 
-`of_runs` and `of_studies` draw with it, `command` saves with it.
+`of_scenes`, `of_scores` and `of_studies` draw with it, `command` saves with it.
 """
 
 from __future__ import annotations
@@ -167,7 +167,7 @@ def look_of(ads: str, names: Sequence[str]) -> tuple[str, str, Any]:
     return COLOURS[index % count], MARKERS[style], LINES[style]
 
 
-def label(name: str, unit: str) -> str:
+def label(name: str, unit: str = "") -> str:
     """An axis label, as `gap (m)`."""
     words = name.replace("_", " ")
     return f"{words} ({unit})" if unit else words

@@ -26,7 +26,6 @@ from sumo_eval.extras.rates.encounters import (
     CLASSES,
     Encounters,
     EncounterSurvey,
-    Motion,
     find_encounters,
 )
 from sumo_eval.extras.rates.intervals import (
@@ -36,6 +35,7 @@ from sumo_eval.extras.rates.intervals import (
     rank_correlation,
     rate_interval,
 )
+from sumo_eval.extras.rates.measured import Motion
 from sumo_eval.extras.rates.scenes import (
     CAR_LENGTH,
     SCENES,

@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from sumo_eval.extras.rates.encounters import APPROACH_WINDOW
+from sumo_eval.extras.rates.measured import APPROACH_WINDOW
 
 # of all learnt scenarios
 CAR_LENGTH = 4.5  # m, of every vehicle

@@ -1,4 +1,4 @@
-"""Figures of a scored run: zones, fields, drives, collisions, intervals, lost points.
+"""Figures of one scenario of a scored run: its zones, the drives in them, their fields.
 
 `drawn.draw` finds each public function by its name, for `sumo-eval plot FIGURE`. A height given to
 `on_paper` is a share of a panel's width, one given to `new_figure` of the figure's width.
@@ -8,7 +8,6 @@ Users: `extras/figures/drawn.py`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -37,19 +36,15 @@ from sumo_eval.method.trajectory_field import trajectory_fields
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report.page_data import gathered_words
 from sumo_eval.report.words import LOOKS
-from sumo_eval.results import ScenarioResult
 from sumo_eval.scenario.road.reference_line import map_places
-from sumo_eval.scoring.findings import Findings
-from sumo_eval.scoring.gate_settings import INDEXES
-from sumo_eval.scoring.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.scoring.map_view import View, choose_view, slice_points, telling_slice
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.settings import FieldSettings
 from sumo_eval.trajectory import FloatArray, Trajectory
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 CELLS = 140  # of a map along each axis
 MOST_COLUMNS = 4  # panels in a row
@@ -67,14 +62,6 @@ _ZONE_LEGEND = (
 _Map = tuple[Any, Any, Any]
 """Map as `Panel.chance`: x (m,), y (n,) and values (n, m)."""
 
-LOST = {
-    "T": ("lost by not driving (T)", "#56b4e9"),
-    **dict.fromkeys(("A", "C"), ("lost by harm (A, C)", "#d55e00")),
-    **dict.fromkeys(("H", "D"), ("lost by driving otherwise (H, D)", "#e69f00")),
-}
-"""Term of S+ (T, A, H) or of S (C, D) -> words and colour of the points that it costs."""
-KEPT = "#0072b2"  # colour of the points that an ADS kept
-
 
 def zone_map(request: FigureRequest) -> Figure:
     """Zones of a space with the outcome of every case, as in the paper's Figs. 8 and 9.
@@ -91,12 +78,10 @@ def zone_map(request: FigureRequest) -> Figure:
     axes = evaluation.settings.report.axes.get(scenario)
     view, note = _slice(choose_view(zones.logical, cases, axes), zones, cases)
     outcomes = verdicts(evaluation, evaluation.score(ads, scenario))
-    panels, learnt_maps = _map_panels(zones, view, cases, outcomes)
+    panels, learnt_maps = zip(*_map_panels(zones, view, cases, outcomes), strict=True)
 
     columns = min(len(panels), MOST_COLUMNS if request.width == "page" else 2)
-    title = f"{ads} in {scenario.replace('_', ' ')}"
-    if note:
-        title += f"\n{note}"
+    title = f"{ads} in {label(scenario)}" + (f"\n{note}" if note else "")
     figure = on_paper(panels, request.width, 0.9, columns, title)
     # the figure has more axes than maps where its last row is not full
     for ax, learnt_map in zip(figure.axes, learnt_maps, strict=False):
@@ -125,41 +110,45 @@ def _slice(view: View, zones: ZonePartition, cases: CaseTable) -> tuple[View, st
 
 def _map_panels(
     zones: ZonePartition, view: View, cases: CaseTable, outcomes: NDArray[np.str_]
-) -> tuple[list[Panel], list[_Map]]:
-    """The panels of the view with zones and cases, and for each a map of the learnt criticality.
+) -> Iterator[tuple[Panel, _Map]]:
+    """The panels of the view with zones and cases, each with a map of the learnt criticality.
 
     outcomes: verdict on each case, a key of `LOOKS`, (n,).
     """
-    points = cases.parameters(view.names)
-    shown = np.array([view.shows(case) for case in cases], dtype=np.bool_)
-    panel_of = np.array([view.panel_of(point) for point in points])
-    # every panel has marks of all these, so that the legend has the order of `LOOKS`
-    present = [verdict for verdict in LOOKS if verdict in outcomes[shown]]
-    axes = [zones.logical.parameters[column] for column in (view.x, view.y) if column is not None]
+    parameters = zones.logical.parameters
+    across, *up = (parameters[column] for column in (view.x, view.y) if column is not None)
     # a map of one parameter has no label on its second axis
-    labels = [item.title.replace("_", " ") for item in axes] + [""]
-    panels, learnt_maps = [], []
-    for number in range(len(view.panels)):
+    labels = label(across.title), label(up[0].title) if up else ""
+    for number, dots in enumerate(_verdict_marks(view, cases, outcomes)):
         exact, learnt = _zones(zones, view, number)
-        marks = [*_ZONE_LEGEND]
-        for verdict in present:
-            dots = points[shown & (panel_of == number) & (outcomes == verdict)]
-            y = np.zeros(len(dots)) if view.y is None else dots[:, view.y]
-            look = LOOKS[verdict]
-            # all other verdicts: with an incident, or not evaluated
-            marker = {"avoided": "o", "better": "P"}.get(verdict, "X")
-            marks.append(Marks(look.words, dots[:, view.x], y, look.colour, marker=marker))
         title = ""
         if view.panel is not None:
-            item = zones.logical.parameters[view.panel]
-            title = f"{label(item.name, '')} {view.panels[number]:g}{item.unit_suffix}"
-        panels.append(
-            Panel(
-                marks, labels[0], labels[1], title, chance=exact, range_=(axes[0].low, axes[0].high)
-            )
-        )
-        learnt_maps.append(learnt)
-    return panels, learnt_maps
+            item = parameters[view.panel]
+            title = f"{label(item.name)} {view.panels[number]:g}{item.unit_suffix}"
+        range_ = across.low, across.high
+        yield Panel([*_ZONE_LEGEND, *dots], *labels, title, chance=exact, range_=range_), learnt
+
+
+def _verdict_marks(
+    view: View, cases: CaseTable, outcomes: NDArray[np.str_]
+) -> Iterator[list[Marks]]:
+    """Marks of the cases in each panel, by verdict.
+
+    Every panel has marks of every verdict, so that the legend has the order of `LOOKS`.
+    """
+    points = cases.parameters(view.names)
+    x, y = points[:, view.x], points[:, view.y] if view.y is not None else np.zeros(len(points))
+    shown = np.array([view.shows(case) for case in cases], dtype=np.bool_)
+    panel_of = np.array([view.panel_of(point) for point in points])
+    present = [verdict for verdict in LOOKS if verdict in outcomes[shown]]
+    for number in range(len(view.panels)):
+        marks = []
+        for verdict in present:
+            dots, look = shown & (panel_of == number) & (outcomes == verdict), LOOKS[verdict]
+            # all other verdicts: with an incident, or not evaluated
+            marker = {"avoided": "o", "better": "P"}.get(verdict, "X")
+            marks.append(Marks(look.words, x[dots], y[dots], look.colour, marker=marker))
+        yield marks
 
 
 def _zones(zones: ZonePartition, view: View, number: int) -> tuple[_Map, _Map]:
@@ -187,6 +176,42 @@ def _zones(zones: ZonePartition, view: View, number: int) -> tuple[_Map, _Map]:
     return (x, y, np.where(possible, 0.5 - exact, np.nan)), (x, y, learnt)
 
 
+def boundary(request: FigureRequest) -> Figure:
+    """Cumulative share of each ADS's collisions over the exact criticality y (Eqs. 5-7).
+
+    y of a concrete scenario goes from -1, most hazardous, through 0, the boundary of the zones, to
+    1, safest.
+    """
+    scenario, names, cases = request.one_scenario, request.names, request.evaluated
+    zones = zone_partitions(request.evaluation)[scenario]
+    marks = [Marks("", [0.0, 0.0], [0.0, 1.0], INK, "-")]  # the boundary
+    for ads in names:
+        own = cases[cases.ads == ads]
+        colour, _, line = look_of(ads, names)
+        words = f"{ads}: {own.collided.sum()} of {len(own)} collide"
+        marks.append(Marks(words, *_collision_stairs(own, zones), colour, line))
+    panel = Panel(
+        marks, "criticality y of the concrete scenario (0: the boundary, above: safe)",
+        "share of its collisions so far", range_=(-1.0, 1.0),
+    )  # fmt: skip
+    figure = on_paper([panel], request.width, 0.52, words=label(scenario))
+    for begin, colour in ((-1.0, HAZARDOUS), (0.0, SAFE)):
+        figure.axes[0].axvspan(begin, begin + 1.0, color=colour, linewidth=0)
+    return figure
+
+
+def _collision_stairs(cases: CaseTable, zones: ZonePartition) -> tuple[FloatArray, FloatArray]:
+    """Corners of the staircase: criticality y, and the share s of the collisions up to it.
+
+    (-1, 0), (y0, 0), (y0, s0), (y1, s0), (y1, s1), ...
+    """
+    y = exact_target(zones.logical, cases.parameters(zones.logical.names), zones.settings)
+    order = np.argsort(y)
+    hit = cases.collided[order]
+    share = np.cumsum(hit) / max(hit.sum(), 1.0)
+    return np.repeat([-1.0, *y[order]], 2)[1:], np.repeat([0.0, *share], 2)[:-1]
+
+
 def field(request: FigureRequest) -> Figure:
     """Field of a driven trajectory over the road (Eqs. 9-10), as in the paper's Fig. 6.
 
@@ -211,12 +236,11 @@ def field(request: FigureRequest) -> Figure:
                 shading="gouraud",  # values are at nodes: on a curve the cells are uneven
             )  # fmt: skip
             ax.plot(*map_places(scene.line, drive.x, drive.y)[:2], color="white", linewidth=0.8)
-            ax.set_title(name.replace("_", " "))
-            ax.set_ylabel(label("y", "m"))
-            ax.set_xlim(east.min(), east.max())
-            ax.set_ylim(north.min(), north.max())
-            if scene.line:
-                ax.set_aspect("equal")  # a curve keeps its shape
+            ax.set(
+                title=label(name), ylabel=label("y", "m"), xlim=(east.min(), east.max()),
+                ylim=(north.min(), north.max()),
+                aspect="equal" if scene.line else "auto",  # a curve keeps its shape
+            )  # fmt: skip
         axes[-1].set_xlabel(label("x", "m"))
         figure.colorbar(image, ax=axes, label="field strength S", extend="max")
         add_title_and_legend(figure, f"{row.case}\n{scene.words}")
@@ -280,149 +304,3 @@ def time_history(request: FigureRequest) -> Figure:
     return on_paper(
         panels, request.width, 0.32 if request.width == "column" else 0.18, words=scene.title
     )
-
-
-def collisions(request: FigureRequest) -> Figure:
-    """Severity U of every collision (Eq. 15) over that of the ideal vehicle at the same point.
-
-    One panel a scenario. On its diagonal the ADS collides as severely as the ideal vehicle.
-    """
-    names, evaluation = request.names, request.evaluation
-    panels = []
-    chosen = request.chosen_scenario
-    scenarios = [chosen] if chosen else [zone.scenario for zone in evaluation.zones]
-    for scenario in scenarios:
-        marks, most = [], 0.0
-        for ads in names:
-            cases = evaluation.cases_of(ads, scenario)
-            # U of the ideal vehicle and of the ADS, m/s, (n, 2); nan: not known
-            pairs = np.column_stack([cases.ideal_severity, cases.severity])[cases.collided]
-            pairs = pairs[~np.isnan(pairs).any(axis=1)]
-            most = pairs.max(initial=most)
-            colour, marker, _ = look_of(ads, names)
-            marks.append(Marks(ads, pairs[:, 0], pairs[:, 1], colour, marker=marker))
-        if most:
-            marks.insert(0, Marks("", [0.0, most], [0.0, most], MUTED, "-"))
-        title = scenario.replace("_", " ") + ("" if most else ": no collision")
-        panels.append(Panel(marks, "U of the ideal vehicle", "U of the ADS", title))
-    return on_paper(
-        panels, request.width, 0.85, min(len(panels), 2 if request.width == "column" else 3)
-    )
-
-
-def intervals(request: FigureRequest) -> Figure:
-    """Every score with its 95 % interval.
-
-    One panel a score, with a line for each ADS in each scenario.
-    """
-    names, scores = request.names, request.scores
-    panels = []
-    for symbol, name in INDEXES.items():
-        marks = []
-        for line, score in enumerate(scores):
-            value, interval = getattr(score, name), getattr(score, f"{name}_interval")
-            colour, marker, _ = look_of(score.ads, names)
-            if interval is not None:
-                marks.append(Marks("", interval, [line, line], colour, "-"))
-            if value is not None:
-                marks.append(Marks("", [value], [line], colour, marker=marker))
-        computed = all(getattr(score, name) is not None for score in scores)
-        panels.append(Panel(marks, symbol if computed else f"{symbol} (no mark: not computed)"))
-    columns = 2 if request.width == "column" else 4
-    # Each line needs room. Four panels in a row are narrower, so their height is a larger share.
-    height = max(0.5, 0.09 * len(scores) + 0.3) * (1.3 if columns == 2 else 2.0)
-    figure = on_paper(panels, request.width, height, columns)
-    for number, ax in enumerate(figure.axes):
-        _name_lines(ax, scores)
-        ax.tick_params(labelleft=number % columns == 0)
-        ax.grid(axis="x", color=FAINT, linewidth=0.4)
-    return figure
-
-
-def _name_lines(ax: Axes, scores: Sequence[ScenarioResult]) -> None:
-    """Label the y axis with ADS and scenario of each score; line 0 is the uppermost."""
-    ax.set_ylim(len(scores) - 0.5, -0.5)
-    ax.tick_params(axis="y", length=0)
-    names = [f"{score.ads}, {score.scenario.replace('_', ' ')}" for score in scores]
-    ax.set_yticks(range(len(scores)), names, fontsize=5.5, parse_math=False)
-
-
-def points(request: FigureRequest) -> Figure:
-    """Points of S+ and of S: how many of 100 each ADS kept, and how many each term cost.
-
-    One panel a score, with a line for each ADS in each scenario.
-    """
-    scores = request.scores
-    with styled():
-        column = request.width == "column"
-        height = 0.16 * len(scores) + 0.45 if column else 0.07 * len(scores) + 0.2
-        figure, axes = new_figure(request.width, height, 1, 2)
-        legend = {"kept": KEPT}  # words -> colour; the bars add to it
-        for ax, make in zip(axes, (ledger_plus, ledger), strict=True):
-            for line, score in enumerate(scores):
-                _ledger_bar(ax, make(Findings.of(request.evaluation, score)), line, legend)
-            ax.set_title("S+" if make is ledger_plus else "S")
-            _name_lines(ax, scores)
-            ax.set_xlabel("points")
-            ax.set_xlim(0.0, 100.0)
-        axes[1].tick_params(labelleft=False)
-        for words, colour in legend.items():
-            axes[0].barh([0], [0.0], color=colour, label=words)  # for the legend only
-        figure.legend(loc="outside lower center", ncols=2 if column else 4, fontsize=6.0)
-    return figure
-
-
-def _ledger_bar(ax: Axes, account: Ledger, line: int, legend: dict[str, str]) -> None:
-    """Draw kept points as a bar, and to its right the loss of each term.
-
-    line: y of the bar.
-    legend: words -> colour; the losses are added.
-    """
-    kept = account.total
-    ax.barh([line], [kept], color=KEPT, height=0.6)
-    # the score stands within its bar, or right of one that is too short for it
-    inside = kept > 12.0
-    ax.annotate(f"{kept:.1f}", (kept, line),
-                xytext=(-2 if inside else 2, 0), textcoords="offset points",
-                ha="right" if inside else "left", va="center",
-                fontsize=5.5, color="white")  # fmt: skip
-    end = kept
-    for term in dict.fromkeys(item.term for item in account.lines):
-        lost = -math.fsum(
-            item.points for item in account.lines if item.term == term and item.points < 0.0
-        )
-        if lost > 0.0:
-            words, colour = LOST[term]
-            ax.barh([line], [lost], left=[end], color=colour, height=0.6)
-            legend[words] = colour
-            end += lost
-
-
-def boundary(request: FigureRequest) -> Figure:
-    """Cumulative share of each ADS's collisions over the exact criticality y (Eqs. 5-7).
-
-    y of a concrete scenario goes from -1, most hazardous, through 0, the boundary of the zones, to
-    1, safest.
-    """
-    scenario, names, cases = request.one_scenario, request.names, request.evaluated
-    zones = zone_partitions(request.evaluation)[scenario]
-    marks = [Marks("", [0.0, 0.0], [0.0, 1.0], INK, "-")]  # the boundary
-    for ads in names:
-        own = cases[cases.ads == ads]
-        y = exact_target(zones.logical, own.parameters(zones.logical.names), zones.settings)
-        order = np.argsort(y)
-        hit = own.collided[order]
-        share = np.cumsum(hit) / max(hit.sum(), 1.0)
-        # corners of the staircase: (-1, 0), (y0, 0), (y0, s0), (y1, s0), (y1, s1), ...
-        x, stairs = np.repeat([-1.0, *y[order]], 2)[1:], np.repeat([0.0, *share], 2)[:-1]
-        colour, _, line = look_of(ads, names)
-        words = f"{ads}: {hit.sum()} of {len(own)} collide"
-        marks.append(Marks(words, x, stairs, colour, line))
-    panel = Panel(
-        marks, "criticality y of the concrete scenario (0: the boundary, above: safe)",
-        "share of its collisions so far", range_=(-1.0, 1.0),
-    )  # fmt: skip
-    figure = on_paper([panel], request.width, 0.52, words=scenario.replace("_", " "))
-    for begin, colour in ((-1.0, HAZARDOUS), (0.0, SAFE)):
-        figure.axes[0].axvspan(begin, begin + 1.0, color=colour, linewidth=0)
-    return figure
