@@ -80,7 +80,7 @@ class Catalogs:
     def held(self, holder: Node, name: str) -> Node:
         """The element inside `holder`, or the one that its <CatalogReference> names."""
         reference = holder.find("CatalogReference")
-        if reference is None:
+        if not reference:
             return holder.child(name)
         part = self.entry(reference)
         if part.tag != name:

@@ -91,11 +91,12 @@ def listed(name: str, paths: Sequence[Path]) -> Iterator[str]:
         files += 1
         for read in reads:
             count, reasons = _counted(read)
-            size, words = read.space.size, f"{count} of {read.space.size} points play"
-            points += size
-            playing += size if count is None else count
+            size = read.space.size
+            words = f"{count} of {size} points play"
             if count is None:
-                words = f"{size} points, tried along each axis"
+                count, words = size, f"{size} points, tried along each axis"
+            points += size
+            playing += count
             why = "; ".join(f"{it} {why}" for why, it in [*reasons.items()][:_SHOWN])
             yield f"{read.logical.name}: {words}{why and '; not: '}{why}"
     yield f"{name}: {files} of {len(paths)} files play, {playing} of {points} points"

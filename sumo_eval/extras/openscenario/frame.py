@@ -96,7 +96,7 @@ def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | 
     """
     spot = ego.placed()
     road, lane = spot.road, spot.lane
-    if road is None or lane is None:
+    if not (road and lane):
         raise ego.element.fault(f"the ego must be placed in a driving lane{spot.reason}")
     if spot.way == 0:
         raise ego.element.fault("the ego must start along its lane")
@@ -104,7 +104,7 @@ def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | 
     # the ego's line, and one to its left
     marked = lane.width <= WIDEST
     width = lane.width if marked else MARKED
-    if course is not None:
+    if course:
         return _turning(ego, road, width, network.path.stem, course)
     centre, lanes = _lanes(ego, road, lane, spot.way) if marked else (lane.centre, 2)
     begin, reference = (road.begin, road.line) if spot.way > 0 else road.begin.backward(road.line)
@@ -116,7 +116,7 @@ def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | 
     if road.bent:
         line = _beside(reference, spot.way * centre, f"road `{road.name}` of {network.path.name}")
         length = length_of(line)
-    elif end is not None:
+    elif end:
         length = max(length, end.seen_from(origin).x)
     return Frame(origin, line, lanes, width, length, name, centre, road.name, spot.way)
 
@@ -181,7 +181,7 @@ def framed(entity: Entity, frame: Frame) -> Pose:
     if frame.turns:
         return pose.seen_from(frame.origin)._replace(y=0.0)
     # 3. on a straight road: along the ego's road, in its direction, the heading is exactly 0
-    along = spot.road is not None and spot.road.name == frame.road
+    along = spot.road and spot.road.name == frame.road
     if not frame.line:
         at = pose.seen_from(frame.origin)
         return at._replace(heading=0.0) if along and spot.way == frame.way else at

@@ -25,7 +25,7 @@ from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.openscenario.frame import Frame
 from sumo_eval.extras.openscenario.moves import changes_nothing
 from sumo_eval.extras.openscenario.reading import Node, changes, read_openscenario
-from sumo_eval.extras.openscenario.scene import LONGEST, FileCase, FileOptions, read_case
+from sumo_eval.extras.openscenario.scene import FileCase, FileOptions, read_case
 from sumo_eval.extras.openscenario.space import Assignments, Axis, FileSpace, read_space
 from sumo_eval.extras.openscenario.values import Value
 from sumo_eval.frozen import frozen
@@ -168,16 +168,15 @@ def _case_or_why(
         if broken:
             return f"= {broken[0]}"
         case = read_case(path, values, options)
-        if case.whole is not None:  # an exported case
-            return case
-        fault = next(_impossible(path, case), None)
-        return case if fault is None else str(fault)
+        if not case.whole:  # not an exported case
+            _check_possible(path, case)
+        return case
     except InputError as error:
         return str(error)
 
 
-def _impossible(path: Path, case: FileCase) -> Iterator[InputError]:
-    """Faults of a scene by the checks that a run makes of every point.
+def _check_possible(path: Path, case: FileCase) -> None:
+    """Raise the first fault of a scene by the checks that a run makes of every point.
 
     The messages hold no numbers of the point, so that points with one fault count together.
     """
@@ -191,23 +190,22 @@ def _impossible(path: Path, case: FileCase) -> Iterator[InputError]:
         return parts.get(name, entities)
 
     for wrong in misplaced(road, case.ego, case.ego_body, case.actors):
-        yield declared(wrong.name).fault(f"{wrong.what} must be {wrong.must}")
+        raise declared(wrong.name).fault(f"{wrong.what} must be {wrong.must}")
     if case.ego.x + 0.5 * case.ego_body.length + _BEFORE_END >= frame.length:
-        yield declared("ego").fault(
+        raise declared("ego").fault(
             f"its front must be over {_BEFORE_END:g} m before its road's end"
         )
     for name, start in ("ego", case.ego), *((it.name, it.start) for it in case.actors):
         if start.speed > road.speed_limit:
             fastest = f"at most {road.speed_limit:g} m/s, the fastest that roads here allow"
-            yield declared(name).fault(f"its speed at the start must be {fastest}")
+            raise declared(name).fault(f"its speed at the start must be {fastest}")
     if any(act.program for actor in case.actors for act in actor.acts):
-        limit = case.ends if math.isfinite(case.ends) else LONGEST
         drawn = ConcreteScenario(
             path.stem, {}, 1.0, road, case.ego, case.actors, ego_body=case.ego_body
         )
-        for actor, number in never_begin(drawn, limit):
+        for actor, number in never_begin(drawn, case.ends):
             if not changes_nothing(actor.acts[number]):
-                yield declared(actor.name).fault(
+                raise declared(actor.name).fault(
                     "the condition of a move of it can never hold, with any ADS"
                 )
 
@@ -382,7 +380,6 @@ def _without_doubles(space: FileSpace, scenes: Scenes) -> tuple[FileSpace, tuple
 
 def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
     limit = max(case.ends for _, case in scenes)
-    limit = limit if math.isfinite(limit) else LONGEST
     body, *bodies = {case.ego_body for _, case in scenes}
     if bodies:
         raise InputError(
@@ -423,7 +420,7 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
     # An exported case: its road and body as they were, its parameters as numbers without a choice.
     # Such a file has no axes, so ONLY is the first parameter (0.0). Each needs a range of its own.
     whole = scenes[0][1].whole
-    if whole is not None:
+    if whole:
         parts += [Parameter(name, value, value + 1.0, 1.0, "1", "as exported", (value, value + 1.0))
                   for name, value in whole.changes]  # fmt: skip
         point = 0.0, *(value for _, value in whole.changes)
@@ -433,7 +430,7 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
             samples=(replace(samples[0], points=(point,)),),
         )  # fmt: skip
     weighted = tuple(axis for axis in space.axes if axis.weights)
-    names = [f"{it.name} as {it.distribution}" for it in parts if it.distribution is not None]
+    names = [f"{it.name} as {it.distribution}" for it in parts if it.distribution]
     names += [f"{axis.name} by its weights" for axis in weighted]
     if not names:
         return logical

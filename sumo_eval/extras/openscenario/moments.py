@@ -223,7 +223,7 @@ class Conditions:
         One of the trigger's groups of conditions must hold. Without groups it is at `after`.
         """
         trigger = element.find(f"{kind}[ConditionGroup]")
-        if trigger is None:
+        if not trigger:
             return after
         groups = map(self.group, trigger.all("ConditionGroup"))
         live = [group for group in groups if group.time < NEVER]
@@ -394,9 +394,7 @@ class Conditions:
         default = {
             "TraveledDistanceCondition": "greaterOrEqual", "ReachPositionCondition": "lessOrEqual"
         }.get(element.tag)  # fmt: skip
-        rule = element.one_of("rule", RULES, default)
-        if rule not in ("lessThan", "lessOrEqual", "greaterThan", "greaterOrEqual"):
-            raise element.fault(f"`{rule}` between numbers of the drive is not supported")
+        rule = element.one_of("rule", RULES[:4], default)  # without equality of numbers
         sides = (number.program, constant(limit).program)
         # it holds where low < high (or <=), and fails where high <= low (or <)
         low, high = sides if rule.startswith("less") else sides[::-1]
@@ -414,7 +412,7 @@ class Conditions:
         """
         holder = element.find("TimeToCollisionConditionTarget") or element
         named = holder if holder.get("entityRef") is not None else holder.find("EntityRef")
-        if named is not None:
+        if named:
             return self.places.referred(named)
         position = holder.child("Position").only()
         if position.get("entityRef") is None:

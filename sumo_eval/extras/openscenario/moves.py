@@ -382,7 +382,7 @@ class Moves:
     def _distance(self, element: Node, entity: Entity, begin: Moment) -> Span:
         limits = element.find("DynamicConstraints")
         once = not element.flag("continuous")
-        if once and limits is None:
+        if once and not limits:
             if not begin.known or begin.time > 0.0:
                 raise element.fault(
                     "without <DynamicConstraints> it is supported at the start only"
@@ -394,8 +394,8 @@ class Moves:
             entity.pace = other.pace
         # pairs of `played.PLAY` under `match`: (followed vehicle, factor), (speed added, kept: 1 a
         # position, 2 one within limits), (distance, time gap)
-        keeps = (float(other.number), 1.0), (0.0, 1.0 if limits is None else 2.0), (apart, gap)
-        if limits is None:
+        keeps = (float(other.number), 1.0), (0.0, 2.0 if limits else 1.0), (apart, gap)
+        if not limits:
             return self._relative(entity, begin, *keeps)
         for name in ("maxAccelerationRate", "maxDecelerationRate"):
             if limits.get(name) is not None:
@@ -443,7 +443,7 @@ class Moves:
             lane = self.places.lane_beside(*self._lane_now(other, target), lanes, target)
         elif target.tag == "AbsoluteTargetLane":
             road = entity.placed().road
-            if road is None:
+            if not road:
                 raise target.fault("the entity is on no road")
             lane = self.places.network.lane(road, target.text("value"), target)
         else:
@@ -505,14 +505,14 @@ class Moves:
         if other.moved == 0.0:
             return road, lane
         now = road.lane_at(spot.t + self.frame.way * other.moved)
-        if now is None:
+        if not now:
             raise element.fault(f"`{other.name}`, to which it is relative, is in no lane any more")
         return road, now
 
     def _y(self, t: float, element: Node, entity: Entity) -> float:
         """y of a place `t` m to the left of the reference line of the ego's road."""
         road = entity.placed().road
-        if road is None or road.name != self.frame.road:
+        if not road or road.name != self.frame.road:
             raise element.fault("a lateral move is supported on the ego's road only")
         return self.frame.way * (t - self.frame.offset)
 
@@ -631,7 +631,7 @@ class Moves:
         master: the entity that the final speed may be relative to.
         """
         holder = element.find("FinalSpeed")
-        if holder is None:
+        if not holder:
             return entity.pace, 0.0
         kind = holder.only()
         final = kind.number("value")
@@ -640,7 +640,7 @@ class Moves:
         elif kind.tag != "AbsoluteSpeed":
             raise kind.unsupported()
         steady = kind.find("*")
-        if steady is None:
+        if not steady:
             return final, 0.0
         if steady.tag == "TargetTimeSteadyState":
             return final, steady.not_negative("time") * final

@@ -150,7 +150,7 @@ class Network:
         for road in self.roads.values():
             at = road.coordinates(pose)
             lane = road.lane_at(at.y)
-            if lane is not None and lane.kind in DRIVEN and -ON <= at.x <= road.length + ON:
+            if lane and lane.kind in DRIVEN and -ON <= at.x <= road.length + ON:
                 lanes.append((abs(math.sin(at.heading)), road.name, (road, lane, at)))
         return min(lanes)[2] if lanes else None
 
@@ -216,7 +216,7 @@ def _road(element: Node, name: str) -> MapRoad:
         "lanes of another width than the ego's": bool(widths) and max(widths) - min(widths) > ON,
         "a road length other than its geometries'": abs(element.number("length", length) - length)
         > 0.1,
-        **{kind: element.find(path) is not None for kind, path in _LEFT_OUT.items()},
+        **{kind: bool(element.all(path)) for kind, path in _LEFT_OUT.items()},
     }
     return MapRoad(name, begin, line, lanes[0], tuple(kind for kind, has in kinds.items() if has))
 

@@ -62,7 +62,7 @@ class Spot:
 
     def in_lane(self, element: Node) -> tuple[MapRoad, Lane]:
         """Its road and its lane; `element`, which is relative to it, is refused without them."""
-        if self.road is None or self.lane is None:
+        if not (self.road and self.lane):
             raise element.fault(f"the entity that it is relative to is in no lane{self.reason}")
         return self.road, self.lane
 
@@ -163,7 +163,7 @@ class Entity:
 
         Raises UnplacedError while it has no place, with the line of the element that asks.
         """
-        if self.spot is None:
+        if not self.spot:
             fault = (asks or self.element).fault(
                 f"entity `{self.name}` has no place: it needs a TeleportAction or a trajectory "
                 "before the start"
@@ -281,9 +281,9 @@ class Places:
         """
         road, lane = spot.road, spot.lane
         s, t = spot.s, spot.t
-        if road is None:
+        if not road:
             driving = self.network.driving(spot.pose)
-            if driving is None:
+            if not driving:
                 errors = (f"; {it}".rstrip(".") for it in self.network.unread.values())
                 return replace(spot, reason=next(errors, ""))
             road, lane, (s, t, _) = driving
@@ -326,7 +326,7 @@ class Places:
 
     def _relative_road(self, element: Node) -> Spot:
         other = self.referred(element).placed(element)
-        if other.road is None:
+        if not other.road:
             raise element.fault("the entity that it is relative to is on no road")
         s, t = other.s + element.number("ds"), other.t + element.number("dt")
         return self._on(other.road, s, t, None, element).turned(other.way)
@@ -389,7 +389,7 @@ class Places:
 
     def _spline(self, shape: Node) -> MapPath:
         first = shape.find("ClothoidSplineSegment[1]/PositionStart")
-        if first is None:
+        if not first:
             raise shape.fault("its first segment must have a <PositionStart>")
         pieces = tuple(
             piece_of_file(it.where, it.number("length"), it.number("curvatureStart"),
@@ -418,7 +418,7 @@ class Places:
         if len(waypoints) < 2:
             raise holder.fault(f"its route must have at least two waypoints, got {len(waypoints)}")
         begin, *spots = [self.located(self.spot(it.child("Position"))) for it in waypoints]
-        if begin.road is None or begin.lane is None:
+        if not (begin.road and begin.lane):
             raise waypoints[0].fault("its first waypoint must be in a lane")
         for spot, waypoint in zip(spots, waypoints[1:], strict=True):
             at = spot.pose.seen_from(begin.pose)

@@ -88,7 +88,7 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
     mapping = read_mapping((request.folder or Path.cwd()) / request.file, logical)
     variation = read_variation(mapping.distribution, request.count, request.seed)
     theirs = {name for item in variation.combinations for name in item}
-    if variation.scenario is not None:
+    if variation.scenario:
         parts = variation.scenario.all("ParameterDeclarations/*")
         theirs |= {part.parameter("name") for part in parts}
     for name, expression in mapping.parameters.items():
@@ -104,7 +104,7 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
     if not kept:
         raise InputError(f"[only] of mapping {request.file} keeps no combination.")
     allowed = kept
-    if variation.scenario is not None:
+    if variation.scenario:
         # for each combination: a scene, whose `values` also have the declared values of all other
         # parameters, and the constraint groups that it violates
         checked = map(variation.scenario.declared, kept)
@@ -168,12 +168,12 @@ def read_mapping(path: Path, logical: LogicalScenario) -> SpaceMapping:
 def read_variation(path: Path, count: int | None, seed: int) -> Variation:
     """A ParameterValueDistribution file and the constraints of the scenario file that it names."""
     distribution = read_openscenario(path).find("ParameterValueDistribution")
-    if distribution is None:
+    if not distribution:
         raise InputError(f"{path.name} must hold a ParameterValueDistribution.")
     notes = []
     scenario = None
     named = distribution.find("ScenarioFile")
-    target = path.parent / ("" if named is None else named.get("filepath", ""))
+    target = path.parent / (named.get("filepath", "") if named else "")
     if not target.is_file():
         notes.append(
             f"The scenario file of {path.name} is not there: no constraint groups, no default "
@@ -181,10 +181,10 @@ def read_variation(path: Path, count: int | None, seed: int) -> Variation:
         )
     else:
         scenario = read_openscenario(target)
-        if scenario.find("ParameterDeclarations") is None:
+        if not scenario.find("ParameterDeclarations"):
             scenario = None
     stochastic = distribution.find("Stochastic")
-    if stochastic is not None and distribution.find("Deterministic") is None:
+    if stochastic and not distribution.find("Deterministic"):
         combinations = _stochastic(stochastic, path.name, count, seed)
         theirs = stochastic.get("randomSeed")
         if theirs is not None:
@@ -245,7 +245,7 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
         return list((low + stream.uniform(size=runs) * (high - low)).tolist())
     if kind.tag not in ("NormalDistribution", "LogNormalDistribution", "PoissonDistribution"):
         raise kind.unsupported()
-    low, high = (-math.inf, math.inf) if kind.find("Range") is None else range_of(kind)
+    low, high = range_of(kind) if kind.find("Range") else (-math.inf, math.inf)
     normal, variance = kind.tag == "NormalDistribution", kind.not_negative("variance", 0.0)
     mean = kind.number("expectedValue") if normal else kind.above_zero("expectedValue")
     drawn: list[Value] = []
@@ -267,8 +267,9 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
 
 def _row(mapping: SpaceMapping, values: Mapping[str, Value]) -> list[float]:
     """Our parameters at a combination of theirs."""
-    known = {name: number_of(value) for name, value in values.items()}
-    numbers = {name: value for name, value in known.items() if value is not None}
+    numbers = {
+        name: known for name, value in values.items() if (known := number_of(value)) is not None
+    }
     row = []
     for name, expression in mapping.parameters.items():
         if lacking := expression.names - numbers.keys():

@@ -170,7 +170,7 @@ class Node:
     def child(self, name: str) -> Node:
         """The one element of a name inside it."""
         part = self.find(name)
-        if part is None:
+        if not part:
             raise self.fault(f"<{name}> is missing in it")
         return part
 

@@ -79,7 +79,7 @@ class FileOptions(NamedTuple):
 class FileCase(NamedTuple):
     """The scenario at a point.
 
-    ends: time at which the case ends at the latest, s; inf: the file has no stop by time.
+    ends: time at which the case ends at the latest, s.
     ignored: kinds of elements without a meaning here.
     ego_name: of the entity that the ADS drives, in the file.
     whole: the case that `sumo-eval export` wrote into the file; None in other files.
@@ -103,17 +103,17 @@ def read_case(path: Path, given: Mapping[str, Value], options: FileOptions) -> F
     Raises InputError with file, line and element.
     """
     root = read_openscenario(path)
-    if root.find(f"FileHeader/Properties/Property[@name='{CASE}']") is not None:
+    if root.find(f"FileHeader/Properties/Property[@name='{CASE}']"):
         file = _map_of(root, None)
         try:
             whole = exported_case(root.element, file.read_bytes())
         except InputError as error:
             raise root.child("FileHeader").fault(str(error)) from None
-        if whole is not None:  # `sumo-eval export` wrote it
+        if whole:  # `sumo-eval export` wrote it
             road, body = whole.road, whole.ego_body or STANDARD_EGO
             frame = Frame(ORIGIN, road.line, road.lanes, road.lane_width, road.end, road.name, 0.0,
                           "")  # fmt: skip
-            ends = math.inf if whole.time_limit is None else whole.time_limit
+            ends = LONGEST if whole.time_limit is None else whole.time_limit
             return FileCase(frame, whole.ego, body, whole.actors, ends, (), "ego", whole)
     return _Player(root, given, options).scene()
 
@@ -196,7 +196,7 @@ class _Player:
     """
 
     def __init__(self, root: Node, given: Mapping[str, Value], options: FileOptions) -> None:
-        if root.find("Storyboard") is None:
+        if not root.find("Storyboard"):
             raise root.fault("it must hold a <Storyboard>")
         self.root, _ = root.declared(given)
         self.catalogs = Catalogs(self.root)
@@ -235,10 +235,10 @@ class _Player:
         controlled = {
             name
             for name, entity in self.places.entities.items()
-            if entity.element.find("ObjectController/*") is not None
+            if entity.element.find("ObjectController/*")
         }
         for part in self.root.all("Storyboard/Init/Actions/Private"):
-            if part.find("PrivateAction/ControllerAction") is not None:
+            if part.find("PrivateAction/ControllerAction"):
                 controlled.add(part.text("entityRef"))
         candidates = egos or controlled or [*self.places.entities]
         return candidates.pop() if len(candidates) == 1 else EGO
@@ -249,25 +249,24 @@ class _Player:
         story, entities = self.root.child("Storyboard"), self.places.entities
         self._init(story.child("Init").child("Actions"))
         for name, entity in list(entities.items()):
-            if entity.spot is None and entity.deleted and entity is not self.ego:
+            if not entity.spot and entity.deleted and entity is not self.ego:
                 del entities[name]
         # 2. the road, and all entities in its frame
-        roads = [entity.placed().road for entity in entities.values()]
-        self.ignored |= dict.fromkeys(kind for road in roads if road for kind in road.left_out)
-        parts = (kind for entity in entities.values() for kind in entity.left_out)
-        self.ignored |= dict.fromkeys(parts)
+        for entity in entities.values():
+            road = entity.placed().road
+            self.ignored |= dict.fromkeys((*(road.left_out if road else ()), *entity.left_out))
         self.frame = frame_of(self.ego, self.places.network, self.turning, self.route_end)
         self.actors: list[Entity] = []  # filled in step 3; `moves` and `conditions` share the list
         self.moves = Moves(self.places, self.frame, self.ego, self.actors)
         for entity in entities.values():
             road = entity.placed().road
-            beside = road is None or road.name != self.frame.road
+            beside = not road or road.name != self.frame.road
             entity.on_map = entity is not self.ego and (
                 self.frame.turns or (beside and bool(self.frame.line))  # beside a curved road
             )
             entity.frame = framed(entity, self.frame)
         for distance, entity in self.distances:
-            if distance.find("DynamicConstraints") is None:
+            if not distance.find("DynamicConstraints"):
                 self.moves.place_apart(distance, entity)
             self.begun.append((distance, entity))
 
@@ -292,7 +291,7 @@ class _Player:
             Start(ego.frame.x, ego.frame.y, ego.speed),
             EgoBody(ego.length, ego.width),
             tuple(map(self._actor, names, self.actors)),
-            self.ends,
+            self.limit,
             tuple(self.ignored),
             ego.name,
         )
@@ -309,9 +308,9 @@ class _Player:
         waiting: Actions = []
         for part in actions.children():
             added = part.find("EntityAction/AddEntityAction")
-            if added is not None:
+            if added:
                 waiting.append((added, self.places.referred(part.child("EntityAction"))))
-            elif part.find("EntityAction/DeleteEntityAction") is not None:
+            elif part.find("EntityAction/DeleteEntityAction"):
                 self.places.referred(part.child("EntityAction")).deleted = True
             elif part.tag == "GlobalAction":
                 self._ignore(part.only())
@@ -432,7 +431,7 @@ class _Player:
         whole = Span.over(begin, [self._group(it, begin) for it in act.all("ManeuverGroup")])
         span.end, span.ended = whole.end, whole.ended
         stop = act.find("StopTrigger[ConditionGroup]")
-        if stop is None:
+        if not stop:
             return
         if before == [len(entity.acts) for entity in self.actors]:  # it has no moves to stop
             self.ignored["StopTrigger"] = None
@@ -440,7 +439,7 @@ class _Player:
         at = self.conditions.moment(act, Moment(0.0), stop.tag)
         if not at.known:
             self._stopped(stop, at, before)
-        elif at.time < min(span.end, self.ends):
+        elif at.time < min(span.end, self.limit):
             raise stop.fault("an act that a time stops while an actor moves in it is not supported")
 
     def _stopped(self, stop: Node, at: Moment, before: list[int]) -> None:
@@ -555,7 +554,7 @@ class _Player:
                 )
             return False
         # a deletion: see `_delete_at_once`
-        if inner.find("DeleteEntityAction") is None:
+        if not inner.find("DeleteEntityAction"):
             self._ignore(inner)
         return True
 
@@ -575,25 +574,30 @@ class _Player:
             self.ignored[f"the end of the road of `{entity.name}`"] = None
         heading = 0.0 if abs(frame.heading) < 1e-6 else frame.heading
         map_pose = self.frame.pose_on_map(entity) if entity.on_map else None
-        ground = 1.0 if map_pose is not None else self.frame.ground(frame)
+        ground = 1.0 if map_pose else self.frame.ground(frame)
         acts = [_along_line(act, ground) for act in acts]
         width = self.frame.lane_width
         on_lanes = -0.5 * width <= frame.y <= width * (self.frame.lanes - 0.5)
         # off the lanes, at an angle or on the map, the script must move it and not SUMO
-        plain = map_pose is None and heading == 0.0 and on_lanes
+        plain = not map_pose and heading == 0.0 and on_lanes
         if not plain and all(act.timed for act in acts):
             acts.append(keeps_on(acts))
         return Actor(
             name, Start(frame.x, frame.y, entity.speed / ground), tuple(acts), entity.length,
             entity.width, body=entity.body, heading=heading,
-            on_map=None if map_pose is None else (*map_pose,),
+            on_map=(*map_pose,) if map_pose else None,
         )  # fmt: skip
 
     def _farthest(self, entity: Entity) -> float:
         """Distance that an entity drives at most, m; a guess where its speed depends on others."""
         speeds = [entity.speed, *(act.speed for act in entity.acts)]
         speeds += (speed for act in entity.acts for _, speed in act.table)
-        return max(speeds) * min(self.ends, LONGEST)
+        return max(speeds) * self.limit
+
+    @property
+    def limit(self) -> float:
+        """Time that the case lasts at most, s."""
+        return self.ends if math.isfinite(self.ends) else LONGEST
 
     def _stop(self, story: Node) -> None:
         """Note the first stop by time, which ends the case.

@@ -166,7 +166,7 @@ def read_space(path: Path, options: FileOptions) -> FileSpace:
     about = " ".join(str(header.get("description", "")).split()) or path.stem
     version = f"{header.get('revMajor')}.{header.get('revMinor')}"
     distribution = root.find("ParameterValueDistribution")
-    if distribution is None:
+    if not distribution:
         return FileSpace(path.stem, about, path, (), (), version, options)
     file = named_file(distribution.child("ScenarioFile"))
     scenario = read_openscenario(file)
