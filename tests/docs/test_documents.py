@@ -46,6 +46,17 @@ def test_files_that_a_page_names_are_there(page):
     assert not missing
 
 
+def test_modules_that_any_page_names_are_there():
+    rooms = "|".join(path.name for path in (ROOT / "sumo_eval").iterdir() if path.is_dir())
+    named = {
+        (page.name, module)
+        for page in (ROOT / "docs").rglob("*.md")
+        for module in re.findall(rf"`((?:{rooms})/[\w/]+\.py)`", page.read_text())
+    }
+    assert len(named) > 10
+    assert not {it for it in named if not (ROOT / "sumo_eval" / it[1]).is_file()}
+
+
 def test_every_room_of_the_package_stands_in_the_architecture():
     table = text("ARCHITECTURE.md").split("\n## Rooms as they are")[1].split("\n## ")[0]
     for path in sorted((ROOT / "sumo_eval").iterdir()):
