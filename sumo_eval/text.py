@@ -124,7 +124,7 @@ def duration_words(seconds: float) -> str:
 
 
 def file_stem(case: str) -> str:
-    """The key of a case as the name of a file; `--` may not be in a comment of XML."""
+    """A key or name as the name of a file; `--` may not be in a comment of XML."""
     return re.sub(r"[^\w.+-]|-(?=-)", "_", case)
 
 

@@ -43,7 +43,7 @@ from sumo_eval.record.recording import (
     refuse_to_lose_cases,
     stages,
 )
-from sumo_eval.record.scenario_files import hash_of_scenario
+from sumo_eval.record.scenario_files import hashes_of_scenario
 from sumo_eval.record.spread import alongside
 from sumo_eval.record.store import Store, open_store
 from sumo_eval.record.trust import refuse_foreign_code, remember
@@ -427,7 +427,7 @@ def verify(
                 picked = stream.permutation(len(cases))[: math.ceil(share * len(cases))]
                 chosen += [cases[index] for index in sorted(picked)]
         same = [case for case in chosen if store.holds(case)]
-        why = "it depends on what has changed since: the ADS, the simulator or this package"
+        why = "it depends on what has changed since: ADS, scenario, simulator or this package"
         differences = [(case.key, why) for case in chosen if not store.holds(case)]
         for done, (case, difference) in enumerate(drive_again(same, plan.setup, store), 1):
             if difference:
@@ -489,7 +489,7 @@ def space_of(run: Resolved, number: int, looked_at: int | None = None) -> Space:
         np.repeat(hazardous, every)[:total],
         points_only(share, settings, logical.name, total),
         points.exposure,
-        exposure.plain(points.points) | {"file": hash_of_scenario(entry.use, run.source)},
+        exposure.plain(points.points) | hashes_of_scenario(entry.use, run.source),
     )
 
 

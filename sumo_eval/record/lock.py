@@ -66,9 +66,11 @@ def _locked(path: Path, busy: Callable[[str], str]) -> int:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             _lock(file)
-        except (BlockingIOError, PermissionError):
+        except OSError as error:
             owner = os.read(file, _LOCKED_BYTE).decode().strip()
             os.close(file)
+            if not isinstance(error, BlockingIOError | PermissionError):
+                raise
             # empty: locked, but its owner has written nothing yet
             raise InputError(busy(owner or "starting")) from None
         with suppress(FileNotFoundError):

@@ -31,6 +31,7 @@ from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import EvaluationSettings, SimulationSettings
 from sumo_eval.settings.config import read_evaluation, to_toml
+from sumo_eval.text import file_stem
 
 FACTS = "facts.sqlite"
 EVALUATION = "evaluation.toml"
@@ -143,13 +144,12 @@ def _sumo_inputs(
 
     inputs = dict[str, str]()
     for concrete in examples:
-        name, network = concrete.road.name, network_xml(concrete.road)
+        name, scenario = file_stem(concrete.road.name), file_stem(concrete.scenario)
+        network = network_xml(concrete.road)
         # scenarios share a network, unless another scenario has another road of that name
         if inputs.get(f"networks/{name}.net.xml", network) != network:
-            name = f"{name}_of_{concrete.scenario}"
-        inputs |= case_files(
-            concrete, simulation, f"networks/{name}", f"routes/{concrete.scenario}"
-        )
+            name = f"{name}_of_{scenario}"
+        inputs |= case_files(concrete, simulation, f"networks/{name}", f"routes/{scenario}")
     return inputs
 
 

@@ -11,7 +11,7 @@ import tomllib
 from contextlib import suppress
 from pathlib import Path
 
-from sumo_eval.input_file import sha256
+from sumo_eval.input_file import hash_of, sha256
 from sumo_eval.scenario.catalogue import options_of
 from sumo_eval.scenario.formats import format_of
 
@@ -21,17 +21,23 @@ _WITH_NAMES = (".toml", ".xosc", ".py", ".json", ".xml")
 _LARGEST = 8 << 20  # bytes of a file whose text may name others
 
 
-def hash_of_scenario(use: str, source: Path) -> str:
-    """A hash of what a scenario's file and the files that it names hold; "" where it ships.
+def hashes_of_scenario(use: str, source: Path) -> dict[str, str]:
+    """Hashes of what a user's scenario comes from: `file`, its file and the files that this names,
+    "" where it ships; `code`, the Python file that `use` names.
 
-    Python code does not count, because its folder may also hold an ADS.
+    Runs are compared by `file` alone, because the Python file may also hold an ADS.
 
     use: as in the evaluation.
     source: folder of the evaluation, where relative paths start.
     """
-    files = [it for it in files_of(options_of(use)[0], source) if it.suffix != ".py"]
+    locator = options_of(use)[0]
+    files = [it for it in files_of(locator, source) if it.suffix != ".py"]
     parts = [(it.name, _content(it)) for it in files if it.is_file()]
-    return sha256(repr(parts)) if parts else ""
+    code = _file_of(locator, source)
+    hashes = {"file": sha256(repr(parts)) if parts else ""}
+    if code is not None and code.suffix == ".py" and code.is_file():
+        hashes["code"] = hash_of(code, "scenario")
+    return hashes
 
 
 def _content(file: Path) -> object:
@@ -47,23 +53,29 @@ def files_of(locator: str, source: Path) -> list[Path]:
     files of its folder.
     """
     paths: set[Path] = set()
+    named = _file_of(locator, source)
+    if named is not None:
+        beside = named.parent.glob("*.py") if named.suffix == ".py" else ()
+        for file in (named, *beside):
+            _add_with_named(paths, file)
+    return sorted(paths)
+
+
+def _file_of(locator: str, source: Path) -> Path | None:
+    """The file that a locator names; None where it ships."""
     module, colon, _ = locator.rpartition(":")
     if locator.endswith((".toml", ".csv", ".json", ".xml")) or format_of(locator):
-        files = [source / locator]
-    elif not colon:
-        return []  # one that ships
-    else:
-        if not module.endswith(".py"):
-            spec = None
-            # one that is not found lies beside the evaluation; `source /` keeps an absolute origin
-            with suppress(ImportError, ValueError):
-                spec = importlib.util.find_spec(module)
-            origin = spec.origin if spec is not None else None
-            module = origin or module.replace(".", "/") + ".py"
-        files = [source / module, *(source / module).parent.glob("*.py")]
-    for file in files:
-        _add_with_named(paths, file)
-    return sorted(paths)
+        return source / locator
+    if not colon:
+        return None
+    if not module.endswith(".py"):
+        spec = None
+        # one that is not found lies beside the evaluation; `source /` keeps an absolute origin
+        with suppress(ImportError, ValueError):
+            spec = importlib.util.find_spec(module)
+        origin = spec.origin if spec is not None else None
+        module = origin or module.replace(".", "/") + ".py"
+    return source / module
 
 
 def _add_with_named(paths: set[Path], file: Path) -> None:

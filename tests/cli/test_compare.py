@@ -187,6 +187,19 @@ drivers = { count = 2 }
 """
 
 
+def test_an_edited_scenario_in_python_is_told(tmp_path):
+    own, file = tmp_path / "own.py", tmp_path / "evaluation.toml"
+    file.write_text(EVALUATION.replace("own.toml", "own.py:scene"))
+    text = "from sumo_eval.scenario import catalogue\nscene = catalogue.load('front_vehicle_braking')\n"
+    for code in (text, f"{text}an_ads = 1\n"):
+        own.write_text(code)
+        sumo_eval("run", file, "--out", tmp_path / str(len(code)))
+    base, same = (tmp_path / str(len(text) + more) for more in (0, 11))
+    told = "The scenario's file changed after it was driven"
+    assert [told in sumo_eval("score", run).said for run in (base, same)] == [True, False]
+    assert "THE SAME" in sumo_eval("compare", base, same).said
+
+
 def test_an_edited_scenario_file_is_told(tmp_path):
     own, file = tmp_path / "own.toml", tmp_path / "evaluation.toml"
     file.write_text(EVALUATION)

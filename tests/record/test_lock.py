@@ -44,11 +44,16 @@ def test_a_file_system_without_locks_is_not_another_writer(tmp_path, monkeypatch
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(lock, "_lock", no_locks)
+    before = os.dup(0)  # the lowest free number
+    os.close(before)
     with (
         pytest.raises(InputError, match="No locks available"),
         held(tmp_path / "lock", "The folder", str),
     ):
         pass
+    after = os.dup(0)
+    os.close(after)
+    assert before == after
 
 
 def test_the_lock_of_a_process_that_was_killed_is_free(tmp_path):

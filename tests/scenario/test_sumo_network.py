@@ -457,12 +457,14 @@ def test_edges_of_one_network_are_roads_with_files_of_their_own(tmp_path):
     path.write_text(f"<net>{edge.format('a', 0)}{edge.format('b', 50)}</net>")
     plain = at_values("front_vehicle_low_speed", ego_speed=20.0, lead_speed=10.0)
     examples = [
-        replace(plain, scenario=name, road=read_road(path, [name], 300.0)) for name in ("a", "b")
+        replace(plain, scenario=f"../../{name}", road=read_road(path, [name], 300.0))
+        for name in ("a", "b")
     ]
     settings = EvaluationSettings("e", (ScenarioSettings("a"),), (AdsSettings("idm", "idm"),))
     create(tmp_path / "run", settings, tmp_path, examples, another_round=False)
     for concrete in examples:
-        text = (tmp_path / "run" / "routes" / f"{concrete.scenario}.sumocfg").read_text()
+        stem = concrete.scenario.replace("/", "_")  # a name leads to no other folder
+        text = (tmp_path / "run" / "routes" / f"{stem}.sumocfg").read_text()
         file = tmp_path / "run" / "networks" / re.search(r"[\w.]+\.net\.xml", text)[0]
         assert file.read_text() == network_xml(concrete.road)
 
