@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from sumo_eval.cases import CaseProperties, CaseResult, ThinReference, floats
 from sumo_eval.coded import decoded, encoded
 from sumo_eval.frozen import frozen
-from sumo_eval.method.anthropomorphic import IndexNote
+from sumo_eval.method.index_terms import IndexNote
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 Column = NDArray[Any]

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sumo_eval.frozen import frozen
-from sumo_eval.method.anthropomorphic import IndexNote
+from sumo_eval.method.index_terms import IndexNote
 from sumo_eval.settings.locators import load_object
 from sumo_eval.trajectory import FloatArray
 

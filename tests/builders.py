@@ -7,7 +7,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.method.anthropomorphic import IndexNote
+from sumo_eval.method.index_terms import IndexNote
 from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store

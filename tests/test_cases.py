@@ -9,7 +9,7 @@ import pytest
 
 from sumo_eval.case_table import CaseTable, point_numbers
 from sumo_eval.cases import ThinReference
-from sumo_eval.method.anthropomorphic import IndexNote
+from sumo_eval.method.index_terms import IndexNote
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.scenario import catalogue

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sumo_eval.method.anthropomorphic import gaussian_similarity
 from sumo_eval.method.collision_avoidance import collision_loss
 from sumo_eval.method.criticality import critical_gap, required_gap
+from sumo_eval.method.index_terms import gaussian_similarity
 from sumo_eval.method.trajectory_field import trajectory_field
 from sumo_eval.trajectory import FloatArray, Trajectory
 

@@ -9,7 +9,7 @@ again for the next vehicle) make no manoeuvre of their own: they depend on the l
 recording. The whole trajectory counts, also past the end of the road: there it shows what a driver
 was about to do.
 
-Users: `method/anthropomorphic.py`, `report/notes.py`, `scoring/likeness.py`.
+Users: `method/`, `report/notes.py`, `scoring/likeness.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """Operations of an ADS and of drivers, the n of Eq. 12: turns of the wheel and moves of the pedals,
-counted for `anthropomorphic`.
+counted for `method/`.
 
 Readings of the paper:
 - The signal of an operation is neutral at or below its threshold. Neutral time runs from the first

@@ -1,8 +1,8 @@
 """Criticality of points of a parameter space under ideal braking, Eqs. 5-7.
 
 Each point is solved in closed form where its scenario has one, and searched over time elsewhere.
-Users: `zone_partition`, which learns the zones from it, `record/`, `scoring/`, `report/explain.py`,
-`cli/`, `extras/`.
+Users: `method/`, which learns the zones from it, `record/`, `scoring/`, `report/explain.py`, `cli/`,
+`extras/`.
 """
 
 from __future__ import annotations

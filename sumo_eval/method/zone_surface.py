@@ -7,7 +7,7 @@ them takes length scales so short that it falls back to 0 between the points; th
 where it matters, near y = 0. For the same reason no length scale may be below half the spacing of
 the training points.
 
-Users: `method/zone_partition.py`, `record/points.py`.
+Users: `method/`, `record/points.py`.
 """
 
 from __future__ import annotations

@@ -27,12 +27,12 @@ from sumo_eval.frozen import frozen
 from sumo_eval.input_file import sha256
 from sumo_eval.method.anthropomorphic import (
     AnthropomorphicIndex,
-    IndexNote,
     Ingredients,
     Likeness,
     Pairing,
     indexes_by_group,
 )
+from sumo_eval.method.index_terms import IndexNote
 from sumo_eval.method.shared_fields import prepare
 from sumo_eval.record.kept_results import KeptResults, Kind, key_of
 from sumo_eval.record.kept_results import Part as KeptPart

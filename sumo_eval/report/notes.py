@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.groups import grouped
-from sumo_eval.method.anthropomorphic import IndexNote, NoteKind
+from sumo_eval.method.index_terms import IndexNote, NoteKind
 from sumo_eval.method.manoeuvres import words as manoeuvre_words
 from sumo_eval.report.words import count, interval_words
 from sumo_eval.results import (

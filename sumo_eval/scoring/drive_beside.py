@@ -13,7 +13,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, first_samples
+from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
+from sumo_eval.method.compared_drives import first_samples
 from sumo_eval.method.driving_task import asked_way, first_departure, misses, times_at
 from sumo_eval.method.measures import STANDING, course_of
 from sumo_eval.method.plausibility import Quantiles, extremes_of, least_plausible

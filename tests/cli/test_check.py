@@ -188,7 +188,7 @@ def test_a_shipped_scenario_is_checked_by_its_name_without_a_fit(tmp_path, monke
     def fit(*_):
         raise AssertionError("whether zones can be found takes no Gaussian process")
 
-    monkeypatch.setattr("sumo_eval.method.zone_partition.fit", fit)
+    monkeypatch.setattr("sumo_eval.method.zone_training.fit", fit)
     done = check("front_vehicle_low_speed", tmp_path)
     assert "Logical scenario `front_vehicle_low_speed`: ego_speed" in done.stdout
 

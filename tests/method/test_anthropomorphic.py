@@ -14,17 +14,18 @@ from twins import anthropomorphic as twin
 
 from sumo_eval.method import anthropomorphic as module
 from sumo_eval.method.anthropomorphic import (
-    IndexNote,
     anthropomorphic_index,
     count_operations,
-    driven_length,
     exposure_weighted_index,
-    gaussian_similarity,
-    lateral_position,
     operation_tolerance,
+)
+from sumo_eval.method.compared_drives import (
+    driven_length,
+    lateral_position,
     slice_points,
     slice_positions,
 )
+from sumo_eval.method.index_terms import IndexNote, gaussian_similarity
 from sumo_eval.method.operations import most_operations
 from sumo_eval.scenario.concrete import Road, smooth_step
 from sumo_eval.settings import AnthropomorphicSettings, FieldSettings

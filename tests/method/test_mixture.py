@@ -9,7 +9,8 @@ import pytest
 from drivers.real_data import needs_recordings, recording
 from scipy.integrate import cumulative_trapezoid
 
-from sumo_eval.method.anthropomorphic import IndexNote, anthropomorphic_index, indexes_by_group
+from sumo_eval.method.anthropomorphic import anthropomorphic_index, indexes_by_group
+from sumo_eval.method.index_terms import IndexNote
 from sumo_eval.method.manoeuvres import chosen, manoeuvre_of, spread
 from sumo_eval.record.human_reference import band_pairings
 from sumo_eval.report.explain import _factors

@@ -12,8 +12,8 @@ import pytest
 from report_cases import findings, with_case, with_losses
 
 from sumo_eval.case_table import CaseTable
-from sumo_eval.method.anthropomorphic import IndexNote, NoteKind
 from sumo_eval.method.collision_avoidance import collision_avoidance_index
+from sumo_eval.method.index_terms import IndexNote, NoteKind
 from sumo_eval.nightly.rule_limits import end_change
 from sumo_eval.report import words
 from sumo_eval.report.explain import _zone

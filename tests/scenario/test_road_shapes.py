@@ -15,7 +15,7 @@ from road_scenes import scenario_of
 from tables import rows_of, values_of
 
 from sumo_eval.cosim.sumo.sumo_files import network_xml, road_edges, routes_xml, vehicle_edges
-from sumo_eval.method.anthropomorphic import slice_points
+from sumo_eval.method.compared_drives import slice_points
 from sumo_eval.report.page_data import drawn_shape
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import central_point

@@ -29,12 +29,8 @@ from sumo_eval.cosim.sumo.bare_libsumo import bare_seconds
 from sumo_eval.cosim.sumo.session import command_line, simulator_version
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.drivers.synthetic.driver import human_controller
-from sumo_eval.method.anthropomorphic import (
-    anthropomorphic_index,
-    lateral_position,
-    slice_points,
-    slice_positions,
-)
+from sumo_eval.method.anthropomorphic import anthropomorphic_index
+from sumo_eval.method.compared_drives import lateral_position, slice_points, slice_positions
 from sumo_eval.method.trajectory_field import trajectory_field
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.record.cases import Case, Outcome

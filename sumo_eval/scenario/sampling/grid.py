@@ -3,8 +3,7 @@
 Binary floats cannot step by 0.1: adding or dividing them duplicates or loses end points. Every axis
 is computed in fractions of the decimals that a person typed, and becomes floats at the very end.
 
-Users: `extras/openscenario/space.py`, `method/zone_partition.py`,
-`scenario/sampling/combinations.py`, `scenario/sampling/samples.py`.
+Users: `extras/openscenario/space.py`, `method/`, `scenario/sampling/`.
 """
 
 from __future__ import annotations

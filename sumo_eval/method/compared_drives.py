@@ -1,0 +1,185 @@
+"""A drive as Eqs. 11-12 compare it: its length L, how far it was seen, its centres at slices.
+
+Readings of the paper (docs/method.md) that this file is built on:
+- A trajectory's centre at a slice is the vehicle's own lateral position where it first gets there.
+- A trajectory ends at its first sample at or past the road's end. If its last sample lies before
+  the end, but the next one would lie past it, the vehicle has reached the end.
+- The length L ends where the vehicle stopped or left the road. Otherwise it ends at the road's end,
+  also for a vehicle that still drives at the end of the recording.
+
+Users: `method/`, `scoring/drive_beside.py`, `extras/bench/costs.py`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sumo_eval.method.checks import quotient
+from sumo_eval.method.manoeuvres import Manoeuvre, manoeuvre_of
+from sumo_eval.method.operations import count_operations as count_operations  # re-exported
+from sumo_eval.method.operations import most_operations
+from sumo_eval.scenario.concrete import Road
+from sumo_eval.settings import AnthropomorphicSettings
+from sumo_eval.trajectory import CHANNELS, FloatArray, Trajectory
+
+DEFAULTS = AnthropomorphicSettings()
+
+
+SAME_PLACE = 1e-6  # m; a smaller difference of two x is rounding
+
+
+class ComparedDrive(NamedTuple):
+    """A trajectory and the quantities that Eqs. 11-12 need of it.
+
+    whole: as recorded.
+    on_road: up to its first sample at or past the road's end; `whole` itself if nothing is cut.
+    begin: first x, m.
+    length: L, m.
+    reach: distance from `begin` to where it was last seen on the road, m.
+    operations: n of D_i.
+    most_operations: n of H.
+    manoeuvre: that of `whole`, because a lane change begun before the road's end may end beyond it.
+    still_driving, left_the_road: whether it neither stopped nor reached the road's end, and its
+        last sample is on the road, or off it.
+    """
+
+    whole: Trajectory
+    on_road: Trajectory
+    begin: float
+    length: float
+    reach: float
+    operations: int
+    most_operations: int
+    manoeuvre: Manoeuvre
+    still_driving: bool
+    left_the_road: bool
+
+    @classmethod
+    def of(cls, whole: Trajectory, road: Road, settings: AnthropomorphicSettings) -> ComparedDrive:
+        """Quantities of a recorded trajectory."""
+        beyond = np.flatnonzero(whole.x >= road.length)
+        on_road = whole
+        if beyond.size and beyond[0] + 1 < len(whole):
+            on_road = first_samples(whole, beyond[0] + 1)
+        unfinished = not (_reached_the_end(on_road, road) or _has_stopped(on_road, settings))
+        left = _left_the_road(on_road, road)
+        return cls(
+            whole=whole,
+            on_road=on_road,
+            begin=float(whole.x[0]),
+            length=driven_length(on_road, road, settings),
+            reach=_reach(on_road, road, settings),
+            operations=count_operations(on_road, settings),
+            most_operations=most_operations(on_road, settings),
+            manoeuvre=manoeuvre_of(whole, road, settings.manoeuvre_time),
+            still_driving=unfinished and not left,
+            left_the_road=unfinished and left,
+        )
+
+
+def first_samples(drive: Trajectory, number: int) -> Trajectory:
+    """The first samples of a drive, as a drive that ends with them."""
+    channels = (getattr(drive, name)[:number] for name in CHANNELS)
+    return Trajectory(*channels, length=drive.length, width=drive.width)
+
+
+def driven_length(
+    trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings = DEFAULTS
+) -> float:
+    """Eq. 12: L, m, from the start to where the vehicle stopped or left the road sideways, else to
+    the road's end.
+
+    trajectory: in road coordinates, x in m.
+    road: its length and edges, m.
+    settings: `stop_speed` of `[method.anthropomorphic]`, m/s.
+
+    A vehicle that still drives at the end of its recording has not stopped: its L ends at the
+    road's end.
+    """
+    if _has_stopped(trajectory, settings) or _left_the_road(trajectory, road):
+        return _reach(trajectory, road, settings)
+    return max(road.length - float(trajectory.x[0]), 0.0)
+
+
+def _reach(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) -> float:
+    """Distance from its start over which a vehicle was seen, at most to the road's end, m."""
+    # where it stands, if it stopped; else the furthest x
+    last = trajectory.x[-1] if _has_stopped(trajectory, settings) else trajectory.x.max()
+    if _reached_the_end(trajectory, road):
+        last = road.length
+    return max(float(last - trajectory.x[0]), 0.0)
+
+
+def _reached_the_end(trajectory: Trajectory, road: Road) -> bool:
+    """Whether a sample, or the one that would come next, lies at or past the road's end."""
+    step = trajectory.x[-1] - trajectory.x[-2] if len(trajectory) > 1 else 0.0
+    return bool(max(trajectory.x.max(), trajectory.x[-1] + step) >= road.length - SAME_PLACE)
+
+
+def _has_stopped(trajectory: Trajectory, settings: AnthropomorphicSettings) -> bool:
+    """Whether the vehicle stands at its last sample."""
+    return bool(trajectory.speed[-1] < settings.stop_speed)
+
+
+def _left_the_road(trajectory: Trajectory, road: Road) -> bool:
+    """Whether the vehicle's centre is off the road, to its side, at the last sample."""
+    x, y = trajectory.x[-1], trajectory.y[-1]
+    return bool(not road.right_edge_at(x) <= y <= road.left_edge_at(x))
+
+
+def slice_positions(start: float, length: float, spacing: float) -> FloatArray:
+    """Eq. 11: x of the slices, (m,), m.
+
+    start: x of the first slice, m: the ADS's start.
+    length: distance to the last slice, m: the lesser of the ADS's reach and the drivers' mean.
+    spacing: between neighbouring slices, m, `slice_spacing` of the settings; the last two may be
+        closer.
+    """
+    steps = int(length / spacing)
+    positions = start + spacing * np.arange(steps + 1, dtype=float)
+    return (
+        np.append(positions, start + length) if length - steps * spacing > SAME_PLACE else positions
+    )
+
+
+def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray:
+    """Eq. 11: y where the vehicle first gets to each x of `positions`, (m,), m.
+
+    trajectory: in road coordinates, m.
+    positions: x of the slices, (m,), m, from `slice_positions`.
+
+    Behind its start this is its first y; ahead of the furthest x that it reached, its last y.
+    """
+    x, y = trajectory.x, trajectory.y
+    wanted = np.asarray(positions, dtype=float)
+    # index of the first sample at or past each position; the running maximum ignores rolling back
+    after = np.searchsorted(np.maximum.accumulate(x), wanted)
+    # samples on both sides of the crossing; where there is none, both are the first or the last
+    left, right = np.maximum(after - 1, 0), np.minimum(after, x.size - 1)
+    share = quotient(wanted - x[left], x[right] - x[left], left < right, 0.0)
+    return y[left] + share * (y[right] - y[left])
+
+
+def slice_points(
+    slices: FloatArray, centre: FloatArray, road: Road, settings: AnthropomorphicSettings = DEFAULTS
+) -> FloatArray:
+    """Eq. 11: x and y of the ADS's centre and three points on each side of it, 0.5 m apart,
+    (m, 7, 2), m.
+
+    slices: x, (m,), m.
+    centre: y, (m,), m.
+    road: its edges.
+    settings: `side_width` and `points_per_side`, by default 1.5 m and 3.
+
+    Near an edge the points of its side divide the distance to it into equal parts. Beyond the edge
+    the points of this side coincide with the centre.
+    """
+    number = settings.points_per_side
+    parts = np.arange(-number, number + 1) / number
+    right = np.clip(centre - road.right_edge_at(slices), 0.0, settings.side_width)
+    left = np.clip(road.left_edge_at(slices) - centre, 0.0, settings.side_width)
+    y = centre[:, None] + parts * np.where(parts < 0.0, right[:, None], left[:, None])
+    return np.stack((np.broadcast_to(slices[:, None], y.shape), y), axis=-1)
