@@ -200,5 +200,5 @@ class IdealBraking(Compiled):
                 together, cases, settings, foresights, strict=True
             )
         ]
-        known = np.array(list(map(list, foresights)), dtype=_KNOWN)
+        known = np.array(list(map(list, foresights)), _KNOWN)
         return own, known, np.zeros(known.shape, MOVER)

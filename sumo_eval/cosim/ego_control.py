@@ -21,7 +21,7 @@ from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.observation import sees_all
 from sumo_eval.cosim.doors.traci_module import GUARD, heeding
 from sumo_eval.cosim.impossible import FASTEST, LOWEST_SPEED
-from sumo_eval.cosim.records import COMMAND, MODEL, NEXT, PLANT, REASONS, numbers_of
+from sumo_eval.cosim.records import COMMAND, CONTACT, MODEL, NEXT, PLANT, numbers_of
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.sumo.insides import simulation_time
 from sumo_eval.cosim.sumo.sumo_files import EGO
@@ -139,7 +139,7 @@ class EgoControl:
             return
         world.keep_fault(world.case_of(row), error, target, self._terms.folder)
         subject = "The ADS" if fault == "ads_error" else "The vehicle model"
-        if REASONS[int(world.egos["reason"][row])] == "contact":  # it stays the reason
+        if world.egos["reason"][row] == CONTACT:  # it stays the reason
             fault = "contact"
         world.fail(row, fault, f"{subject} raised in close: {said(error)}.")
 

@@ -318,7 +318,7 @@ class OverArrays(Policies):
         rows = len(live)
         answer = self._answer(seen, rows)
         if self._settled is not None:
-            settled = np.asarray(self._settled(), dtype=bool)
+            settled = np.asarray(self._settled(), bool)
             if settled.shape != (rows,):
                 raise ControllerError(
                     f"`settled()` of the ADS must give the shape ({rows},), got {settled.shape}"

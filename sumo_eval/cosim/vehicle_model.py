@@ -136,9 +136,8 @@ def move(
         if lateral > KINEMATIC_UP_TO:
             count_clip(clips, _BEYOND_KINEMATIC, ego.time, lateral, KINEMATIC_UP_TO)
     target = _limit_acceleration(wanted, lateral, limits, ego.time, clips)
-    end_acceleration, end_speed, distance = _drive_within(ego, target, limits, step, clips)
-    _along_arc(at, distance, curvature, limits.wheelbase)
-    ego.speed, ego.acceleration, ego.steering = end_speed, end_acceleration, end
+    _along_arc(at, _drive_within(ego, target, limits, step, clips), curvature, limits.wheelbase)
+    ego.steering = end
 
 
 @kernel
@@ -198,11 +197,9 @@ def slip_rates(
 
 
 @kernel
-def _drive_within(
-    ego: Any, target: float, limits: Any, step: float, clips: Any
-) -> tuple[float, float, float]:
-    """Acceleration, speed and distance after a step of `drive`, m/s2, m/s, m, held to the vehicle's
-    highest speed.
+def _drive_within(ego: Any, target: float, limits: Any, step: float, clips: Any) -> float:
+    """Write the speed and acceleration of an ego after a step of `drive`, held to the vehicle's
+    highest speed; return the distance, m.
 
     Counts what that speed, or the rate at which acceleration may change, took away.
     """
@@ -214,7 +211,8 @@ def _drive_within(
         distance = 0.5 * (ego.speed + end_speed) * step
     elif abs(end_acceleration - target) > _GRANTED and end_speed > 0.0:
         count_clip(clips, _ACCELERATION_RATE, ego.time, target, end_acceleration)
-    return end_acceleration, end_speed, distance
+    ego.acceleration, ego.speed = end_acceleration, end_speed
+    return distance
 
 
 @kernel
@@ -229,16 +227,15 @@ def move_dynamic(
     `drive`.
     """
     # begin, end: steering wheel angles, rad; `wheel` and `wheel2` are those of the road wheels
-    speed, begin = ego.speed, ego.steering
+    speed, acceleration, begin = ego.speed, ego.acceleration, ego.steering
     slip = ego.slip
     yaw_rate = ego.yaw_rate
     end = _limit_steering(
         ego, steering, math.radians(limits.max_steering_wheel_angle_deg), limits, step, clips
     )
     target = _limit_acceleration(wanted, speed * yaw_rate, limits, ego.time, clips)
-    end_acceleration, end_speed, distance = _drive_within(ego, target, limits, step, clips)
-    acceleration = ego.acceleration
-    ego.speed, ego.acceleration, ego.steering = end_speed, end_acceleration, end
+    distance = _drive_within(ego, target, limits, step, clips)
+    end_speed, ego.steering = ego.speed, end
     if speed < _SLOWEST_SLIP or end_speed < _SLOWEST_SLIP:
         _along_arc(at, distance, _curvature(0.5 * (begin + end), limits), limits.wheelbase)
         bend = _curvature(end, limits)
@@ -266,7 +263,7 @@ def move_dynamic(
         most = max(most, used)
         slip2, yaw2 = slip + part * slipping, yaw_rate + part * turning
         slipping2, turning2, used = slip_rates(
-            v2, slip2, yaw2, wheel2, end_acceleration, limits, limits.friction
+            v2, slip2, yaw2, wheel2, ego.acceleration, limits, limits.friction
         )
         before = yaw_rate
         course = heading + slip  # direction of motion, rad
@@ -307,6 +304,15 @@ def _curvature(steering_wheel_angle: float, limits: Any) -> float:
 
 
 @kernel
+def _held(value: float, low: float, high: float, clips: Any, what: int, time: float) -> float:
+    """A value held within its limits; counts a clip, of this number, where that changes it."""
+    held = min(max(value, low), high)
+    if held != value:
+        count_clip(clips, what, time, value, held)
+    return held
+
+
+@kernel
 def _limit_steering(
     ego: Any, requested: float, largest: float, limits: Any, step: float, clips: Any
 ) -> float:
@@ -316,17 +322,11 @@ def _limit_steering(
     largest: angle that the tyres hold, rad.
     """
     stop = math.radians(limits.max_steering_wheel_angle_deg)
-    angle = min(max(requested, -stop), stop)
-    if angle != requested:
-        count_clip(clips, _STEERING_ANGLE, ego.time, requested, angle)
     reach = math.radians(limits.max_steering_wheel_rate_deg) * step
-    reachable = min(max(angle, ego.steering - reach), ego.steering + reach)
-    if reachable != angle:
-        count_clip(clips, _STEERING_RATE, ego.time, angle, reachable)
-    held = min(max(reachable, -largest), largest)
-    if held != reachable:
-        count_clip(clips, _LATERAL_FRICTION, ego.time, reachable, held)
-    return float(held)
+    now, time = ego.steering, ego.time
+    angle = _held(requested, -stop, stop, clips, _STEERING_ANGLE, time)
+    angle = _held(angle, now - reach, now + reach, clips, _STEERING_RATE, time)
+    return _held(angle, -largest, largest, clips, _LATERAL_FRICTION, time)
 
 
 @kernel
@@ -354,9 +354,8 @@ def _limit_acceleration(
     """Acceleration the brakes, the drive and the tyres' remaining grip (friction circle) can
     give.
     """
-    granted = min(max(requested, -limits.max_deceleration), limits.max_acceleration)
-    if granted != requested:
-        count_clip(clips, _ACCELERATION, time, requested, granted)
+    strongest, most = -limits.max_deceleration, limits.max_acceleration
+    granted = _held(requested, strongest, most, clips, _ACCELERATION, time)
     left = _grip_left(limits, lateral)
     held = min(max(granted, -left), left)
     if abs(held - granted) > _GRANTED:

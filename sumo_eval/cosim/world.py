@@ -317,7 +317,7 @@ class World:
         for call, why in ignored.items():
             self.logs[0] += f"SUMO ignored {call}: {why}.\n"
         for what, count in counts.items():
-            self.note(0, what, float(count), float(count), count=count, first=0.0)
+            self.note(0, what, count, count, count=count, first=0.0)
 
     def leave(self, row: int, why: Alone) -> None:
         """Remove a case from its batch; it restarts alone."""
@@ -354,7 +354,7 @@ class World:
         ego, case = self.egos[row], self.case_of(row)
         self.egos["live"][row] = 0
         self.going -= 1
-        reason = REASONS[int(ego["reason"])]
+        reason = REASONS[ego["reason"]]
         assert reason is not None
         if reason in TO_ITS_END:
             acts = self.players.acts[row]
@@ -362,23 +362,23 @@ class World:
             waiting = (acts["state"] == WAITS) & (acts["kind"] != FOLLOW)
             used = np.arange(waiting.shape[1]) < self.players.plays["acts"][row][:, None]
             if count := int((waiting & used).sum()):
-                self.note(case, "trigger_never_fired", float(count), 0.0, count=count)
+                self.note(case, "trigger_never_fired", count, 0.0, count=count)
         way, concrete = ego["way"], self.cases[case]
         actors, vehicle = concrete.actors, self.settings.vehicle
         # m from the ego to the middle of the lane that it had to change to
-        aside = abs(float(ego["y"]) - float(way["start"] + way["offset"]))
+        aside = abs(ego["y"] - (way["start"] + way["offset"]))
         if way["asked"] and aside > 0.5 * concrete.road.lane_width and ego["x"] >= way["by"]:
-            self.note(case, "goal_missed", float(way["by"]), float(ego["y"]))
+            self.note(case, "goal_missed", way["by"], ego["y"])
         if concrete.ego.recorded:
             self._note_departure(row, case)
         hit = self._collision(row, actors) if reason == "contact" else None
-        if hit is not None and hit.side == "rear" and actors[int(ego["struck"])].model is not None:
+        if hit is not None and hit.side == "rear" and actors[ego["struck"]].model is not None:
             self.note(case, "struck_from_behind", hit.relative_speed, self._in_its_lane_for(row))
         counts = self.others["samples"][row].tolist()
         commands = None if hit is None else self.kept[row, : self.steps].copy()
         self.ended[case] = partial(
             Recording,
-            self._trajectory(row, 0, int(ego["samples"]), vehicle),
+            self._trajectory(row, 0, ego["samples"], vehicle),
             {it.name: self._trajectory(row, 1 + j, counts[j], it) for j, it in enumerate(actors)},
             hit,
             reason,
@@ -388,11 +388,10 @@ class World:
 
     def _note_departure(self, row: int, case: int) -> None:
         """Record how far the ego was from the recorded one, and when actors began to react."""
-        count = int(self.egos["samples"][row])
-        time, x, y = self.samples[row, 0, :count, :3].T
+        time, x, y = self.samples[row, 0, : self.egos["samples"][row], :3].T
         apart = departures(self.cases[case].ego.recorded, time, x, y)
-        most = int(apart.argmax())
-        self.note(case, "departed", float(apart[most]), float(apart[-1]), first=float(time[most]))
+        most = apart.argmax()
+        self.note(case, "departed", apart[most], apart[-1], first=float(time[most]))
         acts = self.players.acts[row]
         begins = acts["begin"][(acts["kind"] == FOLLOW) & (acts["state"] == BEGUN)]
         if len(begins):
@@ -401,7 +400,7 @@ class World:
 
     def _in_its_lane_for(self, row: int) -> float:
         """Time since the ego's centre entered its present lane, s."""
-        count, width = int(self.egos["samples"][row]), float(self.scenario["road"]["lane_width"][0])
+        count, width = self.egos["samples"][row], self.scenario["road"]["lane_width"][0]
         time, y = self.samples[row, 0, :count, 0], self.samples[row, 0, :count, 2]
         # a lane's number: y = 0 is the middle of lane 0
         elsewhere = np.flatnonzero(np.round(y / width) != np.round(y[-1] / width))
@@ -436,7 +435,7 @@ class World:
         ego = self.egos[row]
         x, struck = float(ego["x"]), int(ego["struck"])
         # the last sample is the instant of the contact
-        time = float(self.samples[row, 0, int(ego["samples"]) - 1, 0])
+        time = float(self.samples[row, 0, ego["samples"] - 1, 0])
         bodies = self._touching(ego, x), self._touching(self.others[row, struck], x)
         return describe(time, actors[struck].name, *bodies)
 

@@ -44,7 +44,7 @@ def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
 
     scores, opinions: (n,), n at least 3; fewer raise InputError.
     """
-    first, second = np.asarray(scores, dtype=float), np.asarray(opinions, dtype=float)
+    first, second = np.asarray(scores, float), np.asarray(opinions, float)
     if first.shape != second.shape or first.ndim != 1 or first.size < 3:
         shapes = f"{first.shape} and {second.shape}"
         raise must_be("The lists", "a rank correlation", "equally long, at least 3", shapes)
@@ -94,7 +94,7 @@ def concordance(ratings: ArrayLike) -> Agreement:
 
     Source: Kendall, Babington Smith, Ann. Math. Stat. 10, 275 (1939).
     """
-    table = np.asarray(ratings, dtype=float)
+    table = np.asarray(ratings, float)
     if table.ndim != 2 or min(table.shape) < 2 or not np.all(np.isfinite(table)):
         raise must_be(
             "`ratings`", "Kendall's W", "a full table of at least 2 raters and 2 items", table.shape

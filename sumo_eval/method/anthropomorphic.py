@@ -384,7 +384,7 @@ def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
     operations: `most_operations` of the ADS.
     of_drivers: `most_operations` of each driver, at least two.
     """
-    drivers = np.asarray(of_drivers, dtype=float)
+    drivers = np.asarray(of_drivers, float)
     deviation = max(float(drivers.std(ddof=1)), OPERATION_DEVIATION_FLOOR)
     return float(gaussian_similarity(max(operations, drivers.mean()), drivers.mean(), deviation))
 

@@ -20,7 +20,7 @@ def finite(owner: str, name: str, values: ArrayLike) -> FloatArray:
 
     Raises InputError for a value that is not finite.
     """
-    array = np.asarray(values, dtype=float)
+    array = np.asarray(values, float)
     unusable = array[~np.isfinite(array)]
     if unusable.size:
         raise must_be(f"`{name}`", owner, "finite", float(unusable[0]))

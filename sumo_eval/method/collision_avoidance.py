@@ -131,7 +131,7 @@ def collision_avoidance_index(
         return 1.0
     if loss == "class":
         hit, ideal = collision_loss(hit), collision_loss(ideal)
-    ratio, flags = score_terms.ideal_ratio(hit, ideal), np.ones(hit.shape, dtype=bool)
+    ratio, flags = score_terms.ideal_ratio(hit, ideal), np.ones(hit.shape, bool)
     once = score_terms.once(hit.size)
     return float(score_terms.collision_avoidance(ratio, r, flags, flags, once)[0])
 
@@ -187,7 +187,7 @@ def _rows(point: Mapping[str, float] | ArrayLike, partition: ZonePartition) -> F
     """The `point` of `collision_weight` as a row or rows. Raises InputError as that does."""
     logical = partition.logical
     if not isinstance(point, Mapping):
-        array = np.asarray(point, dtype=float)
+        array = np.asarray(point, float)
         if array.ndim == 0:
             raise must_be(
                 "`point`", f"scenario `{logical.name}`", "values by name, a row or rows", point
@@ -202,7 +202,7 @@ def _rows(point: Mapping[str, float] | ArrayLike, partition: ZonePartition) -> F
 
 def _velocity(name: str, values: ArrayLike) -> FloatArray:
     """Velocities as an array (..., 2). Raises InputError for anything else."""
-    array = np.asarray(values, dtype=float)
+    array = np.asarray(values, float)
     if array.ndim == 0 or array.shape[-1] != 2 or not np.all(np.isfinite(array)):
         raise must_be(f"`{name}`", "a collision", "finite with a last axis of 2 (vx, vy)", array)
     return array

@@ -154,7 +154,7 @@ def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray
     Behind its start this is its first y; ahead of the furthest x that it reached, its last y.
     """
     x, y = trajectory.x, trajectory.y
-    wanted = np.asarray(positions, dtype=float)
+    wanted = np.asarray(positions, float)
     # index of the first sample at or past each position; the running maximum ignores rolling back
     after = np.searchsorted(np.maximum.accumulate(x), wanted)
     # samples on both sides of the crossing; where there is none, both are the first or the last

@@ -136,7 +136,7 @@ def crossing_conflict(
     inside = np.flatnonzero(apart < 0.0)
     if not inside.size:
         return Conflict(*(math.nan,) * 6)  # all fields
-    first, last = int(inside[0]), int(inside[-1])
+    first, last = inside[[0, -1]]
 
     def crossed(after: int) -> float:
         """Time at which the actor's body is at the strip's edge, s; `after` is the next look."""

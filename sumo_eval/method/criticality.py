@@ -76,7 +76,7 @@ def ideal_braking_speed(
     closing = _closing_speed(ego_speed, lead_speed)
     braked = _strength(deceleration) * _braking_time(time, delay)
     return np.asarray(
-        np.asarray(ego_speed, dtype=float) - np.clip(braked, 0.0, np.maximum(closing, 0.0))
+        np.asarray(ego_speed, float) - np.clip(braked, 0.0, np.maximum(closing, 0.0))
     )[()]
 
 

@@ -66,8 +66,8 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
     field = np.empty(points.shape[0])
     px, py, total = np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE)
     # of each point: r^2 to the sample, m2, and the guess of u
-    square, guess = np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE, dtype=np.float32)
-    quick = np.empty(samples.shape[0], dtype=np.int64)
+    square, guess = np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE, np.float32)
+    quick = np.empty(samples.shape[0], np.int64)
     for first in range(0, points.shape[0], POINTS_AT_ONCE):
         n = min(POINTS_AT_ONCE, points.shape[0] - first)
         filled = (n + LANES - 1) // LANES * LANES

@@ -141,7 +141,7 @@ def field_term(
 ) -> tuple[FloatArray, list[IndexNote]]:
     """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes."""
     # every driver has a field everywhere
-    everywhere = np.ones((len(compared.drivers), 1, 1), dtype=bool)
+    everywhere = np.ones((len(compared.drivers), 1, 1), bool)
     mean, deviation = spread(
         compared.fields[1:], everywhere, compared.choice, settings.pooled_drivers
     )

@@ -63,14 +63,14 @@ def chosen(own: Manoeuvre, theirs: Sequence[Manoeuvre]) -> Choice:
     counts = Counter(theirs)
     numbers = {manoeuvre: number for number, manoeuvre in enumerate(sorted(counts))}
     groups = np.array([numbers[manoeuvre] for manoeuvre in theirs])
-    members = (groups == numbers[own]) if own in numbers else np.ones(len(theirs), dtype=bool)
+    members = (groups == numbers[own]) if own in numbers else np.ones(len(theirs), bool)
     share = counts[own] / len(theirs)
     return Choice(own, members, groups, share, counts[own] / max(counts.values()))
 
 
 def everyone(drivers: int) -> Choice:
     """All drivers without regard to their manoeuvres, as gaussian mode compares with them."""
-    return Choice((), np.ones(drivers, dtype=bool), np.zeros(drivers), 1.0, 1.0)
+    return Choice((), np.ones(drivers, bool), np.zeros(drivers), 1.0, 1.0)
 
 
 def spread(

@@ -178,7 +178,7 @@ def quantiles_of(
     values: dict[str, tuple[float, ...]] = {}
     shares: dict[str, tuple[float, ...]] = {}
     for name, side in EXTREMES.items():
-        extreme = np.array([drive[name] for drive in drives], dtype=float)
+        extreme = np.array([drive[name] for drive in drives], float)
         valid = np.flatnonzero(~np.isnan(extreme))
         names = [people[index] for index in valid.tolist()]
         drives_of = Counter(names)

@@ -164,7 +164,7 @@ def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[Float
 
 def _broadcast(n: int, *values: ArrayLike) -> Iterator[FloatArray]:
     """Each of the values as (n,) numbers."""
-    return (np.broadcast_to(np.asarray(value, dtype=float), n) for value in values)
+    return (np.broadcast_to(np.asarray(value, float), n) for value in values)
 
 
 def _lead(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:

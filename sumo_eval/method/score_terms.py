@@ -141,7 +141,7 @@ def paper_score(c: ArrayLike, d: ArrayLike, points: ScoreSettings) -> FloatArray
     d: D, (m,), 0..1, from `exposure_mean`.
     points: the settings a and b, in points, k5 and k6.
     """
-    terms = np.asarray([c, d], dtype=float)
+    terms = np.asarray([c, d], float)
     full = worth(points)
     total = full.c * np.nan_to_num(terms[0]) + full.d * np.nan_to_num(terms[1])
     return np.where(np.isnan(terms).all(axis=0), np.nan, total)
@@ -168,7 +168,7 @@ def mean_shares(weights: ArrayLike) -> FloatArray:
 
     weights: w_i, (n,), at least 0.
     """
-    weight = np.asarray(weights, dtype=float)
+    weight = np.asarray(weights, float)
     if not weight.any():
         weight = np.ones(weight.shape)
     return np.asarray(weight / weight.sum())
@@ -320,4 +320,4 @@ def grade_slope(avoided: float, sharpness: float) -> float:
 
 def _contains(flags: ArrayLike, counts: Counts) -> BoolArray:
     """Whether each sample contains a flagged case, (m,)."""
-    return counts @ np.asarray(flags, dtype=float) > 0.0
+    return counts @ np.asarray(flags, float) > 0.0

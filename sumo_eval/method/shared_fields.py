@@ -280,7 +280,7 @@ def _nodes() -> tuple[FloatArray, FloatArray, FloatArray]:
 def _to_series(nodes: FloatArray) -> FloatArray:
     """Matrix from values at n nodes to the coefficients of a Chebyshev series, (n, n)."""
     inverse = np.linalg.inv(chebyshev.chebvander(nodes, len(nodes) - 1))
-    return np.array(inverse, dtype=float)
+    return np.array(inverse, float)
 
 
 def _across(slender: Sequence[float]) -> tuple[IntArray, FloatArray, FloatArray]:

@@ -107,7 +107,7 @@ class ZonePartition:
         which even ideal braking collides.
         """
         *shape, k = checked_unit(self.logical, points).shape
-        rows = np.asarray(points, dtype=float).reshape(-1, k)
+        rows = np.asarray(points, float).reshape(-1, k)
         return exactly_hazardous(self.logical, rows, self.settings).reshape(shape)
 
     def nearest_zone(self, points: ArrayLike) -> IntArray:
@@ -116,7 +116,7 @@ class ZonePartition:
         """
         unit = checked_unit(self.logical, points)
         if not self.zones:
-            return np.full(unit.shape[:-1], -1, dtype=np.intp)
+            return np.full(unit.shape[:-1], -1, np.intp)
         return self._nearest(unit)
 
     def _nearest(self, unit: FloatArray) -> IntArray:
@@ -206,7 +206,7 @@ def partition(
     in_zone = zone >= 0
     spurious = hazard & ~in_zone
     if spurious.any():
-        share = 100.0 * float(spurious.sum() / feasible.sum())
+        share = 100.0 * (spurious.sum() / feasible.sum())
         notes += (f"{share:.2f} % of the space is hazardous for the GP alone, and forms no zone.",)
     unit = logical.to_unit(grid)
     zones = ZonePartition(
@@ -259,7 +259,7 @@ def _zone_numbers(hazard: BoolArray, wrong: BoolArray, shape: tuple[int, ...]) -
     regions = label(hazard.reshape(shape), structure=np.ones((3,) * len(shape)))[0].ravel()
     real = np.unique(regions[hazard & ~wrong])
     sizes = np.bincount(regions)
-    number_of = np.full(len(sizes), -1, dtype=np.intp)  # by label
+    number_of = np.full(len(sizes), -1, np.intp)  # by label
     number_of[real[np.argsort(-sizes[real], kind="stable")]] = range(len(real))
     return number_of[regions]
 

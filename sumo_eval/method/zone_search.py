@@ -107,7 +107,7 @@ def most_dangerous_point(
         order = _by_danger(zones, rows)
         # `best` is row 0. Its place in `order` is argmin(order); the rows before it are worse. Only
         # these are looked up in the zone, because the GP takes most of the time.
-        worse = zones.members(number, rows[order[: int(np.argmin(order))]])
+        worse = zones.members(number, rows[order[: np.argmin(order)]])
         if not len(worse):
             half_width *= 0.4
         else:

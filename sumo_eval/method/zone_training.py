@@ -92,9 +92,9 @@ def learn(
     As long as more than `ERROR_WORTH_A_NOTE` of the dense grid is on the wrong side, some of those
     points become training points of the next round.
     """
-    exact = np.zeros(len(grid), dtype=bool)
+    exact = np.zeros(len(grid), bool)
     exact[feasible] = exactly_hazardous(logical, grid[feasible], settings)
-    unit, n_first, n_feasible = logical.to_unit(grid), len(training), int(feasible.sum())
+    unit, n_first, n_feasible = logical.to_unit(grid), len(training), feasible.sum()
     fits: list[_Learnt] = []
     for _ in range(rounds):
         danger = criticality(logical, training, settings)
@@ -111,7 +111,7 @@ def learn(
             break
         more = np.random.default_rng(SEED).permutation(np.flatnonzero(wrong))[:ADDED_AT_ONCE]
         training = np.unique(np.concatenate([training, grid[more]]), axis=0)
-    best = min(fits, key=lambda fit: int(fit.wrong.sum()))
+    best = min(fits, key=lambda fit: fit.wrong.sum())
     share = best.wrong.sum() / n_feasible
     if share > ERROR_WORTH_A_NOTE:
         remark = f"The GP puts {100 * share:.1f} % of the space in the wrong zone: add points."
@@ -186,7 +186,7 @@ def _refine(axes: list[list[float]], most: int) -> list[list[float]]:
 
 def user_points(logical: LogicalScenario, points: ArrayLike) -> FloatArray:
     """Training points of a caller, sorted, each once. Raises InputError as `partition` does."""
-    array = np.asarray(points, dtype=float)
+    array = np.asarray(points, float)
     owner = f"scenario `{logical.name}`"
     if (
         array.ndim != 2

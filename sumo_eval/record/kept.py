@@ -71,7 +71,7 @@ def packed(trajectory: Trajectory) -> bytes:
     on, which deflates better than sample after sample.
     """
     body = b"".join(
-        np.ascontiguousarray(getattr(trajectory, name), dtype=dtype)
+        np.ascontiguousarray(getattr(trajectory, name), dtype)
         .view(np.uint8)
         .reshape(len(trajectory), -1)
         .T.tobytes()
@@ -90,7 +90,7 @@ def unpack(data: bytes) -> Trajectory:
         n, length, width = _HEADER.unpack_from(data)
         size = n * _SAMPLE_BYTES
         # at most one byte more than there should be: damaged bytes may inflate without end
-        body = np.frombuffer(inflating.decompress(data[_HEADER.size :], size + 1), dtype=np.uint8)
+        body = np.frombuffer(inflating.decompress(data[_HEADER.size :], size + 1), np.uint8)
     except (struct.error, zlib.error) as error:
         raise InputError(f"A recorded trajectory is damaged: {error}.") from error
     if body.size != size or not inflating.eof or inflating.unused_data:

@@ -441,8 +441,7 @@ class Recorder:
 def _own_drives(plan: Planner, number: int, concrete: ConcreteScenario) -> Iterator[Outcome]:
     """Outcomes with the trajectories that the user's function returns for a concrete scenario."""
     locator = plan.run.settings.drivers.source
-    kind = "Human reference"
-    reference: Callable[..., Iterable[object]] = load_object(locator, plan.run.source, kind)
+    reference = load_object(locator, plan.run.source, "Human reference")
     place = f"for {concrete.scenario} at {concrete.label}"
     with users_code(f"The human reference `{locator}` failed {place}"):
         trajectories = list(reference(concrete))
@@ -454,6 +453,5 @@ def _own_drives(plan: Planner, number: int, concrete: ConcreteScenario) -> Itera
             )
         case = plan.human(number, concrete, f"driver_{index:02d}")
         # the files that the function has read are unknown: the trajectory stands for them
-        fingerprint = sha256(case.fingerprint.encode() + packed(trajectory))
-        case = replace(case, fingerprint=fingerprint)
+        case = replace(case, fingerprint=sha256(case.fingerprint.encode() + packed(trajectory)))
         yield Outcome(case, "ok", Recording(trajectory, {}, None, "recorded"))

@@ -108,13 +108,11 @@ class Road:
 
     def right_edge_at(self, x: ArrayLike) -> FloatArray:
         """y of the right road edge at x (any shape), m."""
-        return np.asarray(self.right_edge + self.lane_width * missing_at(self.span(0), x))
+        return self.right_edge + self.lane_width * missing_at(self.span(0), x)
 
     def left_edge_at(self, x: ArrayLike) -> FloatArray:
         """y of the left road edge at x (any shape), m."""
-        return np.asarray(
-            self.left_edge - self.lane_width * missing_at(self.span(self.lanes - 1), x)
-        )
+        return self.left_edge - self.lane_width * missing_at(self.span(self.lanes - 1), x)
 
     def lanes_at(self, x: float) -> tuple[int, ...]:
         """The lanes that have their full width at x."""
@@ -192,7 +190,7 @@ class Start:
         if self.way is None:
             return np.full(places.shape, self.y)
         share = (places - self.way.begin) / self.way.length(self.speed)
-        return np.asarray(self.y + self.way.offset * smooth_step(share))
+        return self.y + self.way.offset * smooth_step(share)
 
     def x_after(self, distance: ArrayLike) -> FloatArray:
         """x after a distance along the ego's path (any shape), m.
@@ -201,7 +199,7 @@ class Start:
         """
         driven = np.asarray(distance, float)
         if self.way is None:
-            return np.asarray(self.x + driven)
+            return self.x + driven
         begin = self.way.begin
         # knots through the lane change, and the path's length from the start to each of them, m
         x = np.linspace(begin, begin + self.way.length(self.speed), _PIECES + 1)
@@ -552,12 +550,12 @@ def _changed(
     """`ConcreteScenario.simulation` of the parts of a case that it depends on."""
     for name, value in changes:
         group, _, setting = name.partition(".")
-        changed = replace(getattr(settings, group), **{setting: value})
-        settings = replace(settings, **{group: changed})
-    vehicle = settings.vehicle
+        changed = {group: replace(getattr(settings, group), **{setting: value})}
+        settings = replace(settings, **changed)
+    own = body or settings.vehicle
     return replace(
         settings,
-        vehicle=replace(vehicle, length=body.length, width=body.width) if body else vehicle,
+        vehicle=replace(settings.vehicle, length=own.length, width=own.width),
         time_limit=min(settings.time_limit, time_limit or math.inf),
         standstill_time=standstill_time or settings.standstill_time,
     )

@@ -247,7 +247,7 @@ def _normal_scores(values: FloatArray) -> FloatArray:
 
     # equal values have one score: the order of the events must not tie parameters together
     _, index, times = np.unique(values, return_inverse=True, return_counts=True)
-    return np.asarray(ndtri((np.cumsum(times) - 0.5 * times)[index] / len(values)))
+    return ndtri((np.cumsum(times) - 0.5 * times)[index] / len(values))
 
 
 def _marginal(

@@ -372,7 +372,7 @@ class LogicalScenario:
     def feasible(self, points: ArrayLike) -> BoolArray:
         """Whether each of the points (n, k) satisfies every constraint."""
         values = self.columns(points)
-        holds = np.ones(np.shape(points)[:-1], dtype=np.bool_)
+        holds = np.ones(np.shape(points)[:-1], bool)
         for constraint in self.constraints:
             holds &= constraint.holds(values)
         return holds
@@ -397,9 +397,9 @@ class LogicalScenario:
         point = {name: float(values[name]) for name in names}
         arrays = {name: np.float64(value) for name, value in point.items()}
         for constraint in self.constraints:
-            if not np.asarray(constraint.holds(arrays)).all():  # type: ignore[arg-type]
+            if not np.all(constraint.holds(arrays)):  # type: ignore[arg-type]
                 raise must_be("The point", owner, constraint.about, point_words(point))
-        exposure = float(np.asarray(self.exposure(arrays)))  # type: ignore[arg-type]
+        exposure = float(self.exposure(arrays))  # type: ignore[arg-type]
         return replace(self.placed(point), exposure=exposure)
 
     def placed(self, point: Mapping[str, float]) -> ConcreteScenario:

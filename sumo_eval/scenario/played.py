@@ -786,9 +786,8 @@ def players(cases: Sequence[Sequence[Any]]) -> Players:
     """
     actors = [actor for case in cases for actor in case]
     shape = len(cases), len(cases[0])
-    lists = list(map(_records_of, actors))
 
-    def records(kind: Any, rows: list[list[tuple[Any, ...]]]) -> Records:
+    def records(kind: Any, rows: Sequence[Any]) -> Records:
         """Records of each vehicle, (n, m, most that one has, at least one)."""
         array = np.zeros((len(rows), max(map(len, rows), default=0) or 1), kind)
         for row, values in zip(array, rows, strict=True):
@@ -797,10 +796,9 @@ def players(cases: Sequence[Sequence[Any]]) -> Players:
         return array.reshape(*shape, array.shape[1])
 
     plays = np.array([_play_of(actor) for actor in actors], PLAY).reshape(shape)
-    acts, table, program = (
-        records(kind, [rows[column] for rows in lists])
-        for column, kind in enumerate((ACT, TABLE, PROGRAM))
-    )
+    # by kind: the rows of each actor
+    lists = [*zip(*map(_records_of, actors), strict=True)] or 3 * [()]
+    acts, table, program = map(records, (ACT, TABLE, PROGRAM), lists)
     # a profile needs one piece for each knot, a change of speed two
     pieces = np.zeros((*shape, table.shape[2] + 2), PIECE)
     return Players(plays, acts, pieces, table, program)

@@ -31,7 +31,7 @@ def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[t
     for score in evaluation.scores:
         name, logical = score.scenario, evaluation.scenarios[score.scenario]
         cases = evaluation.cases_of(score.ads, name)
-        points = np.array([numbers[case] for case in cases.case.tolist()], dtype=np.intp)
+        points = np.array([numbers[case] for case in cases.case.tolist()], np.intp)
         collided, likeness = cases.collided, cases.human_likeness
         critical = collided | cases.departed | (cases.status != "ok")
         rows = np.flatnonzero(np.isfinite(likeness))

@@ -418,7 +418,7 @@ class Observations:
             [KINDS[actor.body] for actor in self._cases[number].actors]
             for number in self.number.tolist()
         ]
-        return np.array(kinds, dtype=np.intp).reshape(self._seen.shape)
+        return np.array(kinds, np.intp).reshape(self._seen.shape)
 
     @cached_property
     def ego(self) -> SimpleNamespace:

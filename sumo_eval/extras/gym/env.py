@@ -128,7 +128,7 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._generators: list[np.random.Generator] = []
-        self._over = np.zeros(num_envs, dtype=np.bool_)
+        self._over = np.zeros(num_envs, bool)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -138,7 +138,7 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
         seed: environment i receives `seed` + i; or a list with a seed for each.
         """
         options = dict(options or {})
-        mask = options.pop("reset_mask", np.ones(self.num_envs, dtype=np.bool_))
+        mask = options.pop("reset_mask", np.ones(self.num_envs, bool))
         if np.shape(mask) != (self.num_envs,) or getattr(mask, "dtype", None) != np.bool_:
             wanted = f"{self.num_envs} truth values in an array"
             raise must_be("`reset_mask`", "the options of reset", wanted, mask)

@@ -125,7 +125,7 @@ class Episodes:
         self.count, self._sumo = count, sumo
         self._pack: Pack | None = None
         self._start_speeds = np.zeros(count)
-        self._limit, self._answered = max_episode_steps, np.zeros(count, dtype=int)
+        self._limit, self._answered = max_episode_steps, np.zeros(count, int)
         self._steps = steps_between(  # simulation steps in a call of `step`
             self.interface.period or 0.0, self.settings.step, "the interface"
         )
@@ -210,7 +210,7 @@ class Episodes:
         commands = self.interface.commands(answers)
         if not np.isfinite(commands).all():
             raise must_be("The actions", "an environment", "finite numbers", answers)
-        rewards, reasons = np.zeros(self.count), np.full(self.count, "", dtype="U16")
+        rewards, reasons = np.zeros(self.count), np.full(self.count, "", "U16")
         for _ in range(self._steps):
             it = self._transition(commands)
             rewards += self._reward(it)
@@ -232,7 +232,7 @@ class Episodes:
         pack = self.pack
         egos = pack.world.egos
         running, before = egos["live"] != 0, egos["acceleration"].copy()
-        ended, impact = np.full(self.count, "", dtype="U16"), np.zeros(self.count)
+        ended, impact = np.full(self.count, "", "U16"), np.zeros(self.count)
         for row in pack.step(commands).tolist():  # the rows that ended with this step
             ended[row] = pack.reason(row)
             if ended[row] == "contact":

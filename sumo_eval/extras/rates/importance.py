@@ -179,7 +179,7 @@ class RareEvents:
     def __init__(self, met: Met, budget: int, seed: int = 1) -> None:
         self.met, self.budget, self.seed = met, budget, seed
         self.loss, self.weights = np.empty(0), np.empty(0)
-        self.in_estimate = np.empty(0, dtype=np.bool_)
+        self.in_estimate = np.empty(0, bool)
         self.drawn = self.drives = self._rounds = 0
         self._search = BoundarySearch(met.logical, seed)
 

@@ -67,7 +67,7 @@ class BoundarySearch:
             )
         self.logical = logical
         self.points: FloatArray = np.empty((0, len(logical.names)))
-        self.outcomes = np.empty(0, dtype=np.bool_)
+        self.outcomes = np.empty(0, bool)
         self._model: Any = None  # the classifier, once both outcomes have been seen
         self._learnt_at = 0  # number of trials from which the kernel's constants were learnt
         self._classes: BoolArray | None = None  # of the pool's points, by the latest model
@@ -106,7 +106,7 @@ class BoundarySearch:
     def tell(self, points: FloatArray, outcomes: ArrayLike) -> None:
         """Learn from the outcomes (n,), True or False, of points (n, k)."""
         self.points = np.concatenate([self.points, points])
-        self.outcomes = np.concatenate([self.outcomes, np.asarray(outcomes, dtype=np.bool_)])
+        self.outcomes = np.concatenate([self.outcomes, np.asarray(outcomes, bool)])
         if self.outcomes.any() and not self.outcomes.all():
             self._fit()
 

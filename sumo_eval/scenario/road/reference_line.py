@@ -152,7 +152,7 @@ def knots_of(pieces: Line) -> Records:
             x, y, heading = stretch_at(knots[-1], piece.length / count)[:3]
     if pieces:
         knots.append(_Knot(s, x, y, heading, 0.0, 0.0))
-    return np.array(knots, dtype=KNOT)
+    return np.array(knots, KNOT)
 
 
 class Position(NamedTuple):

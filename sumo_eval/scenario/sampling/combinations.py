@@ -48,7 +48,7 @@ def combinations(logical: LogicalScenario, request: Request) -> Drawn:
         values = [list(range(size)) for size in sizes]
         rows = list(covertable.make(values, strength=strength, salt=str(request.seed)))
     # the array's points, as numbers in the grid
-    chosen = np.ravel_multi_index(tuple(np.array(rows, dtype=np.intp).T), tuple(sizes))
+    chosen = np.ravel_multi_index(tuple(np.array(rows, np.intp).T), tuple(sizes))
     codes = tuples_of(levels, sizes, strength)
     added = _complete(chosen[feasible[chosen]], np.flatnonzero(feasible), codes)
     numbers = np.union1d(chosen, added)
@@ -85,7 +85,7 @@ def _complete(have: Numbers, candidates: Numbers, codes: IntArray) -> Numbers:
     Greedy: each round takes the point that holds most missing combinations, the first of equals.
     """
     codes = codes[:, candidates]
-    missing = np.zeros(codes.max(initial=0) + 1, dtype=np.bool_)  # by number of the combination
+    missing = np.zeros(codes.max(initial=0) + 1, bool)  # by number of the combination
     missing[codes] = True
     missing[codes[:, np.searchsorted(candidates, have)]] = False
     added = []
@@ -93,4 +93,4 @@ def _complete(have: Numbers, candidates: Numbers, codes: IntArray) -> Numbers:
         best = np.argmax(missing[codes].sum(axis=0))
         added.append(candidates[best])
         missing[codes[:, best]] = False
-    return np.array(added, dtype=np.intp)
+    return np.array(added, np.intp)

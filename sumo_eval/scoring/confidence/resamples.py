@@ -53,7 +53,7 @@ class Strata(NamedTuple):
 
     def numbers(self) -> IntArray:
         """The number of each point's list, (n,)."""
-        numbers = np.empty(self.points, dtype=np.intp)
+        numbers = np.empty(self.points, np.intp)
         numbers[self.order] = np.repeat(np.arange(len(self.ends)), self.sizes)
         return numbers
 
