@@ -41,7 +41,8 @@ class Actuation:
             [max(ceil((it.actuation_delay - _ROUNDING) / step), 0) for it in conditions]
         )
         # s of wall time; a case with a budget is the only one
-        self.budget, self._note = conditions[0].step_budget or inf, note
+        self.budget = conditions[0].step_budget or inf
+        self._note = note
         # a ring over the last steps; zeros until the first command: speed kept, wheel straight
         self._given = np.zeros((self._steps.max() + 1, len(conditions)), kind)
 

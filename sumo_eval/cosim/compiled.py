@@ -150,13 +150,15 @@ class Compiled:
         self._scenario = described(
             scenario.road, scenario.vehicle, SimulationSettings(step=scenario.step)
         )
-        self._line, self._way = scenario.road.line, scenario.way
+        self._line = scenario.road.line
+        self._way = scenario.way
         self._along: list[float] | None = None
         self._names: tuple[str, ...] | None = None
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
         """One step of a case on TraCI: makes one row of what TraCI shows, and calls the loop."""
-        calls, gone = vehicles(traci), traci.TraCIException
+        calls = vehicles(traci)
+        gone = traci.TraCIException
         if self._names is None:  # the first step: all vehicles are there
             self._names = tuple(name for name in traci.vehicle.getIDList() if name != ego)
             self._own = type(self).arrays([self], self._scenario, len(self._names))

@@ -41,7 +41,8 @@ def bumper_overlap(ego: Body, other: Body) -> float:
     across = [_in_frame_of(ego, corner)[1] for corner in other.corners()]
     half = 0.5 * ego.width
     # ends of the common part, m to the left of the ego's centre
-    left, right = min(max(across), half), max(min(across), -half)
+    left = min(max(across), half)
+    right = max(min(across), -half)
     return min(max((left - right) / ego.width, 0.0), 1.0)
 
 
@@ -64,7 +65,8 @@ def struck_side(ego: Body, other: Body) -> Side:
     candidates = [side for side, depth in depths.items() if depth <= nearest + 2.0 * _GROWN]
     own, others = velocity(ego), velocity(other)
     closing = others[0] - own[0], others[1] - own[1]
-    c, s = math.cos(ego.heading), math.sin(ego.heading)
+    c = math.cos(ego.heading)
+    s = math.sin(ego.heading)
     forward, leftward = closing[0] * c + closing[1] * s, closing[1] * c - closing[0] * s
     # m/s, at which the other body moves into each face
     inward: dict[Side, float] = {

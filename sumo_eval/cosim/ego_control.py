@@ -80,7 +80,8 @@ class EgoControl:
     def begin(self, world: World, stage: Stage) -> None:
         """Prepare for the first step, and take charge of the vehicles."""
         self._traci, self._clock = stage.traci, simulation_time(stage.traci)
-        concrete, settings = world.cases[0], world.settings
+        concrete = world.cases[0]
+        settings = world.settings
         others = [actor.name for actor in concrete.actors]
         GUARD.begin(others, settings.step, settings.conditions.interference, heeding(concrete))
         stage.take_charge(world)
@@ -227,7 +228,8 @@ class Rules(EgoControl):
         arguments = (world.egos, world.seen, *self._arrays, world.scenario, time)
         # machine code is for arrays of one layout: find it again after `World.keep` replaced them
         if self._egos is not world.egos:
-            self._code, self._egos = bound(self._loop, *arguments), world.egos
+            self._code = bound(self._loop, *arguments)
+            self._egos = world.egos
         self._code(*arguments)
         took = (clock.perf_counter() - started) / world.going
         world.latencies.shared.append(took)
@@ -289,10 +291,13 @@ class Replays(EgoControl):
         """Write the recorded command of this step, or full braking."""
         rows, egos = world.rows, world.egos
         brakes = world.steps >= self._until[rows]
-        replays, numbers, command = ~brakes, numbers_of(egos), egos["command"]
+        replays = ~brakes
+        numbers = numbers_of(egos)
+        command = egos["command"]
         # of the egos that do not brake yet, (k, 6)
         now = self._commands[rows, min(world.steps, self._commands.shape[1] - 1)][replays]
-        numbers[replays, NEXT], numbers[replays, COMMAND] = now, now[:, -2:]
+        numbers[replays, NEXT] = now
+        numbers[replays, COMMAND] = now[:, -2:]
         egos["placed"] = np.where(self._moved[rows] & replays, PLANT, MODEL)
         command["acceleration"][brakes] = -self._strongest[rows][brakes]
         if not world.cases[0].road.bent:

@@ -50,7 +50,8 @@ def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
     reach = 0.5 * ego.width - LOSS_MARGIN
     for body in (ego, coming):
         x, y = front(body)
-        right, left = road.right_edge_at(x), road.left_edge_at(x)
+        right = road.right_edge_at(x)
+        left = road.left_edge_at(x)
         if not (
             road.right_edge_at(body.x) <= body.y <= road.left_edge_at(body.x)
             and right - reach <= y <= left + reach
@@ -68,7 +69,8 @@ def impossible(calls: Any, name: str, last: tuple[float, float], now: float) -> 
     now: s.
     """
     x, y = calls.getPosition(name)
-    angle, speed = calls.getAngle(name), calls.getSpeed(name)
+    angle = calls.getAngle(name)
+    speed = calls.getSpeed(name)
     # the same limit as in `Stage._read_actor`; with `not`, so that nan is impossible as well
     if not (abs(x - last[0]) < FARTHEST and abs(y - last[1]) < FARTHEST):
         what = f"the place ({x:g}, {y:g}) m, a step after ({last[0]:.2f}, {last[1]:.2f}) m,"

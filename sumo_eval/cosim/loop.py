@@ -43,7 +43,8 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             if world.steps % STEPS_BETWEEN_TIMINGS == 0:
                 world.latencies.time_fixed_work()
             driver.step(world, world.steps * step)
-            now, sampling = steps_after * step, steps_after % every == 0
+            now = steps_after * step
+            sampling = steps_after % every == 0
             if sampling:
                 world.room_for_samples()
             # as_read: actors are where SUMO shows them; count: rows of `world.tell` to send; gone:
@@ -125,9 +126,11 @@ def _explain_refusal(world: World, row: int) -> None:
     if ego["reason"] != ADS_ERROR or world.case_of(row) in world.errors:
         return
     acceleration, steering = ego["command"].tolist()
-    name, value = "acceleration", acceleration
+    name = "acceleration"
+    value = acceleration
     if np.isfinite(acceleration):
-        name, value = "steering", steering
+        name = "steering"
+        value = steering
     world.fail(
         row,
         "ads_error",

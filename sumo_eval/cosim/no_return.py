@@ -127,7 +127,9 @@ def _spread(first: int, last: int, count: int) -> Sequence[int]:
 
 def _estimate(contact: _Contact, settings: SimulationSettings) -> int:
     """About the last step from which braking avoids a contact with a body that keeps its speed."""
-    ego, hit, vehicle = contact.recording.ego, contact.hit, settings.vehicle
+    ego = contact.recording.ego
+    hit = contact.hit
+    vehicle = settings.vehicle
     times = np.arange(len(contact.commands)) * settings.step
     struck = np.hypot(*hit.ego_velocity) - hit.relative_speed
     closing = np.maximum(np.interp(times, ego.time, ego.speed) - struck, 0.0)

@@ -189,7 +189,8 @@ class _Hook:
         self._world, self._case = world, case
         self._calls, self._traci = stage.calls, stage.traci
         self._actuation = self._driver.actuation
-        ads, self.ego = self.ads, stage.names[case][0]
+        ads = self.ads
+        self.ego = stage.names[case][0]
         self.names = _names(world.cases[case], suffix(case, len(world.cases)))
         self._native = isinstance(ads, NativeModel)
         # a function needs no adapter, whose call takes time
@@ -201,7 +202,8 @@ class _Hook:
 
     def _take_road(self, world: World) -> None:
         """Keep the road and its curves, what delays commands, and their executor."""
-        case, settings = self._case, world.each[self._case]
+        case = self._case
+        settings = world.each[self._case]
         self._latencies = world.latencies.own[case]
         self._settled = settled_of(self.ads, settings)
         self.road = world.cases[case].road
@@ -224,7 +226,8 @@ class _Hook:
 
     def reset(self, world: World, time: float) -> None:
         """Reset the ADS."""
-        concrete, settings = world.cases[self._case], world.each[self._case]
+        concrete = world.cases[self._case]
+        settings = world.each[self._case]
         self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
         if self._native:
             self._calls.setSpeed(self.ego, -1)
@@ -269,10 +272,12 @@ class _Hook:
 
         An ego that brakes for that place, as SUMO's own model does, keeps its route.
         """
-        vehicle, ego = self._traci.vehicle, self.ego
+        vehicle = self._traci.vehicle
+        ego = self.ego
         if not self._may_pass_lane_end():
             return
-        edges, route = vehicle_edges(self.road, self._state[1]), vehicle.getRoute(ego)
+        edges = vehicle_edges(self.road, self._state[1])
+        route = vehicle.getRoute(ego)
         index = vehicle.getRouteIndex(ego)
         following = slice(index + 1, index + 2)
         drives_on = vehicle.getSpeed(ego) > vehicle.getSpeedWithoutTraCI(ego)
@@ -281,7 +286,8 @@ class _Hook:
 
     def _may_pass_lane_end(self) -> bool:
         """Whether SUMO may move the ego past the end of its lane in this step."""
-        front_x, step = self._state[0] + self._half, self._step
+        front_x = self._state[0] + self._half
+        step = self._step
         if front_x < self._lane_end - _NEAR_END:  # SUMO need not be asked
             return False
         self._lane_end = front_x + self._left_of_lane()
@@ -299,7 +305,8 @@ class _Hook:
 
         Calls by which the ADS lets SUMO move it are not delayed: a note records that.
         """
-        due, has_new = self._mine["command"], command is not None
+        due = self._mine["command"]
+        has_new = command is not None
         if command is not None:
             due[0] = command.acceleration, command.steering
         elif took is not None:
@@ -309,7 +316,8 @@ class _Hook:
 
     def _ask(self, time: float) -> tuple[Command | None, float]:
         """The answer of the ADS as a command, after its listeners, and its wall time, s."""
-        answer, started = None, perf_counter()
+        answer = None
+        started = perf_counter()
         GUARD.moved = GUARD.placed = False
         try:
             if not GUARD.shared:
@@ -423,7 +431,8 @@ class _Hook:
         calls, state, ego = self._calls, self._state, self.ego
         half, step = self._half, self._step
         front_x, front_y = calls.getPosition(ego)
-        angle, speed = calls.getAngle(ego), calls.getSpeed(ego)
+        angle = calls.getAngle(ego)
+        speed = calls.getSpeed(ego)
         last_s, last_speed = state[0], state[3]
         last_x, last_y, last_heading = state[MAP : MAP + 3]
         if not (
@@ -446,7 +455,8 @@ class _Hook:
         # before the first step it is the lane's, along which SUMO inserts the ego
         heading_before = last_heading
         if not self._world.steps:
-            heading_before, state[2] = last_heading - state[2], 0.0
+            heading_before = last_heading - state[2]
+            state[2] = 0.0
         # motion of the front bumper
         moved_x = front_x - last_x - half * cos(heading_before)
         moved_y = front_y - last_y - half * sin(heading_before)
@@ -465,7 +475,8 @@ class _Hook:
             across = pose[1] - state[1] + half * (sin(pose[2]) - sin(state[2]))
             moved = sqrt(max(moved_x**2 + moved_y**2 - across**2, 0.0))
             lengths = [moved / (1.0 - bend * pose[1]) for bend in self._bends]
-            moved_x, moved_y = min(max(speed * step, min(lengths)), max(lengths)), across
+            moved_x = min(max(speed * step, min(lengths)), max(lengths))
+            moved_y = across
         self._check_motion(moved_x, moved_y, speed, now)
         self._check_course(pose, now)
         acceleration = (speed - state[_LANE_SPEED]) / step
@@ -496,7 +507,8 @@ class _Hook:
         """
         ego, calls = self.ego, self._calls
         (x, y), speed = calls.getPosition(ego), calls.getSpeed(ego)
-        state, before = self._state, self._state[_LANE_SPEED]
+        state = self._state
+        before = self._state[_LANE_SPEED]
         x -= self._half
         if (
             state[MAP + 2] != 0.0
@@ -508,7 +520,9 @@ class _Hook:
             return False
         state[_LANE_SPEED] = state[3] = speed
         self._course = 0.0
-        state[0], state[2], state[7] = x, 0.0, (speed - before) / self._step
+        state[0] = x
+        state[2] = 0.0
+        state[7] = (speed - before) / self._step
         state[MAP] = x
         return True
 
@@ -519,8 +533,11 @@ class _Hook:
         speed: along the lane, m/s.
         now: time, s.
         """
-        step, limits, sideways = self._step, self._limits, _SIDEWAYS_SPEED * self._step
-        lowest, highest = -limits.max_deceleration, limits.max_acceleration
+        step = self._step
+        limits = self._limits
+        sideways = _SIDEWAYS_SPEED * self._step
+        lowest = -limits.max_deceleration
+        highest = limits.max_acceleration
         lane_speed = self._state[_LANE_SPEED]  # a step ago
         acceleration = (speed - lane_speed) / step
         if not lowest - LIMIT_TOLERANCE <= acceleration <= highest + LIMIT_TOLERANCE:
@@ -576,8 +593,10 @@ class _Hook:
 
         SUMO stretches each lane evenly, so equal positions on two lanes are not side by side.
         """
-        at, (old, new) = self._calls.getLanePosition(self.ego), self._lanes
-        on_map, edge = self._traci.simulation.convert2D, self._traci.vehicle.getRoadID(self.ego)
+        at = self._calls.getLanePosition(self.ego)
+        (old, new) = self._lanes
+        on_map = self._traci.simulation.convert2D
+        edge = self._traci.vehicle.getRoadID(self.ego)
         apart = dist(*(on_map(edge, at, lane) for lane in (old, new)))
         return sqrt(max(apart**2 - (self.road.lane_width * (new - old)) ** 2, 0.0))
 
@@ -590,8 +609,10 @@ class _Hook:
             complex(x, y) + cmath.rect(self._half, heading)  # the front bumper
             for x, y, heading in (self._state[:3], pose)
         )
-        moved, step = new - old, self._step
-        course, last_course = cmath.phase(moved), self._course
+        moved = new - old
+        step = self._step
+        course = cmath.phase(moved)
+        last_course = self._course
         self._course = course
         # lateral acceleration
         sharp = abs(moved * remainder(course - last_course, tau)) / step**2

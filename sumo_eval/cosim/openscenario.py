@@ -221,7 +221,9 @@ def openscenario_xml(
         simulator chooses the controller that drives it.
     """
     settings = concrete.simulation(settings)  # with the case's own changes
-    vehicle, road, actors = settings.vehicle, concrete.road, concrete.actors
+    vehicle = settings.vehicle
+    road = concrete.road
+    actors = concrete.actors
     # a polyline has at least two vertices
     recorded = {name: path for name, path in (driven or {}).items() if len(path) > 1}
     # lively: its moves depend on more than time

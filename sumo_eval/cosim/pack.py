@@ -81,7 +81,8 @@ class Pack:
     def restart(self, row: int, concrete: ConcreteScenario) -> None:
         """Replace the case of a row by this one, at its start."""
         self._check(concrete)
-        world, fresh = self.world, World([concrete], self._settings)
+        world = self.world
+        fresh = World([concrete], self._settings)
         world.cases = [*world.cases[:row], concrete, *world.cases[row + 1 :]]
         for name in ("egos", "others", "clips", "seen"):
             getattr(world, name)[row] = getattr(fresh, name)[0]
@@ -99,7 +100,8 @@ class Pack:
         egos = world.egos
         egos["command"]["acceleration"] = commands[:, 0]
         egos["command"]["steering"] = commands[:, 1]
-        stage, steps = self._stage, world.steps
+        stage = self._stage
+        steps = world.steps
         count, gone = world.move(to_sumo=0 if stage is None else stage.sends(world))
         if stage is not None:
             stage.put_aside(gone)

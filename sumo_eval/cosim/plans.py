@@ -91,7 +91,8 @@ class Executor:
 
     def release(self) -> None:
         """Nothing is in force."""
-        self._in_force, self.holds_plan = None, False
+        self._in_force = None
+        self.holds_plan = False
 
     def command(
         self, asked: Wanted | None, ego: _Numbers, time: float, *, late: bool = False
@@ -176,7 +177,9 @@ class Executor:
         Source: Hoffmann, Tomlin, Montemerlo, Thrun, ACC 2007.
         """
         x, y, heading = ego[:3]
-        speed, gains, limits = ego[3], self._gains, self._vehicle
+        speed = ego[3]
+        gains = self._gains
+        limits = self._vehicle
         plan = track.at(time)
         direction, plan_speed = plan[2:]
         if time > track.end + _SAME_TIME:
@@ -249,7 +252,8 @@ class _FollowedPlan:
         """x, y, heading and speed at a time; outside the plan's times along the straight line
         through its first or last point, at that point's speed.
         """
-        times, last = self._time, len(self._time) - 1
+        times = self._time
+        last = len(self._time) - 1
         if time <= times[0] or time >= times[last]:
             i = 0 if time <= times[0] else last
             driven = self._speed[i] * (time - times[i])
@@ -307,7 +311,8 @@ def _directions(x: _Numbers, y: _Numbers, if_still: float) -> list[float]:
     directions = []
     last = if_still
     for i in range(len(x)):
-        a, b = max(i - 1, 0), min(i + 1, len(x) - 1)
+        a = max(i - 1, 0)
+        b = min(i + 1, len(x) - 1)
         along, across = x[b] - x[a], y[b] - y[a]
         if abs(along) > _SAME_PLACE or abs(across) > _SAME_PLACE:
             last += within_a_turn(atan2(across, along) - last)

@@ -54,7 +54,8 @@ def make_briefing(
     concrete: ConcreteScenario, settings: SimulationSettings, terms: Terms
 ) -> Briefing:
     """The briefing of a controller before a case."""
-    revealed, road = settings.conditions.reveal_scenario, concrete.road
+    revealed = settings.conditions.reveal_scenario
+    road = concrete.road
     return Briefing(
         concrete.scenario if revealed else "",
         road if revealed else replace(road, name="road"),
@@ -123,7 +124,8 @@ class Policies(EgoControl):
 
         when: as of `_fail`.
         """
-        error, refusal = error_of(call, *arguments), GUARD.refusal
+        error = error_of(call, *arguments)
+        refusal = GUARD.refusal
         if error is None and refusal is not None and not (self._alone and self.checks):
             error = RefusedCallError("; ".join(refusal))  # the ADS caught it
         if error is not None:
@@ -150,7 +152,7 @@ class OneEach(Policies):
         ]
         conditions = [settings.conditions for settings in world.each]
         self._limited = np.array([not sees_all(it) for it in conditions])
-        self._perception: Perception | None = None
+        self._perception = None
         if self._limited.any():
             streams = list(map(stream_of, self._seeds, world.cases))
             self._perception = Perception(conditions, streams)
@@ -183,7 +185,8 @@ class OneEach(Policies):
         """The ego as it is, the ego as the ADS sees it, and the actors as it sees them, of each
         row.
         """
-        egos, others = self._ego_values.tolist(), present(self._other_values, self._present)
+        egos = self._ego_values.tolist()
+        others = present(self._other_values, self._present)
         if self._perception is None:
             return egos, egos, others.tolist()
         seen_egos, seen = self._perception.look(time, self._ego_values[:, :7], others[..., :7])
@@ -199,14 +202,16 @@ class OneEach(Policies):
     def step(self, world: World, time: float) -> None:
         """Call the policy of each row."""
         egos, seen_egos, others = self._look(time)
-        commands: dict[int, tuple[float, float]] = {}  # by row
-        wall_time, terms = clock.perf_counter, self._terms
+        commands = {}  # by row
+        wall_time = clock.perf_counter
+        terms = self._terms
         if self._alone:
             GUARD.call_listeners()  # before its policy
         # a single row is live, and need not be looked for
         for row in world.live.tolist() if len(egos) > 1 else (0,):
             case = int(world.rows[row])
-            policy, executor = self._ads[case], self._executors[case]
+            policy = self._ads[case]
+            executor = self._executors[case]
             started = wall_time()
             try:
                 if world.steps % terms.every:  # between two calls

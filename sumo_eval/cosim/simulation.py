@@ -150,7 +150,8 @@ def _steps_per_call(
     """Steps from one call of a controller to the next."""
     owner, usual = "the ADS", 0.0  # 0: it is called at every step
     if isinstance(controller, str):
-        owner, usual = f"ADS `{controller}`", split_entry(controller)[1].period
+        owner = f"ADS `{controller}`"
+        usual = split_entry(controller)[1].period
     return steps_between(usual if period is None else period, settings.step, owner)
 
 
@@ -321,7 +322,8 @@ def simulate_together(
         # a later batch of this window may have shown that a hook keeps state; drives of earlier
         # windows have been yielded already
         for index in window:
-            code, drive_or_reason = manners[index].code, drives.pop(index)
+            code = manners[index].code
+            drive_or_reason = drives.pop(index)
             yield drive_or_reason if code is None else _KEEPS_STATE.get(code, drive_or_reason)
 
 
@@ -501,7 +503,8 @@ def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
         their first speeds. Else: when it would reach the road's end at the lowest first speed
         above 0 of any vehicle.
     """
-    ego, starts = concrete.ego, [actor.start for actor in concrete.actors]
+    ego = concrete.ego
+    starts = [actor.start for actor in concrete.actors]
     if decided:
         times = [
             (start.x - ego.x) / (ego.speed - start.speed)

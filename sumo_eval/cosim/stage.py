@@ -70,9 +70,12 @@ class Stage:
         self.calls = vehicles(traci)
         self.step = simulation_step(traci)
         self.names = vehicle_names(cases, ads_asks=ads_asks)
-        count, road = len(cases), cases[0].road
+        count = len(cases)
+        road = cases[0].road
         self._alone = count == 1
-        self._bent, self._road, self._step = road.bent, road, world.settings.step
+        self._bent = road.bent
+        self._road = road
+        self._step = world.settings.step
         # whether SUMO receives places on lanes: in a curve it takes fifty times as long for a place
         # on the map
         self._on_lanes = self._bent and not as_read
@@ -97,7 +100,7 @@ class Stage:
         world.shown[:, :, 0], world.shown[:, :, 1] = fronts["front_x"], fronts["front_y"]
         self.speeds: dict[str, float] = {}  # m/s, of vehicles as read after the last step
         # x and y of front bumpers, m, of vehicles as last read; of actors at first at their start
-        self.fronts: dict[str, Any] = dict(zip(actors, fronts.ravel().tolist(), strict=True))
+        self.fronts = dict(zip(actors, fronts.ravel().tolist(), strict=True))
         # SUMO drives no lane backwards
         on_map = (
             actor.on_map is not None or math.cos(actor.heading) < 0.0
@@ -174,10 +177,13 @@ class Stage:
         if self._on_lanes:
             self._tell_lanes(world, count)
             return
-        set_speed, move, names = self.calls.setSpeed, self.calls.moveToXY, self._flat
+        set_speed = self.calls.setSpeed
+        move = self.calls.moveToXY
+        names = self._flat
         # `_move`, written out: a call less for each vehicle and step
         for number, x, y, angle, speed in world.tell[:count, :5].tolist():
-            name, edge = names[int(number)], self._edge[int(number)]
+            name = names[int(number)]
+            edge = self._edge[int(number)]
             set_speed(name, speed)
             move(name, edge, self._lane, x, y, angle, self._keep)
 
@@ -211,7 +217,8 @@ class Stage:
         much behind its place at the step's end. A vehicle of `_on_map`, which drives straight on
         the map or has driven against the lanes, gets a place on the map.
         """
-        calls, end = self.calls, self._road.end
+        calls = self.calls
+        end = self._road.end
         for number, x, y, angle, speed, s, d, along in world.tell[:count].tolist():
             number = int(number)
             name = self._flat[number]
@@ -234,13 +241,15 @@ class Stage:
         Returns the rows whose egos are left to be read: they do more than drive straight ahead.
         None: no vehicle has been read. Actors that are left are for `read`.
         """
-        names, calls = self._names or self._find_names(world), self.calls
+        names = self._names or self._find_names(world)
+        calls = self.calls
         shown = np.empty((len(names), 4))  # as in `World.shown`
         try:
             fronts, speeds = list(map(calls.getPosition, names)), list(map(calls.getSpeed, names))
             # `np.array` of pairs takes twice as long
             shown[:, :2] = np.fromiter(chain.from_iterable(fronts), float).reshape(-1, 2)
-            shown[:, 2], shown[:, 3] = list(map(calls.getAngle, names)), speeds
+            shown[:, 2] = list(map(calls.getAngle, names))
+            shown[:, 3] = speeds
         except self.traci.TraCIException:  # a vehicle has left SUMO
             self._keep_unread(self._numbers)
             self.speeds.clear()
@@ -256,7 +265,8 @@ class Stage:
 
     def _keep_unread(self, numbers: IntArray) -> list[int]:
         """Leave the actors among these vehicles to `read`; return the rows of the egos."""
-        self._unread, rows = {}, []
+        self._unread = {}
+        rows = []
         for number in numbers.tolist():
             row, column = divmod(number, self._width)
             if column:
@@ -286,7 +296,8 @@ class Stage:
                 try:
                     shown = self._read_actor(world, name, row, j)
                 except self.traci.TraCIException:
-                    present[row, j], self._names = 0, []
+                    present[row, j] = 0
+                    self._names = []
                     self.speeds.pop(name, None)
                     self._note_leaving(world, row, j)
                 except SimulationError:
@@ -304,7 +315,8 @@ class Stage:
         """
         calls = self.calls
         x, y = front = calls.getPosition(name)
-        angle, speed = calls.getAngle(name), calls.getSpeed(name)
+        angle = calls.getAngle(name)
+        speed = calls.getSpeed(name)
         last_x, last_y = self.fronts[name]
         near = abs(x - last_x) < FARTHEST and abs(y - last_y) < FARTHEST
         if near and 0.0 <= angle <= 360.0 and LOWEST_SPEED < speed < FASTEST:
@@ -316,7 +328,8 @@ class Stage:
 
     def _note_leaving(self, world: World, row: int, other: int) -> None:
         """Record an actor that left the network; raise ControllerError if the ADS removed it."""
-        case, now = world.case_of(row), world.time + self._step
+        case = world.case_of(row)
+        now = world.time + self._step
         actor = world.cases[case].actors[other]
         left_itself = actor.model or self._may_leave(world, row, other)
         if not left_itself and world.each[case].conditions.interference == "refuse":
@@ -347,7 +360,8 @@ class Stage:
         off = np.hypot(*(np.reshape(shown, (-1, 2)) - meant).T)
         allowed = bend_tolerance(self._road, y[received]) if self._bent else self.tolerance
         for k in np.flatnonzero(~(off <= allowed)).tolist():  # `~`: finds a nan as well
-            (shown_x, shown_y), (meant_x, meant_y) = shown[k], meant[k]
+            shown_x, shown_y = shown[k]
+            meant_x, meant_y = meant[k]
             self._fail(
                 world, int(rows[k]), int(columns[k]),
                 f"put the front bumper of {{}} at ({shown_x:.3f}, {shown_y:.3f}) m "
@@ -357,7 +371,8 @@ class Stage:
     def _received(self, egos: Any, others: Any, front_y: FloatArray) -> BoolArray:
         """Whether SUMO received each vehicle, (n, 1 + m), and has a lane for it."""
         road = self._road
-        x, half = joined(egos, others, "x"), 0.5 * joined(egos, others, "length")
+        x = joined(egos, others, "x")
+        half = 0.5 * joined(egos, others, "length")
         actors = (others["told"] == 2) & (others["present"] == 1)  # 2: received in this step
         received = np.column_stack([egos["placed"] != SUMO, actors])
         received &= ((egos["live"] != 0) & (egos["reason"] == 0))[:, None]

@@ -94,12 +94,16 @@ class Traffic(Stage):
 
         other: its record.
         """
-        calls, road, name = self.calls, self._road, self._flat[number]
+        calls = self.calls
+        road = self._road
+        name = self._flat[number]
         self._handed.add(name)
         calls.setSpeedMode(name, _ITS_OWN_SPEED_MODE)
         if not self.as_read:
             self._hide_shadow(number)
-            x, y, lane = other["x"], other["y"], int(lanes_at(road, other["y"]))
+            x = other["x"]
+            y = other["y"]
+            lane = int(lanes_at(road, other["y"]))
             ground = float(self._ground_of_lane(x, y)) if self._bent else 1.0
             # SUMO's position is that of the front, in metres of the lane
             half = 0.5 * other["length"]
@@ -160,7 +164,8 @@ class Traffic(Stage):
         if not count:
             return
         received = world.tell[:count]
-        number, calls = received[:, 0].astype(np.intp), self.calls
+        number = received[:, 0].astype(np.intp)
+        calls = self.calls
 
         now, before = (world.egos, world.others), (world.egos["before"], world.others["before"])
 
@@ -168,7 +173,8 @@ class Traffic(Stage):
             """A field of the vehicles that SUMO receives, in the order of `received`."""
             return joined(*state, name).ravel()[number]
 
-        half, names = 0.5 * of_all(now, "length"), [self._flat[n] for n in number.tolist()]
+        half = 0.5 * of_all(now, "length")
+        names = [self._flat[n] for n in number.tolist()]
         # of each: position of its front along the lane and its y, and its speed along the road, at
         # the step's end; `begin`: the position at the step's start
         s, y, along = received[:, 5:].T
@@ -197,7 +203,8 @@ class Traffic(Stage):
             self._move(int(vehicle), *motion)
             self._hide_shadow(int(vehicle))
             self._told.pop(self._flat[int(vehicle)], None)  # it is on no lane
-        along, speed_before = np.maximum(along, 0.0), of_all(before, "speed")
+        along = np.maximum(along, 0.0)
+        speed_before = of_all(before, "speed")
         columns = number, lane, shadow_lane, begin, y, along, speed_before
         for values in zip(*(column[on_lanes].tolist() for column in columns), strict=True):
             self._put_on_lane(*values)
@@ -244,11 +251,14 @@ class Traffic(Stage):
         along: speed along the road at the step's end, m/s.
         speed_before: speed at the step's start, m/s.
         """
-        calls, name, shadow = self.calls, self._flat[number], self._shadow_of[number]
+        calls = self.calls
+        name = self._flat[number]
+        shadow = self._shadow_of[number]
         if name not in self._told:
             calls.setPreviousSpeed(name, along)
         self._told[name] = along
-        edge, bodies = self._edge[number], [(name, lane)]
+        edge = self._edge[number]
+        bodies = [(name, lane)]
         if shadow_lane < 0:
             self._hide_shadow(number)
         else:
@@ -271,7 +281,8 @@ class Traffic(Stage):
         others = world.others
         rows, columns = self._reacting
         present = (world.egos["live"][rows] == 1) & (others["present"][rows, columns] == 1)
-        rows, columns = rows[present], columns[present]
+        rows = rows[present]
+        columns = columns[present]
         names = [self._flat[number] for number in self._number(rows, columns).tolist()]
         if not names:
             return
@@ -294,7 +305,8 @@ class Traffic(Stage):
         """x, y, angle and speed of vehicles as SUMO shows them, (n, 4); in a curve x is the
         position along the lane, and y and angle are not read.
         """
-        calls, shown = self.calls, np.full((len(names), 4), STRAIGHT)
+        calls = self.calls
+        shown = np.full((len(names), 4), STRAIGHT)
         shown[:, 3] = list(map(calls.getSpeed, names))
         if self._bent:
             shown[:, 0] = list(map(calls.getLanePosition, names))
@@ -315,8 +327,11 @@ class Traffic(Stage):
 
         shown: as of `_shown`.
         """
-        others, at = world.others, (rows, columns)
-        half, front, speed = 0.5 * others["length"][at], shown[:, 0], shown[:, 3]
+        others = world.others
+        at = (rows, columns)
+        half = 0.5 * others["length"][at]
+        front = shown[:, 0]
+        speed = shown[:, 3]
         if self._bent:
             # taken at the front; where a curve begins, that moves x by centimetres at most
             ground = self._ground_of_lane(front, others["y"][at])
@@ -328,7 +343,8 @@ class Traffic(Stage):
             others["x"][at] = front - half * np.cos(heading)
             others["y"][at] = shown[:, 1] - half * np.sin(heading)
             others["heading"][at] = heading
-            others["front_x"][at], others["front_y"][at] = front, shown[:, 1]
+            others["front_x"][at] = front
+            others["front_y"][at] = shown[:, 1]
         others["across"][at] = 0.0
         others["acceleration"][at] = (speed - others["speed"][at]) / world.settings.step
         others["speed"][at] = speed
@@ -339,7 +355,8 @@ class Traffic(Stage):
             super().compare(world)
             return
         for number, meant in self._meant.items():
-            (row, j), name = divmod(number, self._width), self._flat[number]
+            (row, j) = divmod(number, self._width)
+            name = self._flat[number]
             if world.egos["reason"][row] or name not in self._told:
                 continue
             off = self.calls.getLanePosition(name) - meant

@@ -184,7 +184,8 @@ class World:
 
     def begin_as_model(self, case: int) -> None:
         """Begin a case again, at its start, in which the vehicle model moves the ego after all."""
-        road, row = self.cases[0].road, self.rows.tolist().index(case)
+        road = self.cases[0].road
+        row = self.rows.tolist().index(case)
         # the steering wheel in the first sample, nan as long as SUMO moves the ego
         self.samples[row, 0, 0, -1] = 0.0
         if road.bent:
@@ -240,7 +241,9 @@ class World:
         count: number of rows of `tell`.
         as_read: SUMO itself reports when those that it moves are gone.
         """
-        others, road, half = self.others, self.cases[0].road, 0.5 * self.others["length"]
+        others = self.others
+        road = self.cases[0].road
+        half = 0.5 * self.others["length"]
         front = others["x"] + half * np.cos(others["heading"])
         front_before = others["before"]["x"] + half * np.cos(others["before"]["heading"])
         # present actors on the lanes whose front passes the end, in cases that have not ended
@@ -351,7 +354,8 @@ class World:
 
     def end(self, row: int) -> None:
         """Keep the recording and the notes of a case that has ended."""
-        ego, case = self.egos[row], self.case_of(row)
+        ego = self.egos[row]
+        case = self.case_of(row)
         self.egos["live"][row] = 0
         self.going -= 1
         reason = REASONS[ego["reason"]]
@@ -363,8 +367,10 @@ class World:
             used = np.arange(waiting.shape[1]) < self.players.plays["acts"][row][:, None]
             if count := int((waiting & used).sum()):
                 self.note(case, "trigger_never_fired", count, 0.0, count=count)
-        way, concrete = ego["way"], self.cases[case]
-        actors, vehicle = concrete.actors, self.settings.vehicle
+        way = ego["way"]
+        concrete = self.cases[case]
+        actors = concrete.actors
+        vehicle = self.settings.vehicle
         # m from the ego to the middle of the lane that it had to change to
         aside = abs(ego["y"] - (way["start"] + way["offset"]))
         if way["asked"] and aside > 0.5 * concrete.road.lane_width and ego["x"] >= way["by"]:
@@ -400,7 +406,8 @@ class World:
 
     def _in_its_lane_for(self, row: int) -> float:
         """Time since the ego's centre entered its present lane, s."""
-        count, width = self.egos["samples"][row], self.scenario["road"]["lane_width"][0]
+        count = self.egos["samples"][row]
+        width = self.scenario["road"]["lane_width"][0]
         time, y = self.samples[row, 0, :count, 0], self.samples[row, 0, :count, 2]
         # a lane's number: y = 0 is the middle of lane 0
         elsewhere = np.flatnonzero(np.round(y / width) != np.round(y[-1] / width))
@@ -433,7 +440,8 @@ class World:
 
     def _collision(self, row: int, actors: Sequence[Actor]) -> Collision:
         ego = self.egos[row]
-        x, struck = float(ego["x"]), int(ego["struck"])
+        x = float(ego["x"])
+        struck = int(ego["struck"])
         # the last sample is the instant of the contact
         time = float(self.samples[row, 0, ego["samples"] - 1, 0])
         bodies = self._touching(ego, x), self._touching(self.others[row, struck], x)
@@ -499,7 +507,8 @@ def _put_in_curve(egos: Records, road: Road, limits: Any) -> None:
     So the centre is sqrt(1 / k^2 + h^2) from the circle's centre: further out by
     k h^2 / (1 + sqrt(1 + (k h)^2)). Tyres that slip turn the body further in.
     """
-    bend, half = corner(egos, curvatures(road.line, egos["x"]), limits), 0.5 * limits.wheelbase
+    bend = corner(egos, curvatures(road.line, egos["x"]), limits)
+    half = 0.5 * limits.wheelbase
     egos["y"] -= bend * half * half / (1.0 + np.sqrt(1.0 + np.square(bend * half)))
 
 
@@ -513,7 +522,8 @@ def corner(egos: Records, of_line: Any, limits: Any) -> Any:
     Both axles of the dynamic model have one slip angle alpha at the curvature k: v^2 k = mu g
     tanh(C alpha).
     """
-    bend, speed = of_line / (1.0 - of_line * egos["y"]), egos["speed"]
+    bend = of_line / (1.0 - of_line * egos["y"])
+    speed = egos["speed"]
     turn = limits.wheelbase * bend  # tangent of the road wheels' angle
     alpha = np.arctanh(np.clip(speed * speed * bend / limits.friction / GRAVITY, -_HELD, _HELD))
     alpha *= limits.dynamic / limits.cornering_stiffness

@@ -282,7 +282,8 @@ def _choice(
     pairing: Pairing, mode: Mode, vehicles: Sequence[ComparedDrive]
 ) -> tuple[Choice, _Slices]:
     """The drivers that count in a mode, and the slices of the comparison."""
-    ads, drivers = vehicles[pairing.ads], [vehicles[index] for index in pairing.drivers]
+    ads = vehicles[pairing.ads]
+    drivers = [vehicles[index] for index in pairing.drivers]
     choice = everyone(len(drivers))
     if mode == "mixture":
         choice = chosen(ads.manoeuvre, [driver.manoeuvre for driver in drivers])
@@ -344,7 +345,8 @@ def _likeness(pairing: Pairing, vehicles: Sequence[ComparedDrive], similarity: f
 
     similarity: that of mixture mode, computed before.
     """
-    ads, drivers = vehicles[pairing.ads], [vehicles[index] for index in pairing.drivers]
+    ads = vehicles[pairing.ads]
+    drivers = [vehicles[index] for index in pairing.drivers]
     return Likeness(
         _capped_ratio(ads.length, np.mean([driver.length for driver in drivers])),
         operation_tolerance(ads.most_operations, [driver.most_operations for driver in drivers]),
@@ -362,7 +364,8 @@ def exposure_weighted_index(values: ArrayLike, exposure: ArrayLike) -> float:
     Raises InputError for arguments outside these meanings.
     """
     owner = "the exposure-weighted index"
-    indices, weights = finite(owner, "values", values), not_negative(owner, "exposure", exposure)
+    indices = finite(owner, "values", values)
+    weights = not_negative(owner, "exposure", exposure)
     if indices.ndim != 1 or indices.shape != weights.shape:
         shapes = f"{indices.shape} and {weights.shape}"
         raise must_be("`values` and `exposure`", owner, "one list each, equally long", shapes)

@@ -131,7 +131,8 @@ def collision_avoidance_index(
         return 1.0
     if loss == "class":
         hit, ideal = collision_loss(hit), collision_loss(ideal)
-    ratio, flags = score_terms.ideal_ratio(hit, ideal), np.ones(hit.shape, bool)
+    ratio = score_terms.ideal_ratio(hit, ideal)
+    flags = np.ones(hit.shape, bool)
     once = score_terms.once(hit.size)
     return float(score_terms.collision_avoidance(ratio, r, flags, flags, once)[0])
 
@@ -170,7 +171,8 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
         samples = np.repeat(marching, len(shares)), t[:, 1:].ravel()
         stays = inside(*samples).reshape(-1, len(shares))
         stayed = np.cumprod(stays, axis=1).sum(axis=1)  # samples inside before the first outside
-        rows, leaves = np.arange(len(t)), stayed < len(shares)
+        rows = np.arange(len(t))
+        leaves = stayed < len(shares)
         low[marching] = t[rows, stayed]
         high[marching[leaves]] = t[rows[leaves], stayed[leaves] + 1]
         marching = marching[~leaves]

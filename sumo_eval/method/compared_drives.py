@@ -126,7 +126,8 @@ def _has_stopped(trajectory: Trajectory, settings: AnthropomorphicSettings) -> b
 
 def _left_the_road(trajectory: Trajectory, road: Road) -> bool:
     """Whether the vehicle's centre is off the road, to its side, at the last sample."""
-    x, y = trajectory.x[-1], trajectory.y[-1]
+    x = trajectory.x[-1]
+    y = trajectory.y[-1]
     return bool(not road.right_edge_at(x) <= y <= road.left_edge_at(x))
 
 
@@ -158,7 +159,8 @@ def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray
     # index of the first sample at or past each position; the running maximum ignores rolling back
     after = np.searchsorted(np.maximum.accumulate(x), wanted)
     # samples on both sides of the crossing; where there is none, both are the first or the last
-    left, right = np.maximum(after - 1, 0), np.minimum(after, x.size - 1)
+    left = np.maximum(after - 1, 0)
+    right = np.minimum(after, x.size - 1)
     share = quotient(wanted - x[left], x[right] - x[left], left < right, 0.0)
     return y[left] + share * (y[right] - y[left])
 

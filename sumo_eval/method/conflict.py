@@ -125,9 +125,11 @@ def crossing_conflict(
     other: the actor's number.
     size: length and width of the ego's body, m.
     """
-    ego, (length, width) = concrete.ego, size
+    ego = concrete.ego
+    (length, width) = size
     until = min(_time_on_road(concrete), _LONGEST)
-    motion, actor = tracks([concrete], [size], STEP, until).others[0, other], concrete.actors[other]
+    motion = tracks([concrete], [size], STEP, until).others[0, other]
+    actor = concrete.actors[other]
     times = np.arange(len(motion), dtype=float) * STEP
     x, y, heading = motion[:, :3].T
     long, wide = half_extents(heading, actor.length, actor.width)
@@ -157,7 +159,8 @@ def crossing_conflict(
     # is then the line x = begin, where the actor's rear is when it enters the strip.
     if math.isinf(leaves) and math.cos(heading[last]) > math.cos(0.25 * math.pi):
         actor_arrives = float(np.interp(begin, x + long, times, left=-math.inf))
-        actor_clears, ego_clears = enters, reached(begin + 0.5 * length)
+        actor_clears = enters
+        ego_clears = reached(begin + 0.5 * length)
     pet = max(ego_arrives - actor_clears, actor_arrives - ego_clears, 0.0)
     return Conflict(begin, end, enters, leaves, ego_arrives, pet)
 
@@ -211,12 +214,14 @@ def conflict_criticality(
     time to collision with any actor, inf where it hits one even so. Actors that react and come from
     behind do not count.
     """
-    strength, waits = settings.deceleration, np.array(delays)
+    strength = settings.deceleration
+    waits = np.array(delays)
     # long enough for the latest braking to a standstill
     standstills = [_begins(concrete, other) + concrete.ego.speed / strength for concrete in placed]
     until = np.minimum(standstills + waits + HORIZON, _LONGEST)
     motion = tracks(placed, [size] * len(placed), STEP, float(until.max()))
-    others, looks = motion.others, np.arange(motion.others.shape[2])
+    others = motion.others
+    looks = np.arange(motion.others.shape[2])
     parts = np.arange(looks[-1] * _PARTS + 1) / _PARTS
     # A case ends at its own time: nothing may depend on the cases searched with it. From then on
     # its actors are out of reach, at x = inf.
@@ -249,7 +254,8 @@ def _braked(
     """
     # first position and speed, (n, 1) each
     x, v = np.array([[concrete.ego.x, concrete.ego.speed] for concrete in placed]).T[:, :, None]
-    time, wait = looks * STEP, begins[:, None]
+    time = looks * STEP
+    wait = begins[:, None]
     braked = np.clip(time - wait, 0.0, v / strength)  # time of braking so far, s
     speed = v - strength * braked
     # the first speed until the braking, the mean of first and present speed during it
@@ -287,7 +293,8 @@ def _most_critical(
         # x, y, heading, speed along the heading and across it, (n, T) each
         columns = np.moveaxis(others[:, number], 2, 0)
         heading, speed, across = columns[2:]
-        c, s = np.cos(heading), np.sin(heading)
+        c = np.cos(heading)
+        s = np.sin(heading)
         # last the actor's velocity along the road, and to its left
         motion = np.dstack([*columns[:2], heading, speed * c - across * s, speed * s + across * c])
         _search_rows(ways, egos, motion, horizon, result)
@@ -304,7 +311,8 @@ def _begins(concrete: ConcreteScenario, other: int) -> float:
 
     A move that waits for a condition begins before the ego is at the end of the road.
     """
-    latest, acts = _time_on_road(concrete), concrete.actors[other].acts
+    latest = _time_on_road(concrete)
+    acts = concrete.actors[other].acts
     return min([latest if act.program else act.begin for act in acts], default=0.0)
 
 

@@ -49,7 +49,8 @@ def inverse_ttc(ego_speed: ArrayLike, lead_speed: ArrayLike, gap: ArrayLike) -> 
 
     Raises InputError for numbers that are not finite and for negative speeds.
     """
-    closing, distance = _closing_speed(ego_speed, lead_speed), _finite("gap", gap)
+    closing = _closing_speed(ego_speed, lead_speed)
+    distance = _finite("gap", gap)
     apart = checks.quotient(closing, distance, distance > 0.0)
     return np.where(closing > 0.0, apart, 0.0)[()]
 

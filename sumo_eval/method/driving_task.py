@@ -64,7 +64,8 @@ def _corners(ego: Trajectory) -> tuple[FloatArray, FloatArray]:
     """x and y of the body's four corners, m, (4, n) each."""
     along = 0.5 * ego.length * np.array([[1.0, 1.0, -1.0, -1.0]]).T
     aside = 0.5 * ego.width * np.array([[1.0, -1.0, 1.0, -1.0]]).T
-    cosine, sine = np.cos(ego.heading), np.sin(ego.heading)
+    cosine = np.cos(ego.heading)
+    sine = np.sin(ego.heading)
     return ego.x + along * cosine - aside * sine, ego.y + along * sine + aside * cosine
 
 
@@ -102,7 +103,9 @@ def is_excused(ego: Trajectory, actors: Trajectories) -> bool:
     # time of the sample after the last one at which it moved
     since = ego.time[np.flatnonzero(ego.speed >= STANDING).max(initial=-1) + 1]
     x, y = (corners[:, -1] for corners in _corners(ego))
-    front, left, right = x.max(), y.max(), y.min()
+    front = x.max()
+    left = y.max()
+    right = y.min()
     return any(_excuses(actor, since, front, left, right) for actor in actors.values())
 
 

@@ -72,12 +72,16 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
         n = min(POINTS_AT_ONCE, points.shape[0] - first)
         filled = (n + LANES - 1) // LANES * LANES
         # the block's points, the last one repeated, and its bounds
-        west, east = inf, -inf
-        south, north = inf, -inf
+        west = inf
+        east = -inf
+        south = inf
+        north = -inf
         for i in range(filled):
             x, y = points[first + min(i, n - 1), 0], points[first + min(i, n - 1), 1]
-            west, east = min(west, x), max(east, x)
-            south, north = min(south, y), max(north, y)
+            west = min(west, x)
+            east = max(east, x)
+            south = min(south, y)
+            north = max(north, y)
             px[i] = x
             py[i] = y
             total[i] = 0.0
@@ -107,7 +111,9 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
                 guess[i] = sqrt(sqrt(QUARTER / np.float32(square[i])))
             for j in range(count):
                 row = quick[j]
-                x, y, weight = samples[row, 0], samples[row, 1], samples[row, 5] * ROOT_OF_TWO
+                x = samples[row, 0]
+                y = samples[row, 1]
+                weight = samples[row, 5] * ROOT_OF_TWO
                 along_x, along_y = 2.0 * samples[row, 2], 2.0 * samples[row, 3]
                 e0, e1, e2 = weight * EXP[0], weight * EXP[1], weight * EXP[2]
                 e3, e4, e5 = weight * EXP[3], weight * EXP[4], weight * EXP[5]
@@ -203,7 +209,9 @@ def far_values(samples: FloatArray, grid: Any, near: IntArray, k1: float) -> Flo
     """
     bounds, nodes, halves = grid.bounds, grid.nodes, grid.halves
     counts, across, finer = grid.counts, grid.across, grid.finer
-    levels, p, q = counts.shape[0] - 1, nodes.shape[0], across.shape[1]
+    levels = counts.shape[0] - 1
+    p = nodes.shape[0]
+    q = across.shape[1]
     places = np.empty((p * q, 2))
     values = np.zeros((1, p, q))
     for level in range(levels + 1):
@@ -273,7 +281,9 @@ def put_field(
     """
     points, order, starts = rows.points, rows.order, rows.starts
     shares, across = rows.shares, rows.across
-    k, p, q = across.shape[0], far.shape[1], far.shape[2]
+    k = across.shape[0]
+    p = far.shape[1]
+    q = far.shape[2]
     for box in range(near.shape[0]):
         first, last = starts[box], starts[box + 1]
         n = last - first
@@ -286,7 +296,8 @@ def put_field(
         for b in range(q):
             into = series[b]
             for a in range(p):
-                value, share = far[box, a, b], shares[a, first:last]
+                value = far[box, a, b]
+                share = shares[a, first:last]
                 for row in range(n):
                     into[row] += value * share[row]
         # Clenshaw's sum of a Chebyshev series is the field of far samples; now, before: the two

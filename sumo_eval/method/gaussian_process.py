@@ -78,7 +78,8 @@ class MarginalLikelihood:
         Infinite where K is not positive definite in floating point.
         """
         parameters = Hyperparameters.of_logarithms(theta)
-        y, n = self._target, len(self._target)
+        y = self._target
+        n = len(self._target)
         k = covariance(self._points, parameters)
         k[np.diag_indices_from(k)] += self._variances
         # the transpose of the symmetric k is in Fortran's order, which LAPACK needs; k stays

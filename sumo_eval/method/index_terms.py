@@ -99,7 +99,9 @@ def centre_term(
     compared: Comparison, road: Road, settings: AnthropomorphicSettings
 ) -> tuple[FloatArray, list[IndexNote]]:
     """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes."""
-    ads, humans, choice = compared.y[0], compared.y[1:], compared.choice
+    ads = compared.y[0]
+    humans = compared.y[1:]
+    choice = compared.choice
     members = choice.members
     ends = np.array([driver.begin + driver.reach for driver in compared.drivers])
     reached = compared.x <= ends[:, None] + SAME_PLACE  # (k, m)

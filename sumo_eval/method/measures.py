@@ -138,7 +138,8 @@ def measures(
     collision: the ego's first contact if any.
     seen: the drive's `course_of`.
     """
-    ttc, steps = least(seen.ttc), np.diff(ego.time)
+    ttc = least(seen.ttc)
+    steps = np.diff(ego.time)
     lateral = ego.speed[1:] * np.diff(np.unwrap(ego.heading)) / steps  # lateral acceleration, m/s2
     return CriticalityMeasures(
         min_ttc=ttc,
@@ -189,7 +190,8 @@ def lane_keeping(ego: Trajectory, lane_width: float) -> LaneKeeping:
     away = np.flatnonzero(np.abs(offset) > IN_THE_MIDDLE)
     overshoot, settling = 0.0, 0.0
     if len(away):
-        first, settled = away[0], away[-1] + 1
+        first = away[0]
+        settled = away[-1] + 1
         overshoot = max(0.0, float(np.max(-np.sign(offset[first]) * offset[first:])))
         settling = float(ego.time[settled]) if settled < len(offset) else np.inf
     return LaneKeeping(
@@ -408,7 +410,8 @@ def _overlap(
     apart = np.full(turned.shape, -np.inf)
     for direction, own, far in ((heading, one, other), (other_heading, other, one)):
         # separating axes, along and across `own`: distance of the centres less half of both reaches
-        ahead, aside = np.cos(direction), np.sin(direction)
+        ahead = np.cos(direction)
+        aside = np.sin(direction)
         along = np.abs(dx * ahead + dy * aside) - 0.5 * (
             own.length + far.length * c + far.width * s
         )

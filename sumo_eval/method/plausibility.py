@@ -75,7 +75,8 @@ class Quantiles:
         """
         if name not in self.values or math.isnan(value):
             return 1.0
-        side, values = EXTREMES[name], np.asarray(self.values[name])
+        side = EXTREMES[name]
+        values = np.asarray(self.values[name])
         if (value - values[-1]) * side < 0.0:
             return 1.0
         reached = np.append(2.0 * values[0] - values[1], values)  # the first with share 0
@@ -201,10 +202,12 @@ def _table(
     weights: of the drives, (n,), together 1.
     """
     order = np.argsort(-extreme, kind="stable")
-    reached, share = extreme[order], np.cumsum(weights[order])
+    reached = extreme[order]
+    share = np.cumsum(weights[order])
     # the last of equal values has the share of all who are as extreme
     kept = np.append(reached[1:] < reached[:-1], True) & np.isfinite(reached)
-    reached, share = reached[kept], share[kept]
+    reached = reached[kept]
+    share = share[kept]
     if reached.size < 2:
         return None
     between = [level for level in LEVELS if share[0] < level <= share[-1]]

@@ -1,8 +1,8 @@
 """Criticality of points of a parameter space under ideal braking, Eqs. 5-7.
 
 Each point is solved in closed form where its scenario has one, and searched over time elsewhere.
-Users: `method/`, which learns the zones from it, `record/`, `scoring/`, `report/explain.py`, `cli/`,
-`extras/`.
+Users: `method/`, which learns the zones from it, `record/`, `scoring/`, `report/explain.py`,
+`cli/`, `extras/`.
 """
 
 from __future__ import annotations
@@ -79,7 +79,9 @@ def criticality(
     if logical.search is not None:
         inverse, impact, gap = encounter(logical, points, settings)
     elif approach is None:
-        inverse, impact, gap = np.zeros(n), np.zeros(n), np.full(n, np.inf)
+        inverse = np.zeros(n)
+        impact = np.zeros(n)
+        gap = np.full(n, np.inf)
     elif not approach.has_closed_form:
         inverse, impact = _searched(approach, n, settings)
         # Of two equally hard hits the one at the closer meeting counts, and not the one that the

@@ -73,7 +73,8 @@ class Contact(NamedTuple):
 def contact_of(collision: Collision, settings: CollisionSettings) -> Contact:
     """The contact of a recorded collision."""
     heading = collision.ego_pose[2]
-    cosine, sine = math.cos(heading), math.sin(heading)
+    cosine = math.cos(heading)
+    sine = math.sin(heading)
 
     def in_ego_frame(velocity: tuple[float, float]) -> tuple[float, float]:
         vx, vy = velocity
@@ -237,7 +238,8 @@ def _hash_of(function: object) -> str:
 
 def _injury(chosen: str, settings: CollisionSettings) -> Severity:
     """The severity of an injury-risk curve."""
-    who, age = chosen.removeprefix(_INJURY), settings.age
+    who = chosen.removeprefix(_INJURY)
+    age = settings.age
     injury_risk(who, 0.0, age)  # raises InputError for an unknown curve or age
 
     def beyond(hit: Collision) -> str:

@@ -137,7 +137,8 @@ def prepare() -> None:
     """
     time = np.arange(0.0, 20.0, 0.1)
     drive = Trajectory(time, 20.0 * time, np.zeros_like(time), speed=np.full_like(time, 20.0))
-    rows, across = np.arange(0.0, 400.0, 0.5), np.linspace(-1.5, 1.5, 7)
+    rows = np.arange(0.0, 400.0, 0.5)
+    across = np.linspace(-1.5, 1.5, 7)
     fields = SharedFields(
         [drive], Stretch(0.0, 400.0, -2.0, 2.0), FieldSettings(), len(rows) * len(across)
     )
@@ -205,7 +206,8 @@ class SharedFields:
         """
         from sumo_eval.method.field_loops import far_values
 
-        constants, (grid, west, east) = self._constants, _boxes(self._stretch)
+        constants = self._constants
+        (grid, west, east) = _boxes(self._stretch)
         samples = samples_of(self._trajectories[index], constants.k2, constants.sample_interval)
         if np.abs(samples[:, 4]).max() > LARGEST_EXPONENT:  # column 4: k2 v
             return None
@@ -257,7 +259,8 @@ def _boxes(stretch: Stretch) -> tuple[Grid, FloatArray, FloatArray]:
     """
     lengths = [stretch.length / 2**level for level in range(stretch.levels + 1)]
     counts, places, finer = _across([length / stretch.half for length in lengths])
-    bounds, across = np.array([stretch.west, stretch.east]), stretch.middle + stretch.half * places
+    bounds = np.array([stretch.west, stretch.east])
+    across = stretch.middle + stretch.half * places
     # length and begin of each box, level after level; 2^l - 1 boxes stand before level l
     boxes = 2 ** np.arange(len(lengths))
     length = np.repeat(lengths, boxes)

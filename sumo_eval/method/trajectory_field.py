@@ -74,7 +74,8 @@ def trajectory_fields(
     trajectories: as in `trajectory_field`.
     constants: k1, k2, sample interval and superposition.
     """
-    places, k1 = _checked_points(points), float(constants.k1)
+    places = _checked_points(points)
+    k1 = float(constants.k1)
     if constants.superposition == "magnitude":
         from sumo_eval.method.field_loops import magnitude_sum as field
     else:
@@ -100,7 +101,8 @@ def samples_of(trajectory: Trajectory, k2: float, interval: float) -> FloatArray
     begins = np.flatnonzero(np.append(True, np.any(motion[1:] != motion[:-1], axis=1)))
     weight = np.diff(np.append(begins, len(motion)))
     motion = motion[begins]
-    heading, exponent = motion[:, 2], k2 * motion[:, 3]
+    heading = motion[:, 2]
+    exponent = k2 * motion[:, 3]
     largest = float(np.max(np.abs(exponent)))
     if largest > LARGEST_EXPONENT:
         raise must_be(

@@ -194,9 +194,12 @@ def partition(
     """
     axes, notes = own_axes(logical)
     if points is None:
-        training, rounds = mesh(axes), 1 + settings.refinements
+        training = mesh(axes)
+        rounds = 1 + settings.refinements
     else:  # used as they are, without refinement
-        training, notes, rounds = user_points(logical, points), (), 1
+        training = user_points(logical, points)
+        notes = ()
+        rounds = 1
     axes, grid, feasible = dense_grid(logical, axes, settings)
     learnt = learn(logical, training, grid, feasible, settings, rounds)
     notes += learnt.notes

@@ -46,8 +46,10 @@ def crossings(
         # neighbours along this axis are neighbours along the first axis of these
         along_y, along_unit = np.moveaxis(y, axis, 0), np.moveaxis(unit, axis, 0)
         changes = (along_y[:-1] <= 0.0) != (along_y[1:] <= 0.0)
-        y0, y1 = along_y[:-1][changes], along_y[1:][changes]
-        x0, x1 = along_unit[:-1][changes], along_unit[1:][changes]
+        y0 = along_y[:-1][changes]
+        y1 = along_y[1:][changes]
+        x0 = along_unit[:-1][changes]
+        x1 = along_unit[1:][changes]
         # Five steps of regula falsi put each crossing onto the curved surface. One straight line
         # would put it off the boundary, and `boundary_distance` would be too short.
         for _ in range(5):
@@ -94,10 +96,12 @@ def most_dangerous_point(
     corners between a constraint and the box, where no grid point lies. At last the point is rounded
     if it stays in the zone.
     """
-    logical, searched = zones.logical, zones.logical.search is not None
+    logical = zones.logical
+    searched = zones.logical.search is not None
     k = len(logical.parameters)
     members = zones.members(number, candidates)
-    best, half_width = members[_by_danger(zones, members)[0]], cell
+    best = members[_by_danger(zones, members)[0]]
+    half_width = cell
     # values on each axis of a window; fewer with more parameters, as a window has their k-th power
     values_per_axis = 3 if searched else {1: 21, 2: 15, 3: 9, 4: 5}.get(k, 3)
     offsets = mesh([np.linspace(-1.0, 1.0, values_per_axis).tolist()] * k)

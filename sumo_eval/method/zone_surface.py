@@ -99,7 +99,8 @@ def coordinates(
         return finite(f"scenario `{logical.name}`", "zone.coordinates", columns)
 
     learnt = raw(training)
-    low, span = learnt.min(axis=0), np.ptp(learnt, axis=0)
+    low = learnt.min(axis=0)
+    span = np.ptp(learnt, axis=0)
     span[span == 0.0] = 1.0
     return lambda unit: (raw(logical.from_unit(unit)) - low) / span
 
@@ -118,7 +119,8 @@ def fit(
         most_likely,
     )
 
-    to_x, unit = coordinates(logical, training), logical.to_unit(training)
+    to_x = coordinates(logical, training)
+    unit = logical.to_unit(training)
     if to_x is not None:
         unit = to_x(unit)
     n, k = unit.shape

@@ -94,7 +94,9 @@ def learn(
     """
     exact = np.zeros(len(grid), bool)
     exact[feasible] = exactly_hazardous(logical, grid[feasible], settings)
-    unit, n_first, n_feasible = logical.to_unit(grid), len(training), feasible.sum()
+    unit = logical.to_unit(grid)
+    n_first = len(training)
+    n_feasible = feasible.sum()
     fits: list[_Learnt] = []
     for _ in range(rounds):
         danger = criticality(logical, training, settings)

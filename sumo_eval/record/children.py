@@ -164,7 +164,8 @@ def _users_code_out_of_sight() -> Iterator[None]:
     """Hide from children the script and the folders of users' files: a child imports only files
     beside its own ADS.
     """
-    script, places = sys.modules["__main__"], sys.path[:]
+    script = sys.modules["__main__"]
+    places = sys.path[:]
     sys.modules["__main__"] = ModuleType("__main__")
     sys.path[:] = [path for path in places if path not in FOLDERS]
     try:

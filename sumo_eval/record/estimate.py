@@ -63,7 +63,8 @@ class Estimate:
 
     def __str__(self) -> str:
         done = f"; {self.recorded} of them are recorded already" if self.recorded else ""
-        many, timed = "s" * (self.workers > 1), f"{self.timed} drive{'s' * (self.timed > 1)}"
+        many = "s" * (self.workers > 1)
+        timed = f"{self.timed} drive{'s' * (self.timed > 1)}"
         loaded, of_all = self.loaded
         time = duration_words(max(self.seconds, 1.0))
         lines = [
@@ -102,7 +103,8 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
         else entry
         for entry in run.settings.scenario
     )
-    settings, workers = replace(run.settings, scenario=entries), run.settings.run.workers
+    settings = replace(run.settings, scenario=entries)
+    workers = run.settings.run.workers
     run = replace(run, settings=settings)
     # each n-th ADS is loaded; all where `run.only` names cases, as a case's name has its ADS's
     step = 1 if settings.run.only else ceil(len(settings.ads) / _KINDS)
@@ -184,7 +186,8 @@ def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, flo
     them was broken off.
     """
     until = clock.perf_counter() + _TIMED_FOR
-    timed, broken_off = 0, False
+    timed = 0
+    broken_off = False
     took = defaultdict[str, list[float]](list)
     limits = replace(setup.run, case_timeout=min(setup.run.case_timeout, _LONGEST_DRIVE))
     for sort, cases in kinds:

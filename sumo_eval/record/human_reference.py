@@ -167,7 +167,8 @@ def compute_points(
         (facts, missing[first : first + _CHUNK], settings)
         for first in range(0, len(missing), _CHUNK)
     ]
-    done, new = len(jobs) - len(missing), list[KeptPart]()
+    done = len(jobs) - len(missing)
+    new = list[KeptPart]()
     for part in spread(_compute_part, parts) if parts else ():
         results |= part
         # a result is one part, so its place is 0
@@ -245,7 +246,8 @@ def _compute(
     cases = list(dict.fromkeys((*job.drivers, *job.ads, *job.left_out)))
     place = {case: number for number, case in enumerate(cases)}
     drivers = tuple(place[case] for case in job.drivers)
-    sets, spacing = _left_out(drivers, job.exchanges), _coarse(settings)
+    sets = _left_out(drivers, job.exchanges)
+    spacing = _coarse(settings)
     # Each ADS is a group of its own, so that its result is the same to the last bit whatever else
     # is compared. `indexes` has the groups' results in the order of the groups: the ADSs, the band
     # (empty unless it is wanted), the ADSs with drivers left out.

@@ -125,7 +125,8 @@ def _load_ahead() -> None:
 
 def _load_rule(ads: Compiled) -> None:
     """Compile the loop of a rule by running it over no rows."""
-    settings, concrete = SimulationSettings(), _concrete(0.0)
+    settings = SimulationSettings()
+    concrete = _concrete(0.0)
     scenario = described(_ROAD, settings.vehicle, settings)
     kind: Any = type(ads)
     if knows_the_scripts(ads):

@@ -218,7 +218,8 @@ class Pool:
         """Give the item to a free child of its affinity; if there is none, to a new child, which
         replaces one of another affinity where all places are taken.
         """
-        affinity, deadline = work.affinity(item), self._limits.case_timeout
+        affinity = work.affinity(item)
+        deadline = self._limits.case_timeout
         for child in [it for it in self._children if it not in busy and it.affinity == affinity]:
             if child.items < self._items_per_child and child.is_quiet():
                 with suppress(OSError):  # it has died since the check
@@ -350,7 +351,8 @@ class _Child:
         idle = min(max(1.0 - (processor_time(self._process.pid) - self._used) / wall, 0.0), 1.0)
         self.is_last = how != "done" or self._answer[0] or self._reported
         self._read_output()
-        log, self._log = self._log.text(), BoundedLog()
+        log = self._log.text()
+        self._log = BoundedLog()
         return Ended(self._item, how, self._answer[3] if how == "done" else None, log, why, idle)
 
     def _how_it_ended(self) -> tuple[How, str] | None:
@@ -459,7 +461,8 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
         (task, item, shared), (deadline, number) = pickle.loads(order)  # noqa: S301 - the owner's
         os.makedirs(scratch, exist_ok=True)  # another ADS may have removed it
         faulthandler.dump_traceback_later(_WARNING_SHARE * deadline, file=2)
-        refusal, answer = "", None
+        refusal = ""
+        answer = None
         try:
             answer = task(item, shared)
         except InputError as error:

@@ -196,7 +196,8 @@ def planner(run: Resolved) -> Planner:
     check_known(
         "baseline for `method.task.task_reference`", SHIPPED, settings.method.task.task_reference
     )
-    harness, plant = harness_identity(), settings.simulation.plant
+    harness = harness_identity()
+    plant = settings.simulation.plant
     if plant is not None:
         FmuPlant(plant, source)
         harness += hash_of(source / plant.file, "FMU")
@@ -235,7 +236,8 @@ def record(
     Raises StoppedError if `stopping` returns true before all cases are recorded; those that are
     done stay recorded.
     """
-    versions, drivers = OneVersion(store.files_read()), plan.run.settings.drivers
+    versions = OneVersion(store.files_read())
+    drivers = plan.run.settings.drivers
     work = Recorder(store, plan.setup, progress, stopping, versions)
     by_space = [stages(space, plan) for space in spaces]
     # the ADSs in all scenarios first, then one role after another
@@ -264,7 +266,9 @@ class RoleCases:
 
 def stages(space: Space, plan: Planner) -> list[RoleCases]:
     """Stages of one logical scenario: ADSs, references, synthetic drivers."""
-    settings, points, name = plan.run.settings, len(space.numbers), space.logical.name
+    settings = plan.run.settings
+    points = len(space.numbers)
+    name = space.logical.name
     # with `only`, the cases are made just to be counted: they are few
     total = sum(1 for _ in plan.ads(space)) if settings.run.only else points * len(settings.ads)
     listed = [RoleCases(f"{name}: ADSs", name, "ads", plan.ads(space), total)]
@@ -282,7 +286,9 @@ def _record_people(space: Space, plan: Planner, work: Recorder) -> None:
 
     Where recorded drivers are too few, synthetic ones are added if `too_thin` is `fill`.
     """
-    name, settings, safe = space.logical.name, plan.run.settings.drivers, space.safe
+    name = space.logical.name
+    settings = plan.run.settings.drivers
+    safe = space.safe
     recorded = settings.source == RECORDED
     may_add = recorded and settings.too_thin == "fill" and space.logical.has_drivers
     left_out: list[float] = []  # as in `Reference`, at all points
@@ -356,7 +362,8 @@ def refuse_to_lose_cases(
     cases.
     """
     numbers = {space.logical.name: space.numbers for space in spaces}
-    drivers, only = {ads.name for ads in settings.ads}, settings.run.only
+    drivers = {ads.name for ads in settings.ads}
+    only = settings.run.only
     for scenario in sorted({scenario for scenario, *_ in store.counts()}):
         for case, point, driver in store.names("ads", scenario):
             if (

@@ -284,7 +284,8 @@ class Store:
             self._check_hash(fact, circumstance, drives)
         if group is not None:
             raise self._lacking(group[0])
-        before, now = self.noted(_SEAL), self._sealed()
+        before = self.noted(_SEAL)
+        now = self._sealed()
         if before not in ("", now):
             raise InputError(
                 f"{self.path} is damaged: it was complete with {before.partition(' ')[0]} cases "

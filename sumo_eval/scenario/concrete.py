@@ -223,7 +223,8 @@ def departures(
     time: since the start, s, (n,).
     x, y: positions, m, (n,).
     """
-    places, at = np.array(recorded, float), np.asarray(time, float)
+    places = np.array(recorded, float)
+    at = np.asarray(time, float)
     times = np.arange(len(places)) * RECORDED_EVERY
     ahead = np.asarray(x) - np.interp(at, times, places[:, 0])
     return np.asarray(np.hypot(ahead, np.asarray(y) - np.interp(at, times, places[:, 1])))

@@ -268,7 +268,8 @@ def operation(node: ast.expr) -> tuple[str, list[ast.expr]]:
             parts = [left, right]
         case ast.Compare(left=left, ops=ops, comparators=sides):
             pairs = zip(ops, [left, *sides], sides, strict=False)
-            op, parts = ast.And(), [ast.Compare(a, [sign], [b]) for sign, a, b in pairs]
+            op = ast.And()
+            parts = [ast.Compare(a, [sign], [b]) for sign, a, b in pairs]
         case ast.Call(func=ast.Name(id=name), args=parts, keywords=[]):
             return f"{name}()", parts
         case _:

@@ -361,7 +361,8 @@ class JointTable(Checked):
                     f"Parameter `{item.name}` of {where} must have a range and no distribution: "
                     "[joint] says how often its values occur."
                 )
-        path, units = folder / self.events, {item.name: item.unit for item in parameters}
+        path = folder / self.events
+        units = {item.name: item.unit for item in parameters}
         return Joint(
             self.kind,
             tuple(units),

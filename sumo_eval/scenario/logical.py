@@ -57,7 +57,9 @@ class Parameter:
     distribution: Distribution | None = None
 
     def __post_init__(self) -> None:
-        owner, low, high = f"parameter `{self.name}`", self.low, self.high
+        owner = f"parameter `{self.name}`"
+        low = self.low
+        high = self.high
         values = self.values
         ascending = all(a < b for a, b in itertools.pairwise(values))
         if values and not (ascending and values[0] == low and values[-1] == high):
@@ -388,7 +390,8 @@ class LogicalScenario:
         Without a body of the ego in the scenario, gaps begin at the bumpers of a vehicle of 4.5 m.
         `scenario.resolved.find_with` gives the scenario for the vehicle of a run.
         """
-        owner, names = f"scenario `{self.name}`", self.names
+        owner = f"scenario `{self.name}`"
+        names = self.names
         check_known(f"parameter of {owner}", names, *values)
         for parameter in self.parameters:
             if parameter.name not in values:

@@ -56,7 +56,8 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
         raise InputError(f"The {what} {path} cannot be read: {error}.") from error
     # written tables have a quote before what a spreadsheet would execute
     titles = [from_cell(title.strip()) for title in head]
-    header, factors = [], {}
+    header = []
+    factors = {}
     for title in titles:
         name = title
         factor = 1.0

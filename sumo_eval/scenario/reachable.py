@@ -77,7 +77,9 @@ def leaves_at(concrete: ConcreteScenario, time_limit: float) -> Iterator[tuple[s
     and a vehicle that a SUMO model drives to keep its first speed.
     """
     # the ego's case ends at `road.length`, the road itself at `end`
-    ego, road, end = concrete.ego, concrete.road, concrete.road.end
+    ego = concrete.ego
+    road = concrete.road
+    end = concrete.road.end
     if not concrete.actors:
         return
     ego_time = (road.length - ego.x) / max(ego.speed, _CREEPS)  # to the end of the case, unhindered
@@ -88,7 +90,8 @@ def leaves_at(concrete: ConcreteScenario, time_limit: float) -> Iterator[tuple[s
         beyond = x > end - 0.5 * actor.length
         if not beyond.any():
             continue
-        time, speed = float(np.argmax(beyond)) * step, actor.start.speed
+        time = float(np.argmax(beyond)) * step
+        speed = actor.start.speed
         # a slower vehicle holds the ego up: when it leaves, the ego behind it is still on the road
         held_up = speed < ego.speed and end - actor.length - _HEADWAY * speed < road.length
         if time < ego_time or held_up:

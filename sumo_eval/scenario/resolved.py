@@ -65,7 +65,8 @@ def find_with(vehicle: VehicleSettings, use: str, folder: Path) -> LogicalScenar
     """A scenario by its name, file or locator. Where it prescribes no body of the ego, its gaps
     begin at the bumpers of this vehicle.
     """
-    logical, length = catalogue.find(use, folder), vehicle.length
+    logical = catalogue.find(use, folder)
+    length = vehicle.length
     place = logical.place
     if logical.ego_body or length == STANDARD_EGO.length or not isinstance(place, Placement):
         return logical

@@ -81,9 +81,13 @@ class StreamTable(Checked):
 
         Raises InputError for a stream that is denser than its lane holds, or too long.
         """
-        owner, body, mean_speed = f"stream `{self.name}`", BODIES[self.body], numbers["speed"]
+        owner = f"stream `{self.name}`"
+        body = BODIES[self.body]
+        mean_speed = numbers["speed"]
         # spacing: mean distance, front to front, m
-        begin, end, spacing = numbers["begin"], numbers["end"], 1000.0 / numbers["density"]
+        begin = numbers["begin"]
+        end = numbers["end"]
+        spacing = 1000.0 / numbers["density"]
         if not begin < end:
             raise must_be("`begin`", owner, f"below `end` ({end:g} m)", begin)
         # least distance between two vehicles, front to front, m, and the distance that one needs

@@ -271,7 +271,8 @@ def _along_curves(lanes: _Lanes, links: Sequence[_Link], what: str, owner: str) 
 
     links: from each edge to the next one. what: the road, for messages.
     """
-    numbered, width = _numbered(lanes, links), lanes[0][0].width
+    numbered = _numbered(lanes, links)
+    width = lanes[0][0].width
     places = list(map(set, numbered))
     common = set.intersection(*places)
     if not common:
@@ -434,7 +435,8 @@ def laid_along_x(network: NetworkFile) -> str:
     axis, places = _laid([_lanes(edge) for edge in driven])
     for element in root.iter():
         _move(element, axis)
-    width, sections = _lanes(driven[0])[0].width, network.sections
+    width = _lanes(driven[0])[0].width
+    sections = network.sections
     for edge, (begin, end, _) in zip(driven, sections, strict=True):
         for lane in edge.iter("lane"):
             if (name := lane.get("id")) in places:

@@ -40,7 +40,8 @@ class Body(NamedTuple):
 
     def corners(self) -> tuple[tuple[float, float], ...]:
         """The four corners, m."""
-        c, s = math.cos(self.heading), math.sin(self.heading)
+        c = math.cos(self.heading)
+        s = math.sin(self.heading)
         half_length, half_width = 0.5 * self.length, 0.5 * self.width
         return tuple(
             (

@@ -117,7 +117,8 @@ def check_uses(table: Any, units: Mapping[str, str], where: str) -> None:
     units: of parameters by name; `1` always fits.
     """
     for item, key, name in _names_in(table):
-        wanted, unit = about(type(item), key).unit, spelt(units.get(name, "1"))
+        wanted = about(type(item), key).unit
+        unit = spelt(units.get(name, "1"))
         if wanted and unit not in ("1", wanted):
             raise InputError(
                 f"`{key}` in {where} must be in {wanted}, got `{name}`, which is in {unit}."

@@ -264,7 +264,8 @@ class ManoeuvreTable(Checked):
         owner = f"{what} in {names.where}"
         needed, allowed, _ = _MANOEUVRES[self.do]
         for item in fields(self)[4:]:  # after `do`, `name`, `begin`, `when`, which all may have
-            key, absent = item.name, getattr(self, item.name) in (None, ())
+            key = item.name
+            absent = getattr(self, item.name) in (None, ())
             if absent and key in needed:
                 raise InputError(f"{owner} must have `{key}`.")
             if not absent and key not in (*needed, *allowed):
@@ -334,7 +335,8 @@ class Move:
         values: of parameters and definitions, by name.
         vehicle: name, for messages.
         """
-        table, numbers = self.table, self.numbers.at(values)
+        table = self.table
+        numbers = self.numbers.at(values)
         pairs = tuple((one.at(values), two.at(values)) for one, two in self.pairs)
         act = _MANOEUVRES[table.do][2](**numbers)
         if table.do == "sinus" and act.offset:
@@ -482,11 +484,14 @@ class Vehicle:
         ego: its start there.
         values: of parameters and definitions there, by name.
         """
-        table, numbers, body = self.table, self.numbers.at(values), BODIES[self.table.body]
+        table = self.table
+        numbers = self.numbers.at(values)
+        body = BODIES[self.table.body]
         length, width = table.length or body.length, table.width or body.width
         # from centre to centre, m, of two vehicles that touch bumper to bumper
         apart = ((ego_table.length or STANDARD_EGO.length) + length) / 2
-        speed, heading = numbers["speed"], math.radians(numbers.get("heading", 0.0))
+        speed = numbers["speed"]
+        heading = math.radians(numbers.get("heading", 0.0))
         if "lateral_speed" in numbers:
             across = numbers["lateral_speed"]
             speed, heading = math.sqrt(speed * speed + across * across), math.atan2(across, speed)
@@ -511,12 +516,14 @@ class Vehicle:
 
         model = None
         if self.moves and (name := self.moves[-1].table.model) is not None:
-            given, program = self.moves[-1].numbers.at(values), self.moves[-1].program(values)
+            given = self.moves[-1].numbers.at(values)
+            program = self.moves[-1].program(values)
             model = sumo_model(name, given.get("speed", speed), given)
             # With `when`, SUMO takes over by an act; else it drives from the start. For `departed`
             # the act has the recorded ego's positions, and the time between two as its duration.
             if program:
-                begin, recorded = given["begin"], ego_table.recorded
+                begin = given["begin"]
+                recorded = ego_table.recorded
                 acts.append(
                     Act(played.FOLLOW, begin, RECORDED_EVERY, table=recorded, program=program)
                 )

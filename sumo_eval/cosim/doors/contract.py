@@ -237,7 +237,8 @@ def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int)
         "ads_timeout": "answer sooner, or allow more: [run] step_timeout",
         "sim_error": "SUMO's own words are above; check the vehicle, the parameters and the FMU",
     }.get(recording.end_reason, "fix what the message names")
-    error, log = f"{recording.error}", recording.log
+    error = f"{recording.error}"
+    log = recording.log
     mend = next((hint for words, hint in _HINTS.items() if re.search(words, error)), mend)
     if recording.error_place:
         error += f" At {recording.error_place}."

@@ -38,7 +38,8 @@ def fault_place(error: BaseException | None, controller: Any, folder: Path | Non
     Without any, as where a call or a result was at fault: the start of the user's function; ""
     if it is not Python code. Paths within `folder` are relative to it.
     """
-    seen, methods = set(), ["act", "step"]
+    seen = set()
+    methods = ["act", "step"]
     own = _file_of(controller)
     by_door = type(error) is ControllerError  # a library that a door uses is not the user's
     while error is not None and id(error) not in seen:

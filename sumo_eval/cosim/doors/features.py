@@ -301,12 +301,14 @@ def _of_vehicle(seen: Observations, frame: str, index: int, what: str) -> Floats
         return np.asarray(exists, float)
     if what in ("x", "y", "vx", "vy"):
         if what in ("x", "y"):
-            ahead, left = seen.distances[at], vehicles.offset[at]
+            ahead = seen.distances[at]
+            left = vehicles.offset[at]
         else:
             ahead = vehicles.relative_speed[at]
             left = vehicles.lateral_speed[at] - ego.speed * np.sin(ego.heading)
         if frame == "ego":
-            c, s = np.cos(ego.heading), np.sin(ego.heading)
+            c = np.cos(ego.heading)
+            s = np.sin(ego.heading)
             ahead, left = c * ahead + s * left, c * left - s * ahead
         value = ahead if what in ("x", "vx") else left
     elif what == "kind":

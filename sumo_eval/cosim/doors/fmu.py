@@ -217,7 +217,8 @@ class _Fmu:
     def _wire_outputs(
         self, wiring: FmuSettings, needed: _Names, optional: _Names, lists: _Names
     ) -> dict[str, tuple[Any, int]]:
-        names, owner = (*needed, *optional), f"FMU `{self.path.name}`"
+        names = (*needed, *optional)
+        owner = f"FMU `{self.path.name}`"
         check_known(f"output in the mapping of {owner}", (*names, *lists), *wiring.outputs)
         outputs = [name for name, it in self._variables.items() if it.causality == "output"]
         wired = {}
@@ -263,15 +264,18 @@ class _Fmu:
         variable = self._variable(name if whole else plain, "outputs")
         size = _count(variable)
         if variable.type in _TEXTS:
-            wanted, got = "a number", variable.type
+            wanted = "a number"
+            got = variable.type
         elif whole and size is not None:
-            wanted, got = f"one value, `{name}[0]`", "an array"
+            wanted = f"one value, `{name}[0]`"
+            got = "an array"
         elif whole:
             return variable, 0
         elif index.isdecimal() and int(index) < (size or 1):
             return variable, int(index)
         else:
-            wanted, got = f"within its {size or 1} values", index
+            wanted = f"within its {size or 1} values"
+            got = index
         raise must_be(f"The output `{name}`", f"FMU `{self.path.name}`", wanted, got)
 
     def load(self) -> None:
@@ -324,7 +328,8 @@ class _Fmu:
     def _values(self, variables: Sequence[Any]) -> Sequence[Any]:
         """Values of scalars of one type, or of one array."""
         first = variables[0]
-        get, count = getattr(self._instance, f"get{self._kind(first)}"), _count(first)
+        get = getattr(self._instance, f"get{self._kind(first)}")
+        count = _count(first)
         references = [variable.valueReference for variable in variables]
         with self._in_words():
             return list(get(references) if count is None else get(references, count))
@@ -337,7 +342,8 @@ class _Fmu:
     def end(self) -> None:
         """Terminate and free the instance."""
         if self._instance is not None:
-            instance, self._instance = self._instance, None
+            instance = self._instance
+            self._instance = None
             if self.initialized:  # an FMU may crash if terminated before its initialization
                 self.initialized = False
                 instance.terminate()
@@ -414,7 +420,8 @@ def _plain(kind: str, value: Any) -> Any:
     """A value as a type of FMI, whole numbers rounded; None: the type cannot hold it."""
     if kind in _MAKERS:
         return _MAKERS[kind](value)
-    whole, span = round(value), 1 << _WHOLE[kind]
+    whole = round(value)
+    span = 1 << _WHOLE[kind]
     low = 0 if kind.startswith("U") else -span // 2
     return whole if low <= whole < low + span else None
 
@@ -492,7 +499,8 @@ class FmuController(Adapter):
 
     def act(self, seen: Observation) -> Any:
         """One step of the FMU: what is seen goes in, the command comes out."""
-        fmu, signals = self._fmu, dict[str, Any](seen.signals())
+        fmu = self._fmu
+        signals = dict[str, Any](seen.signals())
         if fmu.sees_objects:
             signals |= _objects(seen)
         if not fmu.initialized:

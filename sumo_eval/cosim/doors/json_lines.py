@@ -59,7 +59,8 @@ class JsonLinesProgram(Adapter):
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Start the program and brief it."""
-        self.log, self._unread = "", b""
+        self.log = ""
+        self._unread = b""
         self._program = ChildProgram(self.command, self.folder, talks=True)
         process = self._program.process
         self._stdin, self._stdout = process.stdin.fileno(), process.stdout.fileno()

@@ -61,7 +61,8 @@ def kept_state(ads: Any) -> State:
         "traci": [id(it) for part in (TRACI, *TRACI.DOMAINS) for it in vars(part).values()],
     }
     for module in reached_modules(ads):
-        name, own = _BY_PATH.sub(r"\1.py: ", f"{module.__name__}."), list(vars(module).items())
+        name = _BY_PATH.sub(r"\1.py: ", f"{module.__name__}.")
+        own = list(vars(module).items())
         state |= {f"{name}{k}": _frozen(v, 0) for k, v in own if k[:2] != "__"}
     named: dict[str, list[object]] = {}  # a derived class may have the name of its base
     for kind in ads.__mro__[:-1] if inspect.isclass(ads) else (ads,):
@@ -96,7 +97,8 @@ def reached_modules(ads: Any) -> list[ModuleType]:
         module = value if _is(value, ModuleType) else module_of(value)
         if module is None or module.__name__ in reached:
             continue
-        name, file = module.__name__, getattr(module, "__file__", None)
+        name = module.__name__
+        file = getattr(module, "__file__", None)
         installed = file is None or ("site-packages" in file and name.partition(".")[0] != own)
         if installed or _is_foreign(name):
             continue

@@ -96,7 +96,9 @@ def stream_of(seed: int, concrete: ConcreteScenario) -> str:
 
 def task_of(concrete: ConcreteScenario) -> Task:
     """The task of the ego in a concrete scenario."""
-    road, ego, change = concrete.road, concrete.ego, concrete.ego.way
+    road = concrete.road
+    ego = concrete.ego
+    change = concrete.ego.way
     goal_y = ego.y + change.offset if change else ego.y
     goal = road.length, road.lane_centre(lane_at(road, goal_y))
     return Task(ego.speed, goal, (change.begin, change.by) if change else None)
@@ -119,8 +121,10 @@ def lane_borders(road: Road) -> tuple[LaneLine, ...]:
     half = 0.5 * road.lane_width
     lines = []
     for lane in range(road.lanes):
-        span, y = road.span(lane), road.lane_centre(lane)
-        begin, end = max(span.begin, 0.0), min(span.end, road.end)
+        span = road.span(lane)
+        y = road.lane_centre(lane)
+        begin = max(span.begin, 0.0)
+        end = min(span.end, road.end)
         lines.append(
             LaneLine(*(((begin, y + beside), (end, y + beside)) for beside in (0.0, half, -half)))
         )
@@ -187,7 +191,8 @@ class _Worked:
     """
 
     def __init__(self, work: Callable[[Any], Any]) -> None:
-        self._work, self.__doc__ = work, work.__doc__
+        self._work = work
+        self.__doc__ = work.__doc__
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
@@ -223,7 +228,9 @@ class Observation:
     ) -> None:  # fmt: skip
         own = self.__dict__  # a frozen dataclass's own constructor takes three times as long
         own["time"], own["road"], own["_ego"] = time, road, ego
-        own["_look"], own["_task"], own["_kinds"] = look, task or _NO_TASK, kinds
+        own["_look"] = look
+        own["_task"] = task or _NO_TASK
+        own["_kinds"] = kinds
 
     @_Worked
     def ego(self) -> SeenEgo:
@@ -249,7 +256,8 @@ class Observation:
         me, others = self._look
         my_x, my_y = me[0], me[1]
         half_length, half_width = half_sizes(me[2], me[4], me[5])
-        nearest, least = 0, inf
+        nearest = 0
+        least = inf
         for number, other in enumerate(others, 1):
             x = other[0]
             if x > my_x:  # false where x is nan: not seen
@@ -340,7 +348,8 @@ class Observation:
         ahead: length along the road, from the ego's centre on, m.
         every: distance of the points along the road, m.
         """
-        road, (x, y, heading) = self.road, self._ego[:3]
+        road = self.road
+        (x, y, heading) = self._ego[:3]
         me = Pose(*map(float, map_places(road.line, x, y, heading)))
         along = x + np.arange(0.0, ahead + 0.5 * every, every)
         lanes = (
@@ -431,7 +440,9 @@ class Observations:
         """ahead, gap, relative_speed, offset, overlaps, speed, lateral_speed, lane, length, width,
         x, y, heading, acceleration.
         """
-        me, others, x = self._egos[:, None], self._others, self._seen["x"]
+        me = self._egos[:, None]
+        others = self._others
+        x = self._seen["x"]
         my_half_length, my_half_width = half_extents(me["heading"], me["length"], me["width"])
         half_length, half_width = half_extents(others["heading"], others["length"], others["width"])
         along, lateral_speed = _velocities(others)
@@ -454,7 +465,8 @@ class Observations:
         """The nearest vehicle in front in the ego's strip of road: present, gap (inf without one),
         relative_speed (0), speed (the ego's), offset (0).
         """
-        vehicles, rows = self.vehicles, np.arange(len(self._egos))
+        vehicles = self.vehicles
+        rows = np.arange(len(self._egos))
         nothing = np.zeros(len(rows))
         # the first column stands for no lead: it is the least where all are infinite
         gaps = np.column_stack(
@@ -588,7 +600,8 @@ class Perception:
         latest = time - self._limits[:, 0] + 1e-9
         # index of the newest step that each case may see; -1: none yet, then the oldest serves
         places = np.searchsorted([it[0] for it in memory], latest, side="right") - 1
-        egos, seen = egos.copy(), seen.copy()
+        egos = egos.copy()
+        seen = seen.copy()
         for place in np.unique(places).tolist():
             rows = places == place
             egos[rows], seen[rows] = (it[rows] for it in memory[max(place, 0)][1:])
@@ -619,7 +632,8 @@ class Perception:
             half = 0.5 * egos[:, 4, None]
             bumper_x, bumper_y = me_x + half * np.cos(turned), me_y + half * np.sin(turned)
             along, across = 0.5 * length * _AHEAD, 0.5 * width * _LEFT
-            c, s = np.cos(heading), np.sin(heading)
+            c = np.cos(heading)
+            s = np.sin(heading)
             points_y, points_x = y + along * s + across * c, x + along * c - across * s
             angle = np.arctan2(points_y - bumper_y, points_x - bumper_x) - turned
             angle -= tau * np.floor(angle / tau + 0.5)
@@ -665,13 +679,15 @@ def _velocity(body: _Body) -> tuple[float, float]:
     heading, speed, across = body[2], body[3], body[6]
     if heading == 0.0:
         return speed, across
-    c, s = cos(heading), sin(heading)
+    c = cos(heading)
+    s = sin(heading)
     return speed * c - across * s, speed * s + across * c
 
 
 def _velocities(bodies: Records) -> tuple[FloatArray, FloatArray]:
     """`_velocity` of many bodies."""
-    c, s = np.cos(bodies["heading"]), np.sin(bodies["heading"])
+    c = np.cos(bodies["heading"])
+    s = np.sin(bodies["heading"])
     speed, across = bodies["speed"], bodies["across"]
     return speed * c - across * s, speed * s + across * c
 
@@ -681,7 +697,8 @@ def _seen(number: int, look: _Look, road: Road, kinds: Sequence[str]) -> SeenVeh
 
     number: 1, 2, ...; look: as in `Observation`; kinds: of all actors.
     """
-    me, other = look[0], look[1][number - 1]
+    me = look[0]
+    other = look[1][number - 1]
     half, half_width = half_sizes(other[2], other[4], other[5])
     my_half, my_half_width = half_sizes(me[2], me[4], me[5])
     along, across = _velocity(other)

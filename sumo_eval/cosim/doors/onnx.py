@@ -60,7 +60,8 @@ class OnnxPolicy:
         """Refuse a model that fails, or that answers a row differently among other rows."""
         rows = np.random.default_rng(1).uniform(0.0, 10.0, (BLOCK, len(self.interface.features)))
         try:
-            among, alone = self._answers(rows)[0], self._answers(rows[:1])[0]
+            among = self._answers(rows)[0]
+            alone = self._answers(rows[:1])[0]
             if not np.allclose(among, alone, 1e-3, 1e-4, equal_nan=True):  # more than rounding
                 raise ControllerError(
                     f"The model {self._name} must answer a row the same alone and among other "
@@ -70,12 +71,14 @@ class OnnxPolicy:
             raise InputError(f"{error}.") from error
 
     def _checked_input(self) -> tuple[str, Any, int]:
-        owner, given = f"model {self._name}", self._session.get_inputs()
+        owner = f"model {self._name}"
+        given = self._session.get_inputs()
         if len(given) != 1:
             names = ", ".join(it.name for it in given)
             raise must_be("The inputs", owner, "one array (rows, features)", names or "none")
         (it,) = given
-        what, shape = f"The input `{it.name}`", it.shape
+        what = f"The input `{it.name}`"
+        shape = it.shape
         if it.type not in _DTYPES:
             raise must_be(what, owner, "of float or double numbers", it.type)
         wanted = len(self.interface.features)
@@ -86,7 +89,8 @@ class OnnxPolicy:
         return it.name, _DTYPES[it.type], rows if isinstance(rows, int) else BLOCK
 
     def _checked_output(self, output: str | None) -> str:
-        owner, given = f"model {self._name}", {it.name: it for it in self._session.get_outputs()}
+        owner = f"model {self._name}"
+        given = {it.name: it for it in self._session.get_outputs()}
         output = next(iter(given), "") if output is None else output
         check_known(f"output of {owner}", given, output)
         it = given[output]
@@ -112,7 +116,9 @@ class OnnxPolicy:
 
     def _answers(self, features: NDArray[Any]) -> NDArray[Any]:
         """Outputs of the model for rows of features, (n, `Interface.width`)."""
-        n, rows, wanted = len(features), self._rows, self.interface.width
+        n = len(features)
+        rows = self._rows
+        wanted = self.interface.width
         padded = np.zeros((n + rows, features.shape[1]), self._dtype)
         padded[:n], answers = features, np.empty((n + rows, wanted))
         for begin in range(0, n, rows):

@@ -388,10 +388,12 @@ def _guarded_domain(domain: type) -> type:
 def _build() -> ModuleType:
     """A module with all that libsumo has, its writing calls guarded."""
     module = ModuleType("traci", "The running simulation, as an ADS may use it.")
-    real, own = sys.modules["traci"], module.__dict__
+    real = sys.modules["traci"]
+    own = module.__dict__
     own |= {name: value for name, value in vars(libsumo).items() if not name.startswith("__")}
     own |= {call: stand_in for call, stand_in in _HARNESS.items() if call in own}
-    module.__path__, module.__spec__ = list(real.__path__), real.__spec__
+    module.__path__ = list(real.__path__)
+    module.__spec__ = real.__spec__
     domains = [_guarded_domain(domain) for domain in libsumo.DOMAINS]
     own.update({domain.__name__: domain for domain in domains}, DOMAINS=domains)
 

@@ -185,7 +185,8 @@ def _no_such_lane(call: str, name: str, given: Mapping[str, object]) -> Breach |
             if current >= 0:
                 return _no_such_index("indexOffset", given, -current, _lanes(name) - 1 - current)
         if call == "moveTo" and isinstance(given.get("laneID"), str):
-            lane, position = str(given["laneID"]), finite_number(given.get("pos"), truth=True)
+            lane = str(given["laneID"])
+            position = finite_number(given.get("pos"), truth=True)
             if lane not in libsumo.lane.getIDList():
                 return Breach("laneID", lane, "the id of a lane of the network")
             length = libsumo.lane.getLength(lane)

@@ -59,7 +59,8 @@ def replay_in_gui(
     from traci import main as traci  # `import traci` gives libsumo here, which has no window
 
     with tempfile.TemporaryDirectory(prefix="sumo_eval_") as name:
-        folder, shows = Path(name), Path(program).name.startswith("sumo-gui")
+        folder = Path(name)
+        shows = Path(program).name.startswith("sumo-gui")
         command = [
             program, "--step-length", str(STEP), "--collision.action", "none",
             "--no-step-log", "true", "--no-warnings", "true",

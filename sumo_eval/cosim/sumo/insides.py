@@ -109,7 +109,8 @@ def simulation_step(traci: Any) -> Callable[[], None]:
     """
     if not _borrows(traci):
         return cast("Callable[[], None]", traci.simulationStep)
-    listeners, step = libsumo._stepManager, _LIBSUMO.simulation_step
+    listeners = libsumo._stepManager
+    step = _LIBSUMO.simulation_step
 
     def stepped() -> None:
         step(0.0)

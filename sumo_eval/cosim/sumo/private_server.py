@@ -34,9 +34,12 @@ _NEW_USERS, _NEW_NETWORK = 0x10000000, 0x40000000  # CLONE_NEWUSER, CLONE_NEWNET
 _SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x40  # SIOCSIFFLAGS; IFF_UP, IFF_RUNNING
 _WORD = b"made"  # with which the child sends its sockets
 # a TraCI message: its length (4 bytes), the command's length (1 byte), the command (1 byte)
-_COMMAND, _SET_ORDER, _STEP = slice(5, 6), b"\x03", b"\x02"
+_COMMAND = slice(5, 6)
+_SET_ORDER = b"\x03"
+_STEP = b"\x02"
 # request to close, and its answer
-_CLOSE, _CLOSED = b"\0\0\0\x06\x02\x7f", b"\0\0\0\x0b\x07\x7f" + bytes(5)
+_CLOSE = b"\0\0\0\x06\x02\x7f"
+_CLOSED = b"\0\0\0\x0b\x07\x7f" + bytes(5)
 
 
 class PrivateServer:
@@ -143,7 +146,8 @@ def _into_own_network(report: socket.socket) -> Callable[[], None]:
 
         # where a namespace is not allowed, `PrivateServer` receives no sockets and makes its own
         with suppress(OSError):
-            user, group = os.geteuid(), os.getegid()
+            user = os.geteuid()
+            group = os.getegid()
             if ctypes.CDLL(None, use_errno=True).unshare(_NEW_USERS | _NEW_NETWORK) != 0:
                 return
             for name, text in {  # the child keeps its user and group

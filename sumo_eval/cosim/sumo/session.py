@@ -242,7 +242,8 @@ def check_start(
     names: of the vehicles in SUMO, the ego's first; None: as in the scenario.
     by_map: `on_map` of `sumo_files.departures`.
     """
-    road, calls = concrete.road, vehicles(traci)
+    road = concrete.road
+    calls = vehicles(traci)
     starts = [
         (EGO, concrete.ego, settings.vehicle.length, None),
         *(
@@ -256,20 +257,24 @@ def check_start(
         try:
             (x, y), speed = calls.getPosition(in_sumo), calls.getSpeed(in_sumo)
         except traci.TraCIException:
-            x, y, speed = -math.inf, 0.0, 0.0
+            x = -math.inf
+            y = 0.0
+            speed = 0.0
         if x < NOWHERE:
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
         if on_map is not None:  # no lane leads there: it gets its place before the first step
             continue
         front = first_front(road, start, length)
         if road.bent and (by_map or not concrete.reacts):
-            meant, tolerance = map_places(road.line, front, start.y), bend_tolerance(road, start.y)
+            meant = map_places(road.line, front, start.y)
+            tolerance = bend_tolerance(road, start.y)
             # one distance, on the map: beside the line, a metre along it is another length
             ahead = left = math.hypot(x - meant[0], y - meant[1])
             x, y = (float(it) for it in frame_places(road.line, x, y, near=front)[:2])
         else:
             if road.bent:  # vehicles that SUMO drives have places along their lanes
-                x, lane = calls.getLanePosition(in_sumo), calls.getLaneIndex(in_sumo)
+                x = calls.getLanePosition(in_sumo)
+                lane = calls.getLaneIndex(in_sumo)
                 y = road.lane_width * lane + calls.getLateralLanePosition(in_sumo)
             ahead, left = abs(x - front), abs(y - start.y)
             tolerance = POSITION_TOLERANCE

@@ -139,7 +139,8 @@ def shared_routes_xml(
     # names of types by their attributes: vehicles that differ in nothing share a type
     types: dict[tuple[tuple[str, str], ...], str] = {}
     others = []
-    names, count = vehicle_names(cases, ads_asks=ads_asks), len(cases)
+    names = vehicle_names(cases, ads_asks=ads_asks)
+    count = len(cases)
     own_lanes = own_lanes or ads_asks
     for case, concrete in enumerate(cases):
         route = name_in_sumo("along", suffix(case, count)) if ads_asks else f"along{case}"

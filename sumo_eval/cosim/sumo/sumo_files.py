@@ -79,7 +79,8 @@ def sections(road: Road) -> tuple[RoadSection, ...]:
     }
     parts = []
     for number, (begin, end) in enumerate(itertools.pairwise([0.0, *sorted(inside), last])):
-        lanes, ramp = [], -1
+        lanes = []
+        ramp = -1
         for lane in road.lanes_at(0.5 * (begin + end)):
             span = road.span(lane)
             # the lane is parted from the road all along this section
@@ -168,7 +169,9 @@ def network_xml(road: Road) -> str:
     edges, positions = _edges_along(road, nodes)
     for number, crossing in enumerate(road.crossings):
         edge = f"crossing{number}"
-        begin, end, reach = f"{edge}_begin", f"{edge}_end", crossing.reach
+        begin = f"{edge}_begin"
+        end = f"{edge}_end"
+        reach = crossing.reach
         positions |= {begin: (crossing.at, -reach), end: (crossing.at, reach)}
         shape = " ".join(_place(road, *positions[name]) for name in (begin, end))
         lane = _lane(road, f"{edge}_0", 0, 2.0 * reach, crossing.width, shape)
@@ -205,7 +208,8 @@ def _edges_along(
 
     nodes: names of those where sections begin or end, in order.
     """
-    last, parts = road.end, sections(road)
+    last = road.end
+    parts = sections(road)
     middle = 0.5 * (road.left_edge + road.right_edge)
     places = ((x, middle) for x in (*(part.begin for part in parts), last))
     positions = dict(zip(nodes, places, strict=True))
@@ -213,7 +217,8 @@ def _edges_along(
     for part, (begin, end) in zip(parts, itertools.pairwise(nodes), strict=True):
         edges.append(_section_edge(road, part, part.edge, (begin, end), part.lanes))
         if part.ramp >= 0:
-            y, ramp = road.lane_centre(part.ramp), part.ramp_edge
+            y = road.lane_centre(part.ramp)
+            ramp = part.ramp_edge
             if part.begin == 0.0:
                 begin = f"{ramp}_begin"
                 positions[begin] = (0.0, y)
@@ -351,7 +356,8 @@ def routes_xml(
     starts = departures(concrete, vehicle.length, on_map=True)
     routes = set()
     for attributes, (start, goal) in zip(starts, ys, strict=True):
-        route, first = attributes["route"], int(attributes.get("departEdge", "0"))
+        route = attributes["route"]
+        first = int(attributes.get("departEdge", "0"))
         if route not in routes:
             edges = " ".join(vehicle_edges(concrete.road, start, goal, first))
             etree.SubElement(root, "route", id=route, edges=edges)

@@ -111,7 +111,8 @@ def notes_of(people: People, parameters: Mapping[str, Sequence[str]]) -> tuple[s
     """
     notes = [*people.recordings.notes] if people.recordings else []
     if people.named is not None:
-        named, path = people.named, people.folder / NAMED_CASES
+        named = people.named
+        path = people.folder / NAMED_CASES
         known = ["scenario", "file", *itertools.chain(*parameters.values())]
         notes += unread("Column", named, known, path)
         notes += unread("Scenario", named["scenario"].unique(), [*parameters], path)
@@ -147,7 +148,8 @@ def reference(
     own = settings.tolerance or {}
     tolerance = {name: own.get(name, within) for name, within in recorded.tolerance}
     route = concrete.road.length - concrete.ego.x
-    drives, left_out = {}, list[float]()
+    drives = {}
+    left_out = list[float]()
     for event in _nearest(events, concrete.values, tolerance).itertuples():
         track = people.tracks[str(event.recording), str(event.ego)]
         name = track["driver"].iloc[0] or f"{event.recording}/{event.ego}"
@@ -173,7 +175,8 @@ def matching_events(events: Events, scenario: str, recorded: Counterpart) -> pd.
 
     Raises InputError for a column that its events do not have, or that holds no numbers.
     """
-    table, columns = events.tables[recorded.event], dict(recorded.columns)
+    table = events.tables[recorded.event]
+    columns = dict(recorded.columns)
     if len(table):  # without events it has none of these columns
         owner = f"column of `{recorded.event}` events in [recorded] of scenario `{scenario}`:"
         check_known(
@@ -213,7 +216,8 @@ def _aligned(
     x = rows["x"] - rows["x"].iloc[0] + concrete.ego.x
     # up to the first sample past the road's end, that one included
     kept = x.cummax().shift(fill_value=-np.inf) < concrete.road.length
-    recording, lane = rows["recording"].iloc[0], rows["lane"].iloc[0]
+    recording = rows["recording"].iloc[0]
+    lane = rows["lane"].iloc[0]
     centre = people.centres[recording, lane]
     right, left = (people.centres.get((recording, number), np.nan) for number in (0, 1))
     spacing = left - right  # of lanes 0 and 1; all lanes of a road are alike
@@ -246,7 +250,8 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
     rows = people.named[people.named["scenario"] == concrete.scenario].copy()
     if rows.empty:
         return None
-    path, parameters = people.folder / NAMED_CASES, list(concrete.values)
+    path = people.folder / NAMED_CASES
+    parameters = list(concrete.values)
     check_known(f"parameter column of {path}", [*map(str, rows)], *parameters)
     checked_numbers(rows, parameters, path)
     matching = rows[((rows[parameters] - [*concrete.values.values()]).abs() < 1e-6).all(axis=1)]

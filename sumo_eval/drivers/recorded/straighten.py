@@ -166,7 +166,8 @@ def _furthest(line: FloatArray, others: Iterable[FloatArray]) -> FloatArray:
     shifted sideways to the end; empty where none does.
     """
     # the course at the end, over five points
-    end, course = line[-1], line[-1] - line[-min(6, len(line))]
+    end = line[-1]
+    course = line[-1] - line[-min(6, len(line))]
     course = course / np.hypot(*course)
     normal = np.array([-course[1], course[0]])
     furthest = line[:0]

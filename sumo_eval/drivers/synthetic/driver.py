@@ -280,7 +280,8 @@ class SyntheticDriver(Compiled):
 
         others: number of other vehicles in each case.
         """
-        count, step = len(together), scenario["step"][0]
+        count = len(together)
+        step = scenario["step"][0]
         longest = max(it.driver.reaction_time for it in together)
         # The longest reaction time is the one without an alert. Looks are kept at each step within
         # it and at its ends, and two in reserve.

@@ -198,7 +198,8 @@ def _feet(
     s: of the approximate feet.
     """
     heading = np.interp(s, line.grid.middle, line.heading)
-    cos, sin = np.cos(heading), np.sin(heading)
+    cos = np.cos(heading)
+    sin = np.sin(heading)
     off = places - line.at(s)
     s = np.clip(s + off[:, 0] * cos + off[:, 1] * sin, 0.0, line.grid.length)
     return s, np.column_stack([-sin, cos]), places - line.at(s)

@@ -181,7 +181,8 @@ def crossings_of(
     Raises InputError for one that is not within the road, or goes beyond a curve's centre.
     """
     for table in tables:
-        owner, half = f"[[road.crossing]] of {where}", 0.5 * table.width
+        owner = f"[[road.crossing]] of {where}"
+        half = 0.5 * table.width
         if not half <= table.x <= length - half:
             raise must_be("`x`", owner, f"within the road's {length:g} m", table.x)
         sharpest = float(np.abs(curvatures(line, [table.x - half, table.x, table.x + half])).max())

@@ -176,7 +176,8 @@ def reference_line(road: Element, owner: str) -> tuple[Line, Pose]:
             begin = pose
         # each geometry must begin where the ones before it end
         s = length_of(pieces)
-        what, off = f"The <geometry> at s = {s:g}", begin.along(pieces, s).off(pose)
+        what = f"The <geometry> at s = {s:g}"
+        off = begin.along(pieces, s).off(pose)
         _check_near(what, owner, "where the one before it ends", *off)
         # an empty <geometry> counts as its own shape: its tag is refused below
         shape = next(geometry.iterfind("*"), geometry)
@@ -203,7 +204,8 @@ def _cubic(shape: Element, length: float, owner: str) -> Cubic:
     kinds = {"arcLength": length, "normalized": 1.0}
     kind = shape.get("pRange", "normalized")
     check_known(f"`pRange` of <paramPoly3> of {owner}:", kinds, kind)
-    off, turned = math.hypot(along[0], left[0]), abs(math.atan2(left[1], along[1]))
+    off = math.hypot(along[0], left[0])
+    turned = abs(math.atan2(left[1], along[1]))
     what = "one that begins at its <geometry>"
     _check_near("A <paramPoly3>", owner, what, off, turned)
     return Cubic(along, left, kinds[kind])
@@ -259,7 +261,8 @@ def lane_offset(road: Element, owner: str, length: float, *, flat: bool = False)
     tilted.
     """
     for name in (*(() if flat else PROFILES), "lanes/laneOffset"):
-        entries, tilt = list(road.iterfind(name)), name in PROFILES[1:]
+        entries = list(road.iterfind(name))
+        tilt = name in PROFILES[1:]
         cubics = cubics_of(entries, "s", partial(_number, owner))
         if tilt or all(cubic[0] > 0.0 for cubic in cubics):
             # 0 before the first entry, and where there is none; any tilt is compared with 0
@@ -444,9 +447,11 @@ def _span_of(
 
     # from s = `opens` to `begin` it opens, from `end` to `closes` it narrows
     gone = [s for s, value in knots if abs(value) <= _SAME]
-    begin, end = min(whole), max(whole)
+    begin = min(whole)
+    end = max(whole)
     before, behind = [s for s in gone if s <= begin], [s for s in gone if s >= end]
-    opens, closes = max(before, default=begin), min(behind, default=end)
+    opens = max(before, default=begin)
+    closes = min(behind, default=end)
     for s, value in knots:
         wanted = width * (1.0 - missing(s, opens, begin, end, closes))
         # where it opens or ends without a taper, one of the two knots at that s is 0 m wide

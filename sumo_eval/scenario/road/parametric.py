@@ -78,7 +78,8 @@ def pieces_along(cubic: Cubic, length: float, owner: str) -> list[Piece]:
         if not abs(own - length) <= _BESIDE:
             what = "The length of a <paramPoly3>"
             raise must_be(what, owner, f"its curve's, {own:.3f} m", f"{length:g} m")
-        heading, curvature = cubic.heading(ends), cubic.curvature(ends)
+        heading = cubic.heading(ends)
+        curvature = cubic.curvature(ends)
         # curvature to add to a piece, so that it turns as far as its part of the cubic
         missing = np.diff(heading) / lengths - 0.5 * (curvature[:-1] + curvature[1:])
         stretch = length / own
@@ -90,7 +91,8 @@ def pieces_along(cubic: Cubic, length: float, owner: str) -> list[Piece]:
         s = np.append(0.0, np.cumsum(cubic.lengths(looks))) * stretch
         x, y, _ = map_places(tuple(drawn), s, 0.0)
         u, v = (along - along[0] for along in cubic.at(looks))
-        cos, sin = math.cos(heading[0]), math.sin(heading[0])
+        cos = math.cos(heading[0])
+        sin = math.sin(heading[0])
         off = np.hypot(x - (u * cos + v * sin), y - (v * cos - u * sin)).max()
         if off <= NEAR + abs(own - length):
             return drawn

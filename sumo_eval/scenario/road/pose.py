@@ -25,7 +25,8 @@ class Pose(NamedTuple):
 
     def moved(self, ahead: float, left: float = 0.0, turned: float = 0.0) -> Pose:
         """The place `ahead` m ahead, `left` m to the left, and turned by `turned`, rad."""
-        c, s = math.cos(self.heading), math.sin(self.heading)
+        c = math.cos(self.heading)
+        s = math.sin(self.heading)
         return Pose(
             self.x + ahead * c - left * s, self.y + ahead * s + left * c, self.heading + turned
         )
@@ -53,7 +54,8 @@ class Pose(NamedTuple):
     def seen_from(self, origin: Pose) -> Pose:
         """The place in the axes of another, `origin`: x ahead of that, y to its left."""
         dx, dy = self.x - origin.x, self.y - origin.y
-        c, s = math.cos(origin.heading), math.sin(origin.heading)
+        c = math.cos(origin.heading)
+        s = math.sin(origin.heading)
         turned = math.remainder(self.heading - origin.heading, math.tau)
         return Pose(dx * c + dy * s, dy * c - dx * s, turned)
 
@@ -64,5 +66,6 @@ def onto_the_line(points: ArrayLike, begins: Pose) -> FloatArray:
     """
     x, y, heading = begins
     east, north = np.asarray(points, float).T - [[x], [y]]
-    cos, sin = np.cos(heading), np.sin(heading)
+    cos = np.cos(heading)
+    sin = np.sin(heading)
     return np.column_stack([east * cos + north * sin, north * cos - east * sin])

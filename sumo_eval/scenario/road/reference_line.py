@@ -323,7 +323,8 @@ def _each(
         the result, with curvature 0.
     """
     arrays = np.broadcast_arrays(*(np.asarray(it, float) for it in places))
-    shape, stacked = arrays[0].shape, np.stack([it.ravel() for it in arrays], axis=1)
+    shape = arrays[0].shape
+    stacked = np.stack([it.ravel() for it in arrays], axis=1)
     result = np.zeros((len(stacked), 4))
     if pieces:
         rule(knots_of(pieces), stacked, result)
@@ -342,7 +343,8 @@ def drawn_points(pieces: Line, begin: float, end: float, longest: float = 1.0) -
     corners = [begin, end]
     s = 0.0
     for piece in pieces:
-        low, high = max(s, begin), min(s + piece.length, end)
+        low = max(s, begin)
+        high = min(s + piece.length, end)
         s += piece.length
         if high <= low:
             continue
@@ -359,7 +361,8 @@ def comes_back(pieces: Line, length: float, width: float) -> bool:
     length, width: of the road, m.
     """
     # points every 10 m: where two parts of the road touch, a point of each is within `near`
-    near, s = width + 10.0, np.arange(0.0, length, 10.0)
+    near = width + 10.0
+    s = np.arange(0.0, length, 10.0)
     x, y, _ = map_places(pieces, s, 0.0)
     apart = np.abs(np.subtract.outer(x + 1j * y, x + 1j * y))
     # but not along the road: there, neighbours are near on any curve

@@ -49,7 +49,8 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
 
     `request.count`: points of all rounds together, at most. `request.round`: of one.
     """
-    owner, budget = owner_of(logical), request.wanted(logical)
+    owner = owner_of(logical)
+    budget = request.wanted(logical)
     size = size_of_round(budget, request.round, owner)
     possible, cells = _cells(logical, size, request.seed)
     if len(possible) < _SPARE * budget:

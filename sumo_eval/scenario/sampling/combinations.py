@@ -40,7 +40,8 @@ def combinations(logical: LogicalScenario, request: Request) -> Drawn:
         )
     axes, notes = grid_axes(logical, request)
     sizes = [len(axis) for axis in axes]
-    grid, levels = mesh(axes), np.indices(sizes).reshape(len(sizes), -1).T
+    grid = mesh(axes)
+    levels = np.indices(sizes).reshape(len(sizes), -1).T
     feasible = logical.feasible(grid)
     if strength == 1:  # as many points as the longest axis has values
         rows = [[number % size for size in sizes] for number in range(max(sizes))]
@@ -67,7 +68,8 @@ def tuples_of(levels: Levels, sizes: Sequence[int], strength: int) -> IntArray:
     """The combinations that points hold, (c, n): for each choice of `strength` axes, the number of
     each point's combination of values on these axes. No two combinations share a number.
     """
-    codes, first = [], 0
+    codes = []
+    first = 0
     for axes in itertools.combinations(range(len(sizes)), strength):
         counts = tuple(sizes[axis] for axis in axes)
         codes.append(first + np.ravel_multi_index(tuple(levels[:, axes].T), counts))

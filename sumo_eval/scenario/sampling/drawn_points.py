@@ -38,7 +38,8 @@ def sequence(name: str) -> Callable[[LogicalScenario, Request], Drawn]:
     """
 
     def first_points(logical: LogicalScenario, request: Request) -> Drawn:
-        count, stream = request.wanted(logical), request.stream(logical, name)
+        count = request.wanted(logical)
+        stream = request.stream(logical, name)
         if name == "sobol":
             uneven = (f"Sobol points are evenest in powers of 2; {count} is none.",)
             points = evenly(logical, count, stream)
@@ -107,7 +108,8 @@ def _drawn(
     stream = request.stream(logical, label)
     candidates = max(min(max(1024, CANDIDATES * count), MOST_CANDIDATES), count)
     shares = _sobol(len(logical.names), candidates, stream)
-    points, density = logical.from_shares(shares), np.ones(len(shares))
+    points = logical.from_shares(shares)
+    density = np.ones(len(shares))
     for column, item in enumerate(logical.parameters):
         # listed values are drawn evenly: their probability comes in with the exposure
         if item.distribution is not None and not item.values:
@@ -129,7 +131,9 @@ def _drawn(
     # picks at equal distances each take the candidate on whose part they fall, a heavy one perhaps
     # twice. Shuffled first, because neighbours in a Sobol sequence are not neighbours in space.
     order = stream.permutation(len(points))
-    points, attentions, weight = points[order], attentions[order], weight[order]
+    points = points[order]
+    attentions = attentions[order]
+    weight = weight[order]
     picks = (stream.uniform() + np.arange(count)) / count
     ends = np.cumsum(weight) / weight.sum()
     picked = np.minimum(np.searchsorted(ends, picks), len(points) - 1)  # last end may round below 1

@@ -42,7 +42,8 @@ def grid_axes(
     logical: LogicalScenario, request: Request
 ) -> tuple[list[list[float]], tuple[str, ...]]:
     """The values of each axis, and sentences about axes that do not end where their range does."""
-    owner, steps = owner_of(logical), dict(request.steps or {})
+    owner = owner_of(logical)
+    steps = dict(request.steps or {})
     named: dict[str, Any] = {}  # levels by the names of axes, if requested so
     # one number of levels is for all axes but those with listed values
     levels: dict[str, Any] = dict.fromkeys(logical.names, request.levels)

@@ -49,7 +49,8 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
 
 def from_function(logical: LogicalScenario, request: Request, locator: str) -> Drawn:
     """The points that the user's function `(space, n, rng) -> points` returns."""
-    count, owner = request.wanted(logical), f"sampler `{locator}`"
+    count = request.wanted(logical)
+    owner = f"sampler `{locator}`"
     function = load_object(locator, request.folder, "Sampler")
     if not callable(function):
         raise must_be(
