@@ -66,6 +66,10 @@ def alarms(counts: Behaviour) -> list[str]:
         (counts.avoidable, count(counts.avoidable, "avoidable collision")),
         (counts.stands, f"stands in {count(counts.stands, 'safe case')} where drivers drive on"),
         (counts.slower, f"slower than the slowest driver in {count(counts.slower, 'safe case')}"),
+        (
+            counts.implausible,
+            f"unlike any recorded person in {count(counts.implausible, 'safe case')}",
+        ),
         (counts.not_evaluated, f"{count(counts.not_evaluated, 'case')} not evaluated{given_up}"),
     )
     return [words for number_of, words in causes if number_of]

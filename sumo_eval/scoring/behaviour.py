@@ -27,6 +27,7 @@ class Behaviour(NamedTuple):
 
     stands: safe cases in which it stands where the references drive.
     slower: further ones in which it is slower than the references.
+    implausible: safe cases of plausibility 0, beyond all recorded people; 0 if not most of them.
     worst: impact speed of the hardest avoidable collision, m/s; 0 without one.
     excess: mean of max(0, U - Ug), weighted by exposure, m/s; 0 where nothing could be evaluated.
     grade, human: A' and H; None where they do not exist.
@@ -39,6 +40,7 @@ class Behaviour(NamedTuple):
     departures: int
     stands: int
     slower: int
+    implausible: int
     gave_up: int
     not_evaluated: int
     worst: float
@@ -74,6 +76,7 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
     by_scenario = {} if evaluation.ranking is None else evaluation.ranking.weights
     weights = [by_scenario.get(score.scenario, 1.0) for score in scores]
     stands = sum(int(findings.stands.sum()) for findings in parts)  # also counted as slow
+    beyond = np.concatenate([it.cases.plausibility[it.likened] == 0.0 for it in parts])
 
     def total(field: str) -> int:
         return sum(getattr(score, field) for score in scores)
@@ -90,6 +93,7 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
         departures=total("departures"),
         stands=stands,
         slower=sum(int(findings.slow.sum()) for findings in parts) - stands,
+        implausible=int(beyond.sum()) if beyond.sum() > len(beyond) / 2 else 0,
         gave_up=total("gave_up"),
         not_evaluated=total("not_evaluated"),
         worst=max(

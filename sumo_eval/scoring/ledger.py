@@ -47,7 +47,7 @@ class LedgerLine:
     entries: its m cases, the costliest first.
     parts: contribution of each case to the index, (m,); a loss is negative.
     cases: number of these cases that lost at least `WORTH_COUNTING` of the index; in T, those whose
-        t_i is below 1 - `NOTICEABLE`.
+        t_i is below 1 - `NOTICEABLE`; in A all, as the same collisions may stand in C.
     equation: its number in the paper; empty for a term that is not the paper's.
     """
 
@@ -198,7 +198,7 @@ def _avoided_lines(findings: Findings) -> _Lines:
         "collisions that the ideal vehicle has too, but softer": cases.unavoidable,
         "left the road": cases.departed,
     }
-    yield from _first_of(findings, "A", groups, lost, lost >= WORTH_COUNTING)
+    yield from _first_of(findings, "A", groups, lost, lost > ROUNDING)
 
 
 def _human_lines(findings: Findings) -> _Lines:

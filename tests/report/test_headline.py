@@ -76,6 +76,14 @@ def test_each_alarm_is_raised_by_one_case(evaluation, words):
     assert words in said
 
 
+def test_alarm_of_what_no_recorded_person_does_in_most_cases(evaluation):
+    for number, alarmed in ((2, False), (3, True)):
+        first, rest = clean(evaluation, builders.CALM)[:number], clean(evaluation, builders.CALM)
+        odd = [replace(case, plausibility=0.0) for case in first] + rest[number:]
+        alarms = headline(of_one_scenario(evaluation, odd)).alarms
+        assert alarms == ((builders.CALM, "unlike any recorded person in 3 safe cases"),) * alarmed
+
+
 def test_alarm_and_ledger_count_the_same_standing_cases(evaluation):
     """A case that stands just before the end of the way is in neither."""
     shares = (0.4, 0.9, 0.995, 1.0)

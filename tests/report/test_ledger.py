@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import builders
 import pytest
-from report_cases import every, findings, with_settings
+from report_cases import every, findings, with_case, with_settings
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.report.score_words import explain_a
@@ -147,6 +147,16 @@ def test_a_collision_that_doing_nothing_avoids_is_called_caused(evaluation):
     line = line_of(ledger_plus(found), "caused")
     assert set(line.entries.case.tolist()) == {case.case for case in struck}
     assert f"({len(struck)} of them caused by the ADS)" in explain_a(found)
+
+
+def test_a_collision_that_costs_a_little_counts_in_a_as_in_c(evaluation):
+    score, found = findings(evaluation, builders.HOSTILE, 1)
+    case = next(it for it in found.cases if it.unavoidable)
+    little = with_case(evaluation, case, severity=case.ideal_severity + 1e-3)
+    found = Findings.of(little, score)
+    line = line_of(ledger_plus(found), "has too, but softer")
+    assert line.cases == len(line.entries) == score.unavoidable_collisions
+    assert line.parts.max() > -1e-4
 
 
 def test_a_safe_case_with_an_avoidable_collision_costs_its_whole_share_of_h(evaluation):

@@ -15,7 +15,12 @@ from refusals import refusal
 from sumo_eval.evaluation import score
 from sumo_eval.extras.studies.calibration import calibrate
 from sumo_eval.extras.studies.opinion import compare_opinion, read_ratings
-from sumo_eval.extras.studies.sensitivity import K3_IS_IDLE, sensitivity, sensitivity_lines
+from sumo_eval.extras.studies.sensitivity import (
+    K3_IS_IDLE,
+    _most,
+    sensitivity,
+    sensitivity_lines,
+)
 from sumo_eval.method.plausibility import LEAST_PEOPLE, MOTORWAY_PEOPLE
 from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.facts import record_facts
@@ -338,6 +343,8 @@ def test_the_ranking_under_other_constants(runs):
     a = [row for row in rows if (row.constant, row.index) == ("a", "S")]
     assert [row.value for row in a] == [10.0, 25.0, 50.0, 75.0, 90.0]
     assert all(row.ranking[0] == "lane_changer" for row in a)
+    most = [_most(settings, f"method.anthropomorphic.field.{name}") for name in ("k1", "k2")]
+    assert most == [20.0, 1.0]
 
 
 DRAWN = SamplingSettings("exposure", count=16)

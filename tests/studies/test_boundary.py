@@ -147,6 +147,16 @@ def broken():
     return Setup(SimulationSettings(), RunSettings(workers=1), folder)
 
 
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_finished_study_is_not_written_over(tmp_path, resume):
+    (tmp_path / "boundary.html").touch()
+    with (
+        refusal("holds the results of a study, boundary.html: name another folder"),
+        trials_in(tmp_path, SETUP, ["idm"], "idm", resume=resume),
+    ):
+        pass
+
+
 @pytest.mark.parametrize(
     "arguments, sentence",
     rows_of(

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from annotated_types import Le
 from scipy import stats
 
 from sumo_eval.errors import check_known
@@ -25,6 +26,7 @@ from sumo_eval.method.score_terms import ordering_score, paper_score
 from sumo_eval.report.study_page import write_study
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import EvaluationSettings
+from sumo_eval.settings.checked import hints_of
 from sumo_eval.trajectory import FloatArray
 
 FACTORS = (0.5, 2.0)  # of the value with which the run was scored
@@ -88,7 +90,8 @@ class SensitivityRow(NamedTuple):
 def sensitivity(
     run: Path, progress: Callable[[str, int, int], None], *, constants: Sequence[str]
 ) -> list[SensitivityRow]:
-    """Score a run again with each constant halved and doubled, and with other values of a.
+    """Score a run again with each constant halved and doubled, up to its largest value, and with
+    other values of a.
 
     progress: called with the stage, the number of values scored and the number of all.
     constants: any of k1, k2, k3, k4, `centre floor`, `field floor`, a (b = 100 - a); empty: all,
@@ -106,7 +109,8 @@ def sensitivity(
     for name in names:
         as_scored = float(operator.attrgetter(_SETTING_OF[name])(base.settings))
         variants.append((name, as_scored, base))
-        for value in (as_scored * factor for factor in FACTORS):
+        most = _most(base.settings, _SETTING_OF[name])
+        for value in (min(as_scored * factor, most) for factor in FACTORS):
             again = score(run, [_COARSE_BANDS, f"{_SETTING_OF[name]}={value!r}"])
             variants.append((name, value, again))
             progress("sensitivity", len(variants), len(names) * (1 + len(FACTORS)))
@@ -129,6 +133,13 @@ def sensitivity(
                 scores = _scores(evaluation, scenario, field)
                 rows.append(_row((scenario, name, value, index), scores, before))
     return sorted(rows, key=lambda row: (row.scenario, row.constant, row.index, row.value))
+
+
+def _most(settings: EvaluationSettings, path: str) -> float:
+    """Largest value that a setting may have, by its path."""
+    table, _, key = path.rpartition(".")
+    hint = hints_of(type(operator.attrgetter(table)(settings)))[key]
+    return min((mark.le for mark in hint.__metadata__ if isinstance(mark, Le)), default=math.inf)
 
 
 def _k3_counts(settings: EvaluationSettings) -> bool:

@@ -31,6 +31,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import FloatArray, Recording
 
 KEPT = "unfinished.sqlite"
+PAGES = "boundary.html", "campaign.html"  # of finished studies
 
 
 class _Outcomes(Store):
@@ -100,9 +101,14 @@ def trials_in(
 
     study: what its trials are of; another study does not continue it.
     resume: continue the study that was stopped there.
-    Raises InputError where an ADS cannot be loaded, or the folder does not fit `resume`.
+    Raises InputError where an ADS cannot be loaded, the folder does not fit `resume`, or it holds
+    results.
     """
     path = folder / KEPT
+    if results := [name for name in PAGES if (folder / name).exists()]:
+        raise InputError(
+            f"{folder} holds the results of a study, {results[0]}: name another folder with --out."
+        )
     if resume and not path.exists():
         raise InputError(f"{folder} holds no study that was stopped: there is nothing to resume.")
     identities = identify([("ADS", locator) for locator in locators], setup)
