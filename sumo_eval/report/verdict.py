@@ -89,7 +89,9 @@ def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tup
     alike = sum(part.identical for part in comparison.ads)
     little = pairs - alike - worse - better  # cases changed by less than the tolerances
     words = [moved] if worse or better else []
-    words += [f"{count(little, 'case')} changed by less than the tolerances"] if little > 0 else []
+    if little > 0:
+        less = "changed by less than the tolerances of outcome and likeness"
+        words.append(f"{count(little, 'case')} {less}")
     words = words or [f"{count(alike, 'case')} {equal}"]
     if lost := sum(group.lost for group in comparison.unpaired):
         words.append(f"{lost} of the base have no partner")

@@ -137,9 +137,13 @@ def scores_of(
         and D exists in all samples or in none, by the cases in `terms`.
     exposed: whether any case has an exposure; None: by the cases in `terms`.
     """
+
+    def mean(values: FloatArray) -> FloatArray:
+        return score_terms.exposure_mean(values, terms.exposure, counts)
+
     collisions = terms.ratio, terms.weight, terms.collided, terms.evaluated
     c = score_terms.collision_avoidance(*collisions, counts if hits is None else hits)
-    d = score_terms.exposure_mean(terms.index, terms.exposure, counts)
+    d = mean(terms.index)
     voided = terms.voids.any() if hits is None else hits @ terms.voids.astype(np.float64) > 0.0
     d = np.where(voided, np.nan, d)
     harm = terms.severity, terms.ideal, terms.unreacting
@@ -147,23 +151,15 @@ def scores_of(
     by_exposure = np.full(d.shape, np.nan)  # where no case has an exposure
     if terms.exposure.any() if exposed is None else exposed:
         by_exposure = score_terms.avoided_share(*harm, terms.exposure, counts)
-    human = score_terms.exposure_mean(terms.likeness, terms.exposure, counts)
-    task = score_terms.exposure_mean(terms.task, terms.exposure, counts)
+    human, task = mean(terms.likeness), mean(terms.task)
     grade = score_terms.avoidance_grade(avoided, method.task.sharpness)
     contact = np.where(terms.evaluated, terms.collided.astype(np.float64), np.nan)
-    return {
-        "c": c,
-        "d": d,
-        "s": score_terms.paper_score(c, d, method.score),
-        "avoided_share": avoided,
-        "avoided_share_exposure": by_exposure,
-        "regret": score_terms.regret(terms.severity, terms.ideal, terms.weight, counts),
-        "human_likeness": human,
-        "task_share": task,
-        "avoidance_grade": grade,
-        "s_plus": score_terms.ordering_score(task, grade, human, method.score),
-        "collision_probability": score_terms.exposure_mean(contact, terms.exposure, counts),
-    }
+    values = (
+        c, d, score_terms.paper_score(c, d, method.score), avoided, by_exposure,
+        score_terms.regret(*harm[:2], terms.weight, counts), human, task, grade,
+        score_terms.ordering_score(task, grade, human, method.score), mean(contact),
+    )  # fmt: skip
+    return dict(zip(COMPUTED, values, strict=True))
 
 
 def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | None]:

@@ -53,14 +53,12 @@ def failure_kinds(cases: CaseTable) -> tuple[IntArray, list[str]]:
     of them in the list: a contact outranks a departure. A case gets plain `collision` where it is
     not known what the ideal vehicle does.
     """
-    by_ideal = ("unavoidable", "avoidable", "caused")
-    words = ["", "off road", "collision", *(f"{kind} collision" for kind in by_ideal)]
-    flags = [cases.off_road | cases.departed, cases.collided]
-    flags += [getattr(cases, kind) for kind in by_ideal]
-    kinds = np.zeros(len(cases), dtype=np.intp)
-    for code, flag in enumerate(flags, 1):  # a later kind replaces an earlier one
-        kinds[flag] = code
-    codes = {word: code for code, word in enumerate(words)}
+    flags = {"off road": cases.off_road | cases.departed, "collision": cases.collided}
+    for kind in ("unavoidable", "avoidable", "caused"):
+        flags[f"{kind} collision"] = getattr(cases, kind)
+    kinds, codes = np.zeros(len(cases), dtype=np.intp), {"": 0}
+    for kind, flag in flags.items():  # a later kind replaces an earlier one
+        kinds[flag] = codes.setdefault(kind, len(codes))
     missing = np.flatnonzero(~cases.evaluated)
     for case, status, place in zip(
         missing.tolist(), cases.status[missing], cases.error_place[missing], strict=True

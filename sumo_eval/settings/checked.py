@@ -5,7 +5,8 @@ settings that is made in Python checks them here; `sumo_eval.settings.config` ha
 same annotations in evaluation.toml.
 
 Users: `cosim/doors/features.py`, `report/readings.py`, `scenario/`, `scoring/gate_settings.py`,
-`settings/`, `extras/openscenario/points.py`, `extras/rates/campaign.py`, `extras/wheel/`.
+`settings/`, `extras/openscenario/points.py`, `extras/rates/campaign.py`,
+`extras/studies/sensitivity.py`, `extras/wheel/`.
 """
 
 from __future__ import annotations

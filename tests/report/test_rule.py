@@ -312,9 +312,11 @@ def test_the_same_is_said_of_equal_bits_alone(evaluation):
 
     assert told(evaluation).startswith("same: THE SAME as")
     case = pick(evaluation, collided=False)
-    digit = with_case(evaluation, case, max_jerk=np.nextafter(case.max_jerk, 9.0))
-    assert told(digit).startswith("no_limit_failed: NO LIMIT FAILED")
-    assert "1 case changed by less than the tolerances" in told(digit)
+    digit = np.nextafter(case.max_jerk, 9.0)
+    for jerk in (digit, 99.0):  # far beyond its own tolerance
+        changed = told(with_case(evaluation, case, max_jerk=jerk))
+        assert changed.startswith("no_limit_failed: NO LIMIT FAILED")
+        assert "1 case changed by less than the tolerances of outcome and likeness" in changed
     fewer = replace(
         evaluation, cases=tuple(one for one in evaluation.cases if one.case != case.case)
     )

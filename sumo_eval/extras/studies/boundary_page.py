@@ -42,8 +42,8 @@ def summary(boundary: FailureBoundary) -> dict[str, Any]:
         "scenario": logical.name,
         "ads": boundary.ads,
         "parameters": [
-            {"name": p.name, "low": p.low, "high": p.high, "unit": p.unit}
-            for p in logical.parameters
+            {key: getattr(it, key) for key in ("name", "low", "high", "unit")}
+            for it in logical.parameters
         ],
         **last._asdict(),  # simulations, collisions, expected_change, doubt
         "not_evaluated": boundary.not_evaluated,

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from annotated_types import Le
 from scipy import stats
 
 from sumo_eval.errors import check_known
@@ -29,7 +28,7 @@ from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.checked import hints_of
 from sumo_eval.trajectory import FloatArray
 
-FACTORS = (0.5, 2.0)  # of the value with which the run was scored
+FACTORS = (1.0, 0.5, 2.0)  # of the value with which the run was scored
 _SETTING_OF = {
     "k1": "method.anthropomorphic.field.k1",
     "k2": "method.anthropomorphic.field.k2",
@@ -108,12 +107,11 @@ def sensitivity(
     variants = []
     for name in names:
         as_scored = float(operator.attrgetter(_SETTING_OF[name])(base.settings))
-        variants.append((name, as_scored, base))
-        most = _most(base.settings, _SETTING_OF[name])
-        for value in (min(as_scored * factor, most) for factor in FACTORS):
-            again = score(run, [_COARSE_BANDS, f"{_SETTING_OF[name]}={value!r}"])
-            variants.append((name, value, again))
-            progress("sensitivity", len(variants), len(names) * (1 + len(FACTORS)))
+        for factor in FACTORS:
+            value = min(as_scored * factor, _most(base.settings, _SETTING_OF[name]))
+            options = [_COARSE_BANDS, f"{_SETTING_OF[name]}={value!r}"]
+            variants.append((name, value, base if factor == 1.0 else score(run, options)))
+            progress("sensitivity", len(variants), len(names) * len(FACTORS))
 
     values_of_a = _VALUES_OF_A if "a" in chosen else ()
     rows = []
@@ -138,8 +136,8 @@ def sensitivity(
 def _most(settings: EvaluationSettings, path: str) -> float:
     """Largest value that a setting may have, by its path."""
     table, _, key = path.rpartition(".")
-    hint = hints_of(type(operator.attrgetter(table)(settings)))[key]
-    return min((mark.le for mark in hint.__metadata__ if isinstance(mark, Le)), default=math.inf)
+    owner: Any = type(operator.attrgetter(table)(settings))
+    return min(getattr(mark, "le", math.inf) for mark in hints_of(owner)[key].__metadata__)
 
 
 def _k3_counts(settings: EvaluationSettings) -> bool:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -463,10 +462,11 @@ def _digest(workers: int, batch: int) -> str:
     """
     settings = SimulationSettings(step=0.1)
     low = catalogue.load("front_vehicle_low_speed")
-    points = [low.concrete(ego_speed=15.0 + number, lead_speed=5.0) for number in range(8)]
     cases = [
         with_fingerprint(Case(number, concrete, "ads", ads, ads), settings, "", "")
-        for ads, (number, concrete) in product(("careful_driver", "no_reaction"), enumerate(points))
+        for ads in ("careful_driver", "no_reaction")
+        for number in range(8)
+        for concrete in [low.concrete(ego_speed=15.0 + number, lead_speed=5.0)]
     ]
     with TemporaryDirectory() as folder:
         setup = Setup(settings, RunSettings(workers=workers, cases_per_pack=batch), Path(folder))
