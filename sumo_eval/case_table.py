@@ -3,7 +3,7 @@
 `scoring/` makes it, `report/` and `nightly/` read it. A table loads a column when it is first used:
 a million records in memory are some gigabytes, their columns on disk a twentieth of that.
 
-Users: `nightly/`, `report/`, `results.py`, `scoring/`, `extras/`.
+Users: `nightly/`, `record/exchange.py`, `report/`, `results.py`, `scoring/`, `extras/`.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from sumo_eval.method.index_terms import IndexNote
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 Column = NDArray[Any]
+REAL = ("float", "Measure")
+"""Types of fields that hold real numbers, as text."""
 _RECORDS = {record.__name__: record for record in (ThinReference, IndexNote)}
 _TYPES = {item.name: str(item.type) for item in fields(CaseResult)}
 """Fields of a row and their annotations, as text."""
@@ -37,7 +39,7 @@ The column of `values` holds the names of the parameters.
 """
 COLUMNS = len(_PLACES) + 100
 """Most columns of a row: all fields, and room for 100 parameters."""
-NUMBERS = tuple(name for name, kind in _TYPES.items() if kind.startswith(("float", "bool", "int")))
+NUMBERS = tuple(name for name, kind in _TYPES.items() if kind.startswith((*REAL, "bool", "int")))
 """Fields that hold numbers or truth values."""
 _TEXT = np.dtypes.StringDType()
 _CACHED_CHUNKS = 32  # chunks whose records stay in memory
@@ -72,7 +74,7 @@ def _is_real(name: str) -> bool:
 
     name: of the field; "", here and below, for a parameter.
     """
-    return not name or _TYPES[name].startswith("float")
+    return not name or _TYPES[name].startswith(REAL)
 
 
 def _encoded(name: str, values: Sequence[Any]) -> bytes:

@@ -2,8 +2,8 @@
 
 `scoring/` makes records, `report/` and `nightly/` read them; a table of many is in `case_table.py`.
 
-Users: `case_table.py`, `nightly/`, `record/`, `report/`, `results.py`, `scoring/`, `whatif/`,
-`extras/`.
+Users: `case_table.py`, `nightly/`, `record/`, `report/`, `results.py`, `score_notes.py`,
+`scoring/`, `whatif/`, `extras/`.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from sumo_eval.settings.locators import load_object
 from sumo_eval.trajectory import FloatArray
 
 Zone = Literal["safe", "hazardous"]
+Measure = float | None
+"""A number; None: it does not apply, or could not be evaluated."""
 
 EVALUATED = ("ok", "collision", "off_road")
 """Statuses of cases that were evaluated, i.e. whose outcome counts in all scores."""
@@ -265,76 +267,76 @@ class CaseResult(CaseProperties):
     status: str
     end_reason: str | None
     error: str | None
-    wall_time: float | None
-    simulated_time: float | None
-    latency_mean: float | None
-    latency_max: float | None
+    wall_time: Measure
+    simulated_time: Measure
+    latency_mean: Measure
+    latency_max: Measure
     collided: bool
-    impact_speed: float | None = None
-    overlap: float | None = None
+    impact_speed: Measure = None
+    overlap: Measure = None
     side: str | None = None
-    severity: float | None = None
-    loss: float | None = None
-    ideal_severity: float | None = None
-    weight: float | None = None
+    severity: Measure = None
+    loss: Measure = None
+    ideal_severity: Measure = None
+    weight: Measure = None
     beats_ideal: bool = False
-    index: float | None = None
-    length_factor: float | None = None
-    operation_factor: float | None = None
-    similarity: float | None = None
+    index: Measure = None
+    length_factor: Measure = None
+    operation_factor: Measure = None
+    similarity: Measure = None
     index_note: tuple[IndexNote, ...] = ()
     clips: str = ""
     ideal_collided: bool | None = None
-    min_ttc: float | None = None
-    max_ittc: float | None = None
-    min_thw: float | None = None
-    min_gap: float | None = None
-    max_drac: float | None = None
-    pet: float | None = None
-    max_deceleration: float | None = None
-    max_jerk: float | None = None
-    max_lateral_jerk: float | None = None
-    delta_v: float | None = None
+    min_ttc: Measure = None
+    max_ittc: Measure = None
+    min_thw: Measure = None
+    min_gap: Measure = None
+    max_drac: Measure = None
+    pet: Measure = None
+    max_deceleration: Measure = None
+    max_jerk: Measure = None
+    max_lateral_jerk: Measure = None
+    delta_v: Measure = None
     drivers: int | None = None
     recorded_drivers: int | None = None
     reference_note: ThinReference | None = None
-    human_low: float | None = None
-    human_mean: float | None = None
-    human_high: float | None = None
+    human_low: Measure = None
+    human_mean: Measure = None
+    human_high: Measure = None
     bimodal: bool = False
     manoeuvre: str = ""
-    manoeuvre_share: float | None = None
+    manoeuvre_share: Measure = None
     exposure_note: Literal["", "outside_support"] = ""
     error_place: str = ""
-    no_reaction_severity: float | None = None
-    operation_tolerance: float | None = None
-    mixture_similarity: float | None = None
-    plausibility: float | None = None
-    human_likeness: float | None = None
+    no_reaction_severity: Measure = None
+    operation_tolerance: Measure = None
+    mixture_similarity: Measure = None
+    plausibility: Measure = None
+    human_likeness: Measure = None
     struck_from_behind: bool = False
-    largest_offset: float | None = None
-    overshoot: float | None = None
-    over_line_time: float | None = None
-    settling_time: float | None = None
+    largest_offset: Measure = None
+    overshoot: Measure = None
+    over_line_time: Measure = None
+    settling_time: Measure = None
     requirements_missed: str | None = None
-    conflict_pet: float | None = None
-    undisturbed_pet: float | None = None
-    time_to_conflict: float | None = None
+    conflict_pet: Measure = None
+    undisturbed_pet: Measure = None
+    time_to_conflict: Measure = None
     ideal_error: str = ""
     no_reaction_error: str = ""
-    task_share: float | None = None
-    departure_time: float | None = None
-    departure_speed: float | None = None
-    departure_severity: float | None = None
-    latency_median: float | None = None
-    latency_p99: float | None = None
-    latency_reference: float | None = None
-    latency_relative: float | None = None
-    no_return_time: float | None = None
-    braking_time: float | None = None
+    task_share: Measure = None
+    departure_time: Measure = None
+    departure_speed: Measure = None
+    departure_severity: Measure = None
+    latency_median: Measure = None
+    latency_p99: Measure = None
+    latency_reference: Measure = None
+    latency_relative: Measure = None
+    no_return_time: Measure = None
+    braking_time: Measure = None
     contact_cause: str = ""
     batched: str = ""
-    likeness_length_factor: float | None = None
+    likeness_length_factor: Measure = None
     excused: bool = False
 
     def _repr_html_(self) -> str:

@@ -1,7 +1,8 @@
 """Declaration of records: dataclasses whose fields never change.
 
 Users: `ads/`, `case_table.py`, `cases.py`, `cosim/`, `drivers/`, `method/`, `record/`, `report/`,
-`results.py`, `scenario/`, `scoring/`, `settings/`, `trajectory.py`, `whatif/`, `extras/`.
+`results.py`, `scenario/`, `score_notes.py`, `scoring/`, `settings/`, `trajectory.py`, `whatif/`,
+`extras/`.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ the centre line of the right-hand lane. Headings are mathematical (0 along the r
 counter-clockwise positive). SI units throughout.
 
 Users: `ads/`, `case_table.py`, `cases.py`, `cosim/`, `drivers/`, `method/`, `nightly/`, `record/`,
-`report/`, `results.py`, `scenario/`, `scoring/`, `extras/`.
+`report/`, `results.py`, `scenario/`, `score_notes.py`, `scoring/`, `extras/`.
 """
 
 from __future__ import annotations

@@ -11,9 +11,10 @@ from sumo_eval.method.index_terms import IndexNote
 from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
-from sumo_eval.results import BeyondRange, Evaluation, ZoneResult
+from sumo_eval.results import Evaluation, ZoneResult
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import sample
+from sumo_eval.score_notes import BeyondRange
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.settings import (
     AdsSettings,

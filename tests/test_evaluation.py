@@ -23,7 +23,7 @@ from sumo_eval.report.html import write_report
 from sumo_eval.report.notes import score_note
 from sumo_eval.report.tables import scores_json, write_tables
 from sumo_eval.report.terminal import closing_lines
-from sumo_eval.results import CasesMissing, Counted, DrivesLeftOut, ReferenceMissing
+from sumo_eval.score_notes import CasesMissing, Counted, DrivesLeftOut, ReferenceMissing
 from sumo_eval.settings import AdsSettings, MethodSettings, ZoneSettings
 from sumo_eval.settings.config import read_evaluation
 

@@ -10,7 +10,7 @@ So it may respond after 0.1 s, build its braking up over tau (s) and brake with 
 standing or unbelted passengers a and tau are smaller. Source: Annex III, cut-in (the German AFGBV,
 Annex 1, has the same). Everything else is as in `reg157`.
 
-Users: `extras/studies/qualification/table.py`.
+Users: `extras/studies/qualification/regulations.py`.
 """
 
 from __future__ import annotations

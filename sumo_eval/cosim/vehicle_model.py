@@ -8,7 +8,7 @@ That is the kinematic model: its tyres do not slip, which is true below about 0.
 dynamic one has side slip and a yaw rate of its own (`move_dynamic`).
 
 Users: `ads/foresight.py`, `ads/pedals.py`, `cosim/`, `record/worker.py`, `extras/bench/costs.py`,
-`extras/studies/qualification/table.py`, `extras/wheel/`.
+`extras/studies/qualification/`, `extras/wheel/`.
 """
 
 from __future__ import annotations

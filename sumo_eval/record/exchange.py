@@ -20,6 +20,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
+from sumo_eval.case_table import REAL
 from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError, check_known, needs_extra
 from sumo_eval.frozen import frozen
@@ -48,7 +49,7 @@ _CONTACT = {
 """Columns of a drive's contact, and the field of `Collision` that each shows."""
 _TYPES = {
     **dict.fromkeys((*_NAMES, "driver", "collision_with"), "VARCHAR"),
-    **{it.name: "DOUBLE" for it in fields(CaseResult) if str(it.type).startswith("float")},
+    **{it.name: "DOUBLE" for it in fields(CaseResult) if str(it.type).startswith(REAL)},
     **dict.fromkeys(("d_i", "incident_severity", "collision_time"), "DOUBLE"),
 }
 """DuckDB's types of columns. Else it would take a name of digits for a number, and an empty column

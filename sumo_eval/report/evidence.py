@@ -278,11 +278,8 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
 
 def _assumptions(evaluation: Evaluation, score: ScenarioResult) -> Iterator[str]:
     """Conditions of the claims on a scenario that the run does not show."""
-    entry, logical = next(
-        (entry, logical)
-        for entry, logical in evaluation.resolved.entries
-        if logical.name == score.scenario
-    )
+    entries = evaluation.resolved.entries
+    entry, logical = next(pair for pair in entries if pair[1].name == score.scenario)
     zone = next(it for it in evaluation.zones if it.scenario == score.scenario)
     yield (
         f"{count(zone.sampled, 'point')} ({sampling_words(entry.sampling, logical)}) stand for the "

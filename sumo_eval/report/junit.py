@@ -34,7 +34,7 @@ from sumo_eval.report.words import count, end_reason, number, placed, severity_w
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.comparison import AdsComparison, ChangedCase, Comparison
-from sumo_eval.scoring.findings import findings_of
+from sumo_eval.scoring.findings import Findings, findings_of
 from sumo_eval.scoring.map_view import cells_of
 from sumo_eval.settings import ReportSettings
 from sumo_eval.text import point_words
@@ -79,14 +79,16 @@ def run_suites(evaluation: Evaluation) -> Suites:
         )
         if report.junit == "cell":
             tests = _by_cell(findings.cases, tests, report.junit_cells)
-        properties = {
-            letter: number(getattr(score, SCORES[letter][0]), 4)
-            for letter in ("T", "A'", "H", "S+", "S")
-        }
-        properties["S+ of its parts"] = explain_s_plus(findings)
         key = f"{score.ads} in {score.scenario}", f"{score.scenario}.{score.ads}"
-        suites[key] = tests, properties
+        suites[key] = tests, _scores_of(findings)
     return suites
+
+
+def _scores_of(findings: Findings) -> dict[str, str]:
+    """Scores by letter, and the formula of S+ with its values."""
+    fields = {letter: SCORES[letter][0] for letter in ("T", "A'", "H", "S+", "S")}
+    scores = {letter: number(getattr(findings.score, it), 4) for letter, it in fields.items()}
+    return scores | {"S+ of its parts": explain_s_plus(findings)}
 
 
 def write_results(evaluation: Evaluation) -> None:

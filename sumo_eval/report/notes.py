@@ -14,14 +14,14 @@ from sumo_eval.groups import grouped
 from sumo_eval.method.index_terms import IndexNote, NoteKind
 from sumo_eval.method.manoeuvres import words as manoeuvre_words
 from sumo_eval.report.words import count, interval_words
-from sumo_eval.results import (
+from sumo_eval.results import Evaluation
+from sumo_eval.score_notes import (
     BeyondRange,
     CasesMissing,
     Counted,
     DrivenAlone,
     DrivenInBlocks,
     DrivesLeftOut,
-    Evaluation,
     PlausibleTo,
     ReferenceMissing,
     RequirementMissed,

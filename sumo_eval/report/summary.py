@@ -17,7 +17,8 @@ from sumo_eval.report.headline import headline
 from sumo_eval.report.page import case_key
 from sumo_eval.report.verdict import Additions, verdict
 from sumo_eval.report.words import cause_words, count, number, span
-from sumo_eval.results import Bounds, Evaluation, RankedAds
+from sumo_eval.results import Evaluation, RankedAds
+from sumo_eval.score_notes import Bounds
 from sumo_eval.scoring.behaviour import Behaviour, least_human, ranked, worst_case
 from sumo_eval.scoring.comparison import builds_besides
 from sumo_eval.scoring.findings import unevaluated

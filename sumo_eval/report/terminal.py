@@ -26,14 +26,8 @@ from sumo_eval.report.score_words import (
     reason_without,
 )
 from sumo_eval.report.words import count, interval_words, number, one_line, placed
-from sumo_eval.results import (
-    CasesMissing,
-    Evaluation,
-    RankedPair,
-    Ranking,
-    ReferenceMissing,
-    ScenarioResult,
-)
+from sumo_eval.results import Evaluation, RankedPair, Ranking, ScenarioResult
+from sumo_eval.score_notes import CasesMissing, ReferenceMissing
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.findings import findings_of, unevaluated
 from sumo_eval.scoring.ledger import FULL, NOT_COMPUTED, Ledger, LedgerLine, ledger, ledger_plus

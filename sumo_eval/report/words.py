@@ -11,8 +11,8 @@ from functools import partial
 from typing import NamedTuple
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.results import Bounds
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.score_notes import Bounds
 from sumo_eval.scoring.contact_cause import ContactCause
 from sumo_eval.scoring.preventability import Verdict, reference_ads
 from sumo_eval.settings import EvaluationSettings, SamplingSettings

@@ -2,7 +2,7 @@
 of its sample.
 
 Users: `cli/tools.py`, `record/facts.py`, `scenario/catalogue.py`,
-`extras/openscenario/describe.py`, `extras/rates/`, `extras/studies/qualification/table.py`.
+`extras/openscenario/describe.py`, `extras/rates/`, `extras/studies/qualification/`.
 """
 
 from __future__ import annotations

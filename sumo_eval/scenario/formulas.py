@@ -3,7 +3,7 @@
 The tables of a scenario file make them. They are plain data: two readings of one file are equal,
 and both can be sent to another process.
 
-Users: `scenario/`, `extras/openscenario/logical.py`, `extras/rates/importance.py`.
+Users: `scenario/`, `extras/openscenario/logical.py`, `extras/rates/met.py`.
 """
 
 from __future__ import annotations

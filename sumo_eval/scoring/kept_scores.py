@@ -9,7 +9,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
 
-from sumo_eval import results
+from sumo_eval import results, score_notes
 from sumo_eval.case_table import COLUMNS, CaseTable, Chunk, encode_rows
 from sumo_eval.cases import CaseResult
 from sumo_eval.coded import decoded, encoded
@@ -17,7 +17,6 @@ from sumo_eval.errors import InputError
 from sumo_eval.frozen import frozen
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.results import Ranking, ScenarioResult, ZoneResult
-from sumo_eval.trajectory import Alone
 
 # bytes of rows that are kept for earlier settings; beyond this the oldest are deleted
 _MOST_OF_OTHERS = 256 << 20
@@ -53,7 +52,7 @@ class Scores:
 
 _RECORDS: dict[str, type] = {
     kind.__name__: kind
-    for kind in (*vars(results).values(), Alone, KeptChunk, Scores)
+    for kind in (*vars(results).values(), *vars(score_notes).values(), KeptChunk, Scores)
     if isinstance(kind, type) and is_dataclass(kind)
 }
 

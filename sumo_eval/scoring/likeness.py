@@ -24,8 +24,8 @@ from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.human_reference import LeftOut, PointJob, PointResults, compute_points
 from sumo_eval.record.kept_results import key_of
 from sumo_eval.record.store import RECORDED, Fact
-from sumo_eval.results import Counted, ScoreNote, ThinReferences
 from sumo_eval.scenario.sampling.samples import Sample, sample_of
+from sumo_eval.score_notes import Counted, ScoreNote, ThinReferences
 from sumo_eval.scoring.confidence.drivers import exchanges
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.settings import DriverSettings

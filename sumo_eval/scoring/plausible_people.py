@@ -18,10 +18,10 @@ from sumo_eval.method.plausibility import (
     quantiles_of,
 )
 from sumo_eval.record.store import Store
-from sumo_eval.results import PlausibleTo, ScoreNote
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.undisturbed import tracks
+from sumo_eval.score_notes import PlausibleTo, ScoreNote
 from sumo_eval.settings import PlausibilitySettings
 from sumo_eval.trajectory import Trajectory
 

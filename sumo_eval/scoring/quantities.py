@@ -26,22 +26,20 @@ from sumo_eval.method.severity import Severity
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
 from sumo_eval.record.cases import IN_BLOCK, Role
 from sumo_eval.record.store import Fact
-from sumo_eval.results import (
+from sumo_eval.results import NotComputed, ScenarioResult, ZoneResult
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.sampling.samples import Sample
+from sumo_eval.score_notes import (
     BeyondRange,
     CasesMissing,
     Counted,
     DrivenAlone,
     DrivenInBlocks,
     DrivesLeftOut,
-    NotComputed,
     ReferenceMissing,
-    ScenarioResult,
     ScoreNote,
     WorstAndBest,
-    ZoneResult,
 )
-from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
 from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.scoring.drive_results import DriveResult, finite

@@ -15,9 +15,10 @@ from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import EVALUATED
 from sumo_eval.method.measures import course_of
 from sumo_eval.record.store import EGO, Fact
-from sumo_eval.results import RequirementMissed, ScenarioResult
+from sumo_eval.results import ScenarioResult
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.score_notes import RequirementMissed
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.trajectory import Collision, FloatArray, Trajectories, Trajectory
 

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.special import ndtri
 
 from sumo_eval.extras.rates.campaign import MILLION, EncounterSpace, part_of, summed
-from sumo_eval.extras.rates.importance import DEFENSIVE, Met, estimated
+from sumo_eval.extras.rates.importance import DEFENSIVE, estimated
+from sumo_eval.extras.rates.met import Met
 from sumo_eval.scenario.joint import Joint
 from sumo_eval.scenario.logical import Occurrence
 

@@ -11,7 +11,8 @@ from rates.rare import estimate, logical
 
 from sumo_eval.extras.rates.campaign import EncounterSpace, part_of, summed
 from sumo_eval.extras.rates.campaign_page import lost_words, unseen_words
-from sumo_eval.extras.rates.importance import DEFENSIVE, RareEvents, estimated, how_met
+from sumo_eval.extras.rates.importance import DEFENSIVE, RareEvents, estimated
+from sumo_eval.extras.rates.met import how_met
 
 FILE = """
 name = "two drivers"

@@ -17,9 +17,9 @@ from sumo_eval.record.facts import merge, record_facts, verify
 from sumo_eval.record.identity import is_over_arrays
 from sumo_eval.record.store import open_store
 from sumo_eval.report.notes import score_note
-from sumo_eval.results import DrivenInBlocks
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.resolved import Resolved
+from sumo_eval.score_notes import DrivenInBlocks
 from sumo_eval.settings import RunSettings, SimulationSettings
 
 LOGICAL = catalogue.load("front_vehicle_low_speed")

@@ -27,9 +27,9 @@ from sumo_eval.record.facts import record_facts
 from sumo_eval.record.run_folder import read_settings
 from sumo_eval.record.store import RECORDED, open_store
 from sumo_eval.report.notes import score_note
-from sumo_eval.results import PlausibleTo
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.resolved import Resolved
+from sumo_eval.score_notes import PlausibleTo
 from sumo_eval.scoring.plausible_people import plausible_people
 from sumo_eval.settings import (
     DeclaredDistribution,

@@ -14,7 +14,8 @@ import sumo_eval
 from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.record.store import open_store
 from sumo_eval.report.tables import write_tables
-from sumo_eval.results import Counted, NotComputed
+from sumo_eval.results import NotComputed
+from sumo_eval.score_notes import Counted
 from sumo_eval.scoring.gate_settings import TIMED
 
 CUT_OUT = "front_vehicle_cut_out"

@@ -7,7 +7,7 @@ from refusals import refusal
 import sumo_eval
 from sumo_eval.method.severity import injury_risk
 from sumo_eval.report.tables import write_tables
-from sumo_eval.results import BeyondRange
+from sumo_eval.score_notes import BeyondRange
 from sumo_eval.scoring.comparability import differences
 from sumo_eval.scoring.quantities import combine
 

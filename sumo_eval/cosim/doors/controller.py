@@ -9,7 +9,7 @@ code works as it is; `ego` is the ego's vehicle id; `time` is seconds since the 
 controller without TraCI takes an `Observation`: it is a function `(observation)`, or an object with
 `act(observation)`. A `traci.StepListener` is a controller too.
 
-Users: `cli/tools.py`, `cosim/`, `record/`, `extras/studies/qualification/table.py`.
+Users: `cli/tools.py`, `cosim/`, `record/`, `extras/studies/qualification/`.
 """
 
 from __future__ import annotations

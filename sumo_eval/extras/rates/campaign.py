@@ -31,13 +31,11 @@ from sumo_eval.extras.rates import BUDGET
 from sumo_eval.extras.rates.importance import (
     CollisionEstimate,
     Limits,
-    Met,
     RareEvents,
     degrees_of_freedom,
-    how_met,
-    resampled,
 )
 from sumo_eval.extras.rates.intervals import LEVEL, rate_interval
+from sumo_eval.extras.rates.met import Met, how_met, resampled
 from sumo_eval.extras.studies.trials import Trials
 from sumo_eval.frozen import frozen
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity

@@ -81,7 +81,6 @@ class StudyResult(NamedTuple):
 def collect(plan: StudyPlan) -> StudyResult:
     """Write the results of the study into its folder."""
     people, drives = participants(plan), plan.folder / DRIVES
-    steps = {f"drive:{case.key}" for case in plan.cases}
     rows: list[dict[str, Any]] = []
     left = []
     drawn: Counter[str] = Counter()
@@ -96,45 +95,48 @@ def collect(plan: StudyPlan) -> StudyResult:
                 continue
             file = f"{person.code}/{case.key}.csv"
             _write_drive(drives / file, person.code, drive)
+            rows.append({"scenario": case.concrete.scenario, "file": file, **case.concrete.values})
             how = entry["quality"].get("drawn")
             if how is not None:
                 drawn[str(how)] += 1
-            rows.append({"scenario": case.concrete.scenario, "file": file, **case.concrete.values})
-        left += [
-            DiscardedDrive(
-                person.code, step.removeprefix("drive:"), entry["tape"], "no case of the study now"
-            )
-            for step, entry in person.done.items()
-            if step.startswith("drive:") and step not in steps
-        ]
-        left += _unfinished(person)
-    files = {drives / row["file"] for row in rows}
-    for stale in {*drives.glob("*/*.csv")} - files:
-        stale.unlink()
-    head = dict.fromkeys(
-        ("scenario", "file", *(name for case in plan.cases for name in case.concrete.values))
-    )
-    table = ([row.get(name, "") for name in head] for row in rows)
-    write_csv(drives / "cases.csv", head, table)
+        left += [*_without_case(plan, person), *_unfinished(person)]
+    _write_table(plan, drives, rows)
     ratings = _write_answers(plan.folder, people, left)
-    with_drives = len({path.parent for path in files})  # each participant has a folder
+    with_drives = len({row["file"].partition("/")[0] for row in rows})
     evaluation = write_page(
         plan.folder / "evaluation.toml", evaluation_of(plan, with_drives), "The evaluation"
     )
-    result = StudyResult(
-        len(people), with_drives, len(rows), ratings, dict(drawn), tuple(left),
-        (drives, plan.folder / "ratings.csv", plan.folder / "left_out.csv", evaluation),
-    )  # fmt: skip
-    counts = result._asdict()
-    del counts["left"], counts["files"]
+    counts: dict[str, Any] = {
+        "people": len(people), "with_drives": with_drives, "drives": len(rows), "ratings": ratings,
+        "drawn": dict(drawn),
+    }  # fmt: skip
     summary = {
-        "study": plan.settings.name,
-        **counts,
-        "left_out": [it._asdict() for it in left],
+        "study": plan.settings.name, **counts, "left_out": [it._asdict() for it in left],
         "quality": asdict(plan.settings.quality),
-    }
+    }  # fmt: skip
     write_json(drives / STUDY, summary, "The summary")
-    return result
+    tables = (plan.folder / name for name in ("ratings.csv", "left_out.csv"))
+    return StudyResult(**counts, left=tuple(left), files=(drives, *tables, evaluation))
+
+
+def _without_case(plan: StudyPlan, person: Participant) -> list[DiscardedDrive]:
+    """Drives of cases that the study no longer has."""
+    keys = {case.key for case in plan.cases}
+    drives = ((step.partition(":"), entry) for step, entry in person.done.items())
+    return [
+        DiscardedDrive(person.code, key, entry["tape"], "no case of the study now")
+        for (kind, _, key), entry in drives
+        if kind == "drive" and key not in keys
+    ]
+
+
+def _write_table(plan: StudyPlan, drives: Path, rows: list[dict[str, Any]]) -> None:
+    """Write the table of the drives that count, and remove the files of all others."""
+    for stale in {*drives.glob("*/*.csv")} - {drives / row["file"] for row in rows}:
+        stale.unlink()
+    parameters = (name for case in plan.cases for name in case.concrete.values)
+    head = dict.fromkeys(("scenario", "file", *parameters))
+    write_csv(drives / "cases.csv", head, ([row.get(name, "") for name in head] for row in rows))
 
 
 def _write_drive(path: Path, driver: str, drive: Trajectory) -> None:

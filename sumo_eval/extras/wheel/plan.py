@@ -6,6 +6,7 @@ Users: `extras/wheel/command.py`, `extras/wheel/outcome.py`, `extras/wheel/study
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
@@ -15,6 +16,7 @@ from annotated_types import Le
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.wheel.quality import QualitySettings
 from sumo_eval.frozen import frozen
+from sumo_eval.groups import grouped
 from sumo_eval.record.run_folder import FACTS, resolved_run
 from sumo_eval.record.store import Fact, open_store
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -157,21 +159,14 @@ def read_study(path: Path) -> StudyPlan:
     """
     settings = read_checked(path, StudySettings, "study file")
     run = (path.parent / settings.run).absolute()
-    resolved = resolved_run(run)
-    uses = {logical.name: (entry.use, logical) for entry, logical in resolved.entries}
     with open_store(run / FACTS) as store:
         # only safe points have drives of human drivers
         safe_keys = {_key(fact) for fact in store.facts("human")}
         # drives with trajectories, which alone can be replayed: some failed, some were discarded
         driven = [fact for fact in store.facts("ads") if store.trajectories(fact.case)]
-    names = list(dict.fromkeys(fact.driver for fact in driven))  # of the ADSs
-    drives: dict[str, dict[str, Fact]] = {}
-    for fact in driven:
-        drives.setdefault(_key(fact), {})[fact.driver] = fact
-    safe = [key for key in drives if key in safe_keys]
-    count = min(settings.count, len(safe))
-    # spread evenly over the list, and so over the scenarios
-    keys = settings.cases or [safe[index * len(safe) // count] for index in range(count)]
+    names = tuple(dict.fromkeys(fact.driver for fact in driven))  # of the ADSs
+    drives = grouped((_key(fact), fact) for fact in driven)
+    keys = settings.cases or _spread([key for key in drives if key in safe_keys], settings.count)
     check_known("ADS of the run", names, *settings.ads)
     check_known("case of the run", drives, *keys)
     for key, listed in (("`cases`", keys), ("`ads`", settings.ads)):
@@ -181,16 +176,37 @@ def read_study(path: Path) -> StudyPlan:
         raise InputError(
             f"The run {run} must have a safe point with drivers for a study, got none."
         )
+    folder = (path.parent / (settings.out or settings.name.replace(" ", "_"))).absolute()
+    cases = _cases_of(run, {key: drives[key] for key in keys})
+    return StudyPlan(settings, run, folder, cases, settings.ads or names)
+
+
+def _spread(keys: Sequence[str], most: int) -> list[str]:
+    """Keys spread evenly over the list, and so over the scenarios.
+
+    most: their largest number.
+    """
+    count = min(most, len(keys))
+    return [keys[index * len(keys) // count] for index in range(count)]
+
+
+def _cases_of(run: Path, drives: Mapping[str, Sequence[Fact]]) -> tuple[StudyCase, ...]:
+    """The cases with these keys.
+
+    drives: of all ADSs in each case.
+    """
+    resolved = resolved_run(run)
+    uses = {logical.name: (entry.use, logical) for entry, logical in resolved.entries}
     cases = []
-    for key in keys:
-        fact = next(iter(drives[key].values()))  # all have the same point
+    for key, facts in drives.items():
+        fact = facts[0]  # all have the same point
         use, logical = uses[fact.scenario]
         file = resolved.source / use
         if file.is_file():  # else the name of a shipped scenario
             use = str(file)
-        cases.append(StudyCase(key, use, logical.concrete(**fact.values), drives[key]))
-    folder = (path.parent / (settings.out or settings.name.replace(" ", "_"))).absolute()
-    return StudyPlan(settings, run, folder, tuple(cases), settings.ads or tuple(names))
+        by_ads = {drive.driver: drive for drive in facts}
+        cases.append(StudyCase(key, use, logical.concrete(**fact.values), by_ads))
+    return tuple(cases)
 
 
 def _key(fact: Fact) -> str:

@@ -45,6 +45,23 @@ class QualitySettings(Checked):
     contact: bool = setting(False, "a drive with a contact counts")
 
 
+_BOUNDED = {
+    "dropped": "share of late pictures",
+    "latency_ms": "input to picture, 95 %, ms",
+    "stalls": "halts of the loop",
+    "pauses": "pauses",
+    "unanswered": "no answer of the window, s",
+    "stepped_down": "times that the road was drawn more cheaply in mid-drive",
+}
+"""Numbers of a `Quality` that `QualitySettings` bounds, in words."""
+_ENDS = {
+    "off_road": "left the road",
+    "quit": "ended before its end",
+    "contact": "touched another vehicle",
+}
+"""Ends of a drive that does not count unless `QualitySettings` allows it, in words."""
+
+
 @dataclass(frozen=True)
 class Quality:
     """Quality of one drive.
@@ -96,24 +113,12 @@ class Quality:
     def against(self, rule: QualitySettings) -> tuple[str, ...]:
         """Reasons why the drive does not count, one for each broken bound; empty: it counts."""
         why = []
-        for name, words in (
-            ("dropped", "share of late pictures"),
-            ("latency_ms", "input to picture, 95 %, ms"),
-            ("stalls", "halts of the loop"),
-            ("pauses", "pauses"),
-            ("unanswered", "no answer of the window, s"),
-            ("stepped_down", "times that the road was drawn more cheaply in mid-drive"),
-        ):
+        for name, words in _BOUNDED.items():
             value, bound = getattr(self, name), getattr(rule, name)
             if value is not None and value > bound:
                 why.append(f"{words} {value:.3g}, at most {bound:g}")
-        ends = {
-            "off_road": "left the road",
-            "quit": "ended before its end",
-            "contact": "touched another vehicle",
-        }
-        if self.end in ends and not getattr(rule, self.end):
-            why.append(ends[self.end])
+        if self.end in _ENDS and not getattr(rule, self.end):
+            why.append(_ENDS[self.end])
         if self.end in ("sim_error", "ads_error", "ads_timeout"):
             why.append("a fault of the simulation")
         return tuple(why)

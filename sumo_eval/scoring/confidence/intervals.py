@@ -49,7 +49,7 @@ from sumo_eval.method.score_terms import (
     paper_score,
 )
 from sumo_eval.record.progress import Progress, quiet
-from sumo_eval.results import Bounds
+from sumo_eval.score_notes import Bounds
 from sumo_eval.scoring.case_terms import COMPUTED, CaseTerms, point_values, ratios, scores_of
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.scoring.confidence.resamples import Resampled, Strata, resamples

@@ -23,7 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_eval.record.points import scenario_weights
-from sumo_eval.results import Bounds, RankedAds, RankedPair, Ranking, ScenarioResult
+from sumo_eval.results import RankedAds, RankedPair, Ranking, ScenarioResult
+from sumo_eval.score_notes import Bounds
 from sumo_eval.scoring.confidence.intervals import LEVEL, ScoreIntervals, percentiles
 from sumo_eval.settings import RankingSettings
 from sumo_eval.trajectory import FloatArray, IntArray
