@@ -206,8 +206,8 @@ class RankedPair:
 
 @frozen
 class Ranking:
-    """ADSs in the order of S+ over all scenarios; one that is not told apart from the first of a
-    place shares it.
+    """ADSs in the order of S+ over all scenarios. An ADS that is not told apart from the first of a
+    place shares this place.
 
     A scenario counts in it if its weight is above 0 and it has a task, i.e. a safe point.
 

@@ -214,7 +214,7 @@ def _is_over(me: Any, other: Any, known: Any, scenario: Any) -> bool:
     That is so if the vehicle is passed, if it is neither in the path nor on its way there, or if it
     neither comes nearer nor brakes.
     """
-    if not other.x > me.x:
+    if not other.x > me.x:  # passed, or nan: it is not there
         return True
     if lateral_overlap(me, other) <= 0.0 and not _comes_towards(me, known, scenario):
         return True
@@ -294,7 +294,7 @@ def _revealed(own: Any, others: Any, watched: Any, j: int, leaves: int, time: fl
     """Instant at which the driver perceived a near vehicle as revealed or braking, s; nan while it
     is neither.
 
-    At most the time of an evaluation ago, so that no evaluation ended before now.
+    It is at most one evaluation ago, so that no evaluation ended before now.
 
     leaves: index of the nearest vehicle that has left the ego's lane; -1: none.
     """

@@ -218,7 +218,7 @@ def _preventable(
 def _avoided(evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
     """The avoided share A is above the lower end of its interval."""
     ends = score.avoided_share_interval
-    # unseen collisions lower the end wherever harm is at stake, so there was none
+    # where harm is at stake, collisions that the points may have missed keep this end below 1
     if ends is not None and ends[0] >= 1.0:
         return _claim(
             score, "avoided", claim=f"{about} had harm to avoid.", verdict="open",

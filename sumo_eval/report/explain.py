@@ -107,8 +107,8 @@ def _collision(
         return
     own, other = hit.ego_velocity, hit.other_velocity
     overlap = max(hit.overlap, SMALLEST_OVERLAP)
-    raised = f" (recorded {hit.overlap:z.3f}, at least {overlap:g})"
-    remark = raised if overlap > hit.overlap else ""
+    raised = overlap > hit.overlap
+    remark = f" (recorded {hit.overlap:z.3f}, at least {overlap:g})" if raised else ""
     yield (
         f"Eq. 15: U = |({own[0]:z.3f}, {own[1]:z.3f}) - ({other[0]:z.3f}, {other[1]:z.3f})| / w = "
         f"{hit.relative_speed:z.3f} / {overlap:z.3f}{remark} = {hit.relative_speed / overlap:z.3f} "

@@ -261,13 +261,11 @@ def drawn_shape(road: Road) -> dict[str, Any]:
     solid = []
     last = road.length + road.run_out
     for span in road.spans:
-        # x, m, at which the lane begins to widen and is open, begins to narrow and is gone; inf:
-        # never
+        # x, m, where the lane begins to widen, is open, begins to narrow, and is gone; inf: never
         opening, closing = span.places[:2], span.places[2:]
         middle, half = road.lane_centre(span.lane), 0.5 * road.lane_width
-        outer, inner = (
-            (middle - half, middle + half) if span.lane == 0 else (middle + half, middle - half)
-        )
+        side = -half if span.lane == 0 else half
+        outer, inner = middle + side, middle - side
         # from each end of the road: no lane up to `thin`, its full width from `wide` on
         for end, thin, wide in ((0.0, *opening), (last, *closing[::-1])):
             if isfinite(wide):

@@ -9,11 +9,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult
+from sumo_eval.case_table import CaseTable
 from sumo_eval.report.words import count, number
 from sumo_eval.results import Ranking, ScenarioResult
 from sumo_eval.scoring.findings import Findings
 from sumo_eval.text import point_words
+from sumo_eval.trajectory import FloatArray
 
 REASON_WITHOUT_C = "no case that tells how collisions are avoided could be evaluated"
 REASON_WITHOUT_T = "no safe case could be compared with a reference"
@@ -133,23 +134,24 @@ def explain_a(findings: Findings) -> str:
         return f"{sentence} A = A' = 1: no incident is harder than the ideal vehicle's{regret}."
     below = ": worse than doing nothing, and S+ takes 0" if score.avoided_share < 0.0 else ""
     grade = number(score.avoidance_grade, 3)
-    losses = np.nan_to_num(findings.share_lost)
-    worst = int(np.argmax(losses))
     return (
         f"{sentence} A = {number(score.avoided_share, 3)}, A' = {grade}{below}{regret}."
-        + _most_from("A", findings.cases[worst], float(losses[worst]), 1.0 - score.avoided_share)
+        + _most_from("A", findings.cases, findings.share_lost, 1.0 - score.avoided_share)
     )
 
 
-def _most_from(name: str, case: CaseResult, lost: float, of: float) -> str:
+def _most_from(name: str, cases: CaseTable, losses: FloatArray, of: float) -> str:
     """Sentence on the case that took most from a score; empty if it is not worth naming.
 
-    lost: loss of the case.
-    of: loss of all cases; 0 where nothing is lost.
+    losses: of the cases, (n,); nan where a case has no part in the score.
+    of: their sum; 0 where nothing is lost.
     """
-    if not (lost and lost >= SHARE_WORTH_NAMING * of):
+    worst = int(np.argmax(np.nan_to_num(losses)))
+    lost = losses[worst]
+    if not (lost and lost >= SHARE_WORTH_NAMING * of):  # false for nan
         return ""
-    return f" {point_words(case.values)} took the most from {name}: {lost:z.3f} of {of:z.3f}."
+    point = point_words(cases[worst].values)
+    return f" {point} took the most from {name}: {lost:z.3f} of {of:z.3f}."
 
 
 def explain_h(findings: Findings) -> str:
@@ -202,12 +204,11 @@ def explain_c(findings: Findings) -> str:
     ratio, avoiding = (
         ("Ug/U", "has Ug/U = 0") if loss == "severity" else ("Lg/L", "still has Lg = 0.1")
     )
-    worst = findings.collisions[0]
     return (
         f"{score.ads} collided in {_zones_of_collisions(score)}; the ideal vehicle avoids "
         f"{score.avoidable_collisions} of these. C = {score.c:z.3f}: the mean of {ratio} over the "
         f"collisions, weighted by r. A collision that the ideal vehicle avoids {avoiding}."
-        + _most_from("C", findings.cases[worst], float(findings.lost_of_c[worst]), 1.0 - score.c)
+        + _most_from("C", findings.cases, findings.lost_of_c, 1.0 - score.c)
     )
 
 

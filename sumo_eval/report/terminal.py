@@ -150,8 +150,8 @@ def _space_lines(evaluation: Evaluation) -> Iterator[str]:
 
 
 def ranking_lines(ranking: Ranking | None) -> list[str]:
-    """ADSs in order of S+, each with the difference to the first of its place; the first of a
-    place has it to the first of the place above. No lines for one ADS.
+    """ADSs in order of S+, each with its difference to the first of its place, and the first of a
+    place with that to the first of the place above. No lines for one ADS.
     """
     if ranking is None or len(ranking.ads) < 2:
         return []

@@ -122,7 +122,7 @@ def percent(share: float | None) -> str:
     if share is None or not math.isfinite(share):
         return "not known"
     value = shown = 100.0 * share
-    # digits by the share itself, or by what is missing to 1 if it would round to 100 %
+    # digits by the share itself; if it would round to 100 %, by its distance from 100 %
     for part in (value, 100.0 - value):
         digits = min(6, max(0, 2 - math.floor(math.log10(abs(part) or 1.0))))
         shown = float(f"{value:z.{digits}f}")

@@ -187,8 +187,8 @@ class RareEvents:
         density = self.met.density(points)
         points, density = points[density > 0.0], density[density > 0.0]
 
-        # mean density of the three thirds. A wide point has the density that `base` has at the
-        # point before it was stretched, over STRETCHED in each direction
+        # mean density of the three thirds; stretching divides the density of `base` by STRETCHED in
+        # each direction
         unstretched = middle + (points - middle) / STRETCHED
         drawn_with = (
             self.met.base_density(points)
@@ -201,7 +201,7 @@ class RareEvents:
         """Draw `size` points that count; impossible ones have no drive."""
         logical, mixtures = self.met.logical, self._mixtures(stream)
         defensive = DEFENSIVE if mixtures else 1.0
-        # the mixtures take turns: of each, which points (size,) it may draw
+        # for each mixture, which points (size,) it may draw: they take turns
         turns = [np.arange(size) % len(mixtures) == turn for turn in range(len(mixtures))]
         drawn = 0
         density = np.zeros(size)
