@@ -515,6 +515,34 @@ def test_a_trajectory_may_pass_its_last_point_before(tmp_path):
     assert (other.start.x, other.start.y) == pytest.approx((71.5, 3.5))
 
 
+def test_times_of_a_spline_give_each_segment_one_speed(tmp_path):
+    """40 m in 4 s, then 40 m in 2 s."""
+    first, second = _segment(40.0, 0.0, _at(1, 70.0)), _segment(40.0, 0.0)
+    spline = first.replace("length", 'timeStart="0" length') + second.replace(
+        "length", 'timeStart="4" length'
+    )
+    follow = _following(f'<ClothoidSpline timeEnd="6">{spline}</ClothoidSpline>')
+    timing = '<Timing domainAbsoluteRelative="relative" scale="1" offset="0"/>'
+    (act,) = acts_of(
+        tmp_path, (' offset="0.25"', ""), events=timed(follow.replace("<None/>", timing), 0)
+    )
+    times, speeds = np.array(act.table).T
+    assert times[-1] == pytest.approx(6.0)
+    np.testing.assert_allclose(speeds, np.where(times < 4.0 + 1e-7, 10.0, 20.0), rtol=1e-6)
+
+
+@pytest.mark.parametrize("heading, noted", [("", False), ('h="0.5"', False), ('h="-2.6"', True)])
+def test_headings_along_a_trajectory_are_noted(tmp_path, heading, noted):
+    """The road heads 0.5 rad; a body against its trajectory would drive backwards."""
+    line = _line(_at(1, 70.0), _at(1, 90.0))
+    if heading:
+        turn = f'<Orientation type="absolute" {heading}/></LanePosition>'
+        line = re.sub('(s="70.0")/>', rf"\1>{turn}", line)
+    follow = timed(_following(line), 0)
+    notes = find(str(changed(tmp_path, (' offset="0.25"', ""), events=follow))).notes[0]
+    assert ("headings along a trajectory" in notes) == noted
+
+
 def test_a_trajectory_crosses_a_curved_road_straight_on_the_map(tmp_path):
     """A left bend of 500 m, a body that goes from the left lane, 3.5 m to the left, to the right
     one 10 m before: on the map its places lie on the chord between both ends, 1.5 m ahead of where

@@ -59,6 +59,7 @@ ROWS = {
     },
     ("shape", "refused"): {
         "Nurbs": NAMED,
+        "Clothoid": NAMED,
     },
     ("action", "played"): {
         "TeleportAction": "before the start",
@@ -80,6 +81,7 @@ ROWS = {
         "VisibilityAction": "what an ADS sees is a setting of the simulation",
         "ControllerAction": "the ADS drives the ego from the start",
         "ActivateControllerAction": "the ADS drives the ego from the start",
+        "SetMonitorAction": "checks of a scenario file say what must hold",
         "VariableAction": "variables are read by stops alone",
         "ParameterAction": "parameters are read before the drive",
         "InfrastructureAction": "there are no signals",
@@ -89,6 +91,7 @@ ROWS = {
         "LateralDistanceAction": NAMED,
         "SpeedProfileAction": NAMED,
         "AcquirePositionAction": NAMED,
+        "RandomRouteAction": NAMED,
         "TrafficAction": NAMED,
         "TrailerAction": NAMED,
     },
@@ -106,12 +109,24 @@ ROWS = {
         "TraveledDistanceCondition": "along the road",
     },
     ("condition", "refused"): {
-        "VariableCondition": "as a start; in stops ignored",
+        **dict.fromkeys(
+            (
+                "VariableCondition",
+                "TimeOfDayCondition",
+                "UserDefinedValueCondition",
+                "TrafficSignalCondition",
+                "TrafficSignalControllerCondition",
+                "AngleCondition",
+                "RelativeAngleCondition",
+                "AccelerationCondition",
+                "RelativeClearanceCondition",
+            ),
+            "as a start; in stops ignored",
+        ),
         "CollisionCondition": "as a start; in stops ignored: contact ends every case",
         "StandStillCondition": "as a start; in stops ignored: standstill ends every case",
-        "AngleCondition": "as a start; in stops ignored",
-        "AccelerationCondition": NAMED,
         "OffroadCondition": "as a start; in stops ignored: leaving the road ends every case",
+        "EndOfRoadCondition": "as a start; in stops ignored: the road's end ends every case",
     },
     ("trigger", "played"): {
         "ConditionGroup": "and within a group, or between groups; delay; edges",

@@ -384,24 +384,37 @@ class Places:
         if timed not in ([], vertices):
             raise shape.fault("either all of its vertices must have a `time`, or none")
         spots = [self.spot(vertex.child("Position")) for vertex in vertices]
-        times = tuple(vertex.number("time") for vertex in timed)
-        return MapPath(tuple(spot.pose[:2] for spot in spots), times, spots[0])
+        points = tuple(spot.pose[:2] for spot in spots)
+        for vertex, spot, ends in zip(vertices, spots, pairwise(points), strict=False):
+            told = vertex.all("Position/*[@h]") or vertex.all("Position/*/Orientation")
+            if told and _towards(*ends).off(spot.pose)[1] > EGO_ALONG:
+                self.ignored["headings along a trajectory"] = None
+        return MapPath(points, tuple(vertex.number("time") for vertex in timed), spots[0])
 
     def _spline(self, shape: Node) -> MapPath:
         first = shape.find("ClothoidSplineSegment[1]/PositionStart")
         if not first:
             raise shape.fault("its first segment must have a <PositionStart>")
+        segments = shape.all("ClothoidSplineSegment")
         pieces = tuple(
             piece_of_file(it.where, it.number("length"), it.number("curvatureStart"),
                 it.number("curvatureEnd"))
-            for it in shape.all("ClothoidSplineSegment")
+            for it in segments
         )  # fmt: skip
+        if any(it.number("hOffset", 0.0) for it in segments):
+            self.ignored["headings along a trajectory"] = None
         begin, total = self.spot(first), length_of(pieces)
-        x, y, _ = map_places(pieces, np.linspace(0.0, total, math.ceil(total / _FINE) + 1), 0.0)
+        s = np.linspace(0.0, total, math.ceil(total / _FINE) + 1)
+        x, y, _ = map_places(pieces, s, 0.0)
         points = tuple(
             begin.pose.moved(*point)[:2] for point in zip(x.tolist(), y.tolist(), strict=True)
         )
-        return MapPath(points, (), begin, pieces)
+        times: list[float] = []
+        if shape.get("timeEnd") or shape.all("ClothoidSplineSegment[@timeStart]"):
+            # one speed over a segment
+            at = [*(it.number("timeStart") for it in segments), shape.number("timeEnd")]
+            times = np.interp(s, [0.0, *accumulate(it.length for it in pieces)], at).tolist()
+        return MapPath(points, tuple(times), begin, pieces)
 
     def _on_trajectory(self, element: Node) -> Spot:
         trajectory = self.trajectory(element.child("TrajectoryRef"))

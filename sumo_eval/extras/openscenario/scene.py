@@ -307,20 +307,16 @@ class _Player:
     def _init(self, actions: Node) -> None:
         waiting: Actions = []
         for part in actions.children():
-            added = part.find("EntityAction/AddEntityAction")
-            if added:
-                waiting.append((added, self.places.referred(part.child("EntityAction"))))
-            elif part.find("EntityAction/DeleteEntityAction"):
-                self.places.referred(part.child("EntityAction")).deleted = True
-            elif part.tag == "GlobalAction":
-                self._ignore(part.only())
-            elif part.tag == "UserDefinedAction":
-                self._ignore(part)
-            elif part.tag == "Private":
+            inner = part.only() if part.tag == "GlobalAction" else part
+            if part.tag == "Private":
                 entity = self.places.referred(part)
                 waiting += [(action.only(), entity) for action in part.all("PrivateAction")]
+            elif inner.tag == "EntityAction":
+                entity, action = self.places.referred(inner), inner.only()
+                entity.deleted = action.tag == "DeleteEntityAction"
+                waiting += [] if entity.deleted else [(action, entity)]
             else:
-                raise part.unsupported()
+                self._ignore(inner)
         for element, entity in waiting:  # `waits`: number of its speed actions still to do
             entity.waits += element.find("SpeedAction") is not None
         while waiting:
