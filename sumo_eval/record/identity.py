@@ -18,7 +18,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from sumo_eval.cosim.doors.controller import Adapter, find_controller, takes_arrays
+from sumo_eval.cosim.doors.controller import Adapter, adapted, called_by, located, takes_arrays
 from sumo_eval.cosim.doors.entry import split_entry
 from sumo_eval.errors import must_be
 from sumo_eval.input_file import hash_of, sha256
@@ -77,9 +77,12 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str:
     """
     before = set(sys.modules)
     kind, locator = named
-    loaded = (
-        find_controller(locator, folder) if kind == "ADS" else load_object(locator, folder, kind)
-    )
+    if kind == "ADS":
+        loaded, described, entry = located(locator, folder)
+        if not called_by(loaded):  # refused now, if its objects have no such method either
+            adapted(loaded, described, entry.options)
+    else:
+        loaded = load_object(locator, folder, kind)
     of_python = locator.partition(":")[0] not in _NOT_PYTHON
     module = sys.modules.get(getattr(loaded, "__module__", "")) if of_python else None
     files = _own_files(module, before) if module is not None else named_files(locator, folder)

@@ -152,9 +152,20 @@ GOOD = (
 
 @pytest.mark.parametrize(
     "controller, status, words",
-    [("idm", 0, "ok    ADS a: idm"), ("idn", 2, "Did you mean `idm`?")],
+    [
+        ("idm", 0, "ok    ADS a: idm"),
+        ("idn", 2, "Did you mean `idm`?"),
+        ("mine.py:Nothing", 2, "an object with a `step` method, got Nothing"),
+        ("mine.py:Loads", 2, "TypeError: missing a required argument: 'weights'"),
+        ("mine.py:Late", 0, "ok    ADS a: mine.py:Late"),
+    ],
 )
 def test_an_evaluation_file(tmp_path, controller, status, words):
+    (tmp_path / "mine.py").write_text(
+        "class Nothing:\n    pass\n\n"
+        "class Loads:\n    def __init__(self, weights):\n        self.act = print\n\n"
+        "class Late:\n    def __init__(self):\n        self.act = print\n"
+    )
     (tmp_path / "e.toml").write_text(GOOD.format(controller))
     done = check("e.toml", tmp_path, status=status)
     assert words in done.said

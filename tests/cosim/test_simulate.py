@@ -178,6 +178,19 @@ class Counting:
         self.calls.append(("close",))
 
 
+def test_answers_for_every_name_do_not_hide_a_step():
+    class Answers:
+        def __getattr__(self, name):
+            return print if name == "act" else None
+
+        def step(self, traci, ego, time):
+            return Command(-2.0)
+
+    recording = simulate(case(), Answers, HALF_SECOND)
+    assert recording.error is None
+    assert recording.ego.speed[-1] < recording.ego.speed[0]
+
+
 def test_an_object_is_reset_stepped_and_closed_in_this_order():
     ads = Counting()
     assert simulate(case(), ads, SimulationSettings(time_limit=0.1)).error is None

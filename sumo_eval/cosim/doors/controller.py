@@ -107,16 +107,16 @@ class Adapter:
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Pass on, when the object has one."""
-        if hasattr(self.target, "reset"):
-            self.target.reset(scenario, traci, ego)
+        if callable(reset := getattr(self.target, "reset", None)):
+            reset(scenario, traci, ego)
 
     def step(self, traci: Any, ego: str, time: float) -> Any:
         """Does nothing: SUMO's own model or a listener drives."""
 
     def close(self) -> None:
         """Pass on, when the object has one."""
-        if hasattr(self.target, "close"):
-            self.target.close()
+        if callable(close := getattr(self.target, "close", None)):
+            close()
 
 
 @dataclass(slots=True)
@@ -158,8 +158,8 @@ class PolicyController(Adapter):
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Pass the briefing on, when the object takes one."""
-        if hasattr(self.target, "reset"):
-            self.target.reset(scenario)
+        if callable(reset := getattr(self.target, "reset", None)):
+            reset(scenario)
 
 
 def takes_arrays(policy: Any) -> bool:
@@ -488,9 +488,9 @@ def adapted(found: Any, described: str, options: Mapping[str, Any]) -> Adapter:
             return found
         if isinstance(found, TRACI.StepListener):
             return ListenerController(found)
-        if callable(getattr(found, "act", None)):
+        if (call := called_by(found)) == "act":
             return PolicyController(found.act, found)
-        if callable(getattr(found, "step", None)):
+        if call == "step":
             return ObjectController(found)
         if callable(found):
             return (
@@ -507,6 +507,16 @@ def adapted(found: Any, described: str, options: Mapping[str, Any]) -> Adapter:
         f"`step` method, got {type(found).__name__}. Or, without TraCI, a function (observation) "
         "or one with `act`."
     )
+
+
+def called_by(found: Any) -> str:
+    """The method by which a class or an object is called: `act`, `step`, or "" for neither.
+
+    One that it has comes before one that its `__getattr__` answers.
+    """
+    names = [name for name in ("act", "step") if callable(getattr(found, name, None))]
+    own = (name for name in names if inspect.getattr_static(found, name, None) is not None)
+    return next(own, "".join(names[:1]))
 
 
 FOREIGN = {

@@ -132,15 +132,20 @@ def made_absolute(locator: str, folder: Path) -> str:
 
 def check_options(kind: Any, options: Options, described: str) -> None:
     """Raises InputError for options that a class cannot be made with, before one is made."""
-    if not options or not inspect.isclass(kind):
+    if not inspect.isclass(kind):
         return
     try:
-        parameters = inspect.signature(kind).parameters.values()
+        signature = inspect.signature(kind)
     except (TypeError, ValueError):
         return
+    parameters = signature.parameters.values()
     names = [p.name for p in parameters if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)]
     if not any(p.kind == p.VAR_KEYWORD for p in parameters):
         check_known(f"option of ADS `{described}`", names, *options)
+    try:
+        signature.bind(**options)
+    except TypeError as error:
+        raise _not_made(described, options, error) from error
 
 
 def steps_between(period: float, step: float, owner: str) -> int:
@@ -163,8 +168,12 @@ def made(kind: type, options: Options, described: str) -> Any:
     except (KeyboardInterrupt, InputError):  # an adapter's own sentence
         raise
     except BaseException as error:
-        how = f"with the options {', '.join(options)}" if options else "without arguments"
-        raise InputError(f"ADS `{described}`: making one {how} failed: {said(error)}.") from error
+        raise _not_made(described, options, error) from error
+
+
+def _not_made(described: str, options: Options, error: BaseException) -> InputError:
+    how = f"with the options {', '.join(options)}" if options else "without arguments"
+    return InputError(f"ADS `{described}`: making one {how} failed: {said(error)}.")
 
 
 def _load_once(kind: type, options: Options, described: str) -> None:
