@@ -254,13 +254,28 @@ def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
     table[hole].replace({"vehicle": {"b": "a#2"}}).to_csv(tmp_path / "names.csv", index=False)
     named = import_recordings("csv", [tmp_path / "names.csv"]).table
     assert named.groupby("vehicle").size().to_dict() == {"a": 10, "a##2": 10, "a#2": 30}
+    jumps = table.assign(x=table["x"] + 40.0 * ((table["vehicle"] == "a") & (table["t"] > 1.0)))
+    jumps.to_csv(tmp_path / "jumps.csv", index=False)
+    found = import_recordings("csv", [tmp_path / "jumps.csv"])
+    assert found.notes[0].startswith("1 jumps in tracks, as of an id that is used again")
+    assert found.table.groupby("vehicle").size().to_dict() == {"a": 11, "a#2": 19, "b": 30}
+    assert found.table["speed"].to_numpy() == pytest.approx(20.0)
     slow = table[table["vehicle"] == "a"].assign(t=lambda rows: np.round(5.0 * rows["t"] + 0.1, 3))
     slow.to_csv(tmp_path / "slow.csv", index=False)
     assert import_recordings("csv", [tmp_path / "slow.csv"]).vehicles == 1, "2 Hz have no holes"
 
 
+def test_noise_of_positions_is_no_wrong_heading(tmp_path):
+    """1.2 m from sample to sample, across steps of 2 m."""
+    table = pd.read_csv(_plain(tmp_path / "plain.csv"))
+    table["y"] += np.resize([0.6, -0.6], len(table))
+    table.to_csv(tmp_path / "noisy.csv", index=False)
+    found = import_recordings("csv", [tmp_path / "noisy.csv"]).table
+    assert found["heading"].abs().median() < 1e-6
+
+
 def test_events_report_what_no_event_can_have(tmp_path):
-    table = pd.read_csv(_plain(tmp_path / "plain.csv")).assign(**{"class": "Car"})
+    table = pd.read_csv(_plain(tmp_path / "plain.csv")).assign(**{"class": "Car "})
     odd = table[table["vehicle"] == "a"].assign(vehicle="c", **{"class": "tank"})
     back = table[table["vehicle"] == "a"].assign(vehicle="d", x=-20.0 * odd["t"])
     pd.concat([table, table[:3], odd, back]).to_csv(tmp_path / "odd.csv", index=False)
@@ -281,6 +296,10 @@ NGSIM = ",".join((*ngsim._ORIGINAL, "Location")) + "\n"
         *rows_of(r"""
 csv | x.csv | OWNr,a,0,1,2,4,2\n\n \nr,a,0.1,oops,2,4,2\n | `x` in row 5 of
 csv | x.csv | OWNr,a,0,1,2,0,2\nr,a,0.1,2,2,0,2\n | must be above 0 m, got '0 and
+csv | x.csv | OWNr,a,0,1,2,15,6\nr,a,0.1,2,2,15,6\n
+| The median `width` of recording `r` must be in m, across the vehicle, got 6
+csv | x.csv | OWNr,a,0,0,2,4,2\nr,a,0.1,9,2,4,2\n
+| `x` and `y` of recording `r` must be in m, got 90 m/s as the median speed that x, y and t show
 csv | x.csv | OWNr,a,0,1e300,2,4,2\nr,a,0.1,2,2,4,2\n
 | must be at most 9.0072e+15 in size, got 1e+300
 csv | x.csv | recording,vehicle,t,x,y,length,width,speed\nr,a,0,1,2,4,2,36\nr,a,1,11,2,4,2,36\n

@@ -34,6 +34,7 @@ from sumo_eval.drivers.recorded.importers.tables import (
     check_motion,
     checked_numbers,
     in_order,
+    numbered,
     read_table,
     unread,
 )
@@ -52,6 +53,7 @@ NUMBERS = ("t", "x", "y", "heading", "speed", "acceleration", "length", "width",
 INTERVAL = 0.1  # s between samples
 LONGEST_HOLE = 0.5  # s; a track with a longer hole is two tracks
 BACK = 10.0  # m; a vehicle that ends further behind its start drives in the other direction
+WIDEST = 3.5  # m; a wider median is in feet, or is a length
 STANDARD_LANE = 3.5  # m, width of a lane where a table says nothing of lanes
 # truck_bus, trailer, taxi and priorityvehicle are words of sources
 MOTOR_CLASSES = frozenset(
@@ -115,19 +117,12 @@ def _goes_back(table: pd.DataFrame) -> pd.Series[bool]:
 
 def _even_tracks(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], int, int]:
     """Tracks on the clock, number of holes, and number of tracks too short for the clock."""
-    vehicle = [rows["recording"], rows["vehicle"]]
+    vehicle = [rows[name] for name in _TRACK]
     hole = rows["t"].groupby(vehicle).diff() > LONGEST_HOLE + 1e-6
-    pieces: Any = rows.groupby([*vehicle, hole.groupby(vehicle).cumsum()], sort=False)
-    mark = "#"
-    while rows["vehicle"].str.contains(mark).any():  # a vehicle may be called `a#2`
-        mark += "#"
-    tracks = []
-    for (*_, holes_before), piece in pieces:
-        even = _on_the_clock(piece)
-        if even is not None:
-            even["vehicle"] += f"{mark}{holes_before + 1}" if holes_before else ""
-            tracks.append(even)
-    return tracks, hole.sum(), len(pieces) - len(tracks)
+    names = numbered(rows["vehicle"], hole.groupby(vehicle).cumsum())
+    pieces = rows.assign(vehicle=names).groupby(_TRACK, sort=False)
+    tracks = [even for _, piece in pieces if (even := _on_the_clock(piece)) is not None]
+    return tracks, hole.sum(), pieces.ngroups - len(tracks)
 
 
 def _on_the_clock(track: pd.DataFrame) -> pd.DataFrame | None:
@@ -215,6 +210,10 @@ def _checked(table: pd.DataFrame) -> pd.DataFrame:
         got = f"{row['length']:g} and {row['width']:g} m"
         what = f"Length and width of vehicle `{row['vehicle']}`"
         raise must_be(what, f"recording `{row['recording']}`", "above 0 m", got)
+    widths = table.groupby("recording")["width"].median()
+    for recording, width in widths[widths > WIDEST].items():
+        owner, wanted = f"recording `{recording}`", "in m, across the vehicle"
+        raise must_be("The median `width`", owner, wanted, round(width, 2))
     check_motion(table)
     lanes = table[table["lane"] >= 0].groupby(["recording", "lane"])["y"].median()
     for recording, lane in lanes.index[lanes.groupby("recording").diff() < -STANDARD_LANE / 2]:
@@ -227,7 +226,7 @@ def _checked(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(
         **channels,
         driver=_texts(table.get("driver", unknown), ""),
-        **{"class": _texts(table.get("class", unknown), "car").str.lower()},
+        **{"class": _texts(table.get("class", unknown), "car").str.strip().str.lower()},
     )
 
 

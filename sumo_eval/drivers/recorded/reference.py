@@ -1,7 +1,8 @@
 """The human reference from recordings: drives in events like a concrete scenario, aligned to its
 start.
 
-Users: `cli/tools.py`, `drivers/recorded/exposure.py`, `record/recording.py`.
+Users: `cli/tools.py`, `drivers/recorded/exposure.py`, `extras/rates/people_command.py`,
+`record/recording.py`.
 """
 
 from __future__ import annotations

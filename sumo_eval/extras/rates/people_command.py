@@ -88,12 +88,14 @@ def events(tables: tuple[Path, ...], out: Path | None) -> None:
 def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
     """Exposure of the concrete scenarios of SCENARIO in imported TABLES."""
     from sumo_eval.drivers.recorded.exposure import exposure_of
+    from sumo_eval.drivers.recorded.reference import notes_of, open_people
     from sumo_eval.scenario import catalogue
     from sumo_eval.settings import DriverSettings, ExposureSettings
 
     logical = catalogue.find(scenario, Path.cwd())
     names = tuple(map(str, tables))
     settings = ExposureSettings("recorded", names, bandwidth)  # type: ignore[arg-type]
+    say(notes_of(open_people(DriverSettings(recordings=names), Path.cwd()), {}))
     tell(f"{scenario}: {exposure_of(logical, settings, DriverSettings(), Path.cwd()).about}.")
 
 
@@ -140,9 +142,9 @@ def scene(
     from sumo_eval.extras.rates.recorded_scene import ROAD_AS_WRITTEN, write_scene
     from sumo_eval.report.words import count
 
-    written = write_scene(
-        import_recordings(OWN, tables), out, ego, recording, (begin, end), react, beyond
-    )
+    recordings = import_recordings(OWN, tables)
+    say(recordings.notes)
+    written = write_scene(recordings, out, ego, recording, (begin, end), react, beyond)
     mean, most = written.error
     tell(
         f"{count(written.others, 'vehicle')} around {ego} for {written.seconds:z.1f} s; in the "

@@ -31,6 +31,9 @@ LARGEST = 2.0**53
 # columns that are text even where all are digits: 007 is not 7
 IDENTIFIERS = {"recording": str, "vehicle": str}
 
+JUMP, JUMP_SPEED = 10.0, 100.0  # m, and m/s: a step beyond both is a jump to another vehicle
+CHORD = 0.5  # s between the samples that show speed and course; noise is then small
+FASTEST = 70.0  # m/s; a faster median is in feet or cm
 MOVES = 3.0  # m/s; a faster step shows the unit of `speed`
 SPEEDS_AGREE = 0.67, 1.5  # median of `speed` over that of steps; km/h are 3.6, miles/h 2.24
 STEP = 1.0  # m; a longer step shows its course, a shorter one the noise of positions
@@ -172,14 +175,37 @@ def unread(kind: str, names: Iterable[object], known: Sequence[str], path: Path)
 
 
 def in_order(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
-    """The samples by vehicle and time, and a note on those left out, whose time a vehicle has
-    twice.
+    """The samples by vehicle and time, tracks split where they jump, and notes on both: samples
+    are left out whose time a vehicle has twice.
     """
     keys = ["recording", "vehicle", "t"]
     rows = table.sort_values(keys, kind="stable", ignore_index=True)
     double = rows.duplicated(keys)
-    note = f"{double.sum()} samples with a time that their vehicle already had were left out."
-    return rows[~double].reset_index(drop=True), [note] if double.any() else []
+    rows = rows[~double].reset_index(drop=True)
+    track = [rows[name] for name in keys[:2]]
+    moved, seconds = _steps(rows)
+    usual = (moved / seconds).groupby(track).transform("median")
+    jump = moved > JUMP + np.maximum(JUMP_SPEED, 3.0 * usual) * seconds
+    rows["vehicle"] = numbered(rows["vehicle"], jump.groupby(track).cumsum())
+    counted = {
+        "samples with a time that their vehicle already had were left out.": double,
+        "jumps in tracks, as of an id that is used again: each side is a vehicle of its own.": jump,
+    }
+    return rows, [f"{rows.sum()} {words}" for words, rows in counted.items() if rows.any()]
+
+
+def numbered(vehicle: pd.Series[str], before: pd.Series[Any]) -> pd.Series[str]:
+    """Names of the parts of tracks: `a`, `a#2`, ...; before: number of parts before it."""
+    mark = "#"
+    while vehicle.str.contains(mark).any():  # a vehicle may be called `a#2`
+        mark += "#"
+    return vehicle.where(before == 0, vehicle + mark + (before + 1).astype(str))
+
+
+def _steps(table: pd.DataFrame, samples: int = 1) -> tuple[pd.Series[float], pd.Series[float]]:
+    """Distance, m, and time, s, to each row from the row `samples` before it in its track."""
+    steps: Any = table.groupby(["recording", "vehicle"], sort=False)[["t", "x", "y"]].diff(samples)
+    return np.hypot(steps["x"], steps["y"]), steps["t"]
 
 
 def check_motion(table: pd.DataFrame) -> None:
@@ -187,15 +213,20 @@ def check_motion(table: pd.DataFrame) -> None:
 
     table: recording, vehicle, t, x, y and what is known of speed and heading, by vehicle and time.
     """
-    steps = table.groupby(["recording", "vehicle"], sort=False)[["t", "x", "y"]].diff()
-    moved = np.hypot(steps["x"], steps["y"])
-    recording = table["recording"]
+    sizes = table.groupby(["recording", "vehicle"]).size()
+    in_chord = CHORD / np.nan_to_num(_steps(table)[1].median(), nan=CHORD)
+    samples = round(max(1.0, min(in_chord, sizes.median() - 1.0)))
+    moved, seconds = _steps(table, samples)
+    moved = moved.where(seconds < 3.0 * CHORD)  # a hole shows neither
+    recording, speeds = table["recording"], moved / seconds
+    median = speeds.groupby(recording).median()
+    _refuse(median[median > FASTEST], "`x` and `y`", "m", "m/s as the median speed")
     if "speed" in table:
-        speeds = moved / steps["t"]
         factors = (table["speed"] / speeds)[speeds > MOVES].groupby(recording).median()
         _refuse(factors[~factors.between(*SPEEDS_AGREE)], "`speed`", "m/s", "times the speed")
     if "heading" in table:
-        turned = np.cos(np.arctan2(steps["y"], steps["x"]) - table["heading"])
+        aside, ahead = (table[name].diff(samples) for name in ("y", "x"))
+        turned = np.cos(np.arctan2(aside, ahead) - table["heading"])
         angles = np.arccos(turned[moved > STEP]).groupby(recording).quantile(HEADINGS_AGREE[0])
         _refuse(angles[angles > HEADINGS_AGREE[1]], "`heading`", "rad", "rad off the course")
 
