@@ -19,14 +19,8 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, write_csv
 from sumo_eval.evaluation import evaluate
 from sumo_eval.extras.rates.departures import SceneDrive, write_departures
-from sumo_eval.extras.rates.recorded_scene import (
-    FAR,
-    NEVER,
-    ROAD_AS_WRITTEN,
-    fit_speeds,
-    thinned,
-    write_scene,
-)
+from sumo_eval.extras.rates.fitted import fit_speeds, thinned
+from sumo_eval.extras.rates.recorded_scene import FAR, NEVER, ROAD_AS_WRITTEN, write_scene
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.concrete import departures, smooth_step

@@ -402,13 +402,3 @@ def _total(rates: Sequence[Limits], draws: FloatArray, limit: float) -> Limits:
     if len(seen) == 1:
         return seen[0]
     return sum(rate[0] for rate in seen), *_limits(draws)
-
-
-def recorded_drivers(spaces: Sequence[EncounterSpace]) -> list[tuple[str, float, float]]:
-    """Drivers of each recording: its roads, km, and upper limit of collisions per million km.
-
-    The limit is that without a collision. None can be seen: an event with the gap of a collision
-    counts as a ghost of the tracker (`drivers.recorded.events`) and is dropped.
-    """
-    roads = {(it.counted.where, it.counted.vehicle_km) for it in spaces if it.counted is not None}
-    return [(where, km, MILLION * -math.log(1.0 - LEVEL) / km) for where, km in sorted(roads)]

@@ -5,18 +5,15 @@ Users: `extras/rates/command.py`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.extras.rates.campaign import (
-    AdsRate,
-    Campaign,
-    ScenarioRate,
-    recorded_drivers,
-)
+from sumo_eval.extras.rates.campaign import MILLION, AdsRate, Campaign, ScenarioRate
 from sumo_eval.extras.rates.importance import DEFENSIVE, Limits
+from sumo_eval.extras.rates.intervals import LEVEL
 from sumo_eval.extras.rates.page import amount, interval, table
 from sumo_eval.report.page import write_json
 from sumo_eval.report.study_page import Fold, Piece, Table, Text, write_parts
@@ -80,7 +77,7 @@ def plain(campaign: Campaign) -> dict[str, Any]:
             for rate in campaign.rates
         ],
         "people": [{"where": where, "vehicle_km": km, "collisions": 0, "upper_limit": limit}
-                   for where, km, limit in recorded_drivers(campaign.spaces)],
+                   for where, km, limit in _recorded_drivers(campaign)],
     }  # fmt: skip
 
 
@@ -161,7 +158,7 @@ def sentences(campaign: Campaign) -> list[str]:
     recorded = [
         f"people ({where}): no collision in {km:.1f} vehicle-km, at most {amount(limit)} per "
         "million km."
-        for where, km, limit in recorded_drivers(campaign.spaces)
+        for where, km, limit in _recorded_drivers(campaign)
     ]
     return rates + recorded
 
@@ -177,7 +174,7 @@ def parts(campaign: Campaign, content: Mapping[str, Any]) -> list[Piece]:
         for rate in campaign.rates
     ] + [
         {"who": f"people ({where})", collisions: f"none in {km:.1f} km, at most {amount(limit)}"}
-        for where, km, limit in recorded_drivers(campaign.spaces)
+        for where, km, limit in _recorded_drivers(campaign)
     ]
     unseen = (f"{rate.ads}: {words}" for rate in campaign.rates if (words := unseen_words(rate)))
     basis = Fold(
@@ -204,3 +201,14 @@ def _of_ads(rate: AdsRate, content: dict[str, Any]) -> Fold:
         )
         pieces.append(Text(limit))
     return Fold(rate.ads, "rates per million km by scenario, and the drives behind them", pieces)
+
+
+def _recorded_drivers(campaign: Campaign) -> list[tuple[str, float, float]]:
+    """Drivers of each recording: its roads, km, and upper limit of collisions per million km.
+
+    The limit is that without a collision. None can be seen: an event with the gap of a collision
+    counts as a ghost of the tracker (`drivers.recorded.events`) and is dropped.
+    """
+    counted = (space.counted for space in campaign.spaces)
+    roads = {(met.where, met.vehicle_km) for met in counted if met is not None}
+    return [(where, km, MILLION * -math.log(1.0 - LEVEL) / km) for where, km in sorted(roads)]

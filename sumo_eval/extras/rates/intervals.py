@@ -2,8 +2,8 @@
 
 `learned` and `campaign` use them.
 
-Users: `extras/rates/campaign.py`, `extras/rates/importance.py`, `extras/rates/learn_page.py`,
-`extras/rates/learned.py`.
+Users: `extras/rates/campaign.py`, `extras/rates/campaign_page.py`, `extras/rates/importance.py`,
+`extras/rates/learn_page.py`, `extras/rates/learned.py`.
 """
 
 from __future__ import annotations
