@@ -107,7 +107,8 @@ class Progress:
         now = clock.monotonic()
         stage = self._stages.setdefault(name, _StageProgress(now))
         stage.note(now, done)
-        left, faults = stage.left(total, self._unless), f"{failed} failed" if failed else ""
+        left = stage.left(total, self._unless)
+        faults = f"{failed} failed" if failed else ""
         if self._bar is not None:
             if stage.task is None:
                 stage.task = self._bar.add_task(name, total=total, left="", failed="")

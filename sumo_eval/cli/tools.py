@@ -276,7 +276,8 @@ def _planned_parts(settings: EvaluationSettings, source: Path) -> Iterator[Part]
     """ADSs, vehicle model and drivers, each checked by the planner, as a run does."""
     from sumo_eval.settings import DriverSettings
 
-    plant, drivers = settings.simulation.plant, settings.drivers
+    plant = settings.simulation.plant
+    drivers = settings.drivers
     bare = replace(
         settings,
         ads=(),

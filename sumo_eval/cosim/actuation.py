@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_eval.cosim.records import EGO
 from sumo_eval.settings import ConditionSettings
 
 # s: rounding must not add a step to a delay of whole steps (0.3 s in steps of 0.1 s)
@@ -26,7 +27,6 @@ class Actuation:
 
     conditions: of each case; only a case that is driven alone has a budget.
     step: of the simulation, s.
-    kind: numpy's type of a command in the records of egos.
     note: records an event of a case driven alone: name, requested value, applied value.
     """
 
@@ -34,7 +34,6 @@ class Actuation:
         self,
         conditions: Sequence[ConditionSettings],
         step: float,
-        kind: np.dtype[np.void],
         note: Callable[[str, float, float], None],
     ) -> None:
         self._steps = np.array(
@@ -44,7 +43,7 @@ class Actuation:
         self.budget = conditions[0].step_budget or inf
         self._note = note
         # a ring over the last steps; zeros until the first command: speed kept, wheel straight
-        self._given = np.zeros((self._steps.max() + 1, len(conditions)), kind)
+        self._given = np.zeros((self._steps.max() + 1, len(conditions)), EGO["command"])
 
     def late(self, took: float) -> bool:
         """Whether an answer is over the budget; notes it if so.

@@ -85,13 +85,9 @@ class EgoControl:
         others = [actor.name for actor in concrete.actors]
         GUARD.begin(others, settings.step, settings.conditions.interference, heeding(concrete))
         stage.take_charge(world)
-        self.actuation = Actuation(
-            [it.conditions for it in world.each],
-            settings.step,
-            world.egos["command"].dtype,
-            # notes go to case 0: only a case that is alone has a step budget, which makes them
-            partial(world.note, 0),
-        )
+        conditions = [settings.conditions for settings in world.each]
+        # notes go to case 0: only a case that is alone has a step budget, which makes them
+        self.actuation = Actuation(conditions, settings.step, partial(world.note, 0))
 
     def step(self, world: World, time: float) -> None:
         """Write the egos' commands, or fail rows."""

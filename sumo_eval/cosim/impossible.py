@@ -50,11 +50,9 @@ def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
     reach = 0.5 * ego.width - LOSS_MARGIN
     for body in (ego, coming):
         x, y = front(body)
-        right = road.right_edge_at(x)
-        left = road.left_edge_at(x)
         if not (
             road.right_edge_at(body.x) <= body.y <= road.left_edge_at(body.x)
-            and right - reach <= y <= left + reach
+            and road.right_edge_at(x) - reach <= y <= road.left_edge_at(x) + reach
             and 0.0 <= x <= road.end
         ):
             return True

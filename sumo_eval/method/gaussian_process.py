@@ -133,4 +133,4 @@ def most_likely(
         for theta in starts
     ]
     failures = [str(result.message) for result in results if not result.success]
-    return np.asarray(min(results, key=lambda result: float(result.fun)).x), failures
+    return min(results, key=lambda result: result.fun).x, failures

@@ -245,9 +245,10 @@ def _injury(chosen: str, settings: CollisionSettings) -> Severity:
     def beyond(hit: Collision) -> str:
         curve = INJURY_CURVES[who]
         years = curve.usual_age if age is None else age
-        speed = KMH * hit.relative_speed
         reasons = [
-            f"closing speed over {curve.fastest:g} km/h" if speed > curve.fastest else "",
+            f"closing speed over {curve.fastest:g} km/h"
+            if KMH * hit.relative_speed > curve.fastest
+            else "",
             f"age outside {INJURY_AGES[0]:g}..{INJURY_AGES[1]:g} years"
             if not INJURY_AGES[0] <= years <= INJURY_AGES[1]
             else "",

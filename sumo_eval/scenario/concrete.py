@@ -550,7 +550,7 @@ def _changed(
 ) -> SimulationSettings:
     """`ConcreteScenario.simulation` of the parts of a case that it depends on."""
     for name, value in changes:
-        group, _, setting = name.partition(".")
+        group, setting = name.split(".")
         changed = {group: replace(getattr(settings, group), **{setting: value})}
         settings = replace(settings, **changed)
     own = body or settings.vehicle

@@ -85,12 +85,14 @@ def levers_of(
     for name, (low, high, step, unit) in _SETTINGS.items():
         value = attrgetter(name)(settings)
         recorded = high if value is None else float(value)
-        low, high = min(low, recorded), max(high, recorded)
+        low = min(low, recorded)
+        high = max(high, recorded)
         step = step or settings.step
         levers.append(Lever(name, unit, low, high, step, recorded, unlimited=value is None))
 
     concrete = logical.placed(values)  # the recorded point fulfils the constraints
-    ego, ahead = concrete.ego, _ahead(concrete)
+    ego = concrete.ego
+    ahead = _ahead(concrete)
     # no such lever for an ego that starts at rest or moves sideways
     if ego.speed > 0.0 and not ego.lateral_speed:
         levers.append(Lever(_SPEED, "m/s", 0.0, max(_FASTEST, ego.speed), 0.05, ego.speed))
@@ -102,7 +104,8 @@ def levers_of(
 
     for item in logical.parameters:
         if item.name != ONLY:  # the parameter of a scenario without any
-            step, value = (item.high - item.low) / _FINE, values[item.name]
+            step = (item.high - item.low) / _FINE
+            value = values[item.name]
             levers.append(
                 Lever(item.name, item.unit, item.low, item.high, step, value, item.values)
             )
@@ -165,7 +168,8 @@ def moved(
 
 def _ahead(concrete: ConcreteScenario) -> Actor | None:
     """The nearest actor ahead in the ego's lane at the start; one on the map crosses it."""
-    ego, half = concrete.ego, concrete.road.lane_width / 2.0
+    ego = concrete.ego
+    half = concrete.road.lane_width / 2.0
     return min(
         (
             it

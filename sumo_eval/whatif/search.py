@@ -182,7 +182,8 @@ class WhatIf:
 
         None: the scenario has no such point, or the drive could not be evaluated.
         """
-        logical, locator = self._run.scenarios[fact.scenario], self._locators[fact.driver]
+        logical = self._run.scenarios[fact.scenario]
+        locator = self._locators[fact.driver]
         revealed = self._setup.simulation.conditions.reveal_scenario
         # `number` of the trial instead of the point's: it finds the outcome's place below
         cases = [

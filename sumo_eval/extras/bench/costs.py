@@ -113,7 +113,8 @@ class BatchPolicy:
 def set_speed(traci: Any, ego: str, time: float) -> None:
     """A user's function that commands SUMO itself: five calls that read, one that writes."""
     vehicle = traci.vehicle
-    speed, lead = vehicle.getSpeed(ego), vehicle.getLeader(ego, 200.0)
+    speed = vehicle.getSpeed(ego)
+    lead = vehicle.getLeader(ego, 200.0)
     vehicle.getPosition(ego)
     vehicle.getAcceleration(ego)
     ahead = vehicle.getSpeed(lead[0]) if lead and lead[0] else speed
@@ -284,7 +285,8 @@ def field_and_index(rounds: int) -> list[Figures]:
     terms = len(places) * len(np.arange(0.0, ads.duration, 0.02))
     anthropomorphic_index(ads, drivers, logical.road)  # compiles what is not compiled yet
     # numbers as large as the exponents of the field
-    numbers, result = np.random.default_rng(2).uniform(-0.3, 0.3, 1024), np.empty(1024)
+    numbers = np.random.default_rng(2).uniform(-0.3, 0.3, 1024)
+    result = np.empty(1024)
     works = {
         "kernel": lambda: trajectory_field(places, ads, sample_interval=0.02),
         "exp": lambda: [np.exp(numbers, out=result) for _ in range(1000)],
@@ -294,7 +296,8 @@ def field_and_index(rounds: int) -> list[Figures]:
     for _ in range(3 * rounds):
         for name, work in works.items():
             least[name] = min(least[name], _seconds(work))
-    index, kernel = least["index"], least["kernel"] / terms
+    index = least["index"]
+    kernel = least["kernel"] / terms
     exponential = least["exp"] / (1000 * numbers.size)
     ratio = simulated / points / index  # seconds of one point's simulations and of its D_i
     return [

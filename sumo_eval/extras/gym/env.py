@@ -41,10 +41,12 @@ def _answers(interface: Interface, actions: Any, count: int) -> Floats:
 
     A choice becomes a score of 1 for it and 0 for the rest.
     """
-    width, values = interface.width, np.empty(0, object)
+    width = interface.width
+    values = np.empty(0, object)
     with suppress(ValueError):  # of rows of different lengths: refused below
         values = np.asarray(actions)
-    kind, given = values.dtype.kind, actions
+    kind = values.dtype.kind
+    given = actions
     if interface.choices is None:
         if kind in "biuf" and values.size == count * width:
             return values.reshape(count, -1).astype(np.float64)

@@ -121,7 +121,8 @@ class Episodes:
         if not isinstance(use, LogicalScenario):
             use = find_with(self.settings.vehicle, str(use), Path.cwd())
         self.logical = use
-        self.reward, self.sampler = reward or usual_reward, sampler
+        self.reward = reward or usual_reward
+        self.sampler = sampler
         self.count, self._sumo = count, sumo
         self._pack: Pack | None = None
         self._start_speeds = np.zeros(count)
@@ -210,7 +211,8 @@ class Episodes:
         commands = self.interface.commands(answers)
         if not np.isfinite(commands).all():
             raise must_be("The actions", "an environment", "finite numbers", answers)
-        rewards, reasons = np.zeros(self.count), np.full(self.count, "", "U16")
+        rewards = np.zeros(self.count)
+        reasons = np.full(self.count, "", "U16")
         for _ in range(self._steps):
             it = self._transition(commands)
             rewards += self._reward(it)
@@ -231,8 +233,10 @@ class Episodes:
         """
         pack = self.pack
         egos = pack.world.egos
-        running, before = egos["live"] != 0, egos["acceleration"].copy()
-        ended, impact = np.full(self.count, "", "U16"), np.zeros(self.count)
+        running = egos["live"] != 0
+        before = egos["acceleration"].copy()
+        ended = np.full(self.count, "", "U16")
+        impact = np.zeros(self.count)
         for row in pack.step(commands).tolist():  # the rows that ended with this step
             ended[row] = pack.reason(row)
             if ended[row] == "contact":

@@ -75,7 +75,8 @@ def drive(
     from sumo_eval.extras.wheel.trip import concrete_of, settings_at, trips
 
     logical = find(what, Path.cwd())
-    concrete, settings = concrete_of(logical, named_values(values, "--set")), settings_at(rate)
+    concrete = concrete_of(logical, named_values(values, "--set"))
+    settings = settings_at(rate)
     use = str(file.absolute()) if is_file(what) else what
     _open(
         f"Drive {logical.name}",

@@ -143,7 +143,8 @@ class Seat:
 
     def _stay_on_hold(self) -> None:
         """Wait until the drive may continue; nothing moves meanwhile."""
-        desk, begun = self._desk, clock.perf_counter()
+        desk = self._desk
+        begun = clock.perf_counter()
         why = desk.was_held or desk.on_hold or "key"  # "key": only the countdown is left
         self._awake = awake()
         while (desk.on_hold or clock.perf_counter() < desk.due) and not desk.end_reason:

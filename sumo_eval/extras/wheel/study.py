@@ -228,7 +228,8 @@ async def steps_of(window: Window, plan: StudyPlan, person: Participant) -> str:
 
 async def practised(window: Window, plan: StudyPlan, person: Participant) -> bool:
     """Let a participant practise; return whether the criterion was met in the allowed trials."""
-    rule, settings = plan.settings.practice, settings_at(plan.settings.rate)
+    rule = plan.settings.practice
+    settings = settings_at(plan.settings.rate)
     # for each trial, whether it was passed
     trials = [entry["passed"] for step, entry in person.done.items() if "practice:" in step]
     concrete = practice_drive(rule, plan.cases[0].concrete.road)
@@ -270,7 +271,8 @@ def practice_drive(rule: PracticeSettings, road: Road) -> ConcreteScenario:
 
 def kept_share(recording: Recording, concrete: ConcreteScenario, rule: PracticeSettings) -> float:
     """Share of a trial in which the driver was near a lane's centre and at the speed."""
-    road, ego = concrete.road, recording.ego
+    road = concrete.road
+    ego = recording.ego
     centres = np.array([road.lane_centre(lane) for lane in range(road.lanes)])
     off = np.abs(ego.y[:, None] - centres).min(axis=1)
     return float(np.mean((off <= rule.offset) & (np.abs(ego.speed - rule.speed) <= rule.within)))

@@ -241,7 +241,8 @@ def again(path: Path) -> Repetition:
     """
     tape = read_tape(path)
     with taking_apart(path, "Its head must name a concrete scenario."):
-        use, values = tape.head["use"], tape.head["values"].items()
+        use = tape.head["use"]
+        values = tape.head["values"].items()
         point = {name: float(value) for name, value in values}
     recording = drive_again(tape, find(str(use), path.parent).concrete(**point))
     steps = f"{len(tape.rows)} steps of {tape.head['simulation']['step']:g} s"

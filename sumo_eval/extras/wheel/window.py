@@ -175,7 +175,8 @@ class Window:
     async def _listen(self, peer: ServerConnection) -> None:
         """Take messages until the peer closes, or is closed for a wrong one or too many."""
         # the allowance grows by MOST_A_SECOND a second, up to that number; a message takes 1 of it
-        allowance, before = float(MOST_A_SECOND), clock.monotonic()
+        allowance = float(MOST_A_SECOND)
+        before = clock.monotonic()
         async for text in peer:
             now = clock.monotonic()
             allowance = min(allowance + (now - before) * MOST_A_SECOND, MOST_A_SECOND) - 1.0
@@ -235,7 +236,8 @@ class Window:
             while True:
                 await self._outbox_filled.wait()
                 self._outbox_filled.clear()
-                outbox, self._outbox = self._outbox, {}
+                outbox = self._outbox
+                self._outbox = {}
                 for key, value in outbox.items():
                     await peer.send(json.dumps({key: value}, separators=(",", ":")))
 

@@ -141,9 +141,9 @@ def spread(points: int, attention: FloatArray, room: FloatArray) -> tuple[int, .
         allocation in whole numbers).
     room: number of points that a cell can give, (H,).
     """
-    largest = float(attention.max())
+    largest = attention.max()
     # rounded, so that the last bit does not decide between cells
-    wanted = np.round(attention / largest, 9) if largest > 0.0 else np.ones(len(attention))
+    wanted = np.round(attention / largest, 9) if largest > 0.0 else np.ones_like(attention)
     counts = np.full(len(attention), LEAST_IN_CELL)
     for _ in range(points - len(counts) * LEAST_IN_CELL):
         # root of the reduction that one more point gives; below 0 where there is no room for it
