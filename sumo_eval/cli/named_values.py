@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from sumo_eval.errors import InputError
+
 
 def named_values(texts: Iterable[str], option: str) -> dict[str, float]:
     """The numbers by name.
@@ -15,8 +17,6 @@ def named_values(texts: Iterable[str], option: str) -> dict[str, float]:
     option: subject of the errors: the option's name, or e.g. `A parameter`.
     Raises InputError for a text that is not NAME=VALUE with a number, and for a name given twice.
     """
-    from sumo_eval.errors import InputError
-
     values = {}
     for text in texts:
         name, _, number = (part.strip() for part in text.partition("="))

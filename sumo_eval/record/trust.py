@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import os
 import shlex
+from contextlib import suppress
 from pathlib import Path
 
 from sumo_eval.errors import InputError
@@ -84,11 +85,9 @@ def remember(run: Path, settings: EvaluationSettings, source: Path) -> None:
         return
     _trusted.update(code)
     note = _note(run)
-    try:
+    with suppress(OSError):  # else a later process asks the user for `--trust`
         note.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         write_whole(note, _hash(code))
-    except OSError:  # only this process trusts it; a later one asks the user for `--trust`
-        pass
 
 
 def is_remembered(run: Path, settings: EvaluationSettings, source: Path) -> bool:

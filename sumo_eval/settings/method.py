@@ -28,6 +28,8 @@ from sumo_eval.settings.checked import (
     setting_made_by,
 )
 
+_NotTiny = Annotated[PositiveFloat, Ge(0.01)]  # of samples, whose number the memory must hold
+
 
 @frozen
 class FieldSettings(Checked):
@@ -42,7 +44,7 @@ class FieldSettings(Checked):
     k2: Share = setting(
         0.005, "growth of the field with speed ahead", "s/m", symbol="k2", equation="10"
     )
-    sample_interval: PositiveFloat = setting(0.1, "time between summed samples", "s", equation="9")
+    sample_interval: _NotTiny = setting(0.1, "time between summed samples", "s", equation="9")
     superposition: Literal["magnitude", "vector"] = setting(
         "magnitude",
         "sum the magnitudes of the field (its peak is on the path, as in the paper's figures), "
@@ -71,13 +73,13 @@ class AnthropomorphicSettings(Checked):
         "it counts as this number of drivers (mixture)",
         equation="11",
     )
-    band_slice_spacing: PositiveFloat = setting(
+    band_slice_spacing: _NotTiny = setting(
         2.5,
         "distance between slices where drivers are scored against each other",
         "m",
         equation="11",
     )
-    slice_spacing: PositiveFloat = setting(
+    slice_spacing: _NotTiny = setting(
         0.5, "distance between slices along the road", "m", equation="11"
     )
     side_width: PositiveFloat = setting(

@@ -90,6 +90,8 @@ AnthropomorphicSettings | {"centre_deviation_floor": 1e-300} | must be at least 
 AnthropomorphicSettings | {"field_deviation_floor": 1e-300} | must be at least 1e-06, got 1e-300
 ZoneSettings | {"deceleration": 1e-300} | must be at least 0.01, got 1e-300
 ZoneSettings | {"critical_inverse_ttc": 1e-300} | must be at least 0.001, got 1e-300
+FieldSettings | {"sample_interval": 1e-300} | must be at least 0.01, got 1e-300
+AnthropomorphicSettings | {"slice_spacing": 1e-300} | must be at least 0.01, got 1e-300
 FieldSettings | {"superposition": "sum"} | must be one of 'magnitude', 'vector', got 'sum'
 AnthropomorphicSettings | {"points_per_side": 0}
 | `AnthropomorphicSettings` must be at least 1, got 0
