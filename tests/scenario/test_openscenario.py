@@ -664,6 +664,10 @@ IN_VAIN = {
         'dLane="1" ds="50" offset="0.25"/>',
         'dLane="1" ds="50" offset="0.25" dz="1"/>',
     ),
+    "tilts of positions": (
+        'dLane="1" ds="50" offset="0.25"/>',
+        'dLane="1" ds="50" offset="0.25"><Orientation r="0.1"/></RelativeLanePosition>',
+    ),
     "followingMode `follow`": ('dynamicsDimension="rate"', FOLLOWS),
 }
 

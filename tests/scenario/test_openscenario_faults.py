@@ -188,8 +188,6 @@ bracket does not close | ${$kph / 3.6} | ${$kph / 3.6
 parameter `kmh` is not declared. Did you mean `kph` | ${$kph / 3.6} | ${max(pow($kmh, 2), 1)}
 <OpenSCENARIO>|<RoadNetwork>: it must hold one <LogicFile>, got 2 | <RoadNetwork>
 | <RoadNetwork><LogicFile filepath="road.xodr"/>
-<WorldPosition>: `r` must be 0 | <RelativeLanePosition entityRef="Ego" dLane="1" ds="50" offset="0.25"/>
-| <WorldPosition x="60" y="40" r="0.1"/>
 <Private>: entity `Third` is not among | <Private entityRef="Other"> | <Private entityRef="Third">
 """)} | {
     r"<StopTrigger>: an act that a time stops while an actor moves in it": (

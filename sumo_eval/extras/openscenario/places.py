@@ -264,9 +264,8 @@ class Places:
             self.ignored["heights of positions"] = None
         # a WorldPosition has its angles itself, all others have them in an <Orientation>
         turn = kind.find("Orientation") or kind
-        for name in ("p", "r"):
-            if turn.number(name, 0.0) != 0.0:
-                raise turn.fault(f"`{name}` must be 0 on a road that is flat")
+        if any(turn.number(name, 0.0) for name in ("p", "r")):
+            self.ignored["tilts of positions"] = None
         if turn is kind:
             return spot
         heading = self.side * turn.number("h", 0.0)
