@@ -46,8 +46,8 @@ class Surface:
     noise_deviation: sn.
     level: added to y. It is 0, except where all training points are on one side: then n is 0, and y
         is this constant, +1 (safe) or -1 (hazardous).
-    coordinates: function from points (n, k) of the parameters' unit box to x; None: x are these
-        points.
+    coordinates: function from points (q, k) of the parameters' unit box to x, (q, m); None: x are
+        these points.
     """
 
     points: FloatArray
@@ -68,7 +68,8 @@ class Surface:
         x = x if self.coordinates is None else self.coordinates(x)
         known = self.points / self.length_scales
         size = max(1, 250_000 // max(1, len(known)))  # a block stays in the processor's cache, 2 MB
-        for rows in (slice(first, first + size) for first in range(0, len(x), size)):
+        for first in range(0, len(x), size):
+            rows = slice(first, first + size)
             # in place: new blocks of this size cost more than the arithmetic
             exponent = cdist(x[rows] / self.length_scales, known, "sqeuclidean")
             exponent *= -0.5
@@ -118,6 +119,7 @@ def fit(
         covariance,
         most_likely,
     )
+    from sumo_eval.method.point_criticality import criticality
 
     to_x = coordinates(logical, training)
     unit = logical.to_unit(training)
@@ -127,11 +129,10 @@ def fit(
     hazardous = target <= 0.0
     if hazardous.all() or not hazardous.any():
         side, level = ("hazardous", -1.0) if hazardous[0] else ("safe", 1.0)
-        nothing = np.empty(0)
         advice = "make `step` smaller or ranges wider"
-        if target.min() == 1.0:  # max ITTC is 0 at all of them
+        if logical.margin is None and not criticality(logical, training, settings).inverse.any():
             advice = "let the obstacle come into the ego's path: the ego closes on it at no point"
-        return Surface(unit[:0], nothing, np.full(k, np.inf), 0.0, 0.0, level, to_x), [
+        return Surface(unit[:0], np.empty(0), np.full(k, np.inf), 0.0, 0.0, level, to_x), [
             f"A zone boundary needs safe and hazardous training points; all {n} are {side}, so the "
             f"whole space counts as such. If it has a boundary, {advice}."
         ]
@@ -153,13 +154,12 @@ def fit(
         theta, failures = most_likely(
             likelihood, start, bounds, restarts=settings.restarts, seed=SEED
         )
-        # Three digits are more than the likelihood can tell apart; zones stay free of the last
-        # digits of the search.
+        # Three digits are more than the likelihood can tell apart; the search's last digits do not
+        # reach the zones.
         rounded = Hyperparameters.of_logarithms(
             np.log([float(f"{value:.3g}") for value in np.exp(theta)])
         )
-        k_training = covariance(unit, rounded)  # with the noise, without the tolerance
-        k_training[np.diag_indices_from(k_training)] += tolerance
+        k_training = covariance(unit, rounded) + np.diag(tolerance)  # the first with the noise
         factor = cholesky(k_training, lower=True, check_finite=False)
         weights = cho_solve((factor, True), target, check_finite=False)
     notes = []
@@ -169,9 +169,9 @@ def fit(
             f"stopped early: {failures[0]}."
         )
     surface = Surface(
-        points=unit,
-        weights=weights,
-        length_scales=np.array(rounded.length_scales),
+        unit,
+        weights,
+        np.array(rounded.length_scales),
         signal_deviation=math.sqrt(rounded.signal),
         noise_deviation=math.sqrt(rounded.noise),
         coordinates=to_x,
@@ -181,7 +181,7 @@ def fit(
 
 def _bound_notes(logical: LogicalScenario, theta: FloatArray, bounds: FloatArray) -> list[str]:
     """One sentence for each hyperparameter that the search left at a bound."""
-    seen = logical.names if logical.zone_coordinates is None else logical.zone_coordinates.names
+    seen = (logical.zone_coordinates or logical).names
     names = ["signal deviation", *(f"length scale of `{name}`" for name in seen), "noise deviation"]
     # by the first word of a name
     meaning = {

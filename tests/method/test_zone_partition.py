@@ -97,8 +97,9 @@ def test_cut_out_has_one_hazardous_zone_with_its_worst_at_the_shortest_possible_
     assert cut_out.most_dangerous == ({"ego_speed": 30.0, "obstacle_speed": 0.0, "gap": 45.5},)
 
 
-def test_low_speed_has_no_hazardous_zone_at_all():
-    zones = partition(LOW_SPEED)
+@pytest.mark.parametrize("given", [{}, {"target": "label"}, {"target_scale": 0.1}])
+def test_low_speed_has_no_hazardous_zone_at_all(given):
+    zones = partition(LOW_SPEED, ZoneSettings(**given))
     points = scattered(LOW_SPEED, 2_000)
     assert zones.zones == 0
     assert zones.most_dangerous == ()
