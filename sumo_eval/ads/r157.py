@@ -154,8 +154,8 @@ def foresee(then: Any, sighting: Any, time: float, step: float) -> None:
     take(then, sighting.mover)
     carry_on(then, time)
     if sighting.gain != 0.0 and not isnan(sighting.gain):
-        # `across` is the speed in the middle of the last step: later it stays, earlier it changed
-        # by `gain` a second
+        # `across` is the speed in the middle of the last step; until then it changed by `gain` a
+        # second, from then on it is constant
         middle = -0.5 * step
         then.across += sighting.gain * (min(time, middle) - middle)
 
@@ -175,10 +175,10 @@ def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable
     """Loop of a rule that commands the braking that an actor ahead demands, and keeps the lane.
 
     braking_for: gives the deceleration that an actor demands, m/s2, 0: none. It is called with the
-        ego, the actor, which is in sight ahead, the rule's parameters (with `BRAKES`) and the
-        cycle's `SCENARIO`.
-    clocks: 1: the rule decides at every step; 2: once a cycle, which is as long as the `step` of
-        the second record of its argument `scenario`.
+        ego, the actor, which is in sight ahead, the rule's parameters (with `BRAKES`) and `cycle`:
+        the `SCENARIO` record whose `step` is the time between two decisions.
+    clocks: 1: the rule decides at every step, `cycle` is `scenario[0]`; 2: once a cycle, it is
+        `scenario[1]`.
     """
 
     @kernel

@@ -68,7 +68,7 @@ _ALONG = 0.5  # rad, largest heading at which SUMO finds a vehicle's lane
 _PLACE_TOLERANCE = 1e-3  # m
 _AT_END = 0.1  # m before the end of a lane, where SUMO stops a vehicle
 _NEAR_END = 20.0  # m, more than a vehicle drives in two steps
-# share by which a step's motion in a curve may differ in SUMO, whose lanes are stretched polylines
+# share of speed * step by which motion in a curve may be off: SUMO's lanes are stretched polylines
 _CHORD_SHARE = 0.03
 
 # indices among the numbers of an ego
@@ -87,7 +87,7 @@ class OnTraci(EgoControl):
         super().__init__(ads, seeds, terms)
         # a proxy: a circle of references would keep a batch's arrays until Python looks for circles
         self._rows = [_Hook(proxy(self), it, terms) for it in ads]
-        self.unguarded = ads[0].took is not None  # a program, which does not call through `GUARD`
+        self.unguarded = ads[0].took is not None  # a program: times itself, bypasses `GUARD`
 
     def begin(self, world: World, stage: Stage) -> None:
         """Reset the ADSs."""
@@ -154,7 +154,7 @@ class OnTraci(EgoControl):
 
     def after(self, world: World, now: float) -> None:
         """Read the egos that SUMO moved."""
-        # one reading of all rows leaves the egos that did not just drive straight ahead
+        # all rows are read at once; `rows`: those whose egos did more than drive straight ahead
         rows = None if self._alone else self._stage.read_at_once(world)
         self._each(world, _Hook.after, now, rows)
 
@@ -257,7 +257,7 @@ class _Hook:
                 command = self._arriving(world, command, took)
             if command is not None:
                 self._take_over(world, command)
-            # not so in nearly every step: SUMO moves the ego already
+            # false in nearly every step, as SUMO moves the ego already
             elif self._flags[_PLACED] != SUMO or GUARD.mode_may_differ:
                 self._leave_to_sumo()
         except self._traci.TraCIException as error:
@@ -268,7 +268,7 @@ class _Hook:
             self._flags[_SETTLED] = bool(self._settled())
 
     def _lead_along_lane(self) -> None:
-        """Reroute an ego along its lane where its route leaves the lane, as SUMO would stop it.
+        """Reroute an ego along its lane where its route leaves the lane: SUMO would stop it.
 
         An ego that brakes for that place, as SUMO's own model does, keeps its route.
         """
@@ -323,7 +323,7 @@ class _Hook:
             if not GUARD.shared:
                 GUARD.call_listeners()
             answer = self._act(TRACI, EGO, time)
-        except KeyboardInterrupt:  # the user's: the watch over an ADS replaces the ADS's own
+        except KeyboardInterrupt:  # Ctrl-C; the ADS's own is a RuntimeError by now (`record/watch`)
             raise
         except BaseException as error:  # noqa: BLE001 - `_blamed` raises it, put in words
             self._blamed(error, f"at {time:.2f} s", time)
@@ -348,8 +348,9 @@ class _Hook:
         return command, took
 
     def _obeyed(self, answer: object, time: float, *, late: bool = False) -> Command:
-        """The command by which the executor carries out the ADS's answer, or without one (None) its
-        last answer.
+        """The command by which the executor carries out an answer of the ADS.
+
+        answer: None: the last one holds.
         """
         try:
             wanted = None if answer is None else checked_answer(answer)
@@ -373,7 +374,7 @@ class _Hook:
         if self._flags[_PLACED] != SUMO:
             self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
             self._flags[_PLACED] = SUMO
-            self._flags[_STALE] = 1  # in its first step
+            self._flags[_STALE] = 1  # SUMO begins to move it in this step
         elif not self._native and GUARD.mode_may_differ:
             mode = self._calls.getSpeedMode(self.ego)
             if mode != EGO_SPEED_MODE:
@@ -385,7 +386,7 @@ class _Hook:
     def _take_over(self, world: World, command: Command) -> None:
         """Let the vehicle model or the plant move the ego, as commanded."""
         state = self._state
-        self._flags[_STALE] = 1  # SUMO hears of the ego at every step
+        self._flags[_STALE] = 1  # so that SUMO receives its motion in every step
         if self._terms.plant is None:
             at = COMMAND.start
             state[at], state[at + 1] = command.acceleration, command.steering
@@ -407,7 +408,7 @@ class _Hook:
             and abs(self._state[2]) < _ALONG
         )
         if GUARD.shared and not on_lanes:  # the row leaves its batch
-            raise SimulationError("SUMO alone knows which lane it is in.")
+            raise SimulationError("An ego off its lanes may lie on another case's road.")
 
     def _check_placed_ego(self, now: float) -> None:
         state = self._state
@@ -425,8 +426,8 @@ class _Hook:
     def _read_driven_ego(self, now: float) -> None:
         """Take in the ego as SUMO moved it.
 
-        Its speed becomes that over the ground, of SUMO's two speeds: across the lane, and along it,
-        which on a curved road SUMO counts on the road's line.
+        SUMO gives a speed across the lane and one along it; both make the speed over the ground. On
+        a curved road SUMO counts the one along it on the road's line.
         """
         calls, state, ego = self._calls, self._state, self.ego
         half, step = self._half, self._step
@@ -452,7 +453,7 @@ class _Hook:
             raise ControllerError(f"The ADS is responsible: {fault}") if GUARD.moved else fault
         heading = remainder(radians(STRAIGHT - angle), tau)
         x, y = front_x - half * cos(heading), front_y - half * sin(heading)
-        # before the first step it is the lane's, along which SUMO inserts the ego
+        # SUMO inserts the ego along its lane, whatever its heading in the case
         heading_before = last_heading
         if not self._world.steps:
             heading_before = last_heading - state[2]
@@ -470,8 +471,8 @@ class _Hook:
             self._bend = float(curvatures(line, pose[0]))
             self._lanes = self._lanes[1], calls.getLaneIndex(ego)
             stretch = 1.0 - self._bend * pose[1]
-            # SUMO stretches a lane evenly, as in any of the road's curves: of the lengths along the
-            # line that this motion may have, take the nearest to speed * step
+            # SUMO stretches a whole lane by one factor, within those of the road's curves. In this
+            # range of lengths along the line, take the nearest to speed * step.
             across = pose[1] - state[1] + half * (sin(pose[2]) - sin(state[2]))
             moved = sqrt(max(moved_x**2 + moved_y**2 - across**2, 0.0))
             lengths = [moved / (1.0 - bend * pose[1]) for bend in self._bends]
@@ -582,8 +583,8 @@ class _Hook:
         return float(length - vehicle.getLanePosition(self.ego))
 
     def _put_on_centre(self) -> bool:
-        """Whether SUMO has put the ego on its lane's centre at once, as at the end of a lane change
-        that began beside a centre; False in a batch, where the case leaves and is driven alone.
+        """Whether SUMO moved the ego to its lane's centre within the step, as at the end of a lane
+        change that did not begin at a centre; False in a batch: the case leaves, is driven alone.
         """
         placed = GUARD.shared or GUARD.placed
         return not placed and self._calls.getLateralLanePosition(self.ego) == 0.0

@@ -65,9 +65,9 @@ def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
     and across the road.
 
     line: knots of the road's line; none: it is straight.
-    rear: m from the centre back to the rear axle, which follows the lane. In a curve the body is
-        turned out of the lane's direction by atan(rear * curvature). Its extents are those of a
-        body turned back by that angle, so that it takes the same width as on a straight.
+    rear: m from the centre back to the rear axle, which follows the lane. In a curve the body's
+        heading therefore lags the lane's by atan(rear * curvature). The extents have this angle
+        added back: a body that keeps its lane is as wide as on a straight.
     """
     curvature = line_at(line, body.x).curvature
     # inner: m driven at the offset y for each metre of the line
@@ -279,8 +279,8 @@ def goes_straight(
     speed, before: at the step's end and start, m/s.
     """
     gained, half = (speed - before) / step, 0.5 * step
-    # off: m from the motion at the mean speed. The motions at the first and at the last speed are
-    # `half * abs(speed - before)` from it: `off` may be that much.
+    # off: m from the motion at the mean speed; at most that of the motion at the first or the last
+    # speed. `gained` lies within the limits: at one of them, SUMO may have held the ego back.
     off, most = abs(ahead - half * (speed + before)), half * abs(speed - before) + JUMP_TOLERANCE
     grip = vehicle.friction * GRAVITY
     return (
@@ -294,12 +294,12 @@ def goes_straight(
 
 @kernel
 def _goes_along(ego: Any, shown: FloatArray, road: Any) -> bool:
-    """Whether an ego that SUMO moves pointed along a straight road before and after the step, and
-    is on it.
+    """Whether an ego that SUMO moves, not for the first time, pointed along a straight road before
+    and after the step, and is on it.
     """
     along = ego.map.heading == 0.0 and shown[2] == STRAIGHT and road.bent == 0
-    own = ego.placed == SUMO and ego.stale == 0
-    return bool(along and own and road.right_edge <= shown[1] <= road.left_edge)
+    again = ego.placed == SUMO and ego.stale == 0
+    return bool(along and again and road.right_edge <= shown[1] <= road.left_edge)
 
 
 @kernel
@@ -403,7 +403,7 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
         return 0
     if abs(ego.heading) > (ALONG_A_BEND if road.bent else 0.0):
         return 0
-    if now < ego.scripted_until or ego.way.asked:  # its scripts are not over
+    if now < ego.scripted_until or ego.way.asked:  # scripts or a lane change to come
         return 0
     body = body_of(ego, ego, ego)
     for j in range(len(others)):
@@ -417,7 +417,7 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
 def _keep(kept: FloatArray, ego: Any) -> None:
     """Keep what moved an ego in a step, from which `no_return` drives a contact again.
 
-    kept: of this step, as in `Scenes`.
+    kept: receives the command, 2 numbers, or the motion, 6, as in `Scenes`.
     """
     command, at = ego.command, ego.map
     if len(kept) == 2:
@@ -453,7 +453,7 @@ def see_rows(
             _sample_row(ego, others[i], samples[i])
             ended += 1
             continue
-        if steps <= kept.shape[1]:  # a `Pack` steps for ever, and nothing reads them there
+        if steps <= kept.shape[1]:  # else a `Pack`, which steps for ever and reads none
             _keep(kept[i, steps - 1], ego)
         now = (steps - ego.begun) * step
         before, body = body_of(ego.before.map, ego.before, ego), body_of(ego.map, ego, ego)

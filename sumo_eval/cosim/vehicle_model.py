@@ -159,7 +159,7 @@ def slip_rates(
     grip: float,
 ) -> tuple[float, float, float]:
     """Rates of side slip, rad/s, and yaw rate, rad/s2, of the dynamic single-track model; and the
-    largest F / (grip Fz) of an axle if its tyres were linear, 0 without a limit.
+    larger of both axles' F / (grip Fz) before F is limited, 0 where `grip` is inf.
 
     Force of an axle across, N: F = mu C Fz alpha, of friction mu, cornering stiffness C, slip angle
     alpha, and load Fz, N, with the load transfer of the acceleration.
@@ -273,6 +273,7 @@ def move_dynamic(
         course = 0.5 * (course + heading + slip)  # the part's mean
         x += path * math.cos(course)
         y += path * math.sin(course)
+    # m/s2 across: that of linear tyres, and what the acceleration leaves of the grip
     most *= limits.friction * GRAVITY
     held = _grip_left(limits, acceleration)
     if most > held:
@@ -288,7 +289,7 @@ def _steer(
     """Steering wheel angle at the end of the step, mean curvature and highest lateral acceleration
     within the step.
     """
-    # m/s2 along the vehicle that remain at the end of the step even if released from its start
+    # m/s2, drive or braking at the end of the step if it is released from the step's start on
     carried = max(abs(ego.acceleration) - limits.brake_jerk * step, 0.0)
     fastest = ego.speed + step * max(ego.acceleration, min(wanted, limits.max_acceleration), 0.0)
     largest = grip_steering_wheel_angle(fastest, limits, carried)
@@ -378,7 +379,7 @@ def drive(
         duration = left if jerk == 0.0 else (goal - a) / jerk
         duration = min(duration, left)
         reached = a + jerk * duration
-        # cheap test before the exact one: stops only if twice the part's strongest braking would
+        # cheap test first: no stop in this part unless twice its strongest braking would stop it
         if v + 2.0 * min(a, reached) * duration <= 0.0:
             stop = _time_to_stop(v, a, jerk, duration)
             if stop >= 0.0:

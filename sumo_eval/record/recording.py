@@ -145,7 +145,7 @@ class Planner:
         )
         for number in space.numbers:
             case = Case(number, space.concrete(number).without_ads, role, role, controller)
-            # "": a reference keeps its fingerprint where an ADS under test has its locator
+            # "": its fingerprint is the same if an ADS under test has this locator and an identity
             yield with_fingerprint(case, settings.simulation, "", self.harness)
 
     def humans(self, space: Space) -> Iterator[Case]:
@@ -291,7 +291,7 @@ def _record_people(space: Space, plan: Planner, work: Recorder) -> None:
     safe = space.safe
     recorded = settings.source == RECORDED
     may_add = recorded and settings.too_thin == "fill" and space.logical.has_drivers
-    left_out: list[float] = []  # as in `Reference`, at all points
+    left_out: list[float] = []  # as in `Reference` (inf: off the road), at all points
     drives = _recorded_drives(plan, space, left_out) if recorded else partial(_own_drives, plan)
     words = "recorded drivers" if recorded else "drivers"
     keys: set[str] = set()
@@ -306,6 +306,7 @@ def _record_people(space: Space, plan: Planner, work: Recorder) -> None:
         work.check()
         work.progress(f"{name}: {words}", done, len(safe))
     short = [share for share in left_out if share < math.inf]
+    # of drives: too short, the most that one of these covers, off the road
     counts = len(short), max(short, default=0.0), len(left_out) - len(short)
     work.store.note(f"{LEFT_OUT} {name} {plan.run.shard}", json.dumps(counts))
     if added:
@@ -433,7 +434,7 @@ class Recorder:
         """Record which files the processes of users' ADSs have read."""
         for outcome in outcomes:
             case = outcome.case
-            # without `reads`: a user's ADS whose process was lost, or a case without users' code
+            # no `reads`: the process of a user's ADS was lost; other cases have none to note
             if outcome.reads is not None or affinity(case, self.setup) != NO_USER_CODE:
                 self.store.note_files(
                     self.versions.add(case.driver, case.controller, outcome.reads)

@@ -23,9 +23,10 @@ class ScenarioRun(NamedTuple):
     """A logical scenario of a run, with its points and the run's facts.
 
     entry: the scenario in the evaluation.
+    settings: those of the run; under `run.only` without ADSs that have no case here.
     severity: the measure of a collision's severity: U, or its substitute.
     cache: earlier results of the run.
-    spread: maps a function over items: `map`, or that of `point_processes`.
+    spread: maps a function over items: `map`, or what `point_processes` gives.
     car: the reference car of T, "" where the run holds none.
     outside: numbers of the points outside the support of recorded events.
     edited: whether the file of the scenario has changed since it was driven.
@@ -52,7 +53,7 @@ class ScenarioRun(NamedTuple):
 
     @property
     def method(self) -> MethodSettings:
-        """Settings of the method."""
+        """Settings of the method, the same in all scenarios of a run."""
         return self.settings.method
 
     def facts_at(self, points: range, role: Role) -> list[Fact]:

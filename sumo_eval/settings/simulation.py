@@ -1,5 +1,5 @@
 """Table `[simulation]` of evaluation.toml: the ego's vehicle, limits of what an ADS perceives and
-commands, steps and end of a case. Used by `cosim/`; the texts of `About` stand in the reference.
+commands, steps and end of a case. Used by `cosim/`; the JSON schema and the report show the texts.
 
 Users: `ads/`, `cosim/`, `record/`, `scenario/`, `settings/evaluation.py`, `whatif/levers.py`,
 `extras/`.
@@ -149,7 +149,7 @@ class FmuSettings(Checked):
 class PlantSettings(FmuSettings):
     """An FMU as the ego's vehicle model, in place of the single-track model."""
 
-    # a field after others with defaults needs one: `MinLen` refuses it, so a file must be given
+    # Python wants a default after other defaults; `FilledText` refuses it: a file must be given
     file: FilledText = setting("", "the FMU, relative to the evaluation file")
 
 
@@ -196,8 +196,8 @@ class SimulationSettings(Checked):
     )
     seen_over_line: Annotated[NotNegativeFloat, Le(2.0)] = setting(
         0.0,
-        "how far a body must reach into a lane until reacting vehicles in it see it; 0: it "
-        "touches the line; they see it at the latest once its front's centre is in their lane",
+        "how far a body must reach into a lane for reacting vehicles in it to see it, at most "
+        "until its front's centre is in the lane; 0: they see it once it touches the line",
         "m",
     )
     end_when_decided: bool = setting(

@@ -90,7 +90,7 @@ def entries_of(entry: ScenarioSettings, folder: Path) -> tuple[ScenarioSettings,
 
 
 def uses_of(path: Path, use: str) -> Iterator[tuple[str, Read]]:
-    """The `use` of each road of an OpenSCENARIO file, and the file as read for it."""
+    """Each road of an OpenSCENARIO file: an entry's `use` for it, and the file as read for it."""
     given = options_of(use)[1]
     first = read_file(path, given)
     if len(first.roads) == 1:
@@ -116,7 +116,7 @@ def _of_collection(entry: ScenarioSettings, folder: Path) -> list[ScenarioSettin
             refused[file.name] = str(error)
     if not entries:
         raise InputError(
-            f"No file of catalogue `{entry.use}` in {copy} plays; the first: "
+            f"No file of catalogue `{entry.use}` in {copy} is supported; error of the first: "
             f"{next(iter(refused.values()))}"
         )
     return [replace(entries[0], not_played=refused), *entries[1:]]

@@ -2,7 +2,7 @@
 
 Traps: x, y is the centre of the FRONT bumper; angles are degrees clockwise from north. The output
     has no bodies: a vehicle gets SUMO's default size for the class that its type is named after
-    (`BODIES`), else a car's. Its table mixes persons and containers with the vehicles: `read`
+    (`BODIES`), else a car's. The output mixes persons and containers with the vehicles: `read`
     leaves them out.
 
 Users: `drivers/recorded/importing.py`.
