@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import refusal
-from road_scenes import at_values
 
 from sumo_eval.ads.r157 import HUMAN_BRAKING
 from sumo_eval.cosim.simulation import simulate
@@ -139,20 +138,19 @@ def ours_and_theirs(load):
         theirs = find(str(STANDARD / "CCRs.xosc")).concrete(
             Ego_speed_kph=float(kph), ImpactLocation=50.0
         )
-        own = at_values("ncap_ccrs", ego_speed=kph / 3.6, overlap=1.0)
+        own = load("ncap_ccrs").concrete(ego_speed=kph / 3.6, overlap=1.0)
         found.append((f"CCRs {kph}", own, theirs))
     for kph, lead in ((30, 20), (50, 20), (80, 20), (100, 40), (130, 70)):
         theirs = find(str(STANDARD / "CCRm.xosc")).concrete(
             Ego_speed_kph=float(kph), ImpactLocation=50.0
         )
-        own = at_values("ncap_ccrm", ego_speed=kph / 3.6, lead_speed=lead / 3.6, overlap=1.0)
+        own = load("ncap_ccrm").concrete(ego_speed=kph / 3.6, lead_speed=lead / 3.6, overlap=1.0)
         found.append((f"CCRm {kph}", own, theirs))
     for kph in (30, 50, 80):
         theirs = find(str(STANDARD / "CCRb.xosc")).concrete(
             Ego_speed_kph=float(kph), ImpactLocation=50.0
         )
-        own = at_values(
-            "ncap_ccrb",
+        own = load("ncap_ccrb").concrete(
             ego_speed=kph / 3.6,
             overlap=1.0,
             headway_distance=kph / 3.6,
@@ -172,8 +170,8 @@ def ours_and_theirs(load):
             LeadVehicle_Model=0.0,
             LeadVehicle_Deceleration_Rate_mps2=rate,
         )
-        own = at_values(
-            "front_vehicle_braking", ego_speed=kph / 3.6, headway=2.0, lead_deceleration=rate
+        own = load("front_vehicle_braking").concrete(
+            ego_speed=kph / 3.6, headway=2.0, lead_deceleration=rate
         )
         found.append((f"brakes {kph:g} {rate:g}", own, theirs))
     cuts_in = find(str(folder / "alks_scenario_4_4_1_cut_in_no_collision_variation.xosc"))
@@ -187,8 +185,8 @@ def ours_and_theirs(load):
             CutInVehicle_LaneChange_MaxLateralVelocity_Vy_mps=lateral,
             CutInVehicle_Acceleration_Rate_mps2=3.0,
         )  # fmt: skip
-        own = at_values(
-            "cut_in", ego_speed=60 / 3.6, cut_in_speed=40 / 3.6, gap=gap, lateral_speed=lateral
+        own = load("cut_in").concrete(
+            ego_speed=60 / 3.6, cut_in_speed=40 / 3.6, gap=gap, lateral_speed=lateral
         )
         found.append((f"cuts in {gap:g} {lateral:g}", own, theirs))
     cuts_out = find(str(folder / "alks_scenario_4_5_1_cut_out_fully_blocking_variation.xosc"))
@@ -198,8 +196,8 @@ def ours_and_theirs(load):
             FrontOfLead_Distance_dx0_f_m=gap,
             CutOutVehicle_LaneChange_MaxLateralVelocity_Vy_mps=lateral, TargetBlocking_Model=1.0,
         )  # fmt: skip
-        own = at_values(
-            "r157_cut_out", ego_speed=kph / 3.6, obstacle_gap=gap, lateral_speed=lateral
+        own = load("r157_cut_out").concrete(
+            ego_speed=kph / 3.6, obstacle_gap=gap, lateral_speed=lateral
         )
         found.append((f"cuts out {kph:g} {gap:g} {lateral:g}", own, theirs))
     return found
@@ -314,7 +312,7 @@ def test_how_the_lead_leaves_its_lane_alone_decides_on_a_cut_out_close_to_the_li
         FrontOfLead_Distance_dx0_f_m=20.0,
         CutOutVehicle_LaneChange_MaxLateralVelocity_Vy_mps=1.0, TargetBlocking_Model=1.0,
     )  # fmt: skip
-    own = at_values("r157_cut_out", ego_speed=60 / 3.6, obstacle_gap=20.0, lateral_speed=1.0)
+    own = load("r157_cut_out").concrete(ego_speed=60 / 3.6, obstacle_gap=20.0, lateral_speed=1.0)
     lead, obstacle = (
         replace(actor, start=replace(actor.start, x=own.ego.x + ahead), length=5.0, width=2.0)
         for actor, ahead in zip(
