@@ -89,10 +89,10 @@ LAST_DIGIT = 1e-9
 """Largest effect of rounding, as a share of what is compared: nothing fails by so little."""
 
 # defaults for the change of U that counts
-SEVERITY_BY = 0.5  # m/s, a rise, from which the rule fails a case
-HARSHER_BY = 0.1  # m/s, from which a comparison lists a collision as harsher or softer
+SEVERITY_BY = 0.5  # m/s; the rule fails a case whose U rises by more
+HARSHER_BY = 0.1  # m/s, above which a comparison lists a collision as harsher or softer
 LOSS_BY = 0.01  # instead of both where the evaluation's `severity` makes U a loss in 0..1
-_OF_A_LOSS = f"of a loss in 0..1 {LOSS_BY:g}"
+_OF_A_LOSS = f"or {LOSS_BY:g} if U is a loss in 0..1"
 
 
 def change_of_u(setting: float | None, default: float, unit: str) -> float:
@@ -126,8 +126,8 @@ class LimitSettings(Checked):
     )
     tolerance: NotNegativeFloat = setting(
         LAST_DIGIT,
-        "what rounding may change beyond a bound, times the larger of 1 and the bound, or of "
-        "1 and the base's value for `worse_by` and `worse_by_percent`",
+        "how far beyond a bound is only rounding, as a share of the bound (`worse_by`, "
+        "`worse_by_percent`: of the base's value), or of 1 if that is larger",
     )
     only_if_certain: bool = setting(
         False,
@@ -171,7 +171,7 @@ class OutcomeSettings(Checked):
     on: bool = setting(True, "whether this part is evaluated")
     severity_by: Annotated[float | None, NotNegative] = setting(
         None,
-        f"rise of U from which a case failed; default: {SEVERITY_BY}, {_OF_A_LOSS}",
+        f"rise of U above which a case failed; default: {SEVERITY_BY}, {_OF_A_LOSS}",
         "m/s",
         "U",
         "15",
@@ -180,7 +180,7 @@ class OutcomeSettings(Checked):
         2.0, "least rise of U that counts, as a multiple of its floor (`noise.factor`)"
     )
     repeats: Natural = setting(4, "repetitions of a case that became bad")
-    bad_of: PositiveInt = setting(3, "how many of these drives, the first among them, must be bad")
+    bad_of: PositiveInt = setting(3, "of the first drive and its repetitions, how many must be bad")
 
 
 @frozen
@@ -213,9 +213,9 @@ class ShiftSettings(Checked):
     share_alone: Share = setting(0.15, "share that fails if no case is better")
     far: NotNegativeFloat = setting(
         5.0,
-        "tolerances by which one of `cases` must be worse to fail, if none is better; not of times",
+        "fails if none is better, `cases` are worse, and one by this many tolerances; not of times",
     )
-    lost: Share = setting(0.3, "loss of task in a case that fails if none is better")
+    lost: Share = setting(0.3, "fails if none is better and a case loses this much of its task")
     measure: tuple[MeasureSettings, ...] = setting(
         (
             MeasureSettings("task_share", 0.01),
@@ -241,7 +241,7 @@ class NoiseSettings(Checked):
     )
     quantile: InnerShare = setting(0.95, "of the differences between two drives")
     factor: NotNegativeFloat = setting(
-        1.5, "a floor, the least tolerance, is this times that quantile"
+        1.5, "floor, the least tolerance, as a multiple of that quantile"
     )
     chance: InnerShare = setting(0.02, "P of all sign tests of a night together (Holm)")
 
@@ -257,7 +257,7 @@ class GateSettings(Checked):
     seed: Natural = setting(1, "of the resampling")
     harsher_by: Annotated[float | None, NotNegative] = setting(
         None,
-        f"change of U from which a collision is harsher or softer; default: {HARSHER_BY}, "
+        f"change of U above which a collision is harsher or softer; default: {HARSHER_BY}, "
         f"{_OF_A_LOSS}",
         "m/s",
         "U",
@@ -265,7 +265,7 @@ class GateSettings(Checked):
     )
     less_human_by: NotNegativeFloat = setting(
         0.01,
-        "change of a case's human-likeness, or of D_i, from which it is less or more human",
+        "change of a case's human-likeness, or of D_i, above which it is less or more human",
         symbol="D_i",
         equation="12",
     )
