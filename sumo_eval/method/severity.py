@@ -4,14 +4,14 @@
 
 - `severity`: U of Eq. 15, m/s, as the paper prints it;
 - `eq14`: U as well; the scores are then computed from its class L of Eq. 14;
-- `injury:car_driver`, `injury:pedestrian`, `injury:cyclist`: the probability of a serious or fatal
-  injury (MAIS3+ or death) of a person hit by the front of a car, or of the driver of a car hit by
-  it, by closing speed and age (Lubbe, Wu, Jeppsson 2022);
+- `injury:car_driver`, `injury:pedestrian`, `injury:cyclist`: the probability that a contact with
+  the front of a car injures this person seriously or fatally (MAIS3+ or death), by closing speed
+  and the person's age (Lubbe, Wu, Jeppsson 2022);
 - `package.module:function` or `file.py:function`: a function of one `Contact` that returns a loss
   within 0..1.
 
-V replaces U in every equation: also Ug_i of the ideal vehicle's contact and U0_i of the contact of
-`no_reaction`. Without a contact V is 0, and L of Eq. 14 is 0.1. So
+V replaces U in every equation. V_g of the ideal vehicle's contact replaces Ug_i, and V_0 of the
+contact of `no_reaction` replaces U0_i. Without a contact V is 0, and L of Eq. 14 is 0.1. So
 
     C = sum(r V_g / V) / sum(r)
     A = 1 - sum(w max(0, V - V_g)) / sum(w max(0, V_0 - V_g))
@@ -96,8 +96,8 @@ class InjuryCurve(NamedTuple):
     """logit P = `intercept` + `speed` * (closing speed in km/h) + `age` * (age in years).
 
     intercept, speed, age: coefficients of a person that is hit.
-    usual_age: years, for a setting `method.collision.age` of None. At this age, the speed at which
-        the curve gives a risk of 10 % is the one that the source publishes for 10 %.
+    usual_age: years, where `method.collision.age` is None. The source publishes the speed of a 10 %
+        risk. At this age the curve gives 10 % at that speed.
     fastest: km/h above which a score has a note that the curve may not hold.
     """
 
@@ -119,7 +119,8 @@ car as a function of closing speed and age", Traffic Safety Research 2, 000006 (
 in-depth accident data (GIDAS).
 """
 INJURY_AGES: Final = (15.0, 95.0)
-"""Years outside which a score has the note of `InjuryCurve.fastest`, too.
+"""Years; outside them a score has a note that the curve may not hold. The bounds of
+`CollisionSettings.age` are wider.
 
 This and `fastest` are bounds of this project: the source's abstract states none.
 """
@@ -153,7 +154,7 @@ class Severity(NamedTuple):
     of: takes a collision and the name of its case (for error messages), returns V. Raises
         InputError where a user's function fails, returns anything but a finite number within 0..1,
         or returns two different numbers for one contact.
-    beyond: takes a collision, returns why it is outside the range of which V is known, or "".
+    beyond: takes a collision, returns why V may not hold for it, or "".
     sha256: of the file that holds a user's function, so that scores identify it; empty for any
         other severity.
     """

@@ -4,7 +4,7 @@ recorded on this machine, and for no others.
 A run folder holds the names of functions (severity, sampler, scenario, drivers), and the folder
 where they are looked for. Opening another user's run must not execute these. The user's state
 folder has a note of each run that this user recorded here or opened with `--trust`, with a hash of
-the code that the run names. Where the user gives a process an evaluation, the code that it names
+the code that the run names. When the user gives a process an evaluation, the evaluation's code
 is trusted in every run that this process opens.
 
 Users: `cli/options.py`, `record/facts.py`, `record/run_folder.py`.
@@ -118,9 +118,9 @@ def refuse_foreign_code(
     if not code <= _trusted:
         what, locator, _ = min(code - _trusted)
         raise InputError(
-            f"Run {run} names code, the {what} `{clean(locator)}` with paths from "
-            f"{clean(str(source))}, and is not known as recorded by you on this machine. If that "
-            f"code may run here: sumo-eval report {shlex.quote(str(run))} --trust."
+            f"Run {run} must be recorded by you on this machine, or trusted, as it names code: "
+            f"the {what} `{clean(locator)}` with paths from {clean(str(source))}. If that code may "
+            f"run here: sumo-eval report {shlex.quote(str(run))} --trust."
         )
 
 

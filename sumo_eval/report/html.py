@@ -85,7 +85,7 @@ def _context(
 
     A thread reads and deflates the recorded drives meanwhile.
     """
-    # scenario -> indices of the shown cases among those of each ADS
+    # scenario -> indices of the shown cases, into the case table of each ADS
     in_page = shown_cases(
         evaluation, [change.case for gate in additions.gates for change in gate.worst]
     )
@@ -99,7 +99,7 @@ def _context(
         data = page_data(evaluation, partitions, embedded, sent.result)
     return {
         **shared,
-        # numbers of points: with trajectories in the page, of these with drivers' too, in total
+        # numbers of points: with trajectories in the page; with drivers' there as well; all
         "embedded": {
             "points": data["embedded"],
             "drivers": data["embeddedDrivers"],
@@ -155,7 +155,7 @@ def _shared(
         "collision_words": collision_words(exposure_known),
         "drivers_sentence": people_sentence(evaluation),
         "settings": settings,
-        # a few words on a folded section that a reader should not miss
+        # words shown on a section while it is folded
         "badges": {
             "missing": count(number_missing, "case") if number_missing else "",
             "collisions": f"{avoidable} avoidable" if avoidable else "",

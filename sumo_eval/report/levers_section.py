@@ -57,13 +57,13 @@ def effect_words(answer: Answer, hit: Collision | None) -> str:
     unit = _unit_of(lever)
     verb = "brings a collision" if hit is None else "avoids it"
     start = "no limit" if lever.unlimited else f"{lever.recorded:z.5g}"
-    recorded = start if lever.unlimited else start + unit
-    if not answer.flips and not answer.felt:
-        sumo = lever.name == "conditions.actuation_delay"
-        why = " where SUMO moves the ego" if sumo else ", the ADS sees the world as it is"
-        return f"{recorded}: no effect{why}"
     if not answer.flips:
-        return f"{recorded}: none of {answer.tried} values {verb}"
+        recorded = start if lever.unlimited else start + unit
+        if answer.felt:
+            return f"{recorded}: none of {answer.tried} values {verb}"
+        delay = lever.name == "conditions.actuation_delay"  # the others limit what the ADS sees
+        why = " where SUMO moves the ego" if delay else ", the ADS sees the world as it is"
+        return f"{recorded}: no effect{why}"
     flip, *rest = answer.flips
     more = (
         f" and {count(len(rest) - MOST_CHANGES, 'more value')}" if len(rest) > MOST_CHANGES else ""
@@ -106,7 +106,7 @@ def _collides(answer: Answer, hit: Collision | None) -> Iterator[tuple[str, str]
     """Begin and width of each part of the rail whose values collide."""
     lever = answer.lever
     changes = sorted(100.0 * lever.place(flip.after) for flip in answer.flips)
-    # at `low`: the recorded outcome, reversed by each change between `low` and the recorded value
+    # the outcome at `low`: each change between it and the recorded value reverses the recorded one
     below = sum(flip.after < lever.recorded for flip in answer.flips)
     collides = (hit is not None) != (below % 2 == 1)
     for begin, end in pairwise([0.0, *changes, 100.0]):

@@ -46,8 +46,8 @@ class LedgerLine:
     scale: points of S+ or S for 1 of the index.
     entries: its m cases, the costliest first.
     parts: contribution of each case to the index, (m,); a loss is negative.
-    cases: number of these cases that lost at least `WORTH_COUNTING` of the index; in T, those whose
-        t_i is below 1 - `NOTICEABLE`; in A all, as the same collisions may stand in C.
+    cases: number of these cases that lost at least `WORTH_COUNTING` of the index. T counts those
+        with t_i below 1 - `NOTICEABLE`. A counts all: a collision that C counts must be in A, too.
     equation: its number in the paper; empty for a term that is not the paper's.
     """
 
@@ -86,7 +86,7 @@ class Ledger(NamedTuple):
         return 0.0 if abs(total) < ROUNDING else total
 
 
-_NO_CASES: Final[Any] = np.empty(0, dtype=np.intp)  # as rows, and as their losses
+_NO_CASES: Final[Any] = np.empty(0, dtype=np.intp)  # rows of a line without cases, and losses
 _Lines = Iterable[LedgerLine]
 
 
@@ -104,7 +104,7 @@ def ledger_plus(findings: Findings) -> Ledger:
     factors = _task_lines, _avoided_lines, _human_lines
     for lines_of, lost in zip(factors, losses.tolist(), strict=True):
         of_factor = list(lines_of(findings))
-        # points for 1 of T, A or H, such that the lines cost their factor's Shapley value, `lost`
+        # `lost`: points that the factor costs, its Shapley value; `taken`: what its index lost
         taken = -math.fsum(line.index for line in of_factor)
         lines += _scaled(lost / taken if taken > 0.0 else 0.0, of_factor)
     return Ledger("S+", score, tuple(lines))
@@ -190,7 +190,7 @@ def _avoided_lines(findings: Findings) -> _Lines:
         return
     lost = np.nan_to_num(findings.share_lost)
     groups = {
-        # one given up after a departure with a larger U counts below, in "left the road"
+        # one given up after a departure with a larger U counts as "left the road"
         "given up, which counts as doing nothing": cases.gave_up
         & (cases.incident_severity <= cases.no_reaction_severity),
         "collisions that the ADS caused: a vehicle that does nothing has none": cases.caused,

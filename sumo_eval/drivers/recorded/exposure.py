@@ -124,7 +124,7 @@ def exposure_of(
             f"There is no recorded event that corresponds to scenario `{logical.name}`: a scenario "
             "file names its event in [recorded]."
         )
-    owner = f"parameter in [recorded] of scenario `{logical.name}`:"
+    owner = f"parameter in [recorded] of scenario `{logical.name}`"
     check_known(owner, dict(logical.recorded.columns), *logical.names)
     from sumo_eval.drivers.recorded.reference import matching_events, open_people
 
@@ -167,8 +167,8 @@ def fit_exposure(
     fits = [events, *(train for train, _ in folds)]  # events of each fit below
     if any(np.linalg.matrix_rank(part - part.mean(axis=0), tol=_SAME) < k for part in fits):
         raise InputError(
-            f"The recorded events of an exposure must vary in each of {', '.join(names)} on its "
-            "own; they do not."
+            f"The recorded events of an exposure must vary in each of {', '.join(names)} "
+            "independently, got events that do not."
         )
     scott = n ** (-1.0 / (k + 4))
     likelihoods = [_held_out(folds, partial(_kde, factor=factor)) for factor in FACTORS]

@@ -118,9 +118,9 @@ class ScenarioRate(NamedTuple):
     """Rates of one ADS in one scenario.
 
     collisions, loss: per million km, with limits.
-    draws: possible values of both rates, (2, 2, `DRAWS`). The first axis has collisions and loss;
-        the second has the narrow form of the points' distribution (`scenario.joint`), and the form
-        that was driven.
+    draws: possible values of both rates, (2, 2, `DRAWS`). The first axis has collisions and loss.
+        The second has two forms of the points' distribution (`scenario.joint`): the narrow one,
+        and the driven one, from which the drives' points were drawn.
     limit: upper limit of collisions per million km, valid wherever in the space they lie.
     stopped: why the drives ended, `width` or `budget`.
     not_evaluated: number of drives that could not be evaluated, by status.
@@ -293,7 +293,7 @@ def part_of(
 def _rate(own: FloatArray, draws: FloatArray, most: float) -> Limits:
     """A rate per million km, with the wider of two intervals.
 
-    own: the rate and its limits by the drives alone, (3,); wider where few of them collided.
+    own: the rate and its limits by the drives alone, (3,). Where few collided, these are wider.
     draws: of the rate, (2, `DRAWS`).
     most: largest possible rate.
     """
@@ -315,8 +315,8 @@ def _drawn_rates(
     terms = np.stack([weights, weights * search.loss[hits]])
     rates = _summed_rates(space, search.points[hits], terms, seed, stream)
 
-    # The error is log-normal, but with Student's quantiles, as in the drives' own interval: else a
-    # sum would be narrower than its largest part.
+    # The error's logarithm has Student's t distribution, as in the drives' own interval. With a
+    # normal one, a sum's interval would be narrower than that of its largest part.
     sigma = math.sqrt(math.log1p(deviation**2))
     # The quantiles are evenly spaced, in random order. With few degrees of freedom, limits of
     # random quantiles would vary from seed to seed.
@@ -340,8 +340,8 @@ def _summed_rates(
     points: of the hits, (h, k).
     terms: weight of each hit, and its weight times L, (2, h).
 
-    The result broadcasts to (2, 2, `DRAWS`), as in `ScenarioRate`. It has one form for both where
-    the points' distribution has no events, and one draw where the rate is given.
+    The result broadcasts to (2, 2, `DRAWS`), as in `ScenarioRate`. Its second axis has length 1
+    where the points' distribution has no events. Where the rate is given, so has the third.
     """
     sums: FloatArray = terms.sum(axis=1)[:, None, None]
     counted = space.counted
@@ -352,7 +352,7 @@ def _summed_rates(
     if not resamples:  # only the rate comes from events
         return stream.gamma(counted.events + 0.5, size=DRAWS) / counted.vehicle_km * sums
 
-    # density of each hit by form and resample, over the density that was driven
+    # density of each hit by form and resample, over that of the driven form
     driven = np.maximum(space.met.base_density(points), 1e-300)
     ratios = np.empty((2, len(resamples), len(points)))
     for number, (joint, _) in enumerate(resamples):
@@ -367,9 +367,8 @@ def _summed_rates(
 def _limits(draws: FloatArray) -> tuple[float, float]:
     """95 % limits of draws (2, `DRAWS`) that hold for both forms of the points' distribution.
 
-    Where tails are normal, the form that was driven is too dense beyond the events and too thin
-    among them. Where a tail is long, the narrow form is too thin beyond the events and too dense
-    among them.
+    Beyond the events, the driven form has too high a density where tails are normal, and the narrow
+    form too low a one where a tail is long. Among the events the errors are reversed.
     """
     lows, highs = np.quantile(draws, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0], axis=1)
     return lows.min(), highs.max()

@@ -206,8 +206,8 @@ def _of_ads(rate: AdsRate, content: dict[str, Any]) -> Fold:
 def _recorded_drivers(campaign: Campaign) -> list[tuple[str, float, float]]:
     """Drivers of each recording: its roads, km, and upper limit of collisions per million km.
 
-    The limit is that without a collision. None can be seen: an event with the gap of a collision
-    counts as a ghost of the tracker (`drivers.recorded.events`) and is dropped.
+    The limit assumes that no collision occurred. Recordings show none: an event with the gap of a
+    collision counts as a ghost of the tracker (`drivers.recorded.events`) and is dropped.
     """
     counted = (space.counted for space in campaign.spaces)
     roads = {(met.where, met.vehicle_km) for met in counted if met is not None}

@@ -87,7 +87,7 @@ def _curvature(radius: str | float | None, options: Mapping[str, float], owner: 
     metres = float(formula.at(options))
     if math.isnan(metres) or metres == 0.0:
         raise must_be("The radius", owner, "a number other than 0 m", metres)
-    return 1.0 / metres  # 0: an infinite radius, as of an option without a value
+    return 1.0 / metres  # 0 if it is infinite, as an option without a default is
 
 
 def check_line(
@@ -99,7 +99,7 @@ def check_line(
 ) -> None:
     """Raise InputError unless the ego can turn as tightly as every lane does.
 
-    vehicle: settings of the ego; None, where no evaluation is known: the defaults.
+    vehicle: settings of the ego; None (outside an evaluation): the defaults.
     """
     vehicle = vehicle or VehicleSettings()
     wheel = math.radians(vehicle.max_steering_wheel_angle_deg) / vehicle.steering_ratio
@@ -107,10 +107,11 @@ def check_line(
     # a line is curved most at an end of a piece
     for curvature in (end for piece in pieces for end in (piece.begin, piece.end) if end):
         radius = abs(1.0 / curvature)
+        # lanes lie left of the line, so in a left curve the leftmost is the innermost
         inner = radius - lane_width * (lanes - 1) if curvature > 0.0 else radius
         for needed, why in (
             (least, "so that the ego can drive its innermost lane"),
-            (0.5 * lane_width + _LEAST_EDGE, "with its lanes"),
+            (0.5 * lane_width + _LEAST_EDGE, f"the inner edge {_LEAST_EDGE:g} m from the centre"),
         ):
             if inner < needed:
                 must = f"at least {needed + radius - inner:.1f} m, {why}"

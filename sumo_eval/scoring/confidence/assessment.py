@@ -46,7 +46,7 @@ class Assessment(NamedTuple):
     """Confidence in one ADS's scores in one scenario.
 
     intervals: of every score that has one, by its name in `ScenarioResult`.
-    sources: half-widths of S and S+ by source.
+    sources: score (`s`, `s_plus`) -> source (`cases`, `drivers`) -> half the interval's width.
     risk, further: None where there are too few evaluated cases, see `reason`.
     """
 
@@ -123,20 +123,20 @@ def intervals_of(score: ScenarioResult) -> dict[str, Interval]:
 
 
 def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
-    """Points by which each case moves S, (n,), to first order: its share of the mean C or D times
-    its distance from that mean.
+    """Points by which each case moves S, (n,), to first order: the points that C or D is worth,
+    times the case's share of all weights, times its value less the mean.
     """
     moved, whole = np.zeros(len(terms.exposure)), worth(method.score)
     hit = np.isfinite(terms.ratio) & np.isfinite(terms.weight)
-    # a case that voids D: there is no D, so no case moves it
+    # where a case voids D, no case moves it
     counted = np.isfinite(terms.index) & ~terms.voids.any()
-    for rows, points, weights, values in (
+    for rows, worth_points, weights, values in (
         (hit, whole.c, terms.weight, terms.ratio),
         (counted, whole.d, terms.exposure, terms.index),
     ):
         if rows.any():
             shares, value = mean_shares(weights[rows]), values[rows]
-            moved[rows] += points * shares * (value - float(shares @ value))
+            moved[rows] += worth_points * shares * (value - float(shares @ value))
     return moved
 
 
@@ -157,9 +157,9 @@ def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] 
     loss: L of Eq. 14, (n,), 0 without a collision.
     name: parts of the random stream's name.
 
-    Where none or all of the cases with exposure collided, no replicate has the other outcome. Then
-    u = 1 - ((1 - level) / 2)^(1 / n), the exact binomial limit for n effective cases, is the upper
-    end, or the lower end is multiplied by 1 - u.
+    Resamples of cases with one outcome have no other. So the exact binomial limit for n effective
+    cases, u = 1 - ((1 - level) / 2)^(1 / n), is the upper end if no case with exposure collided. If
+    all of them collided, the lower end is multiplied by 1 - u.
     """
     n = len(exposure)
     if n < 2 or not exposure.sum() > 0.0:
@@ -185,7 +185,7 @@ def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] 
     def interval(values: FloatArray, drawn_sums: FloatArray) -> Interval:
         low, high = np.quantile(drawn_sums[drawn] / over[drawn], [tail, 1.0 - tail])
         if not exposed_hit.any():
-            high = unseen  # a loss is at most 1
+            high = unseen  # limits the expected loss as well, because L is at most 1
         elif exposed_hit.all():
             low = float(low) * (1.0 - unseen)
         return Interval(float(exposure @ values / exposure.sum()), float(low), float(high))
