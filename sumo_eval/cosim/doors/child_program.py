@@ -6,7 +6,6 @@ Users: `cosim/doors/json_lines.py`, `cosim/doors/traci_program.py`.
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shlex
 import shutil
@@ -15,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
@@ -81,15 +81,15 @@ class ChildProgram:
         folder: Path | None,
         *,
         talks: bool,
-        variables: Mapping[str, str] | None = None,
+        variables: Mapping[str, str] = {},
     ) -> None:
-        environment = {**os.environ, "PATH": search_path(), **(variables or {})}
+        environment = {**os.environ, "PATH": search_path(), **variables}
         # with it a TraCI program would load libsumo instead of connecting
         environment.pop("LIBSUMO_AS_TRACI", None)
         self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `stop`
         try:
             self.process = subprocess.Popen(
-                list(command),
+                command,
                 stdin=subprocess.PIPE if talks else subprocess.DEVNULL,
                 stdout=subprocess.PIPE if talks else self._output,
                 stderr=self._output,
@@ -109,9 +109,9 @@ class ChildProgram:
         """End the program and everything that it started; return the output that was kept."""
         process = self.process
         if process.stdin is not None:
-            with contextlib.suppress(OSError):  # it may have closed its end already
+            with suppress(OSError):  # it may have closed its end already
                 process.stdin.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
+        with suppress(subprocess.TimeoutExpired):
             process.wait(_PATIENCE)
         self.kill()
         process.wait()
@@ -137,7 +137,7 @@ class ChildProgram:
     def kill(self) -> None:
         """End the program and everything that it started, now."""
         # where no process is left in the group, Linux reports the first error, macOS the second
-        with contextlib.suppress(ProcessLookupError, PermissionError):
+        with suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process.pid, signal.SIGKILL)
 
 

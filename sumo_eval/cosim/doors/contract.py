@@ -150,12 +150,13 @@ def _projected(
     case_timeout: float,
 ) -> _Findings:
     """Losses of a run to its two limits on wall time, by the time that the drives took here."""
-    count = len(recordings)
     late = sum(recording.end_reason == "ads_timeout" for recording in recordings)
     mend = "answer sooner, or allow more: [run] step_timeout"
     if late:
         limit = f"step_timeout = {step_timeout:g} s"
-        return [Finding("FAIL", f"`run` would lose {late} of these {count} cases to {limit}", mend)]
+        return [
+            Finding("FAIL", f"`run` would lose {late} of these {len(cases)} cases to {limit}", mend)
+        ]
     if any(recording.end_reason == "ads_error" for recording in recordings):
         return []  # the time of an aborted drive does not predict that of a whole one
     worst = max(recording.controller_latency.longest for recording in recordings)
@@ -181,7 +182,7 @@ def _projected(
     text = ""
     if lost:
         text = (
-            f"`run` would lose {len(lost)} of these {count} cases to case_timeout = "
+            f"`run` would lose {len(lost)} of these {len(cases)} cases to case_timeout = "
             f"{case_timeout:g} s, e.g. {lost[0].scenario} ({lost[0].label})"
         )
     elif at_limit > case_timeout:
@@ -214,15 +215,14 @@ def _ends(cases: Sequence[ConcreteScenario], recordings: _Recordings) -> _Findin
     for case, drive in zip(cases, recordings, strict=True):
         cause = "" if drive.error is None else without_numbers(drive.error) + drive.error_place
         alike[cause].append((case, drive))
-    findings = [
+    return [
         Finding(
             "ok",
             f"drives {case.scenario} ({case.label}) to its end: {drive.end_reason} at "
             f"{drive.simulated_time:.2f} s",
         )
         for case, drive in alike.pop("", [])
-    ]
-    return findings + [_fault(*group[0], len(group), len(cases)) for group in alike.values()]
+    ] + [_fault(*group[0], len(group), len(cases)) for group in alike.values()]
 
 
 def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int) -> Finding:
@@ -302,8 +302,10 @@ def _counted(findings: Sequence[Finding]) -> _Findings:
     """All findings but the `FAIL`s, then the first `FAIL`, with the number of all."""
     wrong = [finding for finding in findings if finding.kind == "FAIL"]
     count = f"{len(wrong)} of {len(findings)} cases, e.g. " if len(wrong) > 1 else ""
-    first = [finding._replace(text=count + finding.text) for finding in wrong[:1]]
-    return [*(finding for finding in findings if finding.kind != "FAIL"), *first]
+    return [
+        *(finding for finding in findings if finding.kind != "FAIL"),
+        *(finding._replace(text=count + finding.text) for finding in wrong[:1]),
+    ]
 
 
 def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:

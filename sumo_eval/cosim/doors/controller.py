@@ -341,7 +341,7 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
     if colon and scheme in DOORS:
         return load_object(DOORS[scheme], None, "ADS")(rest, folder)
     target = SHIPPED.get(locator, locator)
-    if (hint := _other_way(target)) is not None:
+    if hint := _other_way(target):
         raise InputError(
             f"ADS `{locator}` must be one that ships, or of the form `module:name` or "
             f"`file.py:name`: {hint}."
@@ -470,7 +470,7 @@ def adapted(found: Any, described: str, options: Mapping[str, Any]) -> Adapter:
     options: of its entry.
     """
     try:
-        if (refusal := _foreign(found, described)) is not None:
+        if refusal := _foreign(found, described):
             raise InputError(refusal)
         if inspect.isclass(found):
             found = made(found, options, described)

@@ -268,7 +268,7 @@ def _reader(name: str) -> _Reader:
     if name in _UNGROUPED:
         return _UNGROUPED[name]
     if (group == "ego" and rest in SeenEgo._fields) or (group == "lead" and rest in _LEAD):
-        return lambda seen, frame: np.asarray(getattr(getattr(seen, group), rest))
+        return lambda seen, frame: getattr(getattr(seen, group), rest)
     number, _, value = rest.partition(".")
     if group == "vehicles" and number.isdecimal() and int(number) > 0 and value in _VEHICLE:
         index = int(number) - 1

@@ -249,7 +249,7 @@ class _Fmu:
             elif output in wiring.outputs or output in PLAN[:3]:  # a plan needs time, x and y
                 raise InputError(
                     f"FMU `{self.path.name}` has no output `{name}`, nor `{name}[1]`, for "
-                    f"`{output}`; `outputs` must map it.{did_you_mean(name, list(self._variables))}"
+                    f"`{output}`; `outputs` must map it.{did_you_mean(name, self._variables)}"
                 )
         return wired
 
@@ -280,9 +280,10 @@ class _Fmu:
 
     def load(self) -> None:
         """Load the library and make an instance."""
-        make = self._library.instantiate_fmu
         with self._in_words():
-            self._instance = make(self._folder, self.description, "CoSimulation", logger=_log)
+            self._instance = self._library.instantiate_fmu(
+                self._folder, self.description, "CoSimulation", logger=_log
+            )
 
     def begin(self, signals: Signals) -> None:
         """Set parameters and inputs, initialize at time 0."""
@@ -500,9 +501,7 @@ class FmuController(Adapter):
     def act(self, seen: Observation) -> Any:
         """One step of the FMU: what is seen goes in, the command comes out."""
         fmu = self._fmu
-        signals = dict[str, Any](seen.signals())
-        if fmu.sees_objects:
-            signals |= _objects(seen)
+        signals = seen.signals() | (_objects(seen) if fmu.sees_objects else {})
         if not fmu.initialized:
             fmu.begin(signals)
         answer = fmu.step(signals, seen.time, self._step)

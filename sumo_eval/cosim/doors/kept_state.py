@@ -160,7 +160,7 @@ def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> objec
         return identity
     try:
         members = value.items() if isinstance(value, dict) else value
-        if (content := _content(value)) is not None:
+        if content := _content(value):
             return content
         parts = islice(members, _MOST) if contains else _parts(value)
     except Exception:  # noqa: BLE001 - attributes of a user's object are the user's code

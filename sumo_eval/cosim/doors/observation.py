@@ -98,7 +98,7 @@ def task_of(concrete: ConcreteScenario) -> Task:
     """The task of the ego in a concrete scenario."""
     road = concrete.road
     ego = concrete.ego
-    change = concrete.ego.way
+    change = ego.way
     goal_y = ego.y + change.offset if change else ego.y
     goal = road.length, road.lane_centre(lane_at(road, goal_y))
     return Task(ego.speed, goal, (change.begin, change.by) if change else None)
@@ -246,7 +246,7 @@ class Observation:
             for number, other in enumerate(self._look[1], 1)
             if other[0] == other[0]  # nan: not seen
         ]
-        return tuple(sorted(seen, key=lambda vehicle: (abs(vehicle.gap), vehicle.number)))
+        return tuple(sorted(seen, key=lambda vehicle: abs(vehicle.gap)))
 
     @_Worked
     def lead(self) -> SeenVehicle | None:
@@ -349,7 +349,7 @@ class Observation:
         every: distance of the points along the road, m.
         """
         road = self.road
-        (x, y, heading) = self._ego[:3]
+        x, y, heading = self._ego[:3]
         me = Pose(*map(float, map_places(road.line, x, y, heading)))
         along = x + np.arange(0.0, ahead + 0.5 * every, every)
         lanes = (

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import wraps
@@ -119,9 +120,9 @@ class Guard:
         self.step = step
         self.interference = interference
         self.listeners = libsumo.StepManager()
-        self.touched: dict[str, int] = {}  # number of calls, by the clip that shows it
+        self.touched = Counter[str]()  # number of calls, by the clip that shows it
         self.heeding = set(heeding)
-        self.asked: dict[str, int] = {}  # number of each call that SUMO may ignore
+        self.asked = Counter[str]()  # number of each call that SUMO may ignore
         # whether a call has moved the ego since the step began, and whether one has placed it
         self.moved = self.placed = False
         self.refusal: tuple[str, str] | None = None  # `deed` and `why` of `refuse`
@@ -177,7 +178,7 @@ class Guard:
         """
         if self.interference == "refuse" or self.shared:
             self.refuse(deed, why)
-        self.touched[what] = self.touched.get(what, 0) + 1
+        self.touched[what] += 1
 
     def refuse(self, deed: str, why: str) -> NoReturn:
         """End the case, even if the ADS catches the exception.
@@ -206,10 +207,6 @@ class Guard:
             "it may change only its own vehicle "
             '(`interference = "record"` permits more, and counts it)',
         )  # fmt: skip
-
-    def note_asked(self, call: str) -> None:
-        """Count a call that SUMO may ignore."""
-        self.asked[call] = self.asked.get(call, 0) + 1
 
     @property
     def ignored(self) -> dict[str, str]:
@@ -269,7 +266,7 @@ def _vehicle_writer(call: str, write: _Call) -> _Call:
             vehID, args = GUARD.translate(call, vehID, args, kwargs)  # noqa: N806
         GUARD.check("vehicle", call, vehID, args, kwargs)
         if ignored and vehID == EGO:
-            GUARD.note_asked(call)
+            GUARD.asked[call] += 1
         answer = write(vehID, *args, **kwargs)
         # SUMO's model drives the ego from here on: for setSpeed, if the speed is negative
         if (
@@ -306,7 +303,7 @@ def _type_writer(call: str, write: _Call) -> _Call:
             GUARD.note_touched("vehicletype", call, typeID)
         GUARD.check("vehicletype", call, typeID, args, kwargs)
         if call in IGNORED and typeID == EGO:
-            GUARD.note_asked(call)
+            GUARD.asked[call] += 1
         return write(typeID, *args, **kwargs)
 
     return guarded
@@ -329,7 +326,7 @@ def _gui_writer(call: str) -> _Call:
     def ignored(*args: Any, **kwargs: Any) -> None:
         if GUARD.shared:
             GUARD.leave()
-        GUARD.note_asked(f"gui.{call}")
+        GUARD.asked[f"gui.{call}"] += 1
 
     return ignored
 
@@ -349,10 +346,9 @@ def _step_clock(*args: Any, **kwargs: Any) -> None:
 
 def _running_call(call: str) -> _Call:
     """Stand-in of a call that starts, loads or closes SUMO: notes it and does nothing."""
-    closes = call == "close"
-    deed = "closed the simulation" if closes else f"called traci.{call}"
-    why = "that is the harness's"
-    if not closes:
+    deed, why = "closed the simulation", "that is the harness's"
+    if call != "close":
+        deed = f"called traci.{call}"
         why += " (a program that starts SUMO itself runs as `traci:COMMAND`)"
 
     def guarded(*args: Any, **kwargs: Any) -> Any:

@@ -23,7 +23,7 @@ Users: `drivers/recorded/reference.py`, `extras/rates/encounters.py`, `extras/ra
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -266,7 +266,7 @@ def find_lane_changes(traffic: RecordedTraffic) -> list[RecordedLaneChange]:
 
 def encounters(
     traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]
-) -> dict[str, list[Event]]:
+) -> dict[str, Iterable[Event]]:
     """The events of one recording by kind, ghosts among them (`ghost`).
 
     changes: its lane changes.
@@ -292,7 +292,7 @@ def _stretches(traffic: RecordedTraffic) -> list[slice]:
 def _is_ghost(gap: float, ttc: float, accelerations: np.ndarray) -> bool:
     """Whether a gap, m, a TTC, s, or accelerations, m/s2, are a fault of the tracker."""
     strongest = np.abs(accelerations).max()
-    return bool(gap < GHOST_GAP or ttc < GHOST_TTC or strongest > GHOST_ACCELERATION)
+    return gap < GHOST_GAP or ttc < GHOST_TTC or strongest > GHOST_ACCELERATION
 
 
 def _start_kind(traffic: RecordedTraffic, start: int, row: int) -> str:
@@ -384,9 +384,8 @@ def _approach(
     return event
 
 
-def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -> list[Event]:
+def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -> Iterator[Event]:
     gap, speed, names = traffic.gap, traffic.speed, traffic.names
-    events = []
     for change in changes:
         behind = traffic.follower[change.row - 1]
         if behind < 0:
@@ -405,7 +404,7 @@ def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -
             if ahead is not None:
                 onset = {"obstacle_speed": speed[ahead], "gap": traffic.apart(begin, ahead)}
         braking = traffic.acceleration[now : min(now + _REACTION, stop)]
-        events.append(
+        yield (
             {
                 "ego": ego,
                 "t": traffic.t[now],
@@ -424,12 +423,10 @@ def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -
                 "ghost": _is_ghost(gap[behind], np.inf, braking),
             }
         )
-    return events
 
 
-def _cut_ins(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -> list[Event]:
+def _cut_ins(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -> Iterator[Event]:
     gap, speed = traffic.gap, traffic.speed
-    events = []
     for change in changes:
         row = traffic.follower[change.row]
         if row < 0 or gap[row] > max(CUT_IN_HEADWAY * speed[row], CUT_IN_GAP):
@@ -441,7 +438,7 @@ def _cut_ins(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) ->
         begin, start = traffic.onset_of(row, change)
         other = change.row - row + begin  # row of the vehicle that cuts in, at the time of `begin`
         braking = traffic.acceleration[row : min(row + _REACTION, part.stop)]
-        events.append(
+        yield (
             {
                 "ego": ego,
                 "t": traffic.t[row],
@@ -457,12 +454,10 @@ def _cut_ins(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) ->
                 or _is_ghost(gap[row], np.inf, braking),
             }
         )
-    return events
 
 
-def _braking_leads(traffic: RecordedTraffic) -> list[Event]:
+def _braking_leads(traffic: RecordedTraffic) -> Iterator[Event]:
     gap, speed, acceleration = traffic.gap, traffic.speed, traffic.acceleration
-    events = []
     for stretch in _stretches(traffic):
         lead = traffic.lead[stretch]
         braking = acceleration[lead] <= -BRAKING_BELOW
@@ -476,7 +471,7 @@ def _braking_leads(traffic: RecordedTraffic) -> list[Event]:
             if strongest > -LEAD_DECELERATION or drop < LEAD_SPEED_DROP:
                 continue
             both = np.append(acceleration[part], strongest)
-            events.append(
+            yield (
                 {
                     "ego": traffic.names[row],
                     "t": traffic.t[row],
@@ -492,7 +487,6 @@ def _braking_leads(traffic: RecordedTraffic) -> list[Event]:
                     "ghost": _is_ghost(gap[part].min(), traffic.ttc[part].min(), both),
                 }
             )
-    return events
 
 
 def write_events(events: Events, folder: Path) -> None:

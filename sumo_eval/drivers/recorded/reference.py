@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -275,7 +275,7 @@ def _table_of(path: Path, changed: int) -> pd.DataFrame:
     return table
 
 
-def _drives_in(path: Path, line: Line) -> Sequence[tuple[str, Trajectory]]:
+def _drives_in(path: Path, line: Line) -> Iterator[tuple[str, Trajectory]]:
     """The drives of a file with columns t, x, y (road coordinates of the scenario) and what else is
     known, by driver.
 
@@ -283,7 +283,6 @@ def _drives_in(path: Path, line: Line) -> Sequence[tuple[str, Trajectory]]:
     """
     table = _table_of(path, changed_at(path))
     table = table.assign(driver=table.get("driver"))  # without such a column no driver is named
-    drives = []
     for name, rows in table.groupby("driver", sort=False, dropna=False):
         driver = path.stem if pd.isna(name) else str(name)
         try:
@@ -293,7 +292,6 @@ def _drives_in(path: Path, line: Line) -> Sequence[tuple[str, Trajectory]]:
             if line and "speed" not in rows:
                 on_map = Trajectory(rows["t"], *map_places(line, rows["x"], rows["y"])[:2])
                 rows = rows.assign(speed=on_map.speed)
-            drives.append((driver, _trajectory(rows)))
+            yield driver, _trajectory(rows)
         except InputError as error:
             raise InputError(f"Driver `{driver}` in {path}: {error}") from error
-    return drives

@@ -14,8 +14,8 @@ Users: `drivers/synthetic/driver.py`, `scoring/confidence/drivers.py`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
+from math import exp, log
 from typing import NamedTuple
 
 import numpy as np
@@ -60,7 +60,7 @@ in overtaking; its mean is 0.994 (77 cars and vans that came up to a slower lead
 lane, DLR Highway Traffic).
 """
 
-REACTION = LogNormal(math.log(1.2), 0.35, 0.6, 1.8)
+REACTION = LogNormal(log(1.2), 0.35, 0.6, 1.8)
 """Perception-reaction time in unexpected hazards, s.
 
 The upper bound (88 % of the distribution) stands for skill.
@@ -170,7 +170,7 @@ def _overtakes(index: int, seed: int, share: float) -> bool:
     their mean line, beyond what D tolerates (2), and each of two followers 1.9.
     """
     phase = random_stream(seed, "inclination").uniform()
-    return bool((phase + index * share) % 1.0 < share)
+    return (phase + index * share) % 1.0 < share
 
 
 def _limit(
@@ -182,15 +182,15 @@ def _limit(
     """
     if settings.onset == "recorded":
         return drawn
-    return math.exp(limit.mu + limit.sigma * (math.log(drawn) - recorded.mu) / recorded.sigma)
+    return exp(limit.mu + limit.sigma * (log(drawn) - recorded.mu) / recorded.sigma)
 
 
 def _draw_idm(stream: np.random.Generator, headway_scale: float) -> IdmParameters:
-    factor = np.linalg.cholesky(np.array(IDM_CORRELATION))
+    factor = np.linalg.cholesky(IDM_CORRELATION)
     while True:
         deviates = (factor @ stream.standard_normal(len(IDM_FIT))).tolist()
         values = {
-            name: math.exp(fit.mu + fit.sigma * deviate)
+            name: exp(fit.mu + fit.sigma * deviate)
             for (name, fit), deviate in zip(IDM_FIT.items(), deviates, strict=True)
         }
         if all(fit.low <= values[name] <= fit.high for name, fit in IDM_FIT.items()):
@@ -198,7 +198,7 @@ def _draw_idm(stream: np.random.Generator, headway_scale: float) -> IdmParameter
 
 
 def _draw(stream: np.random.Generator, fit: LogNormal) -> float:
-    return _within(lambda: math.exp(stream.normal(fit.mu, fit.sigma)), fit.low, fit.high)
+    return _within(lambda: exp(stream.normal(fit.mu, fit.sigma)), fit.low, fit.high)
 
 
 def _within(draw: Callable[[], float], low: float, high: float) -> float:

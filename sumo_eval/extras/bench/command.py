@@ -50,8 +50,9 @@ def bench(small: bool, only: tuple[str, ...], cases: int, file: Path | None) -> 
         progress=lambda part: tell(f"measuring: {part}", err=True),
     )
     if file is not None:
-        plain = {**results, "rows": [row._asdict() for row in results["rows"]]}
-        write_json(file, plain, "The figures")
+        write_json(
+            file, {**results, "rows": [row._asdict() for row in results["rows"]]}, "The figures"
+        )
     tell(", ".join(f"{name} {value}" for name, value in results["machine"].items()))
     for row in results["rows"]:
         ratio = "" if row.ratio is None else f"  {row.ratio:z.2f} x {row.ratio_of}"

@@ -314,11 +314,9 @@ def zones(points: int) -> list[Figures]:
     """
     logical = catalogue.load("front_vehicle_cut_out")
     many = logical.from_unit(np.random.default_rng(1).random((points, len(logical.parameters))))
-    own = _seconds(lambda: partition(logical))
-    trained = _seconds(lambda: partition(logical, points=many))
     return [
-        ("front_vehicle_cut_out, its own grid", own, "s"),
-        (f"{points} training points", trained, "s"),
+        ("front_vehicle_cut_out, its own grid", _seconds(lambda: partition(logical)), "s"),
+        (f"{points} training points", _seconds(lambda: partition(logical, points=many)), "s"),
     ]
 
 

@@ -55,7 +55,7 @@ def _answers(interface: Interface, actions: Any, count: int) -> Floats:
     else:
         whole = values.size == count and kind in "iu"
         if whole and 0 <= values.min() <= values.max() < width:
-            return np.asarray(np.eye(width)[values.ravel()])
+            return np.eye(width)[values.ravel()]
         wanted = f"whole numbers from 0 to {width - 1}, {count} in all"
     raise must_be("The actions", "an environment", wanted, given)
 
@@ -85,8 +85,7 @@ class ScenarioEnv(gymnasium.Env[Floats, Floats]):
         """Begin a case."""
         super().reset(seed=seed)
         self.episodes.begin(np.array([0]), [self.np_random], options or {})
-        values = dict(self.episodes.pack.world.cases[0].values)
-        return self.episodes.show()[0], {"values": values}
+        return self.episodes.show()[0], {"values": dict(self.episodes.pack.world.cases[0].values)}
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """One step, or the steps of one `period`."""

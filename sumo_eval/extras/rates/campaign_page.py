@@ -155,12 +155,11 @@ def sentences(campaign: Campaign) -> list[str]:
         f"{rate_words(rate.loss)}. {unseen_words(rate)}".rstrip()
         for rate in campaign.rates
     ]
-    recorded = [
+    return rates + [
         f"people ({where}): no collision in {km:.1f} vehicle-km, at most {amount(limit)} per "
         "million km."
         for where, km, limit in _recorded_drivers(campaign)
     ]
-    return rates + recorded
 
 
 def parts(campaign: Campaign, content: Mapping[str, Any]) -> list[Piece]:
@@ -195,11 +194,12 @@ def _of_ads(rate: AdsRate, content: dict[str, Any]) -> Fold:
     if rate.lost:
         pieces.append(Text(lost_words(rate.lost), "note"))
     if rate.collisions[0] == 0.0:
-        limit = (
-            "No drive that counted collided. The upper limit holds wherever the collisions may be; "
-            f"it rests on the {DEFENSIVE:.0%} of the drives that are drawn by exposure."
+        pieces.append(
+            Text(
+                "No drive that counted collided. The upper limit holds wherever the collisions may "
+                f"be; it rests on the {DEFENSIVE:.0%} of the drives that are drawn by exposure."
+            )
         )
-        pieces.append(Text(limit))
     return Fold(rate.ads, "rates per million km by scenario, and the drives behind them", pieces)
 
 
@@ -209,6 +209,5 @@ def _recorded_drivers(campaign: Campaign) -> list[tuple[str, float, float]]:
     The limit assumes that no collision occurred. Recordings show none: an event with the gap of a
     collision counts as a ghost of the tracker (`drivers.recorded.events`) and is dropped.
     """
-    counted = (space.counted for space in campaign.spaces)
-    roads = {(met.where, met.vehicle_km) for met in counted if met is not None}
+    roads = {(met.where, met.vehicle_km) for it in campaign.spaces if (met := it.counted)}
     return [(where, km, MILLION * -math.log(1.0 - LEVEL) / km) for where, km in sorted(roads)]

@@ -153,7 +153,7 @@ def lane_gaps(middles: ArrayLike) -> FloatArray:
     """
     gaps = np.diff(middles)
     # other distances: a lane between has no vehicle, or one lane is recorded as two
-    return np.asarray(gaps[(gaps > 2.5) & (gaps < 4.5)])
+    return gaps[(gaps > 2.5) & (gaps < 4.5)]
 
 
 def _measure_recording(

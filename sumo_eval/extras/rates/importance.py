@@ -369,7 +369,7 @@ def _mean(terms: FloatArray, drawn: int) -> tuple[Limits, float]:
 
     The limits are those of a log-normal distribution, but with Student's quantile.
     """
-    mean = float(terms.sum()) / drawn
+    mean = terms.sum() / drawn
     variance = max((terms**2).sum() / drawn - mean**2, 0.0) / max(drawn - 1, 1)
     relative = math.sqrt(variance) / mean if mean > 0.0 else math.inf
     student = float(stdtrit(degrees_of_freedom(terms), (1.0 + LEVEL) / 2.0))
@@ -384,4 +384,4 @@ def degrees_of_freedom(terms: FloatArray) -> float:
     terms: (h,).
     """
     squares = (terms**2).sum()
-    return max(float(terms.sum() ** 2) / squares - 1.0, 1.0) if squares > 0.0 else 1.0
+    return max(terms.sum() ** 2 / squares - 1.0, 1.0) if squares > 0.0 else 1.0

@@ -241,8 +241,10 @@ def _fit_parts(learnt: Learnt, content: dict[str, Any]) -> list[Text | Table]:
     ]
     if learnt.thinned:
         texts.append(f"{learnt.thinned} events are left out of the distribution, evenly.")
-    for name, value in content["constants"].items():
-        texts.append(f"{name} does not vary: {value:g} in the file.")
+    texts += [
+        f"{name} does not vary: {value:g} in the file."
+        for name, value in content["constants"].items()
+    ]
     models = (
         {"model": item.model, "held-out log-likelihood, nats an event": item.log_likelihood,
          "Kolmogorov distance": item.kolmogorov}

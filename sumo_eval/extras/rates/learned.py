@@ -407,12 +407,11 @@ def replay_errors(
     motions: recorded ones, of each event.
     """
     scene = SCENES[class_]
-    squares = [
+    squares = (
         _replay_squares(logical.placed(dict(zip(logical.names, row, strict=True))), scene, motion)
         for row, motion in zip(rows.tolist(), motions, strict=True)
-    ]
-    both = np.array(squares)
-    return np.asarray(np.sqrt(np.column_stack([both, both.sum(axis=1)])))
+    )
+    return np.asarray(np.sqrt([(along, across, along + across) for along, across in squares]))
 
 
 def _replay_squares(

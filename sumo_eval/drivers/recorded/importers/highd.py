@@ -36,7 +36,7 @@ def read(path: Path) -> Samples:
     names = "tracksMeta", "recordingMeta"
     meta_path, about_path = (path.with_name(f"{stem}_{name}.csv") for name in names)
     known = meta["drivingDirection"].isin((_UPPER, 2)).all()
-    require(bool(known), meta_path, "must have a `drivingDirection` of 1 or 2 in each row")
+    require(known, meta_path, "must have a `drivingDirection` of 1 or 2 in each row")
     kinds = meta.set_index("id")
     direction = tracks["id"].map(kinds["drivingDirection"])
     parts = []
@@ -75,6 +75,6 @@ def read(path: Path) -> Samples:
 def _edges(text: object, path: Path) -> np.ndarray:
     """Lane markings `8.5;12.25;16.0`, m."""
     edges = pd.to_numeric(pd.Series(str(text).split(";")), errors="coerce").to_numpy()
-    valid = len(edges) >= 2 and bool(np.isfinite(edges).all())
+    valid = len(edges) >= 2 and np.isfinite(edges).all()
     require(valid, path, f"must have at least two lane markings separated by `;`, got '{text}'")
     return edges

@@ -39,7 +39,7 @@ def read(path: Path) -> Samples:
     rows = read_table(path, ("Time",), skiprows=_HEAD_ROWS)
     numbers = [*rows.filter(regex="^(Speed|IVS)[1-9][0-9]*$")]
     places = sorted(int(name[5:]) for name in numbers if name.startswith("Speed"))
-    require(bool(places), path, "must have columns Speed1, Speed2, ..., got none")
+    require(places, path, "must have columns Speed1, Speed2, ..., got none")
     checked_numbers(rows, ["Time", *numbers], path, heading=_HEAD_ROWS + 1, gaps=numbers)
     parts = []
     # A chain is a row of vehicles with known gaps. front: half a length ahead of the next vehicle's
@@ -94,6 +94,9 @@ def _head(path: Path) -> dict[str, list[str]]:
             head = {row[0]: row[1:] for row in islice(csv.reader(file), _HEAD_ROWS) if row}
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path} cannot be read: {error}.") from error
-    is_head = {"Vehicle_order", "ACC"} <= head.keys()
-    require(is_head, path, "must begin with the five rows of OpenACC's head")
+    require(
+        {"Vehicle_order", "ACC"} <= head.keys(),
+        path,
+        "must begin with the five rows of OpenACC's head",
+    )
     return head

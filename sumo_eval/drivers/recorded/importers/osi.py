@@ -13,11 +13,11 @@ Users: `drivers/recorded/importing.py`.
 from __future__ import annotations
 
 import gzip
-import importlib
 import lzma
 import math
 import struct
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,7 @@ _VARINT, _BYTES = 0, 2
 _FIXED64, _FIXED32 = 1, 5
 _TRACE_LIMIT = 1 << 28  # bytes of a message; a longer one is no message
 
-Row = tuple[float, int, float, float, float, float, float, float, int, int]  # as `_COLUMNS`
+Row = tuple[float, ...]  # as `_COLUMNS`
 _COLUMNS = "t", "vehicle", "x", "y", "length", "width", "heading", "speed", "type", "subtype"
 
 
@@ -140,8 +140,8 @@ def _trace(path: Path) -> Iterator[tuple[str, bytes]]:
 def _mcap(path: Path) -> Iterator[tuple[str, bytes]]:
     """The messages of an MCAP file that are GroundTruth or SensorView."""
     try:
-        reader = importlib.import_module("mcap.reader")
-        mcap_error = importlib.import_module("mcap.exceptions").McapError
+        reader = import_module("mcap.reader")
+        mcap_error = import_module("mcap.exceptions").McapError
     except ImportError:
         raise needs_extra(f"{path} is an MCAP file, which", "osi") from None
     with path.open("rb") as file:
@@ -225,7 +225,7 @@ def _varint(message: bytes, at: int) -> tuple[int, int]:
 def _omega_prime(path: Path) -> pd.DataFrame:
     """The moving objects of an omega-prime recording kept as a table."""
     try:
-        duckdb: Any = importlib.import_module("duckdb")
+        duckdb: Any = import_module("duckdb")
     except ImportError:
         raise needs_extra(f"{path} is a Parquet table, which", "parquet") from None
     wanted = (

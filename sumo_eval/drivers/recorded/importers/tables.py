@@ -273,7 +273,7 @@ def add_motion(table: pd.DataFrame, names: Sequence[str], owner: str) -> list[st
     return missing
 
 
-def require(condition: bool, path: Path, sentence: str) -> None:
+def require(condition: Any, path: Path, sentence: str) -> None:
     """Refuse a file unless the condition holds.
 
     sentence: the rest of one that begins with the file, as `must have a row`.
