@@ -17,7 +17,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from math import inf, isnan, nan
 from pathlib import Path
 from typing import Any, Protocol, cast
@@ -410,7 +410,7 @@ def knows_the_scripts(driver: Any) -> bool:
     return type(driver) is _ideal_vehicle()
 
 
-@lru_cache(maxsize=1)
+@cache
 def _ideal_vehicle() -> Any:
     return find_controller("ideal_braking")
 

@@ -9,7 +9,6 @@ Users: `extras/bench/command.py`.
 
 from __future__ import annotations
 
-import functools
 import math
 import multiprocessing
 import os
@@ -18,6 +17,7 @@ import tempfile
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -189,8 +189,8 @@ def cosimulation(cases: int, rounds: int) -> list[Figures]:
         return list(simulate_many(concretes, ads, SETTINGS))
 
     # row of the table -> function that simulates all its cases; "packed": in batches
-    ways = {name: functools.partial(alone, ads) for name, ads in _ALONE.items()}
-    ways |= {f"{name}, packed": functools.partial(batched, ads) for name, ads in _BATCHED.items()}
+    ways = {name: partial(alone, ads) for name, ads in _ALONE.items()}
+    ways |= {f"{name}, packed": partial(batched, ads) for name, ads in _BATCHED.items()}
     # not timed: it compiles what is not compiled yet, and gives the number of steps of each case
     recordings = {name: way() for name, way in ways.items()}
     steps = {
@@ -210,7 +210,7 @@ def cosimulation(cases: int, rounds: int) -> list[Figures]:
 
 
 def _least_seconds(
-    ways: Mapping[str, functools.partial[Any]],
+    ways: Mapping[str, partial[Any]],
     concretes: Sequence[ConcreteScenario],
     steps: Mapping[str, list[int]],
     rounds: int,

@@ -16,7 +16,7 @@ Users: `extras/rates/campaign.py`, `extras/rates/campaign_page.py`.
 
 from __future__ import annotations
 
-import math
+from math import exp, inf, log1p, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -67,7 +67,7 @@ class Mixture(NamedTuple):
         """Density (n,) at points (n, k) in the coordinates of the unit box."""
         whiten = np.linalg.inv(self.root)
         centres, white = self.centres @ whiten.T, unit @ whiten.T
-        norm = abs(np.linalg.det(whiten)) / (2.0 * math.pi) ** (unit.shape[1] / 2.0)
+        norm = abs(np.linalg.det(whiten)) / (2.0 * pi) ** (unit.shape[1] / 2.0)
         return np.asarray(bells(white, centres).mean(axis=1) * norm)
 
 
@@ -353,7 +353,7 @@ def estimated(
     hits = float(gammaincinv(len(weights) + 1.0, LEVEL))
     limit = min(1.0, hits * heaviest / (DEFENSIVE * drawn)) if drawn else 1.0
     probability = expected = 0.0, 0.0, limit
-    deviation = math.inf
+    deviation = inf
     if len(weights):
         probability, deviation = _mean(weights, drawn)
         expected, _ = _mean(weights * loss, drawn)
@@ -371,11 +371,11 @@ def _mean(terms: FloatArray, drawn: int) -> tuple[Limits, float]:
     """
     mean = terms.sum() / drawn
     variance = max((terms**2).sum() / drawn - mean**2, 0.0) / max(drawn - 1, 1)
-    relative = math.sqrt(variance) / mean if mean > 0.0 else math.inf
+    relative = sqrt(variance) / mean if mean > 0.0 else inf
     student = float(stdtrit(degrees_of_freedom(terms), (1.0 + LEVEL) / 2.0))
-    reach = student * math.sqrt(math.log1p(relative**2))
-    high = mean * math.exp(min(reach, 50.0))  # 50: exp stays finite
-    return (min(mean, 1.0), mean * math.exp(-reach), min(high, 1.0)), relative
+    reach = student * sqrt(log1p(relative**2))
+    high = mean * exp(min(reach, 50.0))  # 50: exp stays finite
+    return (min(mean, 1.0), mean * exp(-reach), min(high, 1.0)), relative
 
 
 def degrees_of_freedom(terms: FloatArray) -> float:
