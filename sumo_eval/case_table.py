@@ -89,12 +89,12 @@ def _encoded(name: str, values: Sequence[Any]) -> bytes:
         return zlib.compress(floats(values).view(np.uint8).reshape(-1, 8).T.tobytes(), 1)
     places: dict[Any, int] = {}  # of the distinct values, in the order of their first row
     indices = [places.setdefault(value, len(places)) for value in values]
-    return zlib.compress(np.array(indices, dtype="<u4").tobytes() + encoded(list(places)), 1)
+    return zlib.compress(np.array(indices, "<u4").tobytes() + encoded(list(places)), 1)
 
 
 def _real(data: bytes, rows: int) -> FloatArray:
     """Real numbers (n,) of a column that `_encoded` made."""
-    bytes_of_rows = np.frombuffer(zlib.decompress(data), dtype=np.uint8).reshape(8, rows)
+    bytes_of_rows = np.frombuffer(zlib.decompress(data), np.uint8).reshape(8, rows)
     return np.ascontiguousarray(bytes_of_rows.T).view("<f8").reshape(rows)
 
 
@@ -103,7 +103,7 @@ def _listed(data: bytes, rows: int) -> tuple[tuple[Any, ...], IntArray]:
     them, (n,).
     """
     body = zlib.decompress(data)
-    indices = np.frombuffer(body[: 4 * rows], dtype="<u4")
+    indices = np.frombuffer(body[: 4 * rows], "<u4")
     return decoded(body[4 * rows :], _RECORDS), indices.astype(np.intp)
 
 
@@ -122,13 +122,13 @@ def _array(name: str, data: bytes, rows: int) -> Column:
     values, indices = _listed(data, rows)
     kind = _TYPES[name]
     if kind == "bool":
-        return np.array(values, dtype=np.bool_)[indices]
+        return np.array(values, np.bool_)[indices]
     if name in NUMBERS:
         return floats(values)[indices]
     if kind.startswith(("str", "Zone", "Literal")):
-        return np.array([value or "" for value in values], dtype=_TEXT)[indices]
+        return np.array([value or "" for value in values], _TEXT)[indices]
     # filled afterwards: of tuples `np.array` would make a 2-d array
-    objects = np.empty(len(values), dtype=object)
+    objects = np.empty(len(values), object)
     objects[:] = values
     return objects[indices]
 
@@ -269,7 +269,7 @@ def point_numbers(tables: Sequence[CaseTable]) -> list[IntArray]:
     """
     filled = [table for table in tables if len(table)]
     sizes = list(map(len, tables))
-    number = np.zeros(sum(sizes), dtype=np.intp)
+    number = np.zeros(sum(sizes), np.intp)
     for name in sorted(filled[0][0].values) if filled else ():
         rank = _ranks(np.concatenate([table.parameters([name]).ravel() for table in filled]))
         # number each pair (number so far, rank in this parameter), without gaps

@@ -63,7 +63,7 @@ def _rule(compute: Callable[[Any], Any]) -> Any:
 
 def floats(values: Any) -> FloatArray:
     """A field of a record, a column, or a list (n,) as floats with nan for None."""
-    return np.asarray(values, dtype=np.float64)
+    return np.asarray(values, np.float64)
 
 
 def _among(status: Any, statuses: Sequence[str]) -> Any:
@@ -154,8 +154,7 @@ class CaseProperties:
         """The first of `collision`, `not evaluated` and `off road` that applies, else
         `no contact`.
         """
-        left_the_road = self.departed | self.off_road
-        flags = [self.collided, np.logical_not(self.evaluated), left_the_road]
+        flags = [self.collided, np.logical_not(self.evaluated), self.departed | self.off_road]
         return np.select(flags, ("collision", "not evaluated", "off road"), OUTCOMES[0])
 
     @_rule

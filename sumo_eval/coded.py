@@ -63,7 +63,7 @@ def record_of(value: Any, classes: Classes) -> Any:
         return value
     if _ARRAY in value:
         kind, shape, data = value[_ARRAY]
-        return np.frombuffer(b64decode(data), dtype=kind).reshape(shape).copy()
+        return np.frombuffer(b64decode(data), kind).reshape(shape).copy()
     if _MAP in value:
         return {record_of(key, classes): record_of(item, classes) for key, item in value[_MAP]}
     return classes[value[_CLASS]](*(record_of(item, classes) for item in value[_VALUES]))

@@ -148,8 +148,9 @@ def install_command(extra: str) -> str:
 def check_name(owner: str, name: str) -> None:
     """Refuse a `name` that a table, a file or a terminal could not show as it is."""
     if clean(name) != name:
-        shape = f"one line of at most {SENTENCE} characters that can be shown"
-        raise must_be("`name`", owner, shape, name)
+        raise must_be(
+            "`name`", owner, f"one line of at most {SENTENCE} characters that can be shown", name
+        )
 
 
 def check_vehicle_name(owner: str, name: str) -> None:

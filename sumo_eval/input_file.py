@@ -98,12 +98,12 @@ def write_whole(path: Path, text: str) -> None:
     """Write the whole file, or leave it as it was."""
     path = path.resolve()  # a link stays a link
     if path.exists() and not path.is_file():  # a pipe
-        path.write_text(text, encoding="utf-8")
+        path.write_text(text, "utf-8")
         return
     # named by process, as another one may write the same file
     half = path.with_name(f"{path.name}.{os.getpid()}.half")
     try:
-        half.write_text(text, encoding="utf-8")
+        half.write_text(text, "utf-8")
         half.replace(path)
     finally:
         half.unlink(missing_ok=True)
@@ -124,8 +124,7 @@ def taking_apart(path: Path, fix: str) -> Iterator[None]:
 
 def sha256(content: str | bytes) -> str:
     """SHA-256 of a text or of bytes, in hexadecimal."""
-    data = content.encode() if isinstance(content, str) else content
-    return hashlib.sha256(data).hexdigest()
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
 
 
 def hash_of(path: Path, what: str) -> str:

@@ -69,8 +69,7 @@ def find(
     from sumo_eval.report.terminal import nearest_cases
     from sumo_eval.scoring.nearest import nearest
 
-    evaluation = scored(run)
-    cases = nearest(evaluation, named_values(values, "A parameter"), ads, scenario, most)
+    cases = nearest(scored(run), named_values(values, "A parameter"), ads, scenario, most)
     say(nearest_cases(cases))
 
 

@@ -70,8 +70,7 @@ def check(what: str, step_timeout: float | None, case_timeout: float | None, see
     if file.endswith(".toml") and not _has_scheme(file):
         if _is_scenario(Path(file)):
             _check_scenario(what)
-        else:
-            _check_evaluation(Path(what))
+        _check_evaluation(Path(what))
     _check_controller(what, step_timeout, case_timeout, seed)
 
 
@@ -361,8 +360,9 @@ def _check_recorded_people(space: Space, settings: EvaluationSettings, source: P
     def matching() -> str:
         """Read events, and the drives at safe points until one has some."""
         safe = (space.concrete(number) for number in space.safe)
-        drives = (reference(point, people, settings.drivers, recorded).drives for point in safe)
-        matched.append(any(drives))
+        matched.append(
+            any(reference(point, people, settings.drivers, recorded).drives for point in safe)
+        )
         if people.events is None or recorded is None:
             return "drives in named cases only"
         return f"{len(matching_events(people.events, name, recorded))} events like it"

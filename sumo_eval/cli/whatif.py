@@ -48,11 +48,9 @@ def whatif(
     if reasons and not levers:
         raise InputError(reasons[0])
     if reasons:
-        words = f"{count(len(reasons), 'collision')} left out. The first: {reasons[0]}"
-        tell(words, err=True)
+        tell(f"{count(len(reasons), 'collision')} left out. The first: {reasons[0]}", err=True)
     if as_json:
-        plain = {it.fact.case: list(map(_plain, it.answers)) for it in levers}
-        tell(json.dumps(plain, indent=1))
+        tell(json.dumps({it.fact.case: list(map(_plain, it.answers)) for it in levers}, indent=1))
     else:
         show(_table_of_all(levers) if case is None else _table(levers[0]))
 
@@ -68,7 +66,7 @@ def _of_all_collisions(
         check_complete(store, run)
         facts = [fact for fact in store.facts("ads") if fact.collision is not None]
     levers = []
-    for number, fact in enumerate(facts, start=1):
+    for number, fact in enumerate(facts, 1):
         # `fine=False`: the values of the first round are enough for a count
         levers.append(search.answers_or_why_not(fact, lever, fine=False))
         progress("collisions", number, len(facts))

@@ -48,9 +48,7 @@ class Bases(NamedTuple):
     @property
     def comparisons(self) -> tuple[Comparison, ...]:
         """All comparisons that exist."""
-        return tuple(
-            comparison for comparison in (self.comparison, self.pinned) if comparison is not None
-        )
+        return tuple(filter(None, (self.comparison, self.pinned)))
 
 
 def find_bases(

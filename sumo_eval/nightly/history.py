@@ -244,7 +244,6 @@ class History:
 
     def _read(self, table: str, kind: Callable[..., Row]) -> list[Row]:
         """The lines of a table, the oldest first; none where an older history has no such table."""
-        read = self._connection.execute
         there = _columns(self._connection, table)
         columns = {name: hint for name, hint in get_type_hints(kind).items() if name in there}
         if not columns:
@@ -252,7 +251,9 @@ class History:
         names = ", ".join(columns)
         # columns of a bool, which SQLite gives back as 0 or 1
         flags = [hint in (bool, bool | None) for hint in columns.values()]
-        rows = read(f"SELECT {names} FROM {table} ORDER BY rowid")  # noqa: S608
+        rows = self._connection.execute(
+            f"SELECT {names} FROM {table} ORDER BY rowid"  # noqa: S608
+        )
         return [
             kind(
                 *(

@@ -83,9 +83,9 @@ def judge_night(
     for comparison in bases.comparisons:
         results = judge_pairs(comparison, gate, accept)
         if comparison is bases.pinned:  # with the accepted night
-            results = [*judge_rule(comparison, gate, noise), *results]
             results = [
-                result._replace(against=Path(comparison.base_folder).name) for result in results
+                result._replace(against=Path(comparison.base_folder).name)
+                for result in (*judge_rule(comparison, gate, noise), *results)
             ]
         known = {result.name for result in failed(gates)}
         gates += [result for result in failed(results) if result.name not in known]
@@ -111,8 +111,7 @@ def judge_repeats(
     repeats = [line for line in database.gates()[::-1] if line.quantity == "repeats"]
     lines = list(dropwhile(lambda line: good is None or line.night != good.night, repeats))
     for ads, (cases, _, _, apart) in noise.repeats.items():
-        of_ads = (line.passed for line in lines if line.ads == ads)
-        quiet = len(list(takewhile(bool, of_ads)))  # k
+        quiet = len(list(takewhile(bool, (line.passed for line in lines if line.ads == ads))))  # k
         lost = (quiet + 1.0) ** -len(apart) < settings.noise.chance
         sentence = f"{len(apart)} of {count(cases, 'case')} differed in a second drive"
         if apart and not lost:
@@ -156,7 +155,11 @@ def new_pin(
     if pin is None:
         return pinned_by_itself(night.night, "the first good night", None)
     beside = judged.bases.pinned or judged.bases.comparison  # the accepted night's, if any
-    noisy = any(repeats.noisy for repeats in judged.noise.repeats.values())
-    if beside is None or noisy or beside.unpaired or not only_improved(beside, gate):
+    if (
+        beside is None
+        or any(repeats.noisy for repeats in judged.noise.repeats.values())
+        or beside.unpaired
+        or not only_improved(beside, gate)
+    ):
         return None
     return pinned_by_itself(night.night, "paired cases only improved", pin)

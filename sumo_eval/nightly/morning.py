@@ -119,8 +119,7 @@ def markdown_lines(night: Night, judged: JudgedNight, folder: Path) -> Iterator[
         for case in gate.worst:
             yield f"  - {_code(case.case)}: {_escaped(case.point)}: {_escaped(case.words)}"
         if gate.worst:
-            ways = ways_to(folder, gate.worst[0].case).values()
-            yield from (f"  - {_code(way)}" for way in ways)
+            yield from (f"  - {_code(way)}" for way in ways_to(folder, gate.worst[0].case).values())
     yield from (f"- {_escaped(words)}" for words in _context(judged))
 
 
@@ -183,7 +182,7 @@ def tell_github(result: NightResult) -> list[str]:
     summary = os.environ.get("GITHUB_STEP_SUMMARY")
     lines = list[str]()
     if summary:
-        text = (result.report.parent / SUMMARY).read_text(encoding="utf-8")
+        text = (result.report.parent / SUMMARY).read_text("utf-8")
         try:
             with Path(summary).open("a", encoding="utf-8") as file:
                 file.write(text)

@@ -60,7 +60,7 @@ def repeats_of(
     alone = replace(plan.setup, run=replace(plan.setup.run, cases_per_pack=1))
     alike: dict[str, list[bool]] = {ads.name: [] for ads in evaluation.settings.ads}
     with open_store(evaluation.folder / FACTS) as store:
-        for number, (case, difference) in enumerate(drive_again(sample, alone, store), start=1):
+        for number, (case, difference) in enumerate(drive_again(sample, alone, store), 1):
             alike[case.driver].append(not difference)
             progress("driving some cases twice", number, len(sample))
 

@@ -209,9 +209,9 @@ def _result(
 
 def _worst(tally: Tally, unit: str) -> Iterator[CaseChange]:
     """The worst cases of all scenarios, with the values before and after."""
-    sign = tally.measure.sign  # the least signed change is the worst
     first = [(worse, pair) for worse in tally.worse for pair in worse.which[:MOST_NAMED]]
-    first.sort(key=lambda it: sign * (it[0].after[it[1]] - it[0].before[it[1]]))
+    # the least signed change is the worst
+    first.sort(key=lambda it: tally.measure.sign * (it[0].after[it[1]] - it[0].before[it[1]]))
     for worse, pair in first[:MOST_NAMED]:
         case = worse.part.changed.paired.new[pair]
         yield CaseChange.of(case, float(worse.before[pair]), float(worse.after[pair]), unit)

@@ -56,12 +56,15 @@ def driving_words(
     if store.is_discarded(case.case) or not (case.evaluated or case.departed):
         return gave_up
     scene = CaseDrives.of(case, fact, store, logical.road)
-    margin = evaluation.settings.method.task.road_margin
-    remarks = [*_incident(scene, fact), *task_words(scene, logical, margin)]
+    remarks = [
+        *_incident(scene, fact),
+        *task_words(scene, logical, evaluation.settings.method.task.road_margin),
+    ]
 
     if case.zone == "safe" and not case.incident:
-        people = plausible_people(logical, store, evaluation.settings.method.plausibility).people
-        remarks += likeness_words(scene, people)
+        remarks += likeness_words(
+            scene, plausible_people(logical, store, evaluation.settings.method.plausibility).people
+        )
     calm = (
         "It drove as the drivers did, without harm."
         if scene.drivers

@@ -278,8 +278,9 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
 
 def _assumptions(evaluation: Evaluation, score: ScenarioResult) -> Iterator[str]:
     """Conditions of the claims on a scenario that the run does not show."""
-    entries = evaluation.resolved.entries
-    entry, logical = next(pair for pair in entries if pair[1].name == score.scenario)
+    entry, logical = next(
+        pair for pair in evaluation.resolved.entries if pair[1].name == score.scenario
+    )
     zone = next(it for it in evaluation.zones if it.scenario == score.scenario)
     yield (
         f"{count(zone.sampled, 'point')} ({sampling_words(entry.sampling, logical)}) stand for the "

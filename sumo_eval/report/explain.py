@@ -172,8 +172,7 @@ def _likeness(
         yield f"Eqs. 11-13: no D_i: {why}"
         return
     if store.is_discarded(case.case):
-        factors = [getattr(case, field) for field in FACTORS.values()]
-        product = " x ".join(number(value, 4) for value in factors)
+        product = " x ".join(number(getattr(case, field), 4) for field in FACTORS.values())
         yield (
             f"Eqs. 11-12: D_i = {product} = {case.index:z.4f}; its trajectories were discarded "
             "(`[run] keep`)"

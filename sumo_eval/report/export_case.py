@@ -51,9 +51,7 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
         # a drive that did not start has no trajectories
         started = fact.simulated_time is not None and not store.is_discarded(case)
         driven = store.trajectories(case) if started else None
-    entry, logical = next(
-        (entry, logical) for entry, logical in resolved.entries if logical.name == fact.scenario
-    )
+    entry, logical = next(pair for pair in resolved.entries if pair[1].name == fact.scenario)
     concrete = replace(logical.concrete(**fact.values), exposure=fact.exposure)
     stem = file_stem(case)
     alone = _evaluation(settings, fact, entry, source, f"{stem}.csv")

@@ -94,7 +94,7 @@ def in_order(
     nights: for how many nights each limit has failed, by its name; none: 0.
     """
     # places below 0, the gravest first
-    grave = {end: -rank for rank, end in enumerate(("severity", *reversed(ENDS)), start=1)}
+    grave = {end: -rank for rank, end in enumerate(("severity", *reversed(ENDS)), 1)}
 
     def place(gate: GateResult) -> tuple[int, int, int]:
         passed = [False, True, None].index(gate.passed)

@@ -37,8 +37,12 @@ def html_table(evaluation: Evaluation) -> str:
         f'<br><span style="color:#b00">{escape(ads)}: {escape(words)}</span>'
         for ads, words in first_words.alarms
     )
-    report = f"The report is {evaluation.folder / REPORT}"
-    notes = LEGEND, citation(evaluation), *closing_lines(evaluation), report
+    notes = (
+        LEGEND,
+        citation(evaluation),
+        *closing_lines(evaluation),
+        f"The report is {evaluation.folder / REPORT}",
+    )
     lines = "<br>".join(map(escape, notes))
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
     return f"<p>{above}{alarms}</p>{table}<p><small>{lines}</small></p>"

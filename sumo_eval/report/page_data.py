@@ -46,7 +46,6 @@ def page_data(
     embedded: the cases of the page, by scenario.
     sent_drives: gives the drives of the page; called last, because a thread prepares them.
     """
-    field = evaluation.settings.method.anthropomorphic.field
     scenarios = [_scenario(evaluation, partitions[name], cases) for name, cases in embedded.items()]
     sent = sent_drives()
     for scenario in scenarios:
@@ -55,7 +54,7 @@ def page_data(
         for row, recorded in zip(scenario["cases"], drives.rows, strict=True):
             row |= recorded
     return {
-        "field": asdict(field),
+        "field": asdict(evaluation.settings.method.anthropomorphic.field),
         "channels": CHANNEL_STEPS,
         "folder": shlex.quote(str(evaluation.folder)),
         "severityUnit": evaluation.settings.method.collision.unit,

@@ -46,8 +46,9 @@ def settings_content(evaluation: Evaluation, _: Additions) -> dict[str, Any]:
 
 def setting_rows(settings: EvaluationSettings) -> dict[str, list[SettingRow]]:
     """Every setting outside the scenarios and the ADSs, by the group of settings it belongs to."""
-    rows = _rows(settings, "")
-    return grouped((row.path.rpartition(".")[0] or "evaluation", row) for row in rows)
+    return grouped(
+        (row.path.rpartition(".")[0] or "evaluation", row) for row in _rows(settings, "")
+    )
 
 
 def _rows(settings: Any, prefix: str) -> Iterator[SettingRow]:

@@ -44,13 +44,14 @@ def write_replay(
         if beside is not None:
             views.append(_view(_companion(fact, store, beside), store, trajectories))
         first_ghost = len(trajectories)  # ghosts: human drivers, and the ego recorded on the road
-        drivers = store.driven_at(fact.scenario, fact.point, "human")
-        trajectories += [store.trajectory(driver.case) for driver in drivers]
+        trajectories += [
+            store.trajectory(driver.case)
+            for driver in store.driven_at(fact.scenario, fact.point, "human")
+        ]
     concrete = logical.concrete(**fact.values)
     if concrete.ego.recorded:
         at = np.array(concrete.ego.recorded)  # (n, 2): x and y, m
-        times = np.arange(len(at)) * RECORDED_EVERY
-        trajectories.append(Trajectory(times, *at.T))
+        trajectories.append(Trajectory(np.arange(len(at)) * RECORDED_EVERY, *at.T))
     ghosts = list(range(first_ghost, len(trajectories)))
     data = {
         "channels": CHANNEL_STEPS,

@@ -172,8 +172,7 @@ def _heading(columns: Sequence[str], widths: Sequence[int], names: Sequence[int]
     lines = []
     for words in zip(*heads, strict=True):
         own = map(str.ljust, words, names)
-        shown = map(str.rjust, words[len(names) :], widths)
-        lines.append(GAP.join((*own, *shown)).rstrip())
+        lines.append(GAP.join((*own, *map(str.rjust, words[len(names) :], widths))).rstrip())
     return lines
 
 

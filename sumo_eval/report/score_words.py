@@ -232,8 +232,10 @@ def explain_d(findings: Findings) -> str:
     low = (counted & (cases.index < 0.1)).sum()
     if 0 < low < indexed:
         sentence += f" {low} of them {'scores' if low == 1 else 'score'} below 0.1."
-    notes = cases.index_note[cases.safe]
-    if split := sum(any(note.kind == "two_groups" for note in of_case) for of_case in notes):
+    if split := sum(
+        any(note.kind == "two_groups" for note in of_case)
+        for of_case in cases.index_note[cases.safe]
+    ):
         sentence += f" In {split} of them {TWO_GROUPS}"
     return sentence
 

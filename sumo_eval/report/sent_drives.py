@@ -183,8 +183,7 @@ def worth_embedding(
     alone = int(np.searchsorted(np.cumsum(ads[:hits]), most, side="right"))
     # second round: the points before `both`; those before `alone` need room for drivers only
     drivers[alone:] += ads[alone:]
-    left = most - ads[:alone].sum()
-    both = int(np.searchsorted(np.cumsum(drivers), left, side="right"))
+    both = int(np.searchsorted(np.cumsum(drivers), most - ads[:alone].sum(), side="right"))
     return Embedded(frozenset(order[: max(alone, both)]), frozenset(order[:both]))
 
 
@@ -226,7 +225,7 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
     unsteered = [
         not np.isfinite(trajectory.steering_wheel_angle).all() for trajectory in trajectories
     ]
-    unknown = np.repeat(np.array(unsteered, dtype=bool), counts)
+    unknown = np.repeat(np.array(unsteered, bool), counts)
     for name, step in CHANNEL_STEPS.items():
         channel = np.concatenate(
             [np.zeros(0), *(getattr(trajectory, name) for trajectory in trajectories)]

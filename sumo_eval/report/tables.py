@@ -89,8 +89,11 @@ def write_tables(evaluation: Evaluation) -> None:
             for it in [checked.case]
             for name, text in evaluation.checks[it.scenario].items()
         )  # fmt: skip
-        names = ("case", "scenario", "ads", "point", "check", "condition", "verdict")
-        write_csv(evaluation.folder / CHECKS, names, rows)
+        write_csv(
+            evaluation.folder / CHECKS,
+            ("case", "scenario", "ads", "point", "check", "condition", "verdict"),
+            rows,
+        )
 
 
 def scores_json(evaluation: Evaluation) -> dict[str, Any]:

@@ -70,8 +70,7 @@ _CAUSES = {
 def cause_words(case: CaseResult | ContactCause) -> str:
     """Cause of a contact, by the braking and the point of no return; "" without a contact."""
     last, braked = case.no_return_time or 0.0, case.braking_time or 0.0
-    words = _CAUSES.get(case.contact_cause, "")
-    return words.format(last=f"{last:z.2f} s", after=braked - last)
+    return _CAUSES.get(case.contact_cause, "").format(last=f"{last:z.2f} s", after=braked - last)
 
 
 _END = {

@@ -82,8 +82,11 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
         return sum(getattr(score, field) for score in scores)
 
     def mean(values: Iterable[float | None], *, skip_missing: bool = False) -> float | None:
-        pairs = zip(values, weights, strict=True)
-        return _mean(pair for pair in pairs if not skip_missing or pair[0] is not None)
+        return _mean(
+            pair
+            for pair in zip(values, weights, strict=True)
+            if not skip_missing or pair[0] is not None
+        )
 
     return Behaviour(
         ads,

@@ -219,8 +219,7 @@ def missing_bounds(
             bounds[name] = min(ends), max(ends)
     if "c" in bounds or "d" in bounds:
         c, d = (
-            np.array(bounds.get(name, (values[name], values[name])), dtype=float)
-            for name in ("c", "d")
+            np.array(bounds.get(name, (values[name], values[name])), float) for name in ("c", "d")
         )
         if (cases.safe & ~terms.evaluated).any():  # one may be a collision, after which D is void
             d[0] = np.nan

@@ -317,8 +317,11 @@ def side_by_side(
     partners |= supposed
     groups = [(partners.get(score.ads, ""), score.ads, score.scenario) for score in new.scores]
     driven = {(old, scenario) for old, _, scenario in groups}
-    scores = [score for score in base.scores if (score.ads, score.scenario) not in driven]
-    groups += [(score.ads, "", score.scenario) for score in scores]
+    groups += [
+        (score.ads, "", score.scenario)
+        for score in base.scores
+        if (score.ads, score.scenario) not in driven
+    ]
     compared, unpaired = [], []
     for old, name, scenario in groups:
         cases = base.cases_of(old, scenario)
@@ -351,8 +354,7 @@ def _partners(olds: Sequence[str], news: Sequence[str], pairs: Mapping[str, str]
     for old, now in pairs.items():
         check_known("ADS", olds, old)
         check_known("ADS", news, now)
-    partners = {now: old for old, now in pairs.items()}
-    return {name: name for name in news if name in olds} | partners
+    return {name: name for name in news if name in olds} | {now: old for old, now in pairs.items()}
 
 
 def _compare_ads(
@@ -364,8 +366,9 @@ def _compare_ads(
     methods = base.settings.method, new.settings.method
     base_collision, new_collision = (method.collision for method in methods)
     one_unit = base_collision.regret_unit == new_collision.regret_unit
-    pairs = zip(tables, methods, strict=True)
-    runs = [(case_terms(cases, method), method) for cases, method in pairs]
+    runs = [
+        (case_terms(cases, method), method) for cases, method in zip(tables, methods, strict=True)
+    ]
     base_counts, new_counts = (
         counts(cases) | {"requirements_missed": int(np.sum(cases.requirements_missed != ""))}
         for cases in tables
@@ -389,7 +392,7 @@ def _paired(base: CaseTable, new: CaseTable) -> Paired:
     Of several cases at one point the last one counts. Pairs have the order in which their points
     first occur in the new run.
     """
-    no_rows = np.empty(0, dtype=np.intp)
+    no_rows = np.empty(0, np.intp)
     # without cases, or with other parameters, nothing is paired
     if not (len(base) and len(new)) or base[0].values.keys() != new[0].values.keys():
         return Paired(base[no_rows], new[no_rows], no_rows, base, new)
@@ -427,8 +430,8 @@ def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
 
     base, new: folders of the runs.
     """
-    same = np.ones(len(paired.new_rows), dtype=np.bool_)
-    for name in (item.name for item in fields(CaseResult) if item.name not in _NOT_DRIVEN):
+    same = np.ones(len(paired.new_rows), np.bool_)
+    for name in {item.name for item in fields(CaseResult)} - _NOT_DRIVEN:
         before, after = getattr(paired.base, name), getattr(paired.new, name)
         same &= (before == after) | ((before != before) & (after != after))  # nan equals nan
 
@@ -460,7 +463,7 @@ def _changes(
     """
     old, now = paired.base, paired.new
     # of each pair the index of its change, -1: none yet; and the size of that change
-    kind, by = np.full(len(old), -1, dtype=np.intp), np.full(len(old), np.nan)
+    kind, by = np.full(len(old), -1, np.intp), np.full(len(old), np.nan)
 
     def mark(flags: BoolArray, change: Change, size: FloatArray | None = None) -> None:
         """Give a change to the flagged pairs that have none yet."""

@@ -154,8 +154,13 @@ def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind
     if np.isinf(own[-1]):  # it never came to the last place
         last = int(np.argmax(ego.x))
         way, when = max(float(ego.x[last]) - start.x, 0.0), float(ego.time[last] - ego.time[0])
-        what: Literal["stood", "short"] = "stood" if ego.speed[-1] < STANDING else "short"
-        return Behind(what, way, when, float(places[-1]) - start.x, *references)
+        return Behind(
+            "stood" if ego.speed[-1] < STANDING else "short",
+            way,
+            when,
+            float(places[-1]) - start.x,
+            *references,
+        )
     worst = int(np.argmax(own - slowest))
     way, when, target = (float(part[worst]) for part in (places - start.x, own, slowest))
     return Behind("late", way, when, target, *references)

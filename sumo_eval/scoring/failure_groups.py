@@ -56,7 +56,7 @@ def failure_kinds(cases: CaseTable) -> tuple[IntArray, list[str]]:
     flags = {"off road": cases.off_road | cases.departed, "collision": cases.collided}
     for kind in ("unavoidable", "avoidable", "caused"):
         flags[f"{kind} collision"] = getattr(cases, kind)
-    kinds, codes = np.zeros(len(cases), dtype=np.intp), {"": 0}
+    kinds, codes = np.zeros(len(cases), np.intp), {"": 0}
     for kind, flag in flags.items():  # a later kind replaces an earlier one
         kinds[flag] = codes.setdefault(kind, len(codes))
     missing = np.flatnonzero(~cases.evaluated)

@@ -105,7 +105,7 @@ class Findings(NamedTuple):
         missed = cases.counts_for_index & np.isnan(cases.index)  # index: D_i
         if reason is not None and reason.why in ("collisions", "no_drivers"):
             # there is no D that a case could be missing from
-            missed = np.zeros(len(cases), dtype=np.bool_)
+            missed = np.zeros(len(cases), np.bool_)
         return np.asarray(cases.missing | missed)
 
     @property
@@ -190,8 +190,9 @@ class Findings(NamedTuple):
         is_case = self.cases.case == case.case
         counted_weights = np.nan_to_num(weights[counted]).tolist()
         share, value = self.shares(counted, weights)[is_case], values[is_case]
-        total = math.fsum(counted_weights)
-        return Part(len(counted_weights), total, float(share[0]), float(value[0]))
+        return Part(
+            len(counted_weights), math.fsum(counted_weights), float(share[0]), float(value[0])
+        )
 
     def shares(self, counted: BoolArray, weights: FloatArray) -> FloatArray:
         """Share of each case in a mean over those that are counted, (n,); 0 for any other."""
@@ -231,8 +232,9 @@ def mean_of(values: FloatArray, exposure: FloatArray) -> float | None:
 
 def findings_of(evaluation: Evaluation, ads: str | None = None) -> list[Findings]:
     """Findings of every ADS, or of one, in every scenario."""
-    scores = (score for score in evaluation.scores if ads in (None, score.ads))
-    return [Findings.of(evaluation, score) for score in scores]
+    return [
+        Findings.of(evaluation, score) for score in evaluation.scores if ads in (None, score.ads)
+    ]
 
 
 def unevaluated(evaluation: Evaluation) -> list[CaseTable]:

@@ -69,8 +69,10 @@ def scores_key(
     exposures: notes on the exposure of each scenario.
     """
     named = [space_key(entry, source) for entry in settings.scenario]
-    parts = ("scenario", "ads", "seed", "drivers", "simulation", "method")
-    chosen = tuple(getattr(settings, part) for part in parts)
+    chosen = tuple(
+        getattr(settings, part)
+        for part in ("scenario", "ads", "seed", "drivers", "simulation", "method")
+    )
     # COLUMNS too: after an update the files may be newer than the code that runs
     return key_of("scores", COLUMNS, content, chosen, named, severity, exposures, sources())
 

@@ -90,8 +90,10 @@ class RowWriter:
         """Keep rows of one ADS in one scenario, after the rows of it that are kept already."""
         if rows:
             chunk = KeptChunk(rows[0].scenario, rows[0].ads, len(rows), len(self._chunks))
-            parts = enumerate(encode_rows(rows), chunk.place * COLUMNS)
-            self._cache.put(("rows", self._key, place, data) for place, data in parts)
+            self._cache.put(
+                ("rows", self._key, place, data)
+                for place, data in enumerate(encode_rows(rows), chunk.place * COLUMNS)
+            )
             self._chunks.append(chunk)
 
     def rows(self, ads: str, scenario: str) -> CaseTable:
@@ -124,8 +126,7 @@ def keep_scores(cache: KeptResults, key: bytes, scores: Scores) -> Scores:
     _in_use.add(key)
     # the newest first, each with the sum of sizes so far
     others = [pair for pair in reversed(cache.sizes("rows")) if pair[0] not in _in_use]
-    sums = itertools.accumulate(size for _, size in others)
-    pairs = zip(others, sums, strict=True)
+    pairs = zip(others, itertools.accumulate(size for _, size in others), strict=True)
     cache.forget([other for (other, _), total in pairs if total > _MOST_OF_OTHERS])
     stored = kept_scores(cache, key)
     assert stored is not None, "it was put there just now"

@@ -138,7 +138,7 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
     """
     numbers, values = _driven_points(space)
     count = int(numbers.max(initial=-1)) + 1  # of points
-    hazardous, weights = np.zeros(count, dtype=np.bool_), np.zeros(count)
+    hazardous, weights = np.zeros(count, np.bool_), np.zeros(count)
     for first in range(0, len(values), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
         some = values[part]
@@ -151,11 +151,12 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
             space.cache.put([("weights", key, 0, data)])
         zone, weight = np.frombuffer(data).reshape(2, -1)
         hazardous[numbers[part]], weights[numbers[part]] = zone > 0.0, weight
-        done = min(part.stop, len(values))
-        space.progress(f"{space.name}: weights of the points", done, len(values))
+        space.progress(
+            f"{space.name}: weights of the points", min(part.stop, len(values)), len(values)
+        )
     if space.points.stands_for is not None:
         weights = weights * space.points.stands_for[:count]
-    usable = np.zeros(count, dtype=np.bool_)
+    usable = np.zeros(count, np.bool_)
     any_drivers = False
     for point, drivers, recorded in space.store.drivers_at_points(space.name):
         usable[point] = _usable(drivers, recorded, space.settings.drivers)[1]
@@ -169,7 +170,7 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
         weights,
         all_values,
         space.logical.has_drivers or any_drivers,
-        {name: np.array(of_ads, dtype=np.intp) for name, of_ads in driven.items()},
+        {name: np.array(of_ads, np.intp) for name, of_ads in driven.items()},
         {name: jackknifed(of_ads) for name, of_ads in with_index.items()},
     )
 
@@ -318,8 +319,7 @@ def beside_people(
                 "mixture_similarity": likeness.similarity,
             }
     if band is not None:
-        mean = float(np.mean(band))
-        row |= {"human_low": min(band), "human_mean": mean, "human_high": max(band)}
+        row |= {"human_low": min(band), "human_mean": float(np.mean(band)), "human_high": max(band)}
     return row
 
 
@@ -329,7 +329,6 @@ def reference_notes(cases: CaseTable) -> Iterator[ScoreNote]:
     """
     safe = cases.safe
     if thin := [note for note in cases.reference_note[safe] if note is not None]:
-        unfilled = sum(note.filled is None for note in thin)
-        yield ThinReferences(len(thin), int(safe.sum()), unfilled)
+        yield ThinReferences(len(thin), int(safe.sum()), sum(note.filled is None for note in thin))
     if outside := int(np.count_nonzero(cases.exposure_note != "")):
         yield Counted("outside_support", outside, len(cases))

@@ -44,8 +44,7 @@ def nearest(
     for parameter, value in values.items():
         if not np.isfinite(value):
             raise InputError(f"`{parameter}` must be a finite number, got {value}.")
-    columns = [logical.column(parameter) for parameter in values]
-    spans = (logical.high - logical.low)[columns]
+    spans = (logical.high - logical.low)[[logical.column(parameter) for parameter in values]]
     for ads_name in chosen:
         cases = evaluation.cases_of(ads_name, name)
         away = (cases.parameters(list(values)) - list(values.values())) / spans

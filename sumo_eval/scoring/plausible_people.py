@@ -64,18 +64,20 @@ def plausible_people(
     if persons < LEAST_PEOPLE:
         stand_in = MOTORWAY_PEOPLE.people  # how many stand in
     else:
-        source = f"recorded drivers of the run in {logical.name}"
-        people = quantiles_of(drives, names, source=source)
-    note = PlausibleTo(logical.name, persons, len(drives), LEAST_PEOPLE, stand_in)
-    return PlausiblePeople(people, (note,))
+        people = quantiles_of(
+            drives, names, source=f"recorded drivers of the run in {logical.name}"
+        )
+    return PlausiblePeople(
+        people, (PlausibleTo(logical.name, persons, len(drives), LEAST_PEOPLE, stand_in),)
+    )
 
 
 def _undisturbed(concrete: ConcreteScenario, drive: Trajectory) -> dict[str, Trajectory]:
     """The other vehicles of a concrete scenario during a drive, by name, as they move while the ego
     keeps its speed.
     """
-    size = drive.length, drive.width
     # (actors, times, channels); the first four channels are a Trajectory's, in its order
+    size = drive.length, drive.width
     others = tracks([concrete], [size], CLOCK, float(drive.time[-1])).others[0]
     time = CLOCK * np.arange(others.shape[1])
     return {

@@ -56,9 +56,13 @@ def reference_ads(settings: EvaluationSettings) -> str | None:
     None: ideal vehicle.
     """
     wanted = settings.report.reference
-    named = [ads.name for ads in settings.ads if ads.name == wanted]
-    driven_by = [ads.name for ads in settings.ads if ads.controller == wanted]
-    return next(iter((*named, *driven_by)), None)
+    by_key = (
+        ads.name
+        for key in ("name", "controller")
+        for ads in settings.ads
+        if getattr(ads, key) == wanted
+    )
+    return next(by_key, None)
 
 
 def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
@@ -76,7 +80,7 @@ def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
         incidents[other_points] = np.where(other.counted, _incident(other), np.nan)
         beside = incidents[points]
     # texts as long as the longest verdict
-    verdict_of = np.full(len(cases), "avoided", dtype=f"U{max(map(len, get_args(Verdict)))}")
+    verdict_of = np.full(len(cases), "avoided", f"U{max(map(len, get_args(Verdict)))}")
     rules = (
         ("better", beside == 1.0),
         ("preventable", _incident(cases)),

@@ -197,8 +197,7 @@ def _worst_first(flags: BoolArray, by: FloatArray) -> list[int]:
 
     by: amount by which each pair is worse, (n,).
     """
-    which = np.flatnonzero(flags).tolist()
-    return sorted(which, key=lambda pair: -by[pair])
+    return sorted(np.flatnonzero(flags).tolist(), key=lambda pair: -by[pair])
 
 
 def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray]:

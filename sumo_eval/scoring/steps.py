@@ -125,8 +125,11 @@ class Scoring(NamedTuple):
         settings = self.run.settings
         if not settings.run.only:
             return settings
-        counts = self.store.counts()
-        driven = {ads for where, role, ads, *_ in counts if (where, role) == (scenario, "ads")}
+        driven = {
+            ads
+            for where, role, ads, *_ in self.store.counts()
+            if (where, role) == (scenario, "ads")
+        }
         return replace(settings, ads=tuple(ads for ads in settings.ads if ads.name in driven))
 
     def _points(self, entry: ScenarioSettings, logical: LogicalScenario) -> Sample:

@@ -34,8 +34,7 @@ def zone_levels(zones: ZonePartition, points: FloatArray) -> list[Levels]:
     these is below 0.
     """
     exact = exact_target(zones.logical, points, zones.settings)
-    learnt = _levels(zones.predicted(points))
-    return [learnt, _levels(exact), *rooms_of(zones.logical, points)]
+    return [_levels(zones.predicted(points)), _levels(exact), *rooms_of(zones.logical, points)]
 
 
 def map_points(

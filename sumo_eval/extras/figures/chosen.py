@@ -75,8 +75,9 @@ class FigureRequest(NamedTuple):
         if self.case is not None:
             return self.row.scenario
         if self.scenario is not None:
-            known = [zone.scenario for zone in self.evaluation.zones]
-            check_known("scenario", known, self.scenario)
+            check_known(
+                "scenario", [zone.scenario for zone in self.evaluation.zones], self.scenario
+            )
         return self.scenario
 
     @property

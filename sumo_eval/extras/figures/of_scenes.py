@@ -138,7 +138,7 @@ def _verdict_marks(
     """
     points = cases.parameters(view.names)
     x, y = points[:, view.x], points[:, view.y] if view.y is not None else np.zeros(len(points))
-    shown = np.array([view.shows(case) for case in cases], dtype=np.bool_)
+    shown = np.array([view.shows(case) for case in cases], np.bool_)
     panel_of = np.array([view.panel_of(point) for point in points])
     present = [verdict for verdict in LOOKS if verdict in outcomes[shown]]
     for number in range(len(view.panels)):

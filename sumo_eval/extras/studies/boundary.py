@@ -79,8 +79,7 @@ def find_boundary(
     not_evaluated: Counter[str] = Counter()
     done, stopped = 0, "budget"
     while done < budget:
-        size = ROUND if rounds else FIRST * len(logical.names)
-        points = search.ask(min(size, budget - done))
+        points = search.ask(min(ROUND if rounds else FIRST * len(logical.names), budget - done))
         if not len(points):
             stopped = "no point left"
             break

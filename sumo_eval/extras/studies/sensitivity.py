@@ -165,8 +165,9 @@ def _row(key: tuple[str, str, float, str], now: Scores, before: Scores) -> Sensi
         # kendalltau is nan where all tie; unchanged scores agree even then
         same = scores_before == scores_now
         tau = 1.0 if same else stats.kendalltau(scores_before, scores_now).statistic
-    ranking = tuple(sorted(ranked, key=lambda ads: -now[ads]))
-    return SensitivityRow(*key, tuple(now), tuple(now.values()), ranking, tau)
+    return SensitivityRow(
+        *key, tuple(now), tuple(now.values()), tuple(sorted(ranked, key=lambda ads: -now[ads])), tau
+    )
 
 
 def _table(rows: Sequence[SensitivityRow]) -> list[tuple[str, ...]]:

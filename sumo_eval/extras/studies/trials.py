@@ -79,7 +79,7 @@ class Trials:
                 Case(number, concrete, "ads", *ads),
                 recorder.setup.simulation, self.identities[ads[1]], harness_identity(),
             )
-            for number, concrete in enumerate(logical.concretes(points), start=first)
+            for number, concrete in enumerate(logical.concretes(points), first)
         ]  # fmt: skip
         loops.ready(loops.of_cases(cases))
         replace(recorder, progress=lambda stage, done, *_: ended(first + done)).do(

@@ -25,7 +25,7 @@ _TEMPLATES = files("sumo_eval.extras.wheel") / "templates"
 
 def _own(name: str) -> Markup:
     """A file of this package that goes into the page as it is."""
-    return Markup((_TEMPLATES / name).read_text(encoding="utf-8"))  # noqa: S704
+    return Markup((_TEMPLATES / name).read_text("utf-8"))  # noqa: S704
 
 
 def page(title: str) -> str:

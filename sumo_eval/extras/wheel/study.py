@@ -86,8 +86,9 @@ def participants(plan: StudyPlan) -> list[Participant]:
         with taking_apart(path, "Each line must be a step as a study writes it."):
             done = {_step_of(entry): entry for entry in lines}
             if done:
-                number = done["begun"]["number"]
-                people.append(Participant(path.parent.name, number, path.parent, done))
+                people.append(
+                    Participant(path.parent.name, done["begun"]["number"], path.parent, done)
+                )
     return sorted(people, key=lambda person: (person.number, person.folder))
 
 
@@ -178,8 +179,9 @@ async def asked_of(window: Window, view: dict[str, Any]) -> dict[str, Any]:
         given = await window.ask(view)
         if given.pop("button", None) == "stop":
             raise StopsError
-        on_scale = (isinstance(it, float) and LOW <= it <= HIGH for it in given.values())
-        if given.keys() == keys and all(on_scale):
+        if given.keys() == keys and all(
+            isinstance(it, float) and LOW <= it <= HIGH for it in given.values()
+        ):
             return given
 
 
@@ -247,8 +249,8 @@ async def practised(window: Window, plan: StudyPlan, person: Participant) -> boo
             window, concrete, settings, path, view, use="", participant=person.code
         )
         share = kept_share(recording, concrete, rule)
-        failed = recording.end_reason in ("contact", "off_road", "quit", "sim_error")
-        good = share >= rule.share and not failed
+        ends = "contact", "off_road", "quit", "sim_error"
+        good = share >= rule.share and recording.end_reason not in ends
         trials.append(good)
         person.finish(f"practice:{number}", passed=good, share=round(share, 4), tape=path.name,
             quality=asdict(quality))  # fmt: skip

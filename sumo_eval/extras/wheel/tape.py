@@ -242,8 +242,7 @@ def again(path: Path) -> Repetition:
     tape = read_tape(path)
     with taking_apart(path, "Its head must name a concrete scenario."):
         use = tape.head["use"]
-        values = tape.head["values"].items()
-        point = {name: float(value) for name, value in values}
+        point = {name: float(value) for name, value in tape.head["values"].items()}
     recording = drive_again(tape, find(str(use), path.parent).concrete(**point))
     steps = f"{len(tape.rows)} steps of {tape.head['simulation']['step']:g} s"
     same = None if tape.end is None else digest(recording) == tape.end.get("digest")

@@ -166,8 +166,9 @@ class Window:
         except (TimeoutError, MessageError):
             await peer.close(WRONG, "The first message must be the token.")
             return False
-        token = message.get("token", "").encode(errors="replace")
-        if not hmac.compare_digest(token, self.token.encode()):
+        if not hmac.compare_digest(
+            message.get("token", "").encode(errors="replace"), self.token.encode()
+        ):
             await peer.close(UNKNOWN, "Unknown token: open the address that the terminal shows.")
             return False
         return True

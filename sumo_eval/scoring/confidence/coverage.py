@@ -80,8 +80,7 @@ def space_coverage(zones: ZonePartition, points: FloatArray) -> SpaceCoverage:
         counts[reachable[:, y], reachable[:, x]] = 0.0
         np.add.at(counts, (hit[:, y], hit[:, x]), 1.0)
         pairs.append(PairCoverage(logical.names[x], logical.names[y], counts))
-    unit = logical.to_unit(points)
-    distance = np.asarray(KDTree(unit).query(logical.to_unit(possible))[0])
+    distance = np.asarray(KDTree(logical.to_unit(points)).query(logical.to_unit(possible))[0])
     emptiest = int(np.argmax(distance))
     return SpaceCoverage(
         buckets=buckets,

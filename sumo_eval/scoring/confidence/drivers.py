@@ -186,6 +186,6 @@ def _group(name: str, settings: DriverSettings, seed: int) -> bool | None:
     return _overtakes(int(match[1]), seed, settings.population)
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(4096)
 def _overtakes(index: int, seed: int, population: PopulationSettings) -> bool:
     return draw_driver(index, seed, population).overtakes

@@ -62,11 +62,10 @@ def rank(
         first, second = spreads[above], spreads[below]
         if first is not None and second is not None:
             ends = first.minus(second).interval(difference)
-        apart = ends is not None and ends[0] > 0.0
-        pairs.append(RankedPair(above, below, difference, ends, apart))
+        pairs.append(RankedPair(above, below, difference, ends, ends is not None and ends[0] > 0.0))
     told_apart = {(pair.above, pair.below): pair.told_apart for pair in pairs}
     rows, place = [], 1
-    for number, name in enumerate(ranked, start=1):
+    for number, name in enumerate(ranked, 1):
         if told_apart.get((ranked[place - 1], name)):
             place = number
         weighted_results = [results_of[name][scenario] for scenario in means.weights]
@@ -81,8 +80,10 @@ def rank(
                 h_points=means.of(score.h_points for score in weighted_results),
             )
         )  # fmt: skip
-    unranked = sorted(results_of.keys() - totals.keys())
-    rows += [RankedAds(name, place=None, s_plus=None, interval=None) for name in unranked]
+    rows += [
+        RankedAds(name, place=None, s_plus=None, interval=None)
+        for name in sorted(results_of.keys() - totals.keys())
+    ]
     return Ranking(
         weights,
         LEVEL,

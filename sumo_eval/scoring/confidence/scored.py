@@ -66,9 +66,10 @@ def with_intervals(
             missing = low - score.s_plus, high - score.s_plus
         if np.count_nonzero(terms.counted) >= LEAST:
             judged.append(Judged(score.ads, terms, at, ~cases.safe, errors, missing))
-    scenario = scores[0].scenario
     computed = (
-        score_intervals(judged, groups, settings.method, settings.seed, scenario, progress=progress)
+        score_intervals(
+            judged, groups, settings.method, settings.seed, scores[0].scenario, progress=progress
+        )
         if judged
         else []
     )

@@ -131,8 +131,11 @@ def qualify(checks: Iterable[Check], watch: Callable[[str, int, int], None]) -> 
         findings.append(carry_out(check))
     watch(listed[-1].kind, len(listed), len(listed))
     packages = ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn", "numba")
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    return Qualification(tuple(findings), created=now, **versions_and_machine(packages))
+    return Qualification(
+        tuple(findings),
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        **versions_and_machine(packages),
+    )
 
 
 # --- as text and as files -------------------------------------------------------------------------

@@ -71,8 +71,10 @@ def consensus() -> Rows:
         for *fixed, contact, avoided in rows:
             for value, expected in ((contact, "contact"), (avoided, "avoided")):
                 point = (*fixed, value)
-                pairs = zip(parameters.items(), point, strict=True)
-                values = {key: number / divisor for (key, divisor), number in pairs}
+                values = {
+                    key: number / divisor
+                    for (key, divisor), number in zip(parameters.items(), point, strict=True)
+                }
                 source = "independent readings of Annex 3 agree"
                 yield name.format(*point), _outcome, (scenario, values), expected, source
 
@@ -85,8 +87,7 @@ def _margin(ego: float, faster: float) -> float:
     """
     logical = catalogue.load("lane_change_rear")
     assert logical.margin is not None
-    at_100_m = logical.columns([(ego, faster, 100.0)])
-    return 100.0 - float(logical.margin(at_100_m)[0])
+    return 100.0 - float(logical.margin(logical.columns([(ego, faster, 100.0)]))[0])
 
 
 def _rest(ego: float, faster: float, gap: float) -> float:
@@ -105,8 +106,7 @@ def _rest(ego: float, faster: float, gap: float) -> float:
         "vehicle": [{"name": "rear", "speed": ego + faster, "gap_behind": "gap",
             "manoeuvre": [brakes]}],
     }  # fmt: skip
-    concrete = scenario_from(content, "un_r79", Path()).concrete(gap=gap)
-    recording = drive(concrete, "no_reaction")
+    recording = drive(scenario_from(content, "un_r79", Path()).concrete(gap=gap), "no_reaction")
     return float(recording.ego.x[-1] - recording.actors["rear"].x[-1] - LENGTH) / ego
 
 
