@@ -26,7 +26,7 @@ def heard() -> Iterator[None]:
 
     During an import it could be raised in a callback of Python's own, which drops it.
     """
-    signals: list[int] = []
+    signals = []
     with _handled(lambda number, frame: signals.append(number)):
         yield
     if signals:

@@ -355,7 +355,7 @@ def _check_recorded_people(space: Space, settings: EvaluationSettings, source: P
 
     people = open_people(settings.drivers, source)
     name, recorded = space.logical.name, space.logical.recorded
-    matched: list[bool] = []  # empty where the events cannot be read
+    matched = []  # empty where the events cannot be read
 
     def matching() -> str:
         """Read events, and the drives at safe points until one has some."""

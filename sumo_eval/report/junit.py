@@ -71,7 +71,7 @@ def run_suites(evaluation: Evaluation) -> Suites:
     the space; its properties are the scores, and the formula of S+ with its values.
     """
     report, unit = evaluation.settings.report, evaluation.settings.method.collision.unit
-    suites: dict[tuple[str, str], Suite] = {}
+    suites = {}
     for findings in findings_of(evaluation):
         score = findings.score
         tests: Iterable[Test] = map(

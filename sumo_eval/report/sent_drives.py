@@ -117,7 +117,7 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
 def _drives(scenario: str, store: Store, embedded: Embedded, points: Mapping[str, int]) -> Drives:
     """The drives of a page's cases, by their points."""
     trajectories: list[Trajectory] = []
-    rows: list[dict[str, Any]] = []
+    rows = []
     shown = set(points.values())
     driver_counts = {
         at: drives for at, drives, _ in store.drivers_at_points(scenario) if at in shown
@@ -221,7 +221,7 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
     """
     counts = [len(trajectory) for trajectory in trajectories]
     planes = []
-    beyond: list[list[Any]] = []
+    beyond = []
     unsteered = [
         not np.isfinite(trajectory.steering_wheel_angle).all() for trajectory in trajectories
     ]

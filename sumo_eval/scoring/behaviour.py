@@ -179,7 +179,7 @@ def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | Non
 
 def least_human(evaluation: Evaluation, ads: str) -> CaseResult | None:
     """The case without a collision in which an ADS is least human-like."""
-    least: list[tuple[float, str, CaseResult]] = []
+    least = []
     for findings in findings_of(evaluation, ads):
         likeness = np.where(findings.cases.collided, np.inf, findings.cases.human_likeness)
         lowest = float(np.fmin.reduce(likeness, initial=np.inf))  # fmin: without nan

@@ -27,7 +27,7 @@ def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[t
     - collided while its case at the nearest other point did not, or the reverse,
     - is among its `LEAST_HUMAN` least human-like cases.
     """
-    chosen: set[tuple[str, int]] = set()
+    chosen = set()
     for score in evaluation.scores:
         name, logical = score.scenario, evaluation.scenarios[score.scenario]
         cases = evaluation.cases_of(score.ads, name)

@@ -131,8 +131,8 @@ def drive_results(
     # all files on which the way of an actor that conflicts with the ego may depend
     files = space.entry.use, space_key(space.entry, space.source), sources("scenario", "settings")
     references_at = grouped((fact.point, fact.case) for fact in references if fact.status == "ok")
-    results: dict[str, bytes] = {}
-    keys: dict[str, bytes] = {}
+    results = {}
+    keys = {}
     points = []
     # a case without an end or with `sim_error` has no drive; one that gave up may leave the road
     driven = grouped(

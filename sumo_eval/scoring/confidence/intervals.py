@@ -249,7 +249,7 @@ class _Sums:
         freedom: degrees of freedom of each score.
         """
         terms = self._ads.terms
-        lost: dict[str, FloatArray] = {}
+        lost = {}
         limits = {}
         if not terms.collided.any():
             # no collision was seen: the rule of three gives the losses, without any draw
