@@ -214,7 +214,7 @@ def _worst(
     if part is None:
         return (), ()
     about = part.changed.of(OF_THE_COMPARISON[quantity]) if quantity in OF_THE_COMPARISON else ()
-    worst = list(islice(about or part.changed.worse, MOST_NAMED))
+    worst = islice(about or part.changed.worse, MOST_NAMED)
     return tuple(item.new.case for item in about), tuple(
         end_change(it.base, it.new, part.units) for it in worst
     )

@@ -72,8 +72,8 @@ def write_night(
         ],
         "unpaired": [group._asdict() for group in (comparison.unpaired if comparison else ())],
         "repeats": {ads: repeats._asdict() for ads, repeats in judged.noise.repeats.items()},
-        "builds": dict(judged.builds),
-        "notes": list(notes),
+        "builds": judged.builds,
+        "notes": notes,
     }
     for path, text in (
         (folder / NIGHT, json.dumps(record, indent=2, ensure_ascii=False)),
@@ -105,7 +105,7 @@ def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
             for change in gate.worst
             for ways in [ways_to(folder, change.case)]  # commands that drive the case again
         ],
-        "keys": list(gate.cases),
+        "keys": gate.cases,
     }
 
 

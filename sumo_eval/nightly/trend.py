@@ -101,7 +101,7 @@ class TrendChart(NamedTuple):
 def write_trend(folder: Path, database: History) -> Path:
     """Write `trend.html` beside the history and return its path."""
     nights, values, gates = database.nights(), database.values(), database.gates()
-    scenarios = list(dict.fromkeys(value.scenario for value in values))
+    scenarios = dict.fromkeys(value.scenario for value in values)
     # nights whose report is still there: the folder of an old one may have been removed
     reports = {
         night.night: f"{night.folder}/{REPORT}"

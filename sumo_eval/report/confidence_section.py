@@ -59,7 +59,7 @@ def _further(item: Assessment, confidence: Confidence) -> dict[str, Any]:
     if further is None or "s" not in item.sources or not len(further.points):
         return plain | {"points": []}
     # the parameters, in the order of the columns of `further.points`
-    names = list(confidence.coverage[item.scenario].empty_centre)
+    names = confidence.coverage[item.scenario].empty_centre
     # points, of the interval of S if only the choice of cases were uncertain
     half_width = item.sources["s"]["cases"]
     return plain | {
@@ -131,10 +131,12 @@ def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> dict[str, Any
     if item.risk is not None:
         plain |= asdict(item.risk)
     if item.further is not None:
-        names = list(coverage.empty_centre)
         plain["further_cases"] = {
             "shrink": item.further.shrink,
-            "points": [dict(zip(names, row, strict=True)) for row in item.further.points.tolist()],
+            "points": [
+                dict(zip(coverage.empty_centre, row, strict=True))
+                for row in item.further.points.tolist()
+            ],
         }
     return plain
 
@@ -144,7 +146,7 @@ def _coverage_json(item: SpaceCoverage) -> dict[str, Any]:
     return {
         "buckets": {name: {"hit": got, "possible": of} for name, (got, of) in item.buckets.items()},
         "pairs": {"hit": hit, "possible": possible},
-        "largest_empty_ball": {"radius": item.empty_radius, "centre": dict(item.empty_centre)},
+        "largest_empty_ball": {"radius": item.empty_radius, "centre": item.empty_centre},
         "boundary_resolved": item.boundary_resolved,
         "exposure_inside": item.exposure_inside,
     }

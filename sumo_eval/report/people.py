@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 from sumo_eval.input_file import read_input_text, taking_apart
 from sumo_eval.report.score_words import TWO_GROUPS
@@ -20,7 +20,7 @@ from sumo_eval.scoring.findings import people_behind
 from sumo_eval.text import capitalised
 
 MOST_WORST = 10  # cases in the table of the worst, at most
-STUDY: Final = "study.json"
+STUDY = "study.json"
 """File beside the drives of a study, written by `extras/wheel/outcome.py`: number of participants,
 drives left out and why.
 """

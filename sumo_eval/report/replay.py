@@ -7,7 +7,7 @@ Users: `cli/look.py`.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.text import point_words
 from sumo_eval.trajectory import Trajectory
 
-ROLES_BESIDE: Final[tuple[Role, ...]] = ("ads", "human", "ideal")
+ROLES_BESIDE: tuple[Role, ...] = ("ads", "human", "ideal")
 """Roles of drives that may be shown next to the drive of an ADS."""
 
 

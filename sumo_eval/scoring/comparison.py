@@ -16,7 +16,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Final, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 
@@ -41,7 +41,7 @@ from sumo_eval.scoring.gate_settings import (
 )
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
-_ORDER: Final[tuple[Change, ...]] = get_args(Change)
+_ORDER: tuple[Change, ...] = get_args(Change)
 WORSE, BETTER = _ORDER[:5], _ORDER[5:]  # the two lines of `Change`
 
 
@@ -414,7 +414,7 @@ def _cases_at(points: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     return distinct, first, len(points) - 1 - np.unique(points[::-1], return_index=True)[1]
 
 
-_NOT_DRIVEN: Final = frozenset((
+_NOT_DRIVEN = frozenset((
     "case", "scenario", "ads", "values", "exposure", "weight", *TIMED,
     "index_note", "reference_note", "batched",
 ))  # fmt: skip

@@ -7,9 +7,8 @@ Users: `extras/figures/command.py`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeGuard
+from typing import TYPE_CHECKING, TypeGuard
 
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.extras.figures.chosen import FigureRequest
@@ -20,7 +19,7 @@ from sumo_eval.results import Evaluation
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-OF_RUNS: Final[Mapping[str, Any]] = {
+OF_RUNS = {
     drawing.__name__: drawing
     for drawing in (
         zone_map, field, trajectories, time_history, collisions, boundary, intervals, points,
@@ -28,7 +27,7 @@ OF_RUNS: Final[Mapping[str, Any]] = {
 }  # fmt: skip
 """Name -> function that draws this figure of a scored run."""
 
-FIGURES: Final = (*OF_RUNS, "trend", "opinion")
+FIGURES = (*OF_RUNS, "trend", "opinion")
 
 
 def is_searched(evaluation: Evaluation | Path, figure: str) -> TypeGuard[Path]:
@@ -63,8 +62,7 @@ def draw(
             from sumo_eval.evaluation import score
 
             evaluation = score(evaluation)
-        drawn: Figure = OF_RUNS[figure](FigureRequest(evaluation, scenario, ads, case, width))
-        return drawn
+        return OF_RUNS[figure](FigureRequest(evaluation, scenario, ads, case, width))
     folder = evaluation.folder if isinstance(evaluation, Evaluation) else evaluation
     # only `trend` takes a scenario and an ADS, and none of these figures a case
     for name, value in (("case", case), ("scenario", scenario), ("ads", ads)):

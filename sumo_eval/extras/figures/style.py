@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from sumo_eval.errors import InputError, check_known, needs_extra, said
 from sumo_eval.extras.panels import COLOURS, INK, MUTED, Panel, add_title_and_legend, draw
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MM: Final = 1.0 / 25.4  # a millimetre in inches
-WIDTHS: Final[dict[str, float]] = {"column": 88.0 * MM, "page": 180.0 * MM}
+MM = 1.0 / 25.4  # a millimetre in inches
+WIDTHS = {"column": 88.0 * MM, "page": 180.0 * MM}
 """Widths of figures, inches: one column and both columns of a journal's page."""
 
-ENDINGS: Final = {"svg": {"Date": None}, "png": {}, "pdf": {"CreationDate": None}}
+ENDINGS = {"svg": {"Date": None}, "png": {}, "pdf": {"CreationDate": None}}
 """Ending of a figure's file -> its metadata: without a date, the same figure is the same bytes."""
 
 # one for each of `COLOURS`; `look_of` combines them
-MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "*")
-LINES: Final = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
 
-_SETTINGS: Final = {
+_SETTINGS = {
     "font.size": 7.5,
     "font.family": "DejaVu Sans",
     "axes.titlesize": 8.0,
