@@ -85,12 +85,7 @@ def evaluate(
 
 
 def record_rounds(
-    run: Resolved,
-    folder: Path,
-    *,
-    resume: bool,
-    progress: Progress,
-    stopping: Stopping,
+    run: Resolved, folder: Path, *, resume: bool, progress: Progress, stopping: Stopping
 ) -> Recorded:
     """Simulate an evaluation into a run folder, and where a scenario is sampled in rounds, one
     round after another.

@@ -11,7 +11,7 @@ from sumo_eval.errors import InputError
 
 MODULES = {
     "sumo_eval.adapters": "copy the adapter from docs/examples/adapters and write "
-    "`carla_agent.py:CarlaAgent?options.agent=...`",
+    "`carla_agent.py:CarlaAgent?options.agent=...`"
 }
 """Removed modules that a locator may still name, and what to do instead."""
 NAMES = {

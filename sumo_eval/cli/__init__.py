@@ -73,9 +73,7 @@ TASKS = {
         "sample": "points draw grid sobol",
         "boundary": "search edge limit frontier",
     },
-    "Drive yourself": {
-        "drive": "wheel simulator steer keyboard gamepad study participants",
-    },
+    "Drive yourself": {"drive": "wheel simulator steer keyboard gamepad study participants"},
     "From recordings to rates": {
         "learn": "fit rates distribution",
         "campaign": "rate crashes kilometre km risk importance",
@@ -85,9 +83,7 @@ TASKS = {
         "calibrate": "k5 k6 tune scale",
         "sensitivity": "k1 k2 constants vary",
     },
-    "Believe the tool": {
-        "qualify": "credible credibility believe selftest trustworthy",
-    },
+    "Believe the tool": {"qualify": "credible credibility believe selftest trustworthy"},
     "Write an ADS or a scenario": {
         "import": "openscenario convert translate read",
         "check": "validate lint test contract",

@@ -135,11 +135,7 @@ def _make_bar() -> Any:
 
     console = Console(stderr=True)
     return Bar(
-        TextColumn(
-            "{task.description}",
-            markup=False,
-            table_column=Column(overflow="fold"),
-        ),
+        TextColumn("{task.description}", markup=False, table_column=Column(overflow="fold")),
         BarColumn(bar_width=40 if console.width >= _WIDE else 6, table_column=Column(no_wrap=True)),
         MofNCompleteColumn(table_column=Column(no_wrap=True)),
         TextColumn("{task.fields[left]}", style="cyan"),

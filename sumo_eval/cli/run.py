@@ -36,10 +36,7 @@ from sumo_eval.text import without_numbers
 
 @click.command(epilog="Example: sumo-eval run evaluation.toml --out results/first --workers 2")
 @path_argument("evaluation", required=False)
-@path_option(
-    "--out",
-    help="New folder for facts, scores and report (default: results/NAME-TIME).",
-)
+@path_option("--out", help="New folder for facts, scores and report (default: results/NAME-TIME).")
 @WORKERS
 @click.option(
     "--ads",

@@ -162,10 +162,7 @@ def harm_at(
     unreacting_at = {fact.point: fact for fact in unreacting}
     harm = {}
     for fact in space.facts_at(points, "ideal"):
-        shared = {
-            "weight": float(overview.weights[fact.point]),
-            **_reference("ideal", fact, space),
-        }
+        shared = {"weight": float(overview.weights[fact.point]), **_reference("ideal", fact, space)}
         if (no_reaction := unreacting_at.get(fact.point)) is not None:
             departure = _of_departure(drives[no_reaction.case].departure, no_reaction.case, space)
             shared |= _reference("no_reaction", no_reaction, space, least=departure)

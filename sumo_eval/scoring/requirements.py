@@ -27,10 +27,7 @@ SEPARATOR = "; "
 
 
 def series_of(
-    ego: Trajectory,
-    actors: Trajectories,
-    collision: Collision | None,
-    road: Road,
+    ego: Trajectory, actors: Trajectories, collision: Collision | None, road: Road
 ) -> dict[str, FloatArray]:
     """Values for requirements at each sample of the ego, by the names of
     `scenario.requirement.SERIES`; `gap`, `thw` and `ttc` are inf where no actor is ahead.

@@ -90,12 +90,7 @@ class Trials:
 
 @contextmanager
 def trials_in(
-    folder: Path,
-    setup: Setup,
-    locators: Sequence[str],
-    study: str,
-    *,
-    resume: bool,
+    folder: Path, setup: Setup, locators: Sequence[str], study: str, *, resume: bool
 ) -> Iterator[Trials]:
     """Trials of a study of these ADSs; the block also writes its results into the folder.
 

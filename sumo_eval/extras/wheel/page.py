@@ -63,10 +63,7 @@ def drive_view(
 
 
 def replay(
-    concrete: ConcreteScenario,
-    name: str,
-    vehicles: Trajectories,
-    collision: Collision | None,
+    concrete: ConcreteScenario, name: str, vehicles: Trajectories, collision: Collision | None
 ) -> dict[str, Any]:
     """A drive for the page's player.
 

@@ -47,12 +47,7 @@ from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import run_batches
 from sumo_eval.record.identity import with_fingerprint
 from sumo_eval.record.store import open_store
-from sumo_eval.scenario import (
-    Actor,
-    ConcreteScenario,
-    Start,
-    catalogue,
-)
+from sumo_eval.scenario import Actor, ConcreteScenario, Start, catalogue
 from sumo_eval.settings import RunSettings, SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import Trajectory
 
