@@ -105,25 +105,22 @@ speed, m/s.
 """
 
 
-class LateBraking:
-    """ADS that rolls for `delay` s, then brakes as hard as its vehicle can."""
-
-    def __init__(self, delay: float) -> None:
-        self.delay = delay
-
-    def step(self, traci: Any, ego: str, time: float) -> Command:
-        """Command of a step; -100 m/s2 is more than any brake has, 1e-9 s a rounding."""
-        return Command(-100.0 if time >= self.delay - 1e-9 else 0.0)
-
-
 def _late(closing: float, delay: float, largest: float, rise: float, gap: float) -> float:
     """Impact speed of a row of DELAYED, m/s; friction of 2.0 does not limit braking."""
+
+    def brakes_late(traci: Any, ego: str, time: float) -> Command:
+        """ADS that rolls for `delay` s, then brakes as hard as its vehicle can.
+
+        -100 m/s2 is more than any brake has, 1e-9 s a rounding.
+        """
+        return Command(-100.0 if time >= delay - 1e-9 else 0.0)
+
     vehicle = VehicleSettings(
         length=LENGTH, max_deceleration=largest, brake_build_up=rise, friction=2.0
     )
     return impact(
         behind(closing, 0.0, gap),
-        LateBraking(delay),
+        brakes_late,
         SimulationSettings(time_limit=60.0, vehicle=vehicle),
     )
 
