@@ -16,10 +16,10 @@ import math
 import re
 import shlex
 import sys
-import time as clock
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
+from time import perf_counter
 from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, quote, unquote_plus
 
@@ -180,13 +180,12 @@ def _load_once(kind: type, options: Options, described: str) -> None:
     load = getattr(kind, LOAD_ONCE, None)
     if not callable(load) or _loaded_with.get(kind) == options:
         return
-    began = clock.perf_counter()
+    began = perf_counter()
     with users_code(f"ADS `{described}`: `{LOAD_ONCE}` failed"):
         load(**options)
     _loaded_with[kind] = options
     _unreported.append(
-        f"Loading {kind.__name__} took {clock.perf_counter() - began:.2f} s, "
-        "once in this process.\n"
+        f"Loading {kind.__name__} took {perf_counter() - began:.2f} s, once in this process.\n"
     )
 
 

@@ -15,10 +15,10 @@ from __future__ import annotations
 import json
 import os
 import select
-import time as clock
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 from sumo_eval.cosim.doors.child_program import ChildProgram, checked_command
@@ -103,7 +103,7 @@ class JsonLinesProgram(Adapter):
     def _ask(self, message: _Message) -> _Message:
         """Send a message, and return the program's answer to it."""
         text = json.dumps(message, separators=(",", ":")).encode() + b"\n"
-        self._until = clock.monotonic() + self._deadline
+        self._until = monotonic() + self._deadline
         try:
             while text:
                 self._wait([], [self._stdin])
@@ -127,7 +127,7 @@ class JsonLinesProgram(Adapter):
 
     def _wait(self, to_read: list[int], to_write: list[int]) -> None:
         """Wait until a handle can be read, or written; end the program at its deadline."""
-        left = self._until - clock.monotonic()
+        left = self._until - monotonic()
         timeout = None if left == float("inf") else left
         if left <= 0.0 or not any(select.select(to_read, to_write, [], timeout)):
             self._program.kill()

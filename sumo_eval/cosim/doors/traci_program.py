@@ -19,11 +19,11 @@ import socket
 import subprocess
 import tempfile
 import threading
-import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from time import monotonic, perf_counter
 from typing import Any
 
 from traci.connection import FatalTraCIError, TraCIException
@@ -151,7 +151,7 @@ class ServedSimulation:
         """
         # traci reports a timeout as a closed connection, so the time decides what happened
         self._connection._socket.settimeout(None if limit == math.inf else limit)
-        started = clock.perf_counter()
+        started = perf_counter()
         try:
             call()
         except (self.FatalTraCIError, OSError) as error:
@@ -164,7 +164,7 @@ class ServedSimulation:
                 ended = self._program.ended("connection")
                 hint = _GOES_ON if self._program.process.returncode == 0 else ""
                 raise ControllerError(f"{ended}{hint}.") from error
-            if clock.perf_counter() - started >= limit:
+            if perf_counter() - started >= limit:
                 raise ControllerTimeoutError(
                     f"The ADS's program must connect to the port in {_PORT}, set its order to 2 "
                     f"and ask for its steps, each within {limit:g} s; it was ended."
@@ -172,7 +172,7 @@ class ServedSimulation:
             raise ControllerError(
                 f"SUMO ended while the ADS's program had its turn: {said(error)}."
             ) from error
-        self._ads.took = clock.perf_counter() - started
+        self._ads.took = perf_counter() - started
 
 
 @contextmanager
@@ -238,13 +238,13 @@ def _hang_up(program: ChildProgram, relay: Relay) -> None:
 
 def _connect(server: PrivateServer, logs: tuple[Path, ...]) -> Any:
     """The harness's connection. Both clients connect as soon as the server listens."""
-    until = clock.monotonic() + START_TIMEOUT
+    until = monotonic() + START_TIMEOUT
     while True:
         try:
             server.connect()
             return _traci_connection(server.sockets[0])
         except OSError as error:
-            if server.process.poll() is not None or clock.monotonic() > until:
+            if server.process.poll() is not None or monotonic() > until:
                 raise SimulationError(
                     f"SUMO could not start the case: {quoted(error, *logs)}."
                 ) from error

@@ -10,10 +10,10 @@ or reaches a simulation of its own works as it is. What is said here goes into t
 from __future__ import annotations
 
 import functools
-import importlib
 import math
 import os
 import sys
+from importlib import import_module
 from typing import Any
 
 ORDER = 2  # the harness is the first client
@@ -21,9 +21,9 @@ ORDER = 2  # the harness is the first client
 # With this module out of `sys.modules`, the import finds the library (see `sitecustomize`) and
 # leaves it there, from where the script's own `import traci` takes it.
 del sys.modules["traci"]
-real = importlib.import_module("traci")
-main = importlib.import_module("traci.main")
-connection = importlib.import_module("traci.connection")
+real = import_module("traci")
+main = import_module("traci.main")
+connection = import_module("traci.connection")
 _asked_ports: list[int] = []  # port that the script named, once it is connected
 _usual_init, _usual_set_order = connection.Connection.__init__, connection.Connection.setOrder
 
@@ -88,11 +88,11 @@ def _quietly(
 connection.Connection.__init__ = _init_once
 connection.Connection.setOrder = lambda *_: None  # the connection has `ORDER`
 connection.Connection.load = _begin_again
-windows = importlib.import_module("traci._gui").GuiDomain
+windows = import_module("traci._gui").GuiDomain
 for call in vars(windows):
     if not call.startswith(("_", "get", "has", "is")):
         setattr(windows, call, _without_window(call))
-vehicles = importlib.import_module("traci._vehicle").VehicleDomain
+vehicles = import_module("traci._vehicle").VehicleDomain
 for call in ("setSpeed", "slowDown", "setAcceleration", "setPreviousSpeed"):
     setattr(vehicles, call, _of_finite_numbers(call, getattr(vehicles, call)))
 sys.excepthook = _quietly
