@@ -27,7 +27,7 @@ from sumo_eval.method.index_terms import IndexNote
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 Column = NDArray[Any]
-REAL = ("float", "Measure")
+REAL = "float", "Measure"
 """Types of fields that hold real numbers, as text."""
 _RECORDS = {record.__name__: record for record in (ThinReference, IndexNote)}
 _TYPES = {item.name: str(item.type) for item in fields(CaseResult)}

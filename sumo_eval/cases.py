@@ -22,11 +22,11 @@ Zone = Literal["safe", "hazardous"]
 Measure = float | None
 """A number; None: it does not apply, or could not be evaluated."""
 
-EVALUATED = ("ok", "collision", "off_road")
+EVALUATED = "ok", "collision", "off_road"
 """Statuses of cases that were evaluated, i.e. whose outcome counts in all scores."""
-OUTCOMES = ("no contact", "collision", "off road", "not evaluated")
+OUTCOMES = "no contact", "collision", "off road", "not evaluated"
 """Outcomes of a case, in the order in which the report shows them."""
-GAVE_UP = ("ads_error", "ads_timeout", "timeout", "crashed", "rejected")
+GAVE_UP = "ads_error", "ads_timeout", "timeout", "crashed", "rejected"
 """Statuses of cases that failed because of their ADS: it "gave up".
 
 They were not evaluated, but count in T, A, A', H and S+. The one status that is in neither list,
@@ -162,7 +162,7 @@ class CaseProperties:
         """The first of `caused`, `avoidable` and `unavoidable` that applies to a collision, else
         `not known`: the ideal vehicle's drive could not be evaluated.
         """
-        kinds = ("caused", "avoidable", "unavoidable")
+        kinds = "caused", "avoidable", "unavoidable"
         return np.select([getattr(self, name) for name in kinds], kinds, "not known")
 
     @_rule

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from sumo_eval.record.facts import Evaluable, Recorded
 
 
-_NOT_DRIVEN_BY = ("method.", "report.", "run.workers", "run.incomplete")
+_NOT_DRIVEN_BY = "method.", "report.", "run.workers", "run.incomplete"
 """Beginnings of settings on which no recorded fact depends."""
 
 

@@ -22,7 +22,7 @@ LARGEST = 500_000_000
 
 _KINDS = {
     stat.S_IFIFO: "named pipe", stat.S_IFCHR: "character device", stat.S_IFBLK: "block device",
-    stat.S_IFSOCK: "socket",
+    stat.S_IFSOCK: "socket"
 }  # fmt: skip
 
 

@@ -40,7 +40,7 @@ UNFIT = re.compile(
 # address of an object; the `>` is optional, so that the search reads a text only once
 _ADDRESS = re.compile(r"(?: at 0x[0-9A-Fa-f]+)+(>?)")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
-_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
+_FORMULA = "=", "+", "-", "@", "\t", "\r", "\n"
 
 
 def clean(text: str, most: int = SENTENCE, *, lines: bool = False) -> str:

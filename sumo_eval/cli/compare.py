@@ -176,7 +176,7 @@ def nightly(
         result = run_night(
             evaluation, history, settings, keep=keep, workers=workers, resume=resume,
             progress=progress,
-            stopping=stop_on_signal,
+            stopping=stop_on_signal
         )  # fmt: skip
     say((*morning_lines(result), *result.notes))
     show_scores(result.evaluation)

@@ -64,8 +64,7 @@ def broken(line: str, width: int) -> str:
     if len(line) <= width:
         return line
     indent = " " * (len(line) - len(line.lstrip()) + 4)
-    parts = textwrap.wrap(
+    return "\n".join(textwrap.wrap(
         line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False,
         replace_whitespace=False
-    )  # fmt: skip
-    return "\n".join(parts)
+    ))  # fmt: skip

@@ -258,10 +258,10 @@ def _judge_cases(
                         cases[k],
                         None if np.isnan(before[k]) else float(before[k]),
                         float(after[k]),
-                        unit,
+                        unit
                     )
                     for k in worst[:MOST_NAMED].tolist()
-                ),
+                )
             )  # fmt: skip
         elif not own and part is not None and name in OF_U and not part.one_unit:
             yield result(None, f"{limit.quantity} has another unit in the base")

@@ -27,16 +27,16 @@ FORMAT_VERSION = 1
 DONE, GATE_FAILED, NOT_EVALUATED = 0, 1, 3  # exit statuses of a night
 REGRET_OF_LOSSES = "regret of losses"
 """Name of the regret in the history where it is one of losses, without unit; `regret` is in m/s."""
-GOOD = (DONE, NOT_EVALUATED)
+GOOD = DONE, NOT_EVALUATED
 """Exit statuses of a night in which no limit failed."""
 
 # fields of a `ScenarioResult` that the history keeps, in addition to its scores
 _KEPT = (
     "collision_probability", "collisions", "avoidable_collisions", "unavoidable_collisions",
     "caused_collisions",
-    "departures", "gave_up", "not_evaluated",
+    "departures", "gave_up", "not_evaluated"
 )  # fmt: skip
-_TABLES = ("nights", "quantities", "gates", "begun", "accepted", "shaky", "builds")
+_TABLES = "nights", "quantities", "gates", "begun", "accepted", "shaky", "builds"
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS begun (night TEXT PRIMARY KEY);
 CREATE TABLE IF NOT EXISTS nights (

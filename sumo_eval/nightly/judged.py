@@ -119,7 +119,7 @@ def judge_repeats(
             sentence += f"; not failed, because few or not new: {named}"
         yield GateResult(
             "repeats", ads, EVERYWHERE, False if lost else None if apart else True, sentence,
-            cases=tuple(apart), worst=tuple(apart.values())[:MOST_NAMED],
+            cases=tuple(apart), worst=tuple(apart.values())[:MOST_NAMED]
         )  # fmt: skip
 
 

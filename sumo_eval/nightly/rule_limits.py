@@ -34,7 +34,7 @@ WORDS = {name: (words, f" {unit}") for name, words, unit in MEASURES} | {
     "task_share": ("t_i", ""), "simulated_time": ("time of the drive", " s"),
     "human_likeness": ("H_i", ""), "index": ("D_i", ""), "latency_relative": ("latency", ""),
     "impact_speed": ("impact speed", " m/s"), "departure_speed": ("departure speed", " m/s"),
-    **{name: (name, " s") for name in (*TIMED[:-1], *_TIMES)},
+    **{name: (name, " s") for name in (*TIMED[:-1], *_TIMES)}
 }  # fmt: skip
 """Name and unit, after a space, of the columns that have a unit or that the rule watches."""
 
@@ -140,7 +140,7 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
                 sentence, float(number), 0.0,
                 tuple(bad)[:MOST_KEYS],
                 tuple(end_change(paired.base[k], paired.new[k], part.units)
-                      for k in [*bad.values()][:MOST_NAMED]),
+                      for k in [*bad.values()][:MOST_NAMED])
             )  # fmt: skip
 
 

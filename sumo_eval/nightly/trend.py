@@ -40,9 +40,9 @@ CHARTS = (
     ("run_time", "Run time of the cases", "s"),
 )
 """The charts in order: quantity of the history, title, unit."""
-COLOURS = ("var(--c)", "var(--actor)", "var(--d)", "var(--off)", "var(--muted)", "var(--bad)")
+COLOURS = "var(--c)", "var(--actor)", "var(--d)", "var(--off)", "var(--muted)", "var(--bad)"
 # 6 colours and 5 dashes repeat independently: the first 30 ADSs look different
-DASHES = ("", "7 3", "2 3", "9 3 2 3", "4 4")
+DASHES = "", "7 3", "2 3", "9 3 2 3", "4 4"
 # size and margins of a chart, in units of the SVG
 WIDTH, HEIGHT = 560, 210
 LEFT, RIGHT = 68, 36  # RIGHT: room for half of the last night's date
@@ -116,7 +116,7 @@ def write_trend(folder: Path, database: History) -> Path:
         accepted={acceptance.night: acceptance.words for acceptance in database.accepted()},
         builds=database.builds(),
         groups=[(scenario, charts(scenario, nights, values, gates)) for scenario in scenarios],
-        width=WIDTH, height=HEIGHT, left=LEFT, right=WIDTH - RIGHT, top=TOP, bottom=HEIGHT - BOTTOM,
+        width=WIDTH, height=HEIGHT, left=LEFT, right=WIDTH - RIGHT, top=TOP, bottom=HEIGHT - BOTTOM
     )  # fmt: skip
     return write_page(folder / TREND, page, "The trend page")
 

@@ -66,7 +66,7 @@ def check_lines(evaluation: Evaluation) -> Iterator[str]:
     yield f"{verdicts[PASSED]} of {count(number, 'case')} pass all checks of their scenarios:"
     shown: Iterable[CheckedCase] = checked_cases(evaluation)
     if number > MOST_LINES:
-        order = (FAILED, NOT_EVALUATED, PASSED)
+        order = FAILED, NOT_EVALUATED, PASSED
         shown = nsmallest(MOST_LINES, shown, key=lambda checked: order.index(checked.verdict))
     for checked in shown:
         why = f": {'; '.join(checked.missed)}" if checked.missed else ""

@@ -109,7 +109,7 @@ def _picture(pair: PairCoverage) -> dict[str, Any]:
             "opacity": f"{shade:z.2f}",
             "kind": "impossible" if points < 0 else "empty" if points == 0 else "hit",
             "words": "no possible point" if points < 0 else count(points, "point"),
-            "row": (x + 1, y + 1, None if points < 0 else points),
+            "row": (x + 1, y + 1, None if points < 0 else points)
         })  # fmt: skip
     return {
         "x": pair.x,

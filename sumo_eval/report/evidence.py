@@ -89,13 +89,13 @@ def evidence_of(evaluation: Evaluation) -> Evidence:
         "id": hashes[MANIFEST][:16], "name": evaluation.name, "folder": str(folder),
         "created": str(manifest.get("created", "")), "seed": str(evaluation.settings.seed),
         **{name: str(value) for part in ("versions", "machine")
-           for name, value in manifest.get(part, {}).items()},
+           for name, value in manifest.get(part, {}).items()}
     }  # fmt: skip
     claims = tuple(claim for score in evaluation.scores for claim in _claims(evaluation, score))
     return Evidence(
         run, hashes, qualification_sentence(manifest), holds(manifest),
         reference_sentence(evaluation.settings),
-        people_sentence(evaluation), claims,
+        people_sentence(evaluation), claims
     )  # fmt: skip
 
 
@@ -131,7 +131,7 @@ def _claim(
     """
     named = () if against is None else tuple(case.case for case in against[:MOST_CASES])
     return Claim(
-        f"{score.scenario}/{score.ads}/{kind}", score.ads, score.scenario, cases=named, **parts,
+        f"{score.scenario}/{score.ads}/{kind}", score.ads, score.scenario, cases=named, **parts
     )  # fmt: skip
 
 
@@ -145,7 +145,7 @@ def _complete(about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
                  "an outcome is named.",
         evidence=(f"{len(cases) - len(missing)} of {count(len(cases), 'case')} have an outcome "
                   "that counts.",),
-        against=missing,
+        against=missing
     )  # fmt: skip
 
 
@@ -165,7 +165,7 @@ def _collisions(
         return _claim(
             score, "collisions", claim=f"The collision share of {about} is known.", verdict="open",
             argument="An interval needs two evaluated cases with exposure.",
-            evidence=(f"{count(len(evaluated), 'case')} evaluated.",), against=hit,
+            evidence=(f"{count(len(evaluated), 'case')} evaluated.",), against=hit
         )  # fmt: skip
     share = risk.collision_probability
     return _claim(
@@ -180,11 +180,11 @@ def _collisions(
                  "frequent cases as tell as much.",
         evidence=(
             f"{count(len(hit), 'collision')} in {count(len(evaluated), 'evaluated case')}.",
-            f"As informative as {risk.effective_cases:z.1f} equally frequent cases.",
+            f"As informative as {risk.effective_cases:z.1f} equally frequent cases."
         ),
         interval={"estimate": share.value, "low": share.low, "high": share.high,
                   "level": share.level},
-        against=hit,
+        against=hit
     )  # fmt: skip
 
 
@@ -209,9 +209,9 @@ def _preventable(
             f"{count(row.better, 'case')} unpreventable for a skilled driver, preventable for the "
             "ADS.",
             f"{row.off_road} left the road, {row.gave_up} given up, {row.not_evaluated} not "
-            f"evaluated, of {count(row.cases, 'case')}.",
+            f"evaluated, of {count(row.cases, 'case')}."
         ),
-        against=cases[np.isin(verdicts(evaluation, score), ["preventable", "undecided"])],
+        against=cases[np.isin(verdicts(evaluation, score), ["preventable", "undecided"])]
     )  # fmt: skip
 
 
@@ -225,12 +225,12 @@ def _avoided(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
             argument="Where a car that does nothing hits no harder than the ideal vehicle, A is 1 "
                      "for every ADS.",
             evidence=(f"In none of {count(len(cases), 'case')} a car that does nothing does more "
-                      "harm.",),
+                      "harm.",)
         )  # fmt: skip
     if score.avoided_share is None or ends is None:
         return _claim(
             score, "avoided", claim=f"The avoided share A of {about} is known.", verdict="open",
-            argument="A needs evaluated cases, its interval two of them.",
+            argument="A needs evaluated cases, its interval two of them."
         )  # fmt: skip
     return _claim(
         score, "avoided",
@@ -246,7 +246,7 @@ def _avoided(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
         ),
         interval={"estimate": score.avoided_share, "low": ends[0], "high": ends[1],
                   "level": LEVEL},
-        against=cases[cases.avoidable],
+        against=cases[cases.avoidable]
     )  # fmt: skip
 
 
@@ -270,9 +270,9 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
                  "recorded trajectories.",
         evidence=(
             f"{passed} of {count(number, 'case')} pass all.",
-            *(f"{name}: {text}" for name, text in checks.items()),
+            *(f"{name}: {text}" for name, text in checks.items())
         ),
-        against=failed,
+        against=failed
     )  # fmt: skip
 
 

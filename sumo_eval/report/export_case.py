@@ -58,13 +58,13 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     line = f"{_importing(alone, source)}sumo-eval run {stem}.toml --out again"
     texts = case_files(
         concrete, settings.simulation, concrete.road.name, stem,
-        origin=f"{stem}.toml beside this file drives the whole case again.",
+        origin=f"{stem}.toml beside this file drives the whole case again."
     ) | {
         f"{stem}.xodr": opendrive_xml(concrete.road),
         f"{stem}.xosc": openscenario_xml(
             concrete, settings.simulation, f"{stem}.xodr", f"Run again: {line}", driven
         ),
-        f"{stem}.toml": to_toml(alone),
+        f"{stem}.toml": to_toml(alone)
     }  # fmt: skip
     columns, values = [*logical.names], [fact.values[name] for name in logical.names]
     if fact.exposure > 0.0:  # a sample whose exposures are all 0 is refused
@@ -93,8 +93,8 @@ def _evaluation(
 
 
 # settings that are paths of files, and those that may hold one, as `my_ads.py:MyAds`
-_PATHS = ("file", "files", "recordings", "cases", "qualification")
-_LOCATORS = ("use", "method", "controller", "source", "severity")
+_PATHS = "file", "files", "recordings", "cases", "qualification"
+_LOCATORS = "use", "method", "controller", "source", "severity"
 
 
 def absolute(value: Any, source: Path, name: str = "") -> Any:
@@ -120,7 +120,7 @@ def _importing(alone: EvaluationSettings, source: Path) -> str:
     """Prefix of the command: PYTHONPATH where modules next to the run's evaluation are needed."""
     named = (
         alone.scenario[0].use, alone.ads[0].controller, alone.drivers.source,
-        alone.method.collision.severity,
+        alone.method.collision.severity
     )  # fmt: skip
     modules = [
         module for module, colon, _ in (locator.rpartition(":") for locator in named) if colon

@@ -37,9 +37,9 @@ def headline(evaluation: Evaluation) -> Headline:
     """Answers to three questions, and an alarm for each ADS that needs one."""
     order = ranked(evaluation)
     behaviours = [behaviour_of(evaluation, ads.ads) for ads in order]
-    questions = ("Safety", "Human-likeness", "S+")
+    questions = "Safety", "Human-likeness", "S+"
     if len(order) > 1:
-        questions = ("Safest", "Most human", "Best by S+")
+        questions = "Safest", "Most human", "Best by S+"
     # without a ranking: `run.only` names different points for the ADSs
     texts = 3 * ("not known: the ADSs drove different points.",)
     if evaluation.ranking is not None:

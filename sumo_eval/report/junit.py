@@ -250,7 +250,7 @@ def _task_and_harm(case: CaseResult, unit: str) -> Iterator[str]:
     if case.gave_up:
         harm = severity_words(case.no_reaction_severity, unit, 2)
         yield f"giving up counts as doing nothing: U = {harm}"
-    parts = (("t of T", case.task_share), ("h of H", case.human_likeness))
+    parts = ("t of T", case.task_share), ("h of H", case.human_likeness)
     known = [f"{name} = {number(value, 3)}" for name, value in parts if value is not None]
     if known:
         yield ", ".join(known)

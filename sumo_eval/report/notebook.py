@@ -78,7 +78,7 @@ def case_html(case: CaseResult) -> str:
         "at": point_words(case.values),
         "zone": case.zone, "outcome": case.outcome, "U": number(case.severity, 3),
         "Ug": number(case.ideal_severity, 3), "D_i": number(case.index, 3),
-        "in H": number(case.human_likeness, 3),
+        "in H": number(case.human_likeness, 3)
     })  # fmt: skip
 
 

@@ -172,7 +172,7 @@ def score_note(note: ScoreNote) -> str:
             return _COUNTED[what].format(
                 number=counted, of=of, cases=count(counted, "case"),
                 hits=count(counted, "collision"),
-                of_points=count(of, "point"), of_hits=count(of, "collision"),
+                of_points=count(of, "point"), of_hits=count(of, "collision")
             )  # fmt: skip
         case PlausibleTo():
             return _plausibility_note(note)

@@ -14,7 +14,7 @@ from sumo_eval.input_file import read_input_text, taking_apart
 
 OPINION = "opinion.json"
 FIX = "Delete it, or ask again with: sumo-eval humans opinion."
-_COMPARED = ("S+", "A", "H", "S", "D", "C")
+_COMPARED = "S+", "A", "H", "S", "D", "C"
 """Scores that the opinion is compared with; a file of an earlier version may lack some."""
 
 

@@ -124,7 +124,7 @@ def _scenario(
         "bodies": drawn_bodies(logical.concrete(**cases[0].values)) if len(cases) else {},
         "view": {
             "x": view.x, "y": view.y, "panel": view.panel, "panels": view.panels,
-            "fixed": drawn.fixed, "slice": telling,
+            "fixed": drawn.fixed, "slice": telling
         },
         "maps": [
             zone_map(zones, drawn, panel) for panel in range(len(view.panels))
@@ -134,7 +134,7 @@ def _scenario(
         "mostDangerous": [
             {"values": logical.row(values).tolist()} for values in zones.most_dangerous
         ],
-        "cases": rows,
+        "cases": rows
     }  # fmt: skip
 
 
@@ -150,7 +150,7 @@ def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> dict[
         {
             "ads": group.ads, "kind": group.kind, "words": _group_words(group, logical),
             "ranges": group.ranges, "size": len(group.places),
-            "cases": [key for key in names[group.places].tolist() if key in keys],
+            "cases": [key for key in names[group.places].tolist() if key in keys]
         }
         for group in listed
     ]  # fmt: skip
@@ -174,7 +174,7 @@ _SHOWN = (
     "severity", "loss", "ideal_severity", "no_reaction_severity", "human_likeness",
     "likeness_length_factor", "operation_tolerance",
     "mixture_similarity", "plausibility", "weight", "index", "length_factor", "operation_factor",
-    "similarity", "clips",
+    "similarity", "clips"
 )  # fmt: skip
 """Fields of a case that the page holds unchanged."""
 
@@ -244,7 +244,7 @@ def drawn_road(road: Road) -> dict[str, Any]:
     """A road as pages draw it."""
     return {
         "end": road.length, "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes,
-        "laneWidth": road.lane_width, "line": drawn_line(road), **drawn_shape(road),
+        "laneWidth": road.lane_width, "line": drawn_line(road), **drawn_shape(road)
     }  # fmt: skip
 
 

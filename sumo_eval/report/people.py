@@ -88,10 +88,10 @@ def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
                     ("Reference too thin in {}.", band.thin),
                     ("{} outside the support of the recorded exposure.", band.outside),
                     ("In {} " + TWO_GROUPS, band.bimodal),
-                    ("In {} no driver made the ADS's manoeuvre.", band.unlike),
+                    ("In {} no driver made the ADS's manoeuvre.", band.unlike)
                 )
                 if cases
-            ],
+            ]
         }
         for band in driver_bands(evaluation)
     ]  # fmt: skip

@@ -59,12 +59,12 @@ def write_replay(
         "bodies": drawn_bodies(concrete),
         "views": views,
         "ghosts": ghosts,
-        "trajectories": encode_trajectories(trajectories),
+        "trajectories": encode_trajectories(trajectories)
     }  # fmt: skip
     page = template("replay.html.j2").render(
         title=f"{fact.driver} in {fact.scenario}", point=point_words(fact.values), case=fact.case,
         end=fact.end_reason or "", status=fact.status, drivers=len(ghosts), data=packed_json(data),
-        cause=cause_words(cause_of_contact(fact)) if fact.collision else "",
+        cause=cause_words(cause_of_contact(fact)) if fact.collision else ""
     )  # fmt: skip
     return write_page(path, page, "The replay")
 

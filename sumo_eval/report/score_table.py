@@ -16,9 +16,9 @@ from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
 
 AVOIDABLE, S_PLUS = "avoidable\nof all\ncollisions", "S+ (95 %)"
-FIRST = (AVOIDABLE, "T", "A'", "H", S_PLUS, "S")
+FIRST = AVOIDABLE, "T", "A'", "H", S_PLUS, "S"
 """Headings of the first table, after the ADS and the scenario."""
-KEPT_LONGEST = (S_PLUS, AVOIDABLE, "T", "A'", "H", "S")
+KEPT_LONGEST = S_PLUS, AVOIDABLE, "T", "A'", "H", "S"
 """The same headings by importance: a terminal with room for one column has the first."""
 FAULTS = (
     "caused\ncollisions",
@@ -29,7 +29,7 @@ FAULTS = (
 )
 MORE = (
     "cases", "unavoidable\ncollisions", *FAULTS, "T (95 %)", "A' (95 %)", "A (95 %)", "H (95 %)",
-    "C (95 %)", "D (95 %)", "S (95 %)",
+    "C (95 %)", "D (95 %)", "S (95 %)"
 )  # fmt: skip
 """Headings of the tables that `--all` adds."""
 BAD = frozenset((AVOIDABLE, *FAULTS))

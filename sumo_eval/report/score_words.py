@@ -304,6 +304,6 @@ def explain_s(findings: Findings) -> str:
     return f"S = {score.s:z.1f}: {c_term}, {d_term} of {terms.b:g} points{scaled}."
 
 
-EXPLAIN = (explain_t, explain_a, explain_h, explain_s_plus)
-EXPLAIN_PAPER = (explain_c, explain_d, explain_s)
+EXPLAIN = explain_t, explain_a, explain_h, explain_s_plus
+EXPLAIN_PAPER = explain_c, explain_d, explain_s
 """Functions that make the sentences on one ADS in one scenario, the paper's scores apart."""

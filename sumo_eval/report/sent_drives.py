@@ -28,7 +28,7 @@ from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
 
 CHANNEL_STEPS = {
     "time": 1e-3, "x": 1e-2, "y": 1e-3, "heading": 1e-4, "speed": 1e-2, "acceleration": 5e-2,
-    "steering_wheel_angle": 5e-3,
+    "steering_wheel_angle": 5e-3
 }  # fmt: skip
 """Channels of an embedded trajectory and what they are rounded to: s, m, m, rad, m/s, m/s2, rad.
 
@@ -134,7 +134,7 @@ def _drives(scenario: str, store: Store, embedded: Embedded, points: Mapping[str
             "embedded": is_embedded and (bool(recorded) or not store.is_discarded(case)),
             "vehicles": vehicles,
             "contact": fact and contact_of(fact, recorded[EGO]),
-            "drivers": driver_counts.get(number, 0),
+            "drivers": driver_counts.get(number, 0)
         })  # fmt: skip
     drivers: dict[int, list[int]] = {}
     for number in sorted(number for name, number in embedded.with_drivers if name == scenario):
@@ -202,7 +202,7 @@ def contact(
     )
     return {
         "time": time, "last": last, "other": hit.other, "side": hit.side,
-        "speed": round(hit.relative_speed, 3),
+        "speed": round(hit.relative_speed, 3)
     }  # fmt: skip
 
 

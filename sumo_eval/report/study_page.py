@@ -114,6 +114,6 @@ def write_parts(
         chart.figure.update_layout(title=None, width=None, template="none")
     page = template("study.html.j2").render(
         kicker=kicker, title=title, sentences=sentences, parts=parts, charts=charts,
-        figures=packed(f"[{','.join(chart.figure.to_json() for chart in charts)}]"),
+        figures=packed(f"[{','.join(chart.figure.to_json() for chart in charts)}]")
     )  # fmt: skip
     return write_page(path, page, "The page")

@@ -29,7 +29,7 @@ from sumo_eval.scoring.preventability import preventability, reference_ads
 from sumo_eval.text import cell, point_words
 
 CHECKS = "checks.csv"
-_ALSO = ("d_i", "departed", "gave_up", "incident_severity")
+_ALSO = "d_i", "departed", "gave_up", "incident_severity"
 """Columns behind the fields of `CaseResult`."""
 _IN_WORDS: dict[str, Callable[[CaseResult], str]] = {
     "index_note": index_note_words,
@@ -37,7 +37,7 @@ _IN_WORDS: dict[str, Callable[[CaseResult], str]] = {
     "exposure_note": exposure_note_words,
 }
 # the parameters come behind these, everything else behind the parameters
-_FIRST = ("case", "scenario", "ads")
+_FIRST = "case", "scenario", "ads"
 _REST = tuple(item.name for item in fields(CaseResult) if item.name not in (*_FIRST, "values"))
 
 

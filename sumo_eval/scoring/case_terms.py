@@ -39,7 +39,7 @@ Comparisons show one digit more.
 COMPUTED = (
     "c", "d", "s", "avoided_share", "avoided_share_exposure", "regret", "human_likeness",
     "task_share",
-    "avoidance_grade", "s_plus", "collision_probability",
+    "avoidance_grade", "s_plus", "collision_probability"
 )  # fmt: skip
 """Values that `scores_of` computes, by the names of `ScenarioResult`."""
 _SEVEREST = 100.0  # m/s, in the severest class of Eq. 14
@@ -157,7 +157,7 @@ def scores_of(
     values = (
         c, d, score_terms.paper_score(c, d, method.score), avoided, by_exposure,
         score_terms.regret(*harm[:2], terms.weight, counts), human, task, grade,
-        score_terms.ordering_score(task, grade, human, method.score), mean(contact),
+        score_terms.ordering_score(task, grade, human, method.score), mean(contact)
     )  # fmt: skip
     return dict(zip(COMPUTED, values, strict=True))
 
@@ -207,7 +207,7 @@ def missing_bounds(
     ]
     ordering = (
         "task_share", "avoided_share", "avoided_share_exposure", "avoidance_grade", "regret",
-        "human_likeness", "s_plus",
+        "human_likeness", "s_plus"
     )  # fmt: skip
     # cases by which each score may move
     moves = {"c": missing.unrated, "d": missing.unindexed}

@@ -13,13 +13,13 @@ from sumo_eval.errors import InputError
 from sumo_eval.results import Evaluation
 from sumo_eval.settings.config import to_plain
 
-HARMLESS = ("name", "ads", "run", "report")
+HARMLESS = "name", "ads", "run", "report"
 """Settings that change no case of an ADS that both runs have: the list of ADSs, how work is spread,
 how results are shown."""
 
 ABSENT = "not set"  # shown instead of the value that one of the runs does not have
-INPUTS = ("networks/", "routes/")  # folders of a run with SUMO's files
-SIMULATORS = ("libsumo", "sumo", "eclipse-sumo")
+INPUTS = "networks/", "routes/"  # folders of a run with SUMO's files
+SIMULATORS = "libsumo", "sumo", "eclipse-sumo"
 _FILE = "file of scenario "  # begins the name of a difference
 
 

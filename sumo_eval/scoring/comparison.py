@@ -416,7 +416,7 @@ def _cases_at(points: IntArray) -> tuple[IntArray, IntArray, IntArray]:
 
 _NOT_DRIVEN = frozenset((
     "case", "scenario", "ads", "values", "exposure", "weight", *TIMED,
-    "index_note", "reference_note", "batched",
+    "index_note", "reference_note", "batched"
 ))  # fmt: skip
 """Fields of a row that do not describe its drive, measured times, and fields with other than plain
 values."""

@@ -34,7 +34,7 @@ SIDEWAYS = 0.5
 """Least distance from its first y at which a vehicle counts as moved sideways, m."""
 HALF_WINDOWS = {
     "max_deceleration": 0.5, "max_jerk": 1.0, "max_unrest": 1.0, "max_lateral_speed": 0.5,
-    "max_lateral_acceleration": 1.0,
+    "max_lateral_acceleration": 1.0
 }  # fmt: skip
 """Half of the time window that an extreme is measured over, s; 0 for extremes not named here."""
 LEAST_SPREADS = {"speed": 1.0, "y": 0.2}

@@ -144,7 +144,7 @@ def drive_results(
         # a result depends on the point's references and on its own drive
         common = key_of(
             [hash_of(case) for case in others], road, margin, start.x, start.way, files,
-            method_sources(),
+            method_sources()
         )  # fmt: skip
         for fact in facts:
             keys[fact.case] = key_of(common, hash_of(fact.case))

@@ -56,14 +56,14 @@ def driver_bands(evaluation: Evaluation) -> Iterator[DriverBand]:
         all_drivers, recorded = known.sum(), np.nansum(own.recorded_drivers)
         in_each_case = (  # thin (a note says so), outside, bimodal, unlike: the last four fields
             [note is not None for note in own.reference_note], own.exposure_note != "",
-            own.bimodal, own.manoeuvre_share == 0.0,
+            own.bimodal, own.manoeuvre_share == 0.0
         )  # fmt: skip
         yield DriverBand(
             findings.score, low, mean, high,
             int(np.sum(own.index < own.human_low)), int(np.isfinite(own.human_mean).sum()),
             (int(known.min()), int(known.max())) if len(known) else (),
             float(recorded / all_drivers) if all_drivers else 0.0,
-            *(int(np.sum(it)) for it in in_each_case),
+            *(int(np.sum(it)) for it in in_each_case)
         )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import FloatArray, IntArray
 
 # kinds of failure by gravity; the first word of a kind decides its place
-GRAVEST_FIRST = ("caused", "avoidable", "collision", "not evaluated", "off road", "unavoidable")
+GRAVEST_FIRST = "caused", "avoidable", "collision", "not evaluated", "off road", "unavoidable"
 MOST_LINKED = 2_000  # failures of one kind that are compared pair by pair; more form one group
 # Failures in k parameters are neighbours if their distance in steps (`_step`) is at most this times
 # sqrt(k): one step in every parameter is a distance of sqrt(k), the rest is a margin.

@@ -23,13 +23,13 @@ from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
 _PACKAGE = Path(__file__).parent.parent
 # rooms and files of this package that scores depend on
-_ROOMS = ("drivers", "method", "record", "scenario", "scoring", "settings")
+_ROOMS = "drivers", "method", "record", "scenario", "scoring", "settings"
 _FILES = (
     "case_table.py", "cases.py", "coded.py", "evaluation.py", "results.py", "score_notes.py",
-    "trajectory.py",
+    "trajectory.py"
 )  # fmt: skip
 _READERS = "extras/openscenario"  # makes scenarios of files, as the room `scenario` does
-_COMPUTES = ("numpy", "scipy", "numba")  # libraries whose version may change a score
+_COMPUTES = "numpy", "scipy", "numba"  # libraries whose version may change a score
 
 
 @cache

@@ -117,7 +117,7 @@ class Scoring(NamedTuple):
             self.severity, self.store, self.cache, self.spread, self.progress,
             car=reference if recorded_with(self.store, reference) else "",
             outside=frozenset(kept.get("outside_support", ())),
-            edited=any(kept.get(name, "") not in ("", now) for name, now in today.items()),
+            edited=any(kept.get(name, "") not in ("", now) for name, now in today.items())
         )  # fmt: skip
 
     def _settings_in(self, scenario: str) -> EvaluationSettings:
@@ -181,7 +181,7 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
         score = combine(
             name, space.name, table, method,
             remark.notes(name, space, plausible.notes, struck, table),
-            people=overview.people, task_reference=space.car,
+            people=overview.people, task_reference=space.car
         )  # fmt: skip
         scores.append(with_counts(score, table, space.logical))
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 OF_RUNS = {
     drawing.__name__: drawing
     for drawing in (
-        zone_map, field, trajectories, time_history, collisions, boundary, intervals, points,
+        zone_map, field, trajectories, time_history, collisions, boundary, intervals, points
     )
 }  # fmt: skip
 """Name -> function that draws this figure of a scored run."""

@@ -192,7 +192,7 @@ def boundary(request: FigureRequest) -> Figure:
         marks.append(Marks(words, *_collision_stairs(own, zones), colour, line))
     panel = Panel(
         marks, "criticality y of the concrete scenario (0: the boundary, above: safe)",
-        "share of its collisions so far", range_=(-1.0, 1.0),
+        "share of its collisions so far", range_=(-1.0, 1.0)
     )  # fmt: skip
     figure = on_paper([panel], request.width, 0.52, words=label(scenario))
     for begin, colour in ((-1.0, HAZARDOUS), (0.0, SAFE)):
@@ -233,13 +233,13 @@ def field(request: FigureRequest) -> Figure:
         for ax, (name, drive), strength in zip(axes, drives.items(), values, strict=True):
             image = ax.pcolormesh(
                 east, north, strength, cmap="cividis", vmin=lowest, vmax=tallest, rasterized=True,
-                shading="gouraud",  # values are at nodes: on a curve the cells are uneven
+                shading="gouraud"  # values are at nodes: on a curve the cells are uneven
             )  # fmt: skip
             ax.plot(*map_places(scene.line, drive.x, drive.y)[:2], color="white", linewidth=0.8)
             ax.set(
                 title=label(name), ylabel=label("y", "m"), xlim=(east.min(), east.max()),
                 ylim=(north.min(), north.max()),
-                aspect="equal" if scene.line else "auto",  # a curve keeps its shape
+                aspect="equal" if scene.line else "auto"  # a curve keeps its shape
             )  # fmt: skip
         axes[-1].set_xlabel(label("x", "m"))
         figure.colorbar(image, ax=axes, label="field strength S", extend="max")

@@ -138,7 +138,7 @@ def _ledger_bar(ax: Axes, account: Ledger, line: int, legend: dict[str, str]) ->
     offset, side = (-2, "right") if end > 12.0 else (2, "left")
     ax.annotate(
         f"{end:.1f}", (end, line), xytext=(offset, 0), textcoords="offset points", ha=side,
-        va="center", fontsize=5.5, color="white",
+        va="center", fontsize=5.5, color="white"
     )  # fmt: skip
     lost = grouped((item.term, -item.points) for item in account.lines if item.points < 0.0)
     for term, losses in lost.items():

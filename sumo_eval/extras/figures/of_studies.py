@@ -23,7 +23,7 @@ from sumo_eval.nightly.history import GATE_FAILED, open_history
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-QUANTITIES = ("S+", "A", "H", "S", "C", "D")
+QUANTITIES = "S+", "A", "H", "S", "C", "D"
 """Scores that the trend shows, one panel each, where a night has them."""
 
 

@@ -26,8 +26,8 @@ ENDINGS = {"svg": {"Date": None}, "png": {}, "pdf": {"CreationDate": None}}
 """Ending of a figure's file -> its metadata: without a date, the same figure is the same bytes."""
 
 # one for each of `COLOURS`; `look_of` combines them
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
+MARKERS = "o", "s", "^", "D", "v", "P", "X", "*"
+LINES = "-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2))
 
 _SETTINGS = {
     "font.size": 7.5,

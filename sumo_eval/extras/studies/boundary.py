@@ -88,7 +88,7 @@ def find_boundary(
                 trial.status
                 for trial in trials.at(
                     points, logical, ("ads", controller), first=done,
-                    ended=lambda ended: watch(ended, budget),
+                    ended=lambda ended: watch(ended, budget)
                 )
             ]
         )  # fmt: skip

@@ -74,7 +74,7 @@ def boundary(
         with Progress(at_most=True) as progress:
             result = find_boundary(
                 logical, ads, trials, budget=budget, tolerance=tolerance, seed=seed,
-                watch=partial(progress, f"{logical.name}: {ads}"),
+                watch=partial(progress, f"{logical.name}: {ads}")
             )  # fmt: skip
         say(sentences(result, held))
         say(map(str, write_boundary(result, out, held)))

@@ -26,7 +26,7 @@ from sumo_eval.trajectory import FloatArray
 TRIALS, CHANCES = "trials.csv", "chances.csv"
 SUMMARY, PAGE = "boundary.json", "boundary.html"
 CELLS = 80  # on each axis of a map
-PANELS = (0.1, 0.3, 0.5, 0.7, 0.9)  # shares of the third parameter's range, one map each
+PANELS = 0.1, 0.3, 0.5, 0.7, 0.9  # shares of the third parameter's range, one map each
 SHARE_POINTS = 8_192  # evenly spread points with which shares of the space are measured
 MAP_WIDTH = 340  # px on the page, of each of several maps
 

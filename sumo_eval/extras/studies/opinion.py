@@ -175,7 +175,7 @@ def opinion_panels(run: Path) -> list[Panel]:
             "", [row["opinion"] for row in rows], [row["scores"][name] for row in rows],
             COLOURS[0], marker="o",
             spread=[row["deviation"] for row in rows],
-            words=[f"{row['ads']}, {row['scenario']}" for row in rows],
+            words=[f"{row['ads']}, {row['scenario']}" for row in rows]
         )  # fmt: skip
         title = f"{name} (no correlation)" if rho is None else f"{name} (rho {rho:z.2f}{within})"
         panels.append(
@@ -191,5 +191,5 @@ def write_opinion(opinion: Opinion, run: Path, page: Path) -> None:
     write_study(
         page, kicker=run.name, title=title, sentences=(),
         figures={title: on_page(opinion_panels(run), 4, 700)},  # 4 in a row, 700 px in all
-        least_width=1000,
+        least_width=1000
     )  # fmt: skip

@@ -28,7 +28,7 @@ from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.checked import hints_of
 from sumo_eval.trajectory import FloatArray
 
-FACTORS = (1.0, 0.5, 2.0)  # of the value with which the run was scored
+FACTORS = 1.0, 0.5, 2.0  # of the value with which the run was scored
 _SETTING_OF = {
     "k1": "method.anthropomorphic.field.k1",
     "k2": "method.anthropomorphic.field.k2",
@@ -57,7 +57,7 @@ fields of its arguments.
 
 # The bands of the drivers' own scores take long and are not used here: slices of 100 m are enough.
 _COARSE_BANDS = "method.anthropomorphic.band_slice_spacing=100.0"
-_VALUES_OF_A = (10.0, 25.0, 50.0, 75.0, 90.0)  # points for collision avoidance, of 100
+_VALUES_OF_A = 10.0, 25.0, 50.0, 75.0, 90.0  # points for collision avoidance, of 100
 _PANELS_ACROSS = 4
 _PANEL_WIDTH, _PANEL_HEIGHT, _MARGIN = 260, 240, 80  # px
 

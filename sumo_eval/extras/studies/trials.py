@@ -77,7 +77,7 @@ class Trials:
         cases = [
             with_fingerprint(
                 Case(number, concrete, "ads", *ads),
-                recorder.setup.simulation, self.identities[ads[1]], harness_identity(),
+                recorder.setup.simulation, self.identities[ads[1]], harness_identity()
             )
             for number, concrete in enumerate(logical.concretes(points), first)
         ]  # fmt: skip

@@ -33,7 +33,7 @@ Wish = Annotated[bool, _strict(ge=True)]
 Remark = Annotated[str, AfterValidator(lambda text: clean(text, REMARK))]
 Sent = tuple[
     Count, Annotated[int, _strict(ge=-1)], Literal["keys", "wheel", "stick"],
-    Annotated[int, _strict(ge=0, le=EVERY_KEY)], Steer, Pedal, Pedal,
+    Annotated[int, _strict(ge=0, le=EVERY_KEY)], Steer, Pedal, Pedal
 ]  # fmt: skip
 """An input: its running number, number of the state that the person saw (-1: none yet), kind, keys,
 steer, throttle, brake."""

@@ -108,11 +108,11 @@ def collect(plan: StudyPlan) -> StudyResult:
     )
     counts: dict[str, Any] = {
         "people": len(people), "with_drives": with_drives, "drives": len(rows), "ratings": ratings,
-        "drawn": dict(drawn),
+        "drawn": dict(drawn)
     }  # fmt: skip
     summary = {
         "study": plan.settings.name, **counts, "left_out": [it._asdict() for it in left],
-        "quality": asdict(plan.settings.quality),
+        "quality": asdict(plan.settings.quality)
     }  # fmt: skip
     write_json(drives / STUDY, summary, "The summary")
     tables = (plan.folder / name for name in ("ratings.csv", "left_out.csv"))
@@ -230,7 +230,7 @@ def evaluation_of(plan: StudyPlan, people: int) -> str:
     settings = absolute(read_settings(plan.run), Path(read_manifest(plan.run)["source_folder"]))
     drivers = replace(
         settings.drivers, source="recorded", recordings=(), cases=str(plan.folder / DRIVES),
-        least=max(math.ceil(LEAST_SHARE * people), 2), too_thin="leave_out",
+        least=max(math.ceil(LEAST_SHARE * people), 2), too_thin="leave_out"
     )  # fmt: skip
     # an exposure without recordings of its own used those of the old drivers
     scenarios = tuple(

@@ -38,7 +38,7 @@ def page(title: str) -> str:
     )
     return template.render(
         title=title, css=_own("drive.css") + asset("replay.css"), field_js=asset("field.js"),
-        scene_js=asset("scene3d.js"), replay_js=asset("replay.js"), drive_js=_own("drive.js"),
+        scene_js=asset("scene3d.js"), replay_js=asset("replay.js"), drive_js=_own("drive.js")
     )  # fmt: skip
 
 
@@ -75,7 +75,7 @@ def replay(
         "bodies": drawn_bodies(concrete),
         "views": [{"name": name, "vehicles": {it: k for k, it in enumerate(vehicles)},
             "contact": contact(collision, vehicles[EGO])}],
-        "trajectories": encode_trajectories(list(vehicles.values())),
+        "trajectories": encode_trajectories(list(vehicles.values()))
     }  # fmt: skip
 
 

@@ -144,7 +144,7 @@ def timing(tape: Tape, tellings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "behind_p95_steps": _quantile(_steps_behind(tape), 0.95),
         "resolution": tellings[-1]["resolution"] if tellings else None,
         # all that were used, in order, each once
-        "renderer": ", then ".join(dict.fromkeys(it["renderer"] for it in tellings)) or None,
+        "renderer": ", then ".join(dict.fromkeys(it["renderer"] for it in tellings)) or None
     }  # fmt: skip
 
 

@@ -173,5 +173,5 @@ def state_of(tick: int, answered: int, angle: float, seen: Observation) -> list[
     return [
         tick, round(seen.time, 6), answered,
         [ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, angle],
-        [[it.number, it.x, it.y, it.heading, it.speed, it.acceleration] for it in actors],
+        [[it.number, it.x, it.y, it.heading, it.speed, it.acceleration] for it in actors]
     ]  # fmt: skip

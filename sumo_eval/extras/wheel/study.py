@@ -214,7 +214,7 @@ async def steps_of(window: Window, plan: StudyPlan, person: Participant) -> str:
             await asked_of(
                 window,
                 sheet("Time for a break", f"{number} of {count} drives are done. Continue when you "
-                      "like.", buttons=[CONTINUE]),
+                      "like.", buttons=[CONTINUE])
             )  # fmt: skip
         await own_drive(window, plan, person, case, f"Drive {number + 1} of {count}")
     replays = plan.ratings(person.code)
@@ -290,7 +290,7 @@ async def own_drive(
     settings = settings_at(plan.settings.rate)
     view = drive_view(
         case.concrete, settings, title,
-        (TASK, f"Your speed: about {3.6 * case.concrete.ego.speed:.0f} km/h, as traffic allows."),
+        (TASK, f"Your speed: about {3.6 * case.concrete.ego.speed:.0f} km/h, as traffic allows.")
     )  # fmt: skip
     button = "again"
     while button == "again":
@@ -337,7 +337,7 @@ async def rate(
         window,
         sheet(title, "Watch the blue car, as often as you like, from where you like.",
               replay=replay(case.concrete, "the blue car", vehicles, fact.collision),
-              questions=[scale(it) for it in questions], buttons=[CONTINUE]),
+              questions=[scale(it) for it in questions], buttons=[CONTINUE])
     )  # fmt: skip
     person.finish(f"rate:{case.key}:{ads}", case=case.key, ads=ads, scenario=fact.scenario,
                   answers=answers)  # fmt: skip

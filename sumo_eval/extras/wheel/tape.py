@@ -33,7 +33,7 @@ from sumo_eval.trajectory import CHANNELS, Recording
 
 FORMAT = 1
 OWN_WISH = "quit"  # reason why a drive ended early: the driver's own wish
-ROW = ("acceleration", "steering", "seen", "kind", "keys", "steer", "throttle", "brake", "late")
+ROW = "acceleration", "steering", "seen", "kind", "keys", "steer", "throttle", "brake", "late"
 """Columns of a tape, a row for each step.
 
 acceleration, steering: the command, m/s2 and rad.
@@ -153,21 +153,21 @@ def head_of(
     # all settings but these have their defaults in a person's drive, or come from the scenario
     kept = (
         "step", "record_interval", "time_limit", "standstill_speed", "standstill_time",
-        "lane_change_duration",
+        "lane_change_duration"
     )  # fmt: skip
     return {
         "scenario": concrete.scenario,
         "values": dict(concrete.values),
         "simulation": {
             **{name: getattr(settings, name) for name in kept},
-            "vehicle": asdict(settings.vehicle),
+            "vehicle": asdict(settings.vehicle)
         },
         **more,
         "begun": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {
             "sumo_eval": version("sumo_eval"), "libsumo": version("libsumo"),
-            "python": sys.version.split()[0],
-        },
+            "python": sys.version.split()[0]
+        }
     }  # fmt: skip
 
 

@@ -29,13 +29,13 @@ from sumo_eval.trajectory import Recording
 if TYPE_CHECKING:
     from sumo_eval.extras.wheel.window import Window
 
-RATES = (20, 50, 100)  # Hz
+RATES = 20, 50, 100  # Hz
 TASK = "Drive as you would drive your own car. The road ahead ends by itself."
 ENDS = {
     "contact": "You touched another vehicle.", "standstill": "You stood still.",
     "road_end": "You have reached the end of the road.", "off_road": "You have left the road.",
     "time_limit": "The time is over.", "quit": "The drive was ended before its end.",
-    "sim_error": "The simulation stopped by a fault of its own.",
+    "sim_error": "The simulation stopped by a fault of its own."
 }  # fmt: skip
 
 
@@ -97,7 +97,7 @@ async def one_drive(
         end = {
             "reason": recording.end_reason,
             "error": recording.error or (OWN_WISH if recording.end_reason == "quit" else None),
-            "digest": digest(recording), "time": figures, "quality": asdict(quality),
+            "digest": digest(recording), "time": figures, "quality": asdict(quality)
         }  # fmt: skip
         writer.line({"end": end})
     finally:

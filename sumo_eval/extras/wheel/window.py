@@ -94,7 +94,7 @@ class Window:
         self._server = await serve(
             self._talk, sock=self._listening, process_request=self._respond,
             max_size=LARGEST, max_queue=64, compression=None, ping_interval=5.0, ping_timeout=15.0,
-            open_timeout=SILENT, close_timeout=2.0, server_header=None,
+            open_timeout=SILENT, close_timeout=2.0, server_header=None
         )  # fmt: skip
         return self
 
@@ -307,6 +307,6 @@ def _response(status: HTTPStatus, text: str, kind: str = "plain", policy: str = 
         "Connection": "close", "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff",
         "Referrer-Policy": "no-referrer", "Cross-Origin-Opener-Policy": "same-origin",
         "Cross-Origin-Resource-Policy": "same-origin",
-        "Content-Security-Policy": policy or "default-src 'none'; frame-ancestors 'none'",
+        "Content-Security-Policy": policy or "default-src 'none'; frame-ancestors 'none'"
     })  # fmt: skip
     return Response(status.value, status.phrase, headers, content)

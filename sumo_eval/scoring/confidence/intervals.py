@@ -376,7 +376,7 @@ class UnseenCollisions(NamedTuple):
         collision, the share 1 - (1 - p)^points.
         """
         chance = np.minimum(unseen / max(self.points, 1), 1.0)
-        names = ("avoided_share", "avoided_share_exposure", "regret", "c")
+        names = "avoided_share", "avoided_share_exposure", "regret", "c"
         losses = {}
         # strict=False: C has no sums after a collision
         for name, over, under in zip(names, sums[::2], sums[1::2], strict=False):

@@ -77,7 +77,7 @@ def rank(
             RankedAds(
                 name, place, totals[name], ends,
                 a_points=means.of(score.a_points for score in weighted_results),
-                h_points=means.of(score.h_points for score in weighted_results),
+                h_points=means.of(score.h_points for score in weighted_results)
             )
         )  # fmt: skip
     rows += [

@@ -18,7 +18,7 @@ from sumo_eval.record.run_folder import versions_and_machine
 from sumo_eval.report.page import template, write_json, write_page
 
 FORMAT_VERSION = 1
-ENTRIES = ("kind", "name", "source", "expected", "found", "bound", "unit", "passed", "error")
+ENTRIES = "kind", "name", "source", "expected", "found", "bound", "unit", "passed", "error"
 """Keys of a check in `qualification.json`, in their order."""
 PURPOSE = (
     "Shows on this machine that this installation of sumo_eval finds known answers: outcomes of "
@@ -114,7 +114,7 @@ class Qualification(NamedTuple):
             "format_version": FORMAT_VERSION, "created": self.created, "purpose": PURPOSE,
             "domain": DOMAIN, "limits": LIMITS, "passed": not self.failed,
             "versions": self.versions, "machine": self.machine,
-            "checks": [finding.plain() for finding in self.findings],
+            "checks": [finding.plain() for finding in self.findings]
         }  # fmt: skip
 
 
@@ -130,7 +130,7 @@ def qualify(checks: Iterable[Check], watch: Callable[[str, int, int], None]) -> 
         watch(check.kind, number, len(listed))
         findings.append(carry_out(check))
     watch(listed[-1].kind, len(listed), len(listed))
-    packages = ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn", "numba")
+    packages = "sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn", "numba"
     return Qualification(
         tuple(findings),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -175,7 +175,7 @@ def write_qualification(qualification: Qualification, folder: Path) -> tuple[Pat
     page, plain = folder / "qualification.html", folder / "qualification.json"
     text = template("qualification.html.j2").render(
         qualification=qualification, kinds=qualification.kinds, purpose=PURPOSE, domain=DOMAIN,
-        limits=LIMITS, shown=shown,
+        limits=LIMITS, shown=shown
     )  # fmt: skip
     write_page(page, text, "The qualification")
     write_json(plain, qualification.plain(), "The qualification")

@@ -25,18 +25,18 @@ CONSENSUS = (
     (
         "cut_in", "cut-in {} to {} km/h, {} m/s, {} m",
         {"ego_speed": 3.6, "cut_in_speed": 3.6, "lateral_speed": 1.0, "gap": 1.0},
-        ((40, 10, 1.2, 18, 26), (60, 30, 1.2, 18, 26), (100, 70, 1.6, 18, 22)),
+        ((40, 10, 1.2, 18, 26), (60, 30, 1.2, 18, 26), (100, 70, 1.6, 18, 22))
     ),
     (
         "r157_cut_out", "cut-out {} km/h, {} m/s, {} m",
         {"ego_speed": 3.6, "lateral_speed": 1.0, "obstacle_gap": 1.0},
-        ((70, 1.0, 5, 20), (90, 1.5, 20, 30), (130, 1.5, 50, 75)),
+        ((70, 1.0, 5, 20), (90, 1.5, 20, 30), (130, 1.5, 50, 75))
     ),
     (
         "front_vehicle_braking", "lead brakes {} km/h, {} s, {} g",
         {"ego_speed": 3.6, "headway": 1.0, "lead_deceleration": 1.0 / 9.81},  # in g
-        ((30, 1, 0.9, 0.4), (60, 1, 0.9, 0.5), (120, 1, 0.8, 0.6)),
-    ),
+        ((30, 1, 0.9, 0.4), (60, 1, 0.9, 0.5), (120, 1, 0.8, 0.6))
+    )
 )  # fmt: skip
 """Rows of UN R157, for each of three scenarios:
 
@@ -45,7 +45,7 @@ its parameters, each with the divisor that makes SI units of a row's value (3.6:
 rows: values of all parameters but the last, then two neighbouring values of the last, one with
 contact and one without.
 """
-DISTANCES = ((130, 100, 42.7), (130, 80, 59.9), (120, 100, 35.1), (100, 80, 29.6))
+DISTANCES = (130, 100, 42.7), (130, 80, 59.9), (120, 100, 35.1), (100, 80, 29.6)
 """Rows of UN R79: speed of the vehicle behind and of the ego, km/h; distance S, m."""
 TABLE = (
     (SEATED, (0.48, 0.71, 0.94, 1.18, 1.41, 1.64)),
@@ -104,7 +104,7 @@ def _rest(ego: float, faster: float, gap: float) -> float:
         "end": {"x": 600.0, "time": 8.0},
         "parameter": [{"name": "gap", "unit": "m", "low": 10.0, "high": 90.0, "step": 10.0}],
         "vehicle": [{"name": "rear", "speed": ego + faster, "gap_behind": "gap",
-            "manoeuvre": [brakes]}],
+            "manoeuvre": [brakes]}]
     }  # fmt: skip
     recording = drive(scenario_from(content, "un_r79", Path()).concrete(gap=gap), "no_reaction")
     return float(recording.ego.x[-1] - recording.actors["rear"].x[-1] - LENGTH) / ego
@@ -116,13 +116,13 @@ def un_r79() -> Rows:
         ego, faster = own / 3.6, (rear - own) / 3.6
         yield (
             f"S, {rear} behind {own} km/h", _margin,
-            (ego, faster), distance, "dv 0.4 s + dv^2 / (2 * 3 m/s2) + v * 1 s", 0.06, "m",
+            (ego, faster), distance, "dv 0.4 s + dv^2 / (2 * 3 m/s2) + v * 1 s", 0.06, "m"
         )  # fmt: skip
         if number < 2:  # two drives through SUMO are enough
             s = faster * 0.4 + faster * faster / 6.0 + ego
             yield (
                 f"left of S, {rear} behind {own} km/h", _rest,
-                (ego, faster, s), 1.0, "1 s is left of a gap of S", 1e-6, "s",
+                (ego, faster, s), 1.0, "1 s is left of a gap of S", 1e-6, "s"
             )  # fmt: skip
 
 

@@ -140,7 +140,7 @@ def closed_forms() -> Rows:
     gap = float(required_gap(25.0, **brakes)) + 0.1
     yield (
         "ideal braking, 0.1 m more than it needs", impact,
-        (behind(25.0, 0.0, gap), "ideal_braking"), 0.0, "`required_gap`", 0.0, "m/s",
+        (behind(25.0, 0.0, gap), "ideal_braking"), 0.0, "`required_gap`", 0.0, "m/s"
     )  # fmt: skip
 
     source = "closed form, as a number"
@@ -153,7 +153,7 @@ def closed_forms() -> Rows:
     yield (
         "no reaction behind a braking lead", impact,
         (behind(25.0, 25.0, 10.0, 5.0), "no_reaction"), math.sqrt(100.0),
-        "sqrt(2 d a), d = 10 m, a = 5 m/s2", 0.1, "m/s",
+        "sqrt(2 d a), d = 10 m, a = 5 m/s2", 0.1, "m/s"
     )  # fmt: skip
     # The ego brakes as hard as the lead, but builds this deceleration a up over T: it travels
     # v T / 2 - a T^2 / 24 further.
@@ -162,7 +162,7 @@ def closed_forms() -> Rows:
         "as hard as the lead: gap that is left", least_gap,
         (behind(25.0, 25.0, 20.0, STRENGTH), "ideal_braking", until_both_stand),
         20.0 - 25.0 * BUILD_UP / 2.0 + STRENGTH * BUILD_UP**2 / 24.0,
-        "d - v T / 2 + a T^2 / 24, d = 20 m, v = 25 m/s", 0.05, "m",
+        "d - v T / 2 + a T^2 / 24, d = 20 m, v = 25 m/s", 0.05, "m"
     )  # fmt: skip
 
 
@@ -202,12 +202,12 @@ def equations() -> Rows:
     yield (
         "severity of an offset collision", impact_severity,
         # velocities of ego and obstacle, overlap of the ego's width
-        ((12.0, 0.0), (9.0, 4.0), 0.5), 10.0, "Eq. 15: |(3, -4)| / 0.5", 1e-12, "m/s",
+        ((12.0, 0.0), (9.0, 4.0), 0.5), 10.0, "Eq. 15: |(3, -4)| / 0.5", 1e-12, "m/s"
     )  # fmt: skip
     yield (
         "C of two collisions", collision_avoidance_index,
         # U, U of the ideal vehicle, weight r
-        ([10.0, 16.0], [5.0, 4.0], [1.0, 3.0]), 0.3125, "Eq. 17: (1 * 5/10 + 3 * 4/16) / 4", 1e-12,
+        ([10.0, 16.0], [5.0, 4.0], [1.0, 3.0]), 0.3125, "Eq. 17: (1 * 5/10 + 3 * 4/16) / 4", 1e-12
     )  # fmt: skip
     yield "C without a collision", collision_avoidance_index, ([], [], []), 1.0, "Eq. 17"
     yield "S of C = 0.8 and D = 0.6", _score, (0.8, 0.6), 70.0, "Eq. 18: 50 * 0.8 + 50 * 0.6", 1e-12
@@ -319,26 +319,26 @@ def traps() -> Rows:
     yield (
         "a start 1 m behind is not delayed", _sample,
         ("x", 0, behind(20.0, 10.0, 1.0), rolls), EGO_X,
-        "libsumo inserts it seconds later", 1e-9, "m",
+        "libsumo inserts it seconds later", 1e-9, "m"
     )  # fmt: skip
     # bodies of 1.8 m whose middles are 1.5 m apart, each in its own lane
     other = Actor("other", Start(EGO_X + 1.0, 2.4, 20.0))
     across = ConcreteScenario("qualification", {}, 1.0, ROAD, Start(EGO_X, 0.9, 20.0), (other,))
     yield (
         "bodies touch across a lane line", _end,
-        (across, rolls), "contact", "getCollisions does not see them",
+        (across, rolls), "contact", "getCollisions does not see them"
     )  # fmt: skip
     free = behind(20.0, 20.0, 100.0)
     yield (
         "speed mode 0 stops nothing at once", _sample,
         ("speed", -1, free, _stop), 15.5,  # 9 m/s2 for 0.5 s from 20 m/s
-        "libsumo brakes with 400 m/s2", 1e-6, "m/s",
+        "libsumo brakes with 400 m/s2", 1e-6, "m/s"
     )  # fmt: skip
     yield (
         "a command that is not a number", _end,
-        (free, lambda *_: Command(math.nan)), "ads_error", "libsumo takes nan silently",
+        (free, lambda *_: Command(math.nan)), "ads_error", "libsumo takes nan silently"
     )  # fmt: skip
     yield (
         "a simulation leaves nothing behind", _difference_of_repetition,
-        (), 0.0, "one process, two drives in order", 0.0, "m",
+        (), 0.0, "one process, two drives in order", 0.0, "m"
     )  # fmt: skip
