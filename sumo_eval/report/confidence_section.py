@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from sumo_eval.report.page import CONFIDENCE, write_json
+from sumo_eval.report.page import CONFIDENCE, Json, write_json
 from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
@@ -28,7 +27,7 @@ def write_confidence(confidence: Confidence, folder: Path) -> Path:
     return write_json(folder / CONFIDENCE, confidence_json(confidence), "The confidence")
 
 
-def confidence_json(confidence: Confidence) -> dict[str, Any]:
+def confidence_json(confidence: Confidence) -> Json:
     """All that the section shows, except its pictures, in plain values."""
     return {
         "scores": [
@@ -39,7 +38,7 @@ def confidence_json(confidence: Confidence) -> dict[str, Any]:
     }
 
 
-def confidence_content(evaluation: Evaluation, additions: Additions) -> dict[str, Any] | None:
+def confidence_content(evaluation: Evaluation, additions: Additions) -> Json | None:
     """Content of templates/sections/confidence.html.j2; None where it was not assessed."""
     confidence = additions.confidence
     if confidence is None:
@@ -53,8 +52,8 @@ def confidence_content(evaluation: Evaluation, additions: Additions) -> dict[str
     }
 
 
-def _further(item: Assessment, confidence: Confidence) -> dict[str, Any]:
-    plain: dict[str, Any] = {"ads": item.ads, "scenario": item.scenario}
+def _further(item: Assessment, confidence: Confidence) -> Json:
+    plain: Json = {"ads": item.ads, "scenario": item.scenario}
     further = item.further
     if further is None or "s" not in item.sources or not len(further.points):
         return plain | {"points": []}
@@ -73,7 +72,7 @@ def _further(item: Assessment, confidence: Confidence) -> dict[str, Any]:
     }
 
 
-def _space(name: str, item: SpaceCoverage) -> dict[str, Any]:
+def _space(name: str, item: SpaceCoverage) -> Json:
     hit, possible = item.pairs_hit
     return {
         "name": name,
@@ -91,7 +90,7 @@ def _space(name: str, item: SpaceCoverage) -> dict[str, Any]:
     }
 
 
-def _picture(pair: PairCoverage) -> dict[str, Any]:
+def _picture(pair: PairCoverage) -> Json:
     """Cells of one pair's heat map, y upwards: darker is more cases, white none, hatched
     impossible.
 
@@ -121,11 +120,11 @@ def _picture(pair: PairCoverage) -> dict[str, Any]:
     }
 
 
-def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> dict[str, Any]:
+def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> Json:
     """One ADS in one scenario: its intervals by score, `SCORE_half_width_by_source`, the fields of
     `CollisionRisk`, `further_cases`.
     """
-    plain: dict[str, Any] = {"ads": item.ads, "scenario": item.scenario, "reason": item.reason}
+    plain: Json = {"ads": item.ads, "scenario": item.scenario, "reason": item.reason}
     plain |= {name: asdict(interval) for name, interval in item.intervals.items()}
     plain |= {f"{name}_half_width_by_source": dict(parts) for name, parts in item.sources.items()}
     if item.risk is not None:
@@ -141,7 +140,7 @@ def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> dict[str, Any
     return plain
 
 
-def _coverage_json(item: SpaceCoverage) -> dict[str, Any]:
+def _coverage_json(item: SpaceCoverage) -> Json:
     hit, possible = item.pairs_hit
     return {
         "buckets": {name: {"hit": got, "possible": of} for name, (got, of) in item.buckets.items()},

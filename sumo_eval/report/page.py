@@ -34,6 +34,9 @@ CONFIDENCE = "confidence.json"  # the confidence in the scores, for other tools
 LEVEL = 6  # of deflating: 9 takes five times as long for a page that is 2 % smaller
 _TEMPLATES = "sumo_eval.report"  # package that has the folder `templates`
 
+Json = dict[str, Any]
+"""An object of JSON, for a page or a file."""
+
 
 def write_page(path: Path, page: str, what: str) -> Path:
     """Write a page and return its path.

@@ -9,14 +9,13 @@ import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from math import isfinite
-from typing import Any
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import CaseResult
 from sumo_eval.groups import grouped
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report.notes import index_note_words, why_missing
-from sumo_eval.report.page import packed_bytes
+from sumo_eval.report.page import Json, packed_bytes
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, SentDrives
 from sumo_eval.report.words import LOOKS, MEASURES, cause_words, count, end_reason
 from sumo_eval.results import Evaluation
@@ -40,7 +39,7 @@ def page_data(
     partitions: Mapping[str, ZonePartition],
     embedded: Mapping[str, Sequence[EmbeddedCase]],
     sent_drives: Callable[[], SentDrives],
-) -> dict[str, Any]:
+) -> Json:
     """Everything the page draws, as plain JSON values.
 
     embedded: the cases of the page, by scenario.
@@ -65,7 +64,7 @@ def page_data(
     }
 
 
-EmbeddedCase = tuple[CaseResult, dict[str, Any]]
+EmbeddedCase = tuple[CaseResult, Json]
 """A case that the page has, and what the page says of it in addition to its row."""
 
 
@@ -97,7 +96,7 @@ def embedded_cases(
 
 def _scenario(
     evaluation: Evaluation, zones: ZonePartition, embedded: Sequence[EmbeddedCase]
-) -> dict[str, Any]:
+) -> Json:
     """All that the page has of a scenario, except its drives."""
     logical = zones.logical
     cases = evaluation.cases_in(logical.name)
@@ -138,7 +137,7 @@ def _scenario(
     }  # fmt: skip
 
 
-def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> dict[str, Any]:
+def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> Json:
     """Groups of failures, at most MOST_GROUPS of each ADS, and how many more there are.
 
     keys: of the cases that the page has. A group names only these, but its size counts all.
@@ -179,7 +178,7 @@ _SHOWN = (
 """Fields of a case that the page holds unchanged."""
 
 
-def _case(case: CaseResult, row: FloatArray) -> dict[str, Any]:
+def _case(case: CaseResult, row: FloatArray) -> Json:
     """One case; the page computes none of this again."""
     measures = [(label, getattr(case, name), unit) for name, label, unit in MEASURES]
     return {name: getattr(case, name) for name in _SHOWN} | {
@@ -216,13 +215,13 @@ def gathered_words(view: View) -> str:
     return f"Each case is drawn in the panel whose {view.names[view.panel]} is nearest to its own."
 
 
-def zone_map(zones: ZonePartition, view: View, panel: int) -> dict[str, Any]:
+def zone_map(zones: ZonePartition, view: View, panel: int) -> Json:
     """The zones at the corners of cells over x and y (y slowest)."""
     axes, points = map_points(zones.logical, view, panel)
     return axes | _packed(zones, points)
 
 
-def lattice(zones: ZonePartition) -> dict[str, Any] | None:
+def lattice(zones: ZonePartition) -> Json | None:
     """The zones on a lattice over the whole space, from which the page draws any slice; None where
     the space has no lattice.
     """
@@ -232,7 +231,7 @@ def lattice(zones: ZonePartition) -> dict[str, Any] | None:
     return {"size": points.size} | _packed(zones, points.rows)
 
 
-def _packed(zones: ZonePartition, points: FloatArray) -> dict[str, Any]:
+def _packed(zones: ZonePartition, points: FloatArray) -> Json:
     gp, exact, *rooms = (packed_bytes(it.tobytes()) for it in zone_levels(zones, points))
     return {"gp": gp, "exact": exact, "rooms": rooms}
 
@@ -240,7 +239,7 @@ def _packed(zones: ZonePartition, points: FloatArray) -> dict[str, Any]:
 # --- roads ----------------------------------------------------------------------------------------
 
 
-def drawn_road(road: Road) -> dict[str, Any]:
+def drawn_road(road: Road) -> Json:
     """A road as pages draw it."""
     return {
         "end": road.length, "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes,
@@ -248,7 +247,7 @@ def drawn_road(road: Road) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def drawn_shape(road: Road) -> dict[str, Any]:
+def drawn_shape(road: Road) -> Json:
     """Parts of a road without the same lanes throughout, as pages draw it.
 
     gone: where an outermost lane is missing, four points [x, y], m, of which the last three are the

@@ -22,7 +22,7 @@ from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import CaseResult
 from sumo_eval.record.cases import Role
 from sumo_eval.record.store import EGO, Fact, Store, open_store
-from sumo_eval.report.page import LEVEL, packed_bytes
+from sumo_eval.report.page import LEVEL, Json, packed_bytes
 from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
 
@@ -189,7 +189,7 @@ def worth_embedding(
 
 def contact(
     hit: Collision | None, ego: Trajectory | None, last: float | None = None
-) -> dict[str, Any] | None:
+) -> Json | None:
     """Contact as the replay shows it: name of the other vehicle, touched side, relative speed, m/s,
     and, in s since the recording began, its time and the last moment.
 
@@ -206,12 +206,12 @@ def contact(
     }  # fmt: skip
 
 
-def contact_of(fact: Fact, ego: Trajectory) -> dict[str, Any] | None:
+def contact_of(fact: Fact, ego: Trajectory) -> Json | None:
     """Contact of a recorded case as the replay shows it."""
     return contact(fact.collision, ego, cause_of_contact(fact).no_return_time)
 
 
-def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
+def encode_trajectories(trajectories: Sequence[Trajectory]) -> Json:
     """Many trajectories in one string, with their sample counts, lengths and widths.
 
     `time` starts where the recording did.

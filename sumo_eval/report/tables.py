@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
 
 from pydantic_core import from_json, to_json
 
@@ -21,7 +20,7 @@ from sumo_eval.report.notes import (
     reference_note_words,
     score_note,
 )
-from sumo_eval.report.page import write_csv, write_json
+from sumo_eval.report.page import Json, write_csv, write_json
 from sumo_eval.report.score_words import not_computed, reason_without
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.findings import people_behind
@@ -96,7 +95,7 @@ def write_tables(evaluation: Evaluation) -> None:
         )
 
 
-def scores_json(evaluation: Evaluation) -> dict[str, Any]:
+def scores_json(evaluation: Evaluation) -> Json:
     """The scores as plain values that are valid JSON: None where a number is not known or was not
     computed.
     """
@@ -128,5 +127,5 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
         "exposure": evaluation.exposures,
         "zones": evaluation.zones,
     }
-    plain: dict[str, Any] = from_json(to_json(content, inf_nan_mode="null"))
+    plain: Json = from_json(to_json(content, inf_nan_mode="null"))
     return plain

@@ -13,7 +13,7 @@ import math
 from collections import Counter
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from sumo_eval.errors import InputError, said
 from sumo_eval.extras.wheel.plan import StudyCase, StudyPlan
@@ -24,7 +24,7 @@ from sumo_eval.groups import grouped
 from sumo_eval.input_file import taking_apart
 from sumo_eval.record.run_folder import read_manifest, read_settings
 from sumo_eval.report.export_case import absolute
-from sumo_eval.report.page import write_csv, write_json, write_page
+from sumo_eval.report.page import Json, write_csv, write_json, write_page
 from sumo_eval.report.people import STUDY, drawn_words
 from sumo_eval.settings.config import to_toml
 from sumo_eval.trajectory import CHANNELS, Trajectory
@@ -81,7 +81,7 @@ class StudyResult(NamedTuple):
 def collect(plan: StudyPlan) -> StudyResult:
     """Write the results of the study into its folder."""
     people, drives = participants(plan), plan.folder / DRIVES
-    rows: list[dict[str, Any]] = []
+    rows: list[Json] = []
     left = []
     drawn: Counter[str] = Counter()
     for person in people:
@@ -106,7 +106,7 @@ def collect(plan: StudyPlan) -> StudyResult:
     evaluation = write_page(
         plan.folder / "evaluation.toml", evaluation_of(plan, with_drives), "The evaluation"
     )
-    counts: dict[str, Any] = {
+    counts: Json = {
         "people": len(people), "with_drives": with_drives, "drives": len(rows), "ratings": ratings,
         "drawn": dict(drawn)
     }  # fmt: skip
@@ -130,7 +130,7 @@ def _without_case(plan: StudyPlan, person: Participant) -> list[DiscardedDrive]:
     ]
 
 
-def _write_table(plan: StudyPlan, drives: Path, rows: list[dict[str, Any]]) -> None:
+def _write_table(plan: StudyPlan, drives: Path, rows: list[Json]) -> None:
     """Write the table of the drives that count, and remove the files of all others."""
     for stale in {*drives.glob("*/*.csv")} - {drives / row["file"] for row in rows}:
         stale.unlink()
@@ -180,7 +180,7 @@ def _write_answers(folder: Path, people: list[Participant], left: list[Discarded
 
 
 def _drive(
-    plan: StudyPlan, person: Participant, case: StudyCase, entry: dict[str, Any]
+    plan: StudyPlan, person: Participant, case: StudyCase, entry: Json
 ) -> Trajectory | DiscardedDrive:
     """A participant's drive of a case, or why it does not count.
 

@@ -12,7 +12,7 @@ import jinja2
 from markupsafe import Markup
 
 from sumo_eval.record.store import EGO
-from sumo_eval.report.page import asset
+from sumo_eval.report.page import Json, asset
 from sumo_eval.report.page_data import drawn_bodies, drawn_road
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact, encode_trajectories
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -44,7 +44,7 @@ def page(title: str) -> str:
 
 def drive_view(
     concrete: ConcreteScenario, settings: SimulationSettings, title: str, lines: tuple[str, ...]
-) -> dict[str, Any]:
+) -> Json:
     """The view of a drive: the road and the bodies; their positions come with every state.
 
     lines: text shown until the drive begins.
@@ -64,7 +64,7 @@ def drive_view(
 
 def replay(
     concrete: ConcreteScenario, name: str, vehicles: Trajectories, collision: Collision | None
-) -> dict[str, Any]:
+) -> Json:
     """A drive for the page's player.
 
     name: of the drive, in the player.
@@ -79,6 +79,6 @@ def replay(
     }  # fmt: skip
 
 
-def sheet(title: str, *lines: str, **more: Any) -> dict[str, Any]:
+def sheet(title: str, *lines: str, **more: Any) -> Json:
     """A view of text, questions and buttons."""
     return {"show": "sheet", "title": title, "lines": lines, **more}
