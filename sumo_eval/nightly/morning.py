@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from sumo_eval.input_file import write_whole
 from sumo_eval.nightly.bases import NIGHT
@@ -19,7 +19,7 @@ from sumo_eval.nightly.history import Night
 from sumo_eval.nightly.judged import JudgedNight, Since
 from sumo_eval.report.comparison_lines import difference_lines, gate_lines, ways_to, worst_lines
 from sumo_eval.report.gate_result import GateResult, failed
-from sumo_eval.report.page import REPORT, case_key
+from sumo_eval.report.page import REPORT, Json, case_key
 from sumo_eval.report.words import one_line
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import builds_besides
@@ -83,7 +83,7 @@ def write_night(
         write_whole(path, text + "\n")
 
 
-def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
+def _plain(gate: GateResult, since: Since, folder: Path) -> Json:
     """A failed limit, as `night.json` has it."""
     return {
         "quantity": gate.quantity,

@@ -10,12 +10,12 @@ import math
 from collections.abc import Mapping, Sequence
 from itertools import cycle, groupby
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from sumo_eval.nightly.history import GATE_FAILED, REGRET_OF_LOSSES, GateLine, History, Night, Value
-from sumo_eval.report.page import REPORT, template, write_page
+from sumo_eval.report.page import REPORT, Json, template, write_page
 
 TREND = "trend.html"
 CHARTS = (
@@ -121,7 +121,7 @@ def write_trend(folder: Path, database: History) -> Path:
     return write_page(folder / TREND, page, "The trend page")
 
 
-def failed_nights(nights: Sequence[Night]) -> list[dict[str, Any]]:
+def failed_nights(nights: Sequence[Night]) -> list[Json]:
     """A bar for each failed night, on every chart: x, width (80 % of a night's), and the reason."""
     step = _step(nights)
     return [

@@ -6,11 +6,12 @@ Users: `report/evidence.py`, `report/sections.py`, `report/tables.py`, `report/t
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from heapq import nsmallest
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from sumo_eval.cases import CaseResult
+from sumo_eval.report.page import Json
 from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -76,7 +77,7 @@ def check_lines(evaluation: Evaluation) -> Iterator[str]:
         yield f"  and {number - MOST_LINES} more, all in checks.csv."
 
 
-def checks_content(evaluation: Evaluation, _: Additions) -> Mapping[str, Any] | None:
+def checks_content(evaluation: Evaluation, _: Additions) -> Json | None:
     """For each scenario with requirements: their texts, how often each ADS misses them, and each
     row's verdict.
     """
@@ -85,7 +86,7 @@ def checks_content(evaluation: Evaluation, _: Additions) -> Mapping[str, Any] | 
     return {"tables": tables} if tables else None
 
 
-def _table(evaluation: Evaluation, scenario: str) -> dict[str, Any]:
+def _table(evaluation: Evaluation, scenario: str) -> Json:
     """The table of one scenario."""
     checks = evaluation.checks[scenario]
     scores = evaluation.scores_in(scenario)

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any
 
 from sumo_eval.input_file import read_input_text, taking_apart
+from sumo_eval.report.page import Json
 from sumo_eval.report.score_words import TWO_GROUPS
 from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import count, percent
@@ -26,7 +26,7 @@ drives left out and why.
 """
 
 
-def people_context(evaluation: Evaluation, _: Additions) -> dict[str, Any]:
+def people_context(evaluation: Evaluation, _: Additions) -> Json:
     """Content of templates/sections/people.html.j2. `_`: a page calls all sections alike."""
     return {
         "mode": evaluation.settings.method.anthropomorphic.mode,
@@ -73,7 +73,7 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
         return [words, *left_out]
 
 
-def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
+def people_rows(evaluation: Evaluation) -> list[Json]:
     """A row for each score whose cases have a D_i: its ADS beside the drivers."""
     return [
         {

@@ -7,7 +7,6 @@ Users: `cli/look.py`.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from sumo_eval.record.cases import Role
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.report.explain import known_case
-from sumo_eval.report.page import packed_json, template, write_page
+from sumo_eval.report.page import Json, packed_json, template, write_page
 from sumo_eval.report.page_data import drawn_bodies, drawn_road
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact_of, encode_trajectories
 from sumo_eval.report.words import cause_words
@@ -90,7 +89,7 @@ def _playable(fact: Fact, store: Store) -> Fact:
     return fact
 
 
-def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> dict[str, Any]:
+def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> Json:
     """One drive. Appends its trajectories; key `vehicles` has the index of each in the list."""
     vehicles = store.trajectories(fact.case)
     places = {name: len(trajectories) + index for index, name in enumerate(vehicles)}

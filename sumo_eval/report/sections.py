@@ -23,6 +23,7 @@ from sumo_eval.report.confidence_section import confidence_content
 from sumo_eval.report.gate_result import failed
 from sumo_eval.report.levers_section import levers_content
 from sumo_eval.report.opinion_section import opinion_content
+from sumo_eval.report.page import Json
 from sumo_eval.report.people import people_context
 from sumo_eval.report.qualification import qualification_content
 from sumo_eval.report.readings import settings_content
@@ -64,7 +65,7 @@ class Section(NamedTuple):
     folded: bool = True
 
 
-def change_content(evaluation: Evaluation, additions: Additions) -> Mapping[str, Any] | None:
+def change_content(evaluation: Evaluation, additions: Additions) -> Json | None:
     """Verdict, gates, flipped cases and differences; None where no earlier run was
     looked for.
     """
@@ -140,7 +141,7 @@ def _outcome(case: CaseResult, unit: str) -> str:
     return ", ".join([case.status, *likeness])
 
 
-def ledger_content(evaluation: Evaluation, additions: Additions) -> Mapping[str, Any]:
+def ledger_content(evaluation: Evaluation, additions: Additions) -> Json:
     """The ledgers of every S+ and S, each with its sentences and the cases that cost most."""
     return {
         "ledgers": [
@@ -150,7 +151,7 @@ def ledger_content(evaluation: Evaluation, additions: Additions) -> Mapping[str,
     }
 
 
-def _ledger(item: Ledger) -> dict[str, Any]:
+def _ledger(item: Ledger) -> Json:
     return {
         "of": item,
         "sentences": ledger_sentences(item),
@@ -162,12 +163,12 @@ def _ledger(item: Ledger) -> dict[str, Any]:
     }
 
 
-def preventability_content(evaluation: Evaluation, _: Additions) -> Mapping[str, Any]:
+def preventability_content(evaluation: Evaluation, _: Additions) -> Json:
     """Cases of every ADS beside those of the reference."""
     return {"rows": preventability(evaluation), "reference": reference_ads(evaluation.settings)}
 
 
-def ranking_content(evaluation: Evaluation, additions: Additions) -> Mapping[str, Any] | None:
+def ranking_content(evaluation: Evaluation, additions: Additions) -> Json | None:
     """The ADSs in order of S+ over all scenarios; None where they were not ranked."""
     ranking = evaluation.ranking
     if ranking is None:

@@ -6,15 +6,14 @@ Users: `nightly/night.py`, `report/sections.py`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.gate_result import failed
 from sumo_eval.report.headline import headline
-from sumo_eval.report.page import case_key
+from sumo_eval.report.page import Json, case_key
 from sumo_eval.report.verdict import Additions, verdict
 from sumo_eval.report.words import cause_words, count, number, span
 from sumo_eval.results import Evaluation, RankedAds
@@ -27,7 +26,7 @@ MOST_CHANGES = 4  # failed limits whose worst case is named
 WIDE = 20.0  # points of S+: an interval wider than this tells little
 
 
-def summary_content(evaluation: Evaluation, additions: Additions) -> Mapping[str, Any]:
+def summary_content(evaluation: Evaluation, additions: Additions) -> Json:
     """Content of templates/sections/summary.html.j2."""
     first_words, comparison = headline(evaluation), additions.comparison
     order = [ads for ads, _ in first_words.order]
@@ -95,7 +94,7 @@ def _row(
     behaviour: Behaviour,
     scenarios: Sequence[str],
     digits: int,
-) -> dict[str, Any]:
+) -> Json:
     points = {it.scenario: it.s_plus for it in evaluation.scores if it.ads == ads.ads}
     return {
         "of": behaviour,

@@ -38,6 +38,10 @@ _AT_ONCE = 8_192  # points whose zone and weight are computed at a time; 65,536 
 JACKKNIFED = 16
 
 
+RowFields = dict[str, Any]
+"""Fields of a case's row, by name."""
+
+
 class PointReference(NamedTuple):
     """The human drivers of one concrete scenario, with the drives that ended well.
 
@@ -283,7 +287,7 @@ def jackknifed(points: Sequence[int]) -> frozenset[int]:
 
 def beside_people(
     fact: Fact, zone: Zone, people: DriverComparison, settings: DriverSettings
-) -> dict[str, Any]:
+) -> RowFields:
     """Fields of a case's row on its D_i and its human drivers; none in the hazardous zone."""
     if zone == "hazardous":
         return {}
@@ -292,7 +296,7 @@ def beside_people(
     thin = reference.note if reference else None
     if reference is None and settings.source == RECORDED:
         thin = ThinReference(0, settings.least, None)
-    row: dict[str, Any] = {
+    row: RowFields = {
         "drivers": len(reference.cases) if reference else 0,
         "recorded_drivers": reference.recorded if reference else 0,
         "reference_note": thin,

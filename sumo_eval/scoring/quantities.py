@@ -44,7 +44,13 @@ from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_value
 from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.scoring.drive_results import DriveResult, finite
 from sumo_eval.scoring.findings import LIKENESS_FACTORS
-from sumo_eval.scoring.likeness import DriverComparison, Survey, beside_people, reference_notes
+from sumo_eval.scoring.likeness import (
+    DriverComparison,
+    RowFields,
+    Survey,
+    beside_people,
+    reference_notes,
+)
 from sumo_eval.scoring.requirements import requirements_missed
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.settings import MethodSettings
@@ -150,7 +156,7 @@ def harm_at(
     points: range,
     unreacting: Sequence[Fact],
     drives: Mapping[str, DriveResult],
-) -> dict[int, dict[str, Any]]:
+) -> dict[int, RowFields]:
     """Point -> fields that all cases there share: weight (Eq. 16), Ug (Eq. 17), U0, and PET and
     time to the conflict if no vehicle reacts.
 
@@ -175,7 +181,7 @@ def harm_at(
 
 def _reference(
     reference: Literal["ideal", "no_reaction"], fact: Fact, space: ScenarioRun, least: float = 0.0
-) -> dict[str, Any]:
+) -> RowFields:
     """Fields on the drive of a reference: Ug or U0, 0 where it avoids the contact. If it could not
     be evaluated, U is None and a second field has the reason.
 
@@ -227,7 +233,7 @@ def tabulate(
         driven, struck = drives[fact.case], struck_by_other(fact, space)
         severity = _severity(fact, space)
         ideal = harm[fact.point]["ideal_severity"]
-        fields_of_row: dict[str, Any] = {
+        fields_of_row: RowFields = {
             **{name: getattr(fact, name) for name in _RECORDED},
             **harm[fact.point],
             **beside_people(fact, zone, people, space.settings.drivers),
@@ -263,7 +269,7 @@ def tabulate(
         yield replace(row, human_likeness=_human_likeness(row) if overview.people else None)
 
 
-def _of_contact(fact: Fact, struck: bool) -> dict[str, Any]:
+def _of_contact(fact: Fact, struck: bool) -> RowFields:
     """Fields on the contact of a case; none without a contact.
 
     struck: whether it is the other vehicle's fault, so that there is no L.

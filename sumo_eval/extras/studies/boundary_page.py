@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from sumo_eval.drivers.recorded.importers.tables import read_table
 from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.studies.boundary import FailureBoundary
 from sumo_eval.input_file import taking_apart
-from sumo_eval.report.page import write_csv, write_json
+from sumo_eval.report.page import Json, write_csv, write_json
 from sumo_eval.report.study_page import write_study
 from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings.random_streams import random_stream
@@ -31,7 +30,7 @@ SHARE_POINTS = 8_192  # evenly spread points with which shares of the space are 
 MAP_WIDTH = 340  # px on the page, of each of several maps
 
 
-def summary(boundary: FailureBoundary) -> dict[str, Any]:
+def summary(boundary: FailureBoundary) -> Json:
     """The result as the content of `boundary.json`, except what the search held fixed."""
     logical, last = boundary.logical, boundary.rounds[-1]
     points = evenly(logical, SHARE_POINTS, random_stream(0, "counted", logical.name))
@@ -195,7 +194,7 @@ def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
 
 
 def _edge_panel(
-    rows: FloatArray, trials: FloatArray, items: Sequence[dict[str, Any]], labels: Sequence[str]
+    rows: FloatArray, trials: FloatArray, items: Sequence[Json], labels: Sequence[str]
 ) -> Panel:
     """One map with its trials.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -20,7 +20,7 @@ from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.studies.tables import aligned
 from sumo_eval.method.agreement import Agreement, concordance, rank_correlation, rank_interval
 from sumo_eval.report.opinion_section import OPINION, opinion_content
-from sumo_eval.report.page import write_json
+from sumo_eval.report.page import Json, write_json
 from sumo_eval.report.study_page import write_study
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.gate_settings import INDEXES
@@ -144,7 +144,7 @@ def opinion_lines(opinion: Opinion) -> list[str]:
     return [*lines, f"Raters: {words}"]
 
 
-def opinion_json(opinion: Opinion) -> dict[str, Any]:
+def opinion_json(opinion: Opinion) -> Json:
     """The comparison as the content of `opinion.json` in the run's folder."""
     rhos = opinion.correlations.items()
     return {

@@ -33,6 +33,7 @@ from sumo_eval.extras.wheel.trip import ENDS, TASK, new_tape, one_drive, setting
 from sumo_eval.input_file import taking_apart, writing
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
+from sumo_eval.report.page import Json
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.trajectory import Recording
 
@@ -58,7 +59,7 @@ class Participant:
     code: str
     number: int
     folder: Path
-    done: dict[str, dict[str, Any]] = field(default_factory=dict)
+    done: dict[str, Json] = field(default_factory=dict)
 
     def finish(self, step: str, **entry: Any) -> None:
         """Note that a step is done, in the journal on disk before the next step begins."""
@@ -167,7 +168,7 @@ class StopsError(Exception):
     """A participant wishes to stop."""
 
 
-async def asked_of(window: Window, view: dict[str, Any]) -> dict[str, Any]:
+async def asked_of(window: Window, view: Json) -> Json:
     """A participant's answers to a sheet of scales, which gets a button to stop; asked again while
     an answer is not on its scale.
 
@@ -343,7 +344,7 @@ async def rate(
                   answers=answers)  # fmt: skip
 
 
-def scale(question: QuestionSettings) -> dict[str, Any]:
+def scale(question: QuestionSettings) -> Json:
     """A question as the page asks it. low, high: numbers at its ends; least, most: their words."""
     return {"key": question.key, "kind": "scale", "text": question.text, "low": LOW, "high": HIGH,
             "least": question.least, "most": question.most}  # fmt: skip

@@ -27,6 +27,7 @@ from sumo_eval.errors import InputError, needs_extra, said
 from sumo_eval.extras.wheel.messages import LARGEST, MOST_A_SECOND, MessageError, read
 from sumo_eval.extras.wheel.seat import Desk, Seat
 from sumo_eval.extras.wheel.tape import OWN_WISH, Player, Writer, with_quit
+from sumo_eval.report.page import Json
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording
@@ -76,13 +77,13 @@ class Window:
         self._server: Server | None = None
         self._peer: ServerConnection | None = None
         self._view: Mapping[str, Any] | None = None  # the last one that was shown
-        self._answers: asyncio.Queue[dict[str, Any]] = asyncio.Queue(MOST_ANSWERS)
+        self._answers: asyncio.Queue[Json] = asyncio.Queue(MOST_ANSWERS)
         self._desk = Desk()  # of the latest drive
         self._latest: list[Any] | None = None  # state of the drive under way
         # messages by key that were not sent yet; a newer state replaces an older one
-        self._outbox: dict[str, Any] = {}
+        self._outbox: Json = {}
         self._outbox_filled = asyncio.Event()
-        self._tellings: list[dict[str, Any]] = []
+        self._tellings: list[Json] = []
         self.faults: list[str] = []  # what was wrong with messages that our page cannot have sent
 
     @property
@@ -200,7 +201,7 @@ class Window:
         self.faults.append(sentence)
         self._desk.end(sentence)
 
-    def _take(self, message: dict[str, Any]) -> None:
+    def _take(self, message: Json) -> None:
         """Act on a message; between drives only answers have an effect."""
         ((kind, value),) = message.items()  # a message has exactly one key
         desk = self._desk
@@ -257,7 +258,7 @@ class Window:
         self._view = view
         await self._send_view()
 
-    async def ask(self, view: dict[str, Any]) -> dict[str, Any]:
+    async def ask(self, view: Json) -> Json:
         """Show a view and wait for its answers."""
         while not self._answers.empty():
             self._answers.get_nowait()  # of an earlier view
@@ -270,7 +271,7 @@ class Window:
         settings: SimulationSettings,
         writer: Writer,
         view: Mapping[str, Any],
-    ) -> tuple[Recording, list[dict[str, Any]]]:
+    ) -> tuple[Recording, list[Json]]:
         """Let the person drive: the recording, and the figures that the page sent (`Telling`)."""
         await self.show({"show": "wait"})
         # load, and where needed compile, what a drive uses: its first step must not be late

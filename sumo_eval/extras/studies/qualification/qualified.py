@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from sumo_eval.errors import SumoEvalError
 from sumo_eval.extras.studies.qualification.table import Answer, Check
 from sumo_eval.record.run_folder import versions_and_machine
-from sumo_eval.report.page import template, write_json, write_page
+from sumo_eval.report.page import Json, template, write_json, write_page
 
 FORMAT_VERSION = 1
 ENTRIES = "kind", "name", "source", "expected", "found", "bound", "unit", "passed", "error"
@@ -61,7 +61,7 @@ class CheckResult(NamedTuple):
             return bool(abs(self.found - expected) <= self.check.bound)
         return self.found == expected
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> Json:
         """The check in `qualification.json`; a number that is not finite becomes its name: JSON has
         no nan.
         """
@@ -108,7 +108,7 @@ class Qualification(NamedTuple):
             for kind, group in groupby(self.findings, key=lambda finding: finding.check.kind)
         ]
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> Json:
         """The content of `qualification.json`."""
         return {
             "format_version": FORMAT_VERSION, "created": self.created, "purpose": PURPOSE,
