@@ -108,7 +108,7 @@ def check_controller(
 
     def drive(some: Sequence[ConcreteScenario]) -> list[Recording]:
         """Drive cases until they took `PATIENCE`; return their recordings."""
-        drives: list[Recording] = []
+        drives = list[Recording]()
         for case in some:
             if sum(recording.wall_time for recording in drives) <= PATIENCE:
                 drives.append(
@@ -211,7 +211,7 @@ def _ends(cases: Sequence[ConcreteScenario], recordings: _Recordings) -> _Findin
     count.
     """
     # cases and their recordings by cause; "": no fault
-    alike = defaultdict[str, list[tuple[ConcreteScenario, Recording]]](list)
+    alike = defaultdict(list)
     for case, drive in zip(cases, recordings, strict=True):
         cause = "" if drive.error is None else without_numbers(drive.error) + drive.error_place
         alike[cause].append((case, drive))

@@ -118,9 +118,7 @@ def made_absolute(locator: str, folder: Path) -> str:
         file, mark, query = rest.partition("?")  # a mapping is no path: it may hold `//`
         if scheme == "onnx":
             query = re.sub(
-                r"(?<=features=)[^&]+",
-                lambda it: quote(str(folder / unquote_plus(it[0]))),
-                query,
+                r"(?<=features=)[^&]+", lambda it: quote(str(folder / unquote_plus(it[0]))), query
             )
         return f"{scheme}:{folder / file}{mark}{query}"
     # `path.py:Class`, or `module:Class` of a file in the folder; else of an installed module

@@ -90,7 +90,7 @@ def reached_modules(ads: Any) -> list[ModuleType]:
     Installed packages are left out, except the ADS's own.
     """
     own = ads.__module__.partition(".")[0]
-    reached = dict[str, ModuleType]()
+    reached = {}
     waiting = [ads]  # modules, and values whose modules are looked into
     while waiting:
         value = waiting.pop()

@@ -24,13 +24,7 @@ from sumo_eval.cosim.doors.controller import Briefing, PolicyController
 from sumo_eval.cosim.doors.entry import read_query, steps_between
 from sumo_eval.cosim.doors.features import read_interface
 from sumo_eval.cosim.doors.observation import Observations
-from sumo_eval.errors import (
-    ControllerError,
-    InputError,
-    check_known,
-    must_be,
-    needs_extra,
-)
+from sumo_eval.errors import ControllerError, InputError, check_known, must_be, needs_extra
 from sumo_eval.input_file import input_file, read_input
 from sumo_eval.text import clean, kind_of
 from sumo_eval.trajectory import FloatArray

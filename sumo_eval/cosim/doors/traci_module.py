@@ -363,7 +363,7 @@ _HARNESS = dict.fromkeys(_CLOCK, _step_clock) | {call: _running_call(call) for c
 
 def _guarded_domain(domain: type) -> type:
     """The domain with its writing calls wrapped; reading ones are inherited as they are."""
-    wrapped: dict[str, Any] = {}
+    wrapped = {}
     name = domain.__name__
     for call, write in writing_calls(domain).items() if name not in _HARMLESS else ():
         write = _takes_any_number(write)

@@ -200,8 +200,8 @@ def served(
         ]
         with console.open("wb") as output:
             server = PrivateServer(words, port, output)
-        program: ChildProgram | None = None
-        relay: Relay | None = None
+        program = None
+        relay = None
         try:
             connection = _connect(server, (log, console))
             relay = Relay(server.sockets[1])

@@ -23,12 +23,7 @@ from sumo_eval.drivers.recorded.importers import (
     sumo_fcd,
 )
 from sumo_eval.drivers.recorded.importers.tables import Samples, files_in
-from sumo_eval.drivers.recorded.recordings import (
-    MOTOR_CLASSES,
-    Recordings,
-    canonical,
-    read_csv,
-)
+from sumo_eval.drivers.recorded.recordings import MOTOR_CLASSES, Recordings, canonical, read_csv
 from sumo_eval.drivers.recorded.straighten import straighten
 from sumo_eval.errors import InputError, unknown
 

@@ -150,7 +150,7 @@ def reference(
     tolerance = {name: own.get(name, within) for name, within in recorded.tolerance}
     route = concrete.road.length - concrete.ego.x
     drives = {}
-    left_out = list[float]()
+    left_out = []
     for event in _nearest(events, concrete.values, tolerance).itertuples():
         track = people.tracks[str(event.recording), str(event.ego)]
         name = track["driver"].iloc[0] or f"{event.recording}/{event.ego}"

@@ -149,9 +149,7 @@ def draw_driver(index: int, seed: int, settings: PopulationSettings = AS_RECORDE
         ),
         reaction_time=settings.reaction_scale * _draw(stream, REACTION),
         lane_offset=_within(
-            lambda: stream.normal(0.0, LANE_OFFSET_DEVIATION),
-            -LANE_OFFSET_BOUND,
-            LANE_OFFSET_BOUND,
+            lambda: stream.normal(0.0, LANE_OFFSET_DEVIATION), -LANE_OFFSET_BOUND, LANE_OFFSET_BOUND
         ),
         overtakes=_overtakes(index, seed, settings.overtake_share),
         onset_headway=_limit(_draw(stream, ONSET_HEADWAY), ONSET_HEADWAY, HEADWAY_LIMIT, settings),

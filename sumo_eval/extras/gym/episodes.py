@@ -132,10 +132,7 @@ class Episodes:
         )
 
     def begin(
-        self,
-        rows: IntArray,
-        generators: list[np.random.Generator],
-        options: Mapping[str, Any],
+        self, rows: IntArray, generators: list[np.random.Generator], options: Mapping[str, Any]
     ) -> None:
         """Restart the episodes `rows` (first call: all), each at a point drawn by its generator.
 

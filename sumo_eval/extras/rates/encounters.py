@@ -115,7 +115,7 @@ def find_encounters(
     kilometres = hours = 0.0
     vehicles = 0
     names = []
-    notes: list[str] = []
+    notes = list[str]()
     speeds = []
     gaps = []
     for part in parts:

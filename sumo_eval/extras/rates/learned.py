@@ -22,12 +22,7 @@ from lxml import etree
 
 from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.errors import InputError
-from sumo_eval.extras.rates.encounters import (
-    CLASSES,
-    Encounters,
-    EncounterSurvey,
-    find_encounters,
-)
+from sumo_eval.extras.rates.encounters import CLASSES, Encounters, EncounterSurvey, find_encounters
 from sumo_eval.extras.rates.intervals import (
     end_interval,
     kolmogorov,
@@ -36,13 +31,7 @@ from sumo_eval.extras.rates.intervals import (
     rate_interval,
 )
 from sumo_eval.extras.rates.measured import Motion
-from sumo_eval.extras.rates.scenes import (
-    CAR_LENGTH,
-    SCENES,
-    EncounterScene,
-    Quantity,
-    content_of,
-)
+from sumo_eval.extras.rates.scenes import CAR_LENGTH, SCENES, EncounterScene, Quantity, content_of
 from sumo_eval.input_file import writing
 from sumo_eval.report.page import write_csv
 from sumo_eval.report.words import count
@@ -299,11 +288,7 @@ def value_sets(
     element = etree.SubElement(root, "ParameterValueDistribution")
     etree.SubElement(element, "ScenarioFile", filepath=file.name)
     # each within the one before
-    for tag in (
-        "Deterministic",
-        "DeterministicMultiParameterDistribution",
-        "ValueSetDistribution",
-    ):
+    for tag in ("Deterministic", "DeterministicMultiParameterDistribution", "ValueSetDistribution"):
         element = etree.SubElement(element, tag)
     for row in rows.tolist():
         event = etree.SubElement(element, "ParameterValueSet")

@@ -231,8 +231,8 @@ def _actors_of(tracks: list[_Track], ego: _Track) -> tuple[list[_Track], int, Co
     Each actor has a track from the start of the scene on, and a name that SUMO accepts. The last
     result is reason -> number of vehicles.
     """
-    left_out: Counter[str] = Counter()
-    actors: list[_Track] = []
+    left_out = Counter[str]()
+    actors = list[_Track]()
     continued = 0
     for track in tracks:
         name = "v" + re.sub(r"\W", "_", track.name)
