@@ -42,6 +42,8 @@ COMPUTED = (
     "avoidance_grade", "s_plus", "collision_probability"
 )  # fmt: skip
 """Values that `scores_of` computes, by the names of `ScenarioResult`."""
+ScoreSamples = dict[str, FloatArray]
+"""Each score in m samples, (m,), by its name."""
 _SEVEREST = 100.0  # m/s, in the severest class of Eq. 14
 
 
@@ -129,7 +131,7 @@ def scores_of(
     hits: score_terms.Counts | None = None,
     *,
     exposed: bool | None = None,
-) -> dict[str, FloatArray]:
+) -> ScoreSamples:
     """Every score of `COMPUTED` in each of m samples, (m,), nan where it does not exist.
 
     counts: of the cases in each sample, (m, n), see `score_terms`.

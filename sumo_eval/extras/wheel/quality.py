@@ -9,14 +9,14 @@ Users: `extras/wheel/outcome.py`, `extras/wheel/plan.py`, `extras/wheel/trip.py`
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from sumo_eval.extras.wheel.tape import ROW, Tape
 from sumo_eval.frozen import frozen
+from sumo_eval.report.page import Json
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.settings.checked import Checked, Natural, NotNegativeFloat, Share, setting
@@ -124,7 +124,7 @@ class Quality:
         return tuple(why)
 
 
-def timing(tape: Tape, tellings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def timing(tape: Tape, tellings: Sequence[Json]) -> Json:
     """Figures of a drive in time, for its tape; None where nothing was measured.
 
     tellings: figures that the page sent, as `messages.Telling`.
@@ -162,7 +162,7 @@ def quality_of(
     tape: Tape,
     concrete: ConcreteScenario,
     settings: SimulationSettings,
-    figures: Mapping[str, Any],
+    figures: Json,
 ) -> Quality:
     """The quality of a drive; figures: of `timing`."""
     pauses = [it["seconds"] for it in tape.notes if it["note"] == "pause"]

@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
@@ -26,6 +26,7 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, InputError, must_be, said
 from sumo_eval.input_file import read_input_text, taking_apart, writing
+from sumo_eval.report.page import Json
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings, VehicleSettings
@@ -57,16 +58,16 @@ class Tape(NamedTuple):
         the end.
     """
 
-    head: Mapping[str, Any]
+    head: Json
     rows: Sequence[tuple[Any, ...]]
-    notes: Sequence[Mapping[str, Any]]
-    end: Mapping[str, Any] | None
+    notes: Sequence[Json]
+    end: Json | None
 
 
 class Writer:
     """A tape that is being written."""
 
-    def __init__(self, path: Path, head: Mapping[str, Any]) -> None:
+    def __init__(self, path: Path, head: Json) -> None:
         with writing(f"The drive in {path}"):
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("x", encoding="utf-8")
@@ -135,7 +136,7 @@ def read_tape(path: Path) -> Tape:
     return Tape(head, rows, notes, end)
 
 
-def settings_of(head: Mapping[str, Any]) -> SimulationSettings:
+def settings_of(head: Json) -> SimulationSettings:
     """The settings of a drive, from the head of its tape."""
     try:
         given = dict(head["simulation"])
@@ -144,9 +145,7 @@ def settings_of(head: Mapping[str, Any]) -> SimulationSettings:
         raise InputError(f"The tape's head must name a simulation: {said(error)}.") from error
 
 
-def head_of(
-    concrete: ConcreteScenario, settings: SimulationSettings, **more: Any
-) -> dict[str, Any]:
+def head_of(concrete: ConcreteScenario, settings: SimulationSettings, **more: Any) -> Json:
     """The head of a tape that begins now. With `use`, the scenario's locator, in `more` it has all
     that a repetition needs.
     """

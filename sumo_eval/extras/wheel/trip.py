@@ -20,6 +20,7 @@ from sumo_eval.extras.wheel.page import drive_view, replay, sheet
 from sumo_eval.extras.wheel.quality import Quality, quality_of, timing
 from sumo_eval.extras.wheel.tape import OWN_WISH, Writer, digest, head_of, read_tape
 from sumo_eval.record.store import EGO
+from sumo_eval.report.page import Json
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import sample
@@ -78,7 +79,7 @@ async def one_drive(
     concrete: ConcreteScenario,
     settings: SimulationSettings,
     path: Path,
-    view: Mapping[str, Any],
+    view: Json,
     **more: Any,
 ) -> tuple[Recording, Quality]:
     """Let the person drive, and keep the tape with its result.

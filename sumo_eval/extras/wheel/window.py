@@ -17,7 +17,6 @@ import json
 import secrets
 import socket
 import time as clock
-from collections.abc import Mapping
 from contextlib import suppress
 from http import HTTPStatus
 from typing import Any
@@ -76,7 +75,7 @@ class Window:
         self._hosts = f"{LOOPBACK}:{self.port}", f"localhost:{self.port}"
         self._server: Server | None = None
         self._peer: ServerConnection | None = None
-        self._view: Mapping[str, Any] | None = None  # the last one that was shown
+        self._view: Json | None = None  # the last one that was shown
         self._answers: asyncio.Queue[Json] = asyncio.Queue(MOST_ANSWERS)
         self._desk = Desk()  # of the latest drive
         self._latest: list[Any] | None = None  # state of the drive under way
@@ -253,7 +252,7 @@ class Window:
 
     # -- what the server asks of the person --------------------------------------------------------
 
-    async def show(self, view: Mapping[str, Any]) -> None:
+    async def show(self, view: Json) -> None:
         """Show a view: {"show": kind, ...}; a window that returns sees it again."""
         self._view = view
         await self._send_view()
@@ -270,7 +269,7 @@ class Window:
         concrete: ConcreteScenario,
         settings: SimulationSettings,
         writer: Writer,
-        view: Mapping[str, Any],
+        view: Json,
     ) -> tuple[Recording, list[Json]]:
         """Let the person drive: the recording, and the figures that the page sent (`Telling`)."""
         await self.show({"show": "wait"})

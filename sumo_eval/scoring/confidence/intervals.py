@@ -50,7 +50,14 @@ from sumo_eval.method.score_terms import (
 )
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.score_notes import Bounds
-from sumo_eval.scoring.case_terms import COMPUTED, CaseTerms, point_values, ratios, scores_of
+from sumo_eval.scoring.case_terms import (
+    COMPUTED,
+    CaseTerms,
+    ScoreSamples,
+    point_values,
+    ratios,
+    scores_of,
+)
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.scoring.confidence.resamples import Resampled, Strata, resamples
 from sumo_eval.settings import MethodSettings
@@ -178,9 +185,7 @@ class _Sums:
         self._scores(rows, asked, hits)
         return [*asked.terms, *(terms[rows] for terms in self._unseen.terms)], hits.terms
 
-    def _scores(
-        self, rows: IntArray | slice, counts: Counts, hits: Counts
-    ) -> dict[str, FloatArray]:
+    def _scores(self, rows: IntArray | slice, counts: Counts, hits: Counts) -> ScoreSamples:
         """The scores of these cases in each replicate; `AskedTerms` note what is to be summed."""
         terms = self._ads.terms.part(rows)
         return scores_of(terms, counts, self._method, hits, exposed=self._exposed)
@@ -202,7 +207,7 @@ class _Sums:
         weight = stream("one more", scenario).exponential(ONE_MORE, m)
         deviates = driver_deviates(ads.drivers, seed, m)
 
-        def with_drivers(scores: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        def with_drivers(scores: ScoreSamples) -> ScoreSamples:
             """The scores with the drivers' errors of D and H, which stay within 0..1."""
             index, likeness = deviates @ ads.drivers.index, deviates @ ads.drivers.likeness
             d = np.clip(scores["d"] + index, 0.0, 1.0)
@@ -238,8 +243,8 @@ class _Sums:
     def _limits(
         self,
         values: Mapping[str, float | None],
-        worse: Mapping[str, FloatArray],
-        better: Mapping[str, FloatArray],
+        worse: ScoreSamples,
+        better: ScoreSamples,
         freedom: Mapping[str, int],
     ) -> dict[str, Bounds]:
         """Low and high of each score that exists.
@@ -288,7 +293,7 @@ def driver_deviates(drivers: DriverDeviations, seed: int, replicates: int) -> Fl
     return np.column_stack(normal) * wider[:, None]
 
 
-def _summed(scores: Mapping[str, FloatArray], method: MethodSettings) -> dict[str, FloatArray]:
+def _summed(scores: ScoreSamples, method: MethodSettings) -> ScoreSamples:
     """The scores, with S and S+ computed again from their parts."""
     s = paper_score(scores["c"], scores["d"], method.score)
     plus = ordering_score(
@@ -298,12 +303,12 @@ def _summed(scores: Mapping[str, FloatArray], method: MethodSettings) -> dict[st
 
 
 def _with_one_more(
-    worse: Mapping[str, FloatArray],
-    better: Mapping[str, FloatArray],
+    worse: ScoreSamples,
+    better: ScoreSamples,
     terms: CaseTerms,
     weight: FloatArray,
     method: MethodSettings,
-) -> dict[str, FloatArray]:
+) -> ScoreSamples:
     """The scores `worse`, with one more case as bad as doing nothing in T, A' and S+.
 
     better: the scores without it.
@@ -365,7 +370,7 @@ class UnseenCollisions(NamedTuple):
         points = int(among.sum())
         return cls(points, tuple(losses) if points else ())
 
-    def losses(self, sums: FloatArray, unseen: FloatArray) -> dict[str, FloatArray]:
+    def losses(self, sums: FloatArray, unseen: FloatArray) -> ScoreSamples:
         """The mean loss of each score, (m,), by its name.
 
         sums: of the terms, (k, m).

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from sumo_eval.method.score_terms import AskedTerms, Counts, KnownSums
-from sumo_eval.scoring.case_terms import SCORES, CaseTerms, point_values, scores_of
+from sumo_eval.scoring.case_terms import SCORES, CaseTerms, ScoreSamples, point_values, scores_of
 from sumo_eval.scoring.confidence.resamples import one_list, resamples
 from sumo_eval.settings import MethodSettings
 from sumo_eval.settings.random_streams import random_stream
@@ -30,7 +30,7 @@ Run = tuple[CaseTerms, MethodSettings]
 """Terms of a run's cases, and the settings of its scores."""
 
 
-def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> dict[str, FloatArray]:
+def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> ScoreSamples:
     """New minus base of every quantity that both runs have: a value for each replicate in which
     both exist.
 
@@ -67,7 +67,7 @@ def _terms(run: Run, seed: int) -> FloatArray:
     return np.column_stack([np.add.reduceat(term[order], starts) for term in asked.terms])
 
 
-def _scores(run: Run, rows: slice, counts: Counts) -> dict[str, FloatArray]:
+def _scores(run: Run, rows: slice, counts: Counts) -> ScoreSamples:
     """The scores of some cases of a run in each sample."""
     terms, method = run
     return scores_of(terms.part(rows), counts, method, exposed=bool(terms.exposure.any()))
