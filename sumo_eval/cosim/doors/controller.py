@@ -352,7 +352,8 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
             f"`file.py:name`.{did_you_mean(locator, (*SHIPPED, 'sumo:IDM'))}"
         )
     loaded = load_object(target, folder, "ADS")
-    check_options(loaded, entry.options, locator)
+    if not (inspect.isclass(loaded) and _foreign(loaded, locator)):  # `adapted` refuses it
+        check_options(loaded, entry.options, locator)
     return loaded
 
 
