@@ -595,7 +595,7 @@ class _Hook:
         SUMO stretches each lane evenly, so equal positions on two lanes are not side by side.
         """
         at = self._calls.getLanePosition(self.ego)
-        (old, new) = self._lanes
+        old, new = self._lanes
         on_map = self._traci.simulation.convert2D
         edge = self._traci.vehicle.getRoadID(self.ego)
         apart = dist(*(on_map(edge, at, lane) for lane in (old, new)))

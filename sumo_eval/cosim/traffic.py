@@ -355,7 +355,7 @@ class Traffic(Stage):
             super().compare(world)
             return
         for number, meant in self._meant.items():
-            (row, j) = divmod(number, self._width)
+            row, j = divmod(number, self._width)
             name = self._flat[number]
             if world.egos["reason"][row] or name not in self._told:
                 continue

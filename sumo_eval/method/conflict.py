@@ -126,7 +126,7 @@ def crossing_conflict(
     size: length and width of the ego's body, m.
     """
     ego = concrete.ego
-    (length, width) = size
+    length, width = size
     until = min(_time_on_road(concrete), _LONGEST)
     motion = tracks([concrete], [size], STEP, until).others[0, other]
     actor = concrete.actors[other]

@@ -207,7 +207,7 @@ class SharedFields:
         from sumo_eval.method.field_loops import far_values
 
         constants = self._constants
-        (grid, west, east) = _boxes(self._stretch)
+        grid, west, east = _boxes(self._stretch)
         samples = samples_of(self._trajectories[index], constants.k2, constants.sample_interval)
         if np.abs(samples[:, 4]).max() > LARGEST_EXPONENT:  # column 4: k2 v
             return None

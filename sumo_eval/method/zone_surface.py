@@ -19,6 +19,7 @@ import numpy as np
 
 from sumo_eval.frozen import frozen
 from sumo_eval.method.checks import finite
+from sumo_eval.method.point_criticality import Criticality
 from sumo_eval.scenario import LogicalScenario
 from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import FloatArray
@@ -107,9 +108,12 @@ def coordinates(
 
 
 def fit(
-    logical: LogicalScenario, training: FloatArray, target: FloatArray, settings: ZoneSettings
+    logical: LogicalScenario, training: FloatArray, danger: Criticality, settings: ZoneSettings
 ) -> tuple[Surface, list[str]]:
-    """The GP, and sentences on what limits the trust in it."""
+    """The GP, and sentences on what limits the trust in it.
+
+    danger: of the training points.
+    """
     from scipy.linalg import cho_solve, cholesky
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
@@ -119,8 +123,10 @@ def fit(
         covariance,
         most_likely,
     )
-    from sumo_eval.method.point_criticality import criticality
 
+    target = danger.target
+    if settings.target == "label":  # the zone alone, without how far the point is inside it
+        target = np.where(danger.inverse >= settings.critical_inverse_ttc, -1.0, 1.0)
     to_x = coordinates(logical, training)
     unit = logical.to_unit(training)
     if to_x is not None:
@@ -130,7 +136,7 @@ def fit(
     if hazardous.all() or not hazardous.any():
         side, level = ("hazardous", -1.0) if hazardous[0] else ("safe", 1.0)
         advice = "make `step` smaller or ranges wider"
-        if logical.margin is None and not criticality(logical, training, settings).inverse.any():
+        if logical.margin is None and not danger.inverse.any():
             advice = "let the obstacle come into the ego's path: the ego closes on it at no point"
         return Surface(unit[:0], np.empty(0), np.full(k, np.inf), 0.0, 0.0, level, to_x), [
             f"A zone boundary needs safe and hazardous training points; all {n} are {side}, so the "

@@ -100,10 +100,7 @@ def learn(
     fits: list[_Learnt] = []
     for _ in range(rounds):
         danger = criticality(logical, training, settings)
-        target = danger.target
-        if settings.target == "label":  # the zone alone, without how far the point is inside it
-            target = np.where(danger.inverse >= settings.critical_inverse_ttc, -1.0, 1.0)
-        surface, notes = fit(logical, training, target, settings)
+        surface, notes = fit(logical, training, danger, settings)
         y = surface.value(unit)
         wrong = feasible & ((y <= 0.0) != exact)
         if added := len(training) - n_first:

@@ -156,12 +156,19 @@ def scores_of(
     human, task = mean(terms.likeness), mean(terms.task)
     grade = score_terms.avoidance_grade(avoided, method.task.sharpness)
     contact = np.where(terms.evaluated, terms.collided.astype(np.float64), np.nan)
-    values = (
-        c, d, score_terms.paper_score(c, d, method.score), avoided, by_exposure,
-        score_terms.regret(*harm[:2], terms.weight, counts), human, task, grade,
-        score_terms.ordering_score(task, grade, human, method.score), mean(contact)
-    )  # fmt: skip
-    return dict(zip(COMPUTED, values, strict=True))
+    return {
+        "c": c,
+        "d": d,
+        "s": score_terms.paper_score(c, d, method.score),
+        "avoided_share": avoided,
+        "avoided_share_exposure": by_exposure,
+        "regret": score_terms.regret(terms.severity, terms.ideal, terms.weight, counts),
+        "human_likeness": human,
+        "task_share": task,
+        "avoidance_grade": grade,
+        "s_plus": score_terms.ordering_score(task, grade, human, method.score),
+        "collision_probability": mean(contact),
+    }
 
 
 def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | None]:

@@ -191,7 +191,7 @@ def in_order(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
         "samples with a time that their vehicle already had were left out.": double,
         "jumps in tracks, as of an id that is used again: each side is a vehicle of its own.": jump,
     }
-    return rows, [f"{rows.sum()} {words}" for words, rows in counted.items() if rows.any()]
+    return rows, [f"{flags.sum()} {words}" for words, flags in counted.items() if flags.any()]
 
 
 def numbered(vehicle: pd.Series[str], before: pd.Series[Any]) -> pd.Series[str]:
