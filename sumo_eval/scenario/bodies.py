@@ -8,8 +8,6 @@ Users: `ads/foresight.py`, `cosim/`, `report/page_data.py`, `scenario/`,
 `extras/openscenario/moments.py`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

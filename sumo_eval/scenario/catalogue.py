@@ -7,8 +7,6 @@ Users: `cli/`, `record/`, `report/export_case.py`, `scenario/resolved.py`, `scor
 `extras/`.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from functools import cache

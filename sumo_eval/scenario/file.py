@@ -5,8 +5,6 @@ Users: `cli/tools.py`, `record/facts.py`, `scenario/catalogue.py`,
 `extras/openscenario/describe.py`, `extras/rates/`, `extras/studies/qualification/`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace

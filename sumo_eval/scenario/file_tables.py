@@ -3,8 +3,6 @@
 `scenario/file.py` reads files by them, `scenario/schema.py` describes them.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -5,8 +5,6 @@ Users: readers of scenario files (`scenario/`, `extras/openscenario/`) call it a
 sample; `method/conflict.py` takes the standard ego.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple

@@ -6,8 +6,6 @@ files, e.g. `xosc`. Its object is a `Format`, or a function `(path, options) -> 
 Users: `record/`, `scenario/`, `scoring/fingerprint.py`, `extras/openscenario/format.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
 from functools import cache

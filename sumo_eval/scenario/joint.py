@@ -18,8 +18,6 @@ scipy is imported only once a density is asked for.
 Users: `scenario/`, `extras/rates/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple

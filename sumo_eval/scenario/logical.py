@@ -5,8 +5,6 @@ Users: `drivers/`, `method/`, `record/`, `report/`, `results.py`, `scenario/`, `
 `whatif/`, `extras/`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Mapping

@@ -6,8 +6,6 @@ fields. The `duration` of a move is above 0, the `begin` of a brake finite.
 Users: `ads/lane_change.py`, `method/conflict.py`, `scenario/concrete.py`, `scenario/played.py`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -5,8 +5,6 @@
 Users: `scenario/file_tables.py`, `scenario/sampling/listed_points.py`.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections import Counter

@@ -11,8 +11,6 @@ condition that is false for all of these values never holds. Any other may: the 
 Users: `extras/openscenario/logical.py`, `scenario/file.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from math import inf, isnan
 

@@ -10,8 +10,6 @@ scenario files (`scenario.expression`).
 Users: `scenario/file_tables.py`, `scenario/logical.py`.
 """
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any

@@ -3,8 +3,6 @@
 Users: `cli/tools.py`.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pydantic import TypeAdapter

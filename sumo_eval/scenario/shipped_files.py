@@ -4,8 +4,6 @@ Users: `cli/tools.py`, `scenario/catalogue.py`, `scenario/formats.py`,
 `extras/gym/__init__.py`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 

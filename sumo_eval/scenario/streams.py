@@ -4,8 +4,6 @@ want to drive, drawn once from a declared seed.
 Users: `scenario/file_tables.py`, `scenario/vehicle_tables.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Literal
 

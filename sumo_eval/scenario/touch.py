@@ -12,8 +12,6 @@ contact before a case begins; `method/conflict.py`, for contact on conflicting w
 `extras/gym/episodes.py`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

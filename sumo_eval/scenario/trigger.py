@@ -9,8 +9,6 @@ time; and the functions below.
 Users: `extras/openscenario/written.py`, `scenario/vehicle_tables.py`.
 """
 
-from __future__ import annotations
-
 import ast
 
 from sumo_eval.errors import InputError, check_known, must_be

@@ -5,8 +5,6 @@ Users: `method.conflict` (zones), `ads.foresight`, `scenario.reachable`, `cosim.
 Actors with a SUMO model are assumed to keep their speed: only SUMO knows what its models would do.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

@@ -5,8 +5,6 @@ Users: `cosim/doors/fmu.py`, `scenario/file_tables.py`, `scenario/formulas.py`,
 `scenario/number_table.py`.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

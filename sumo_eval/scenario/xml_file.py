@@ -5,8 +5,6 @@ Users: `extras/openscenario/network.py`, `extras/openscenario/reading.py`,
 `scenario/road/opendrive.py`, `scenario/sumo_network.py`.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Users: `scenario/file_tables.py`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields
 from typing import Any

@@ -7,8 +7,6 @@ Users: `cli/`, `cosim/`, `evaluation.py`, `nightly/`, `record/`, `report/`, `sce
 `extras/`.
 """
 
-from __future__ import annotations
-
 import functools
 import json
 import re

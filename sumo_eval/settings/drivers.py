@@ -4,8 +4,6 @@ Users: `cli/tools.py`, `drivers/`, `record/`, `scoring/`, `settings/evaluation.p
 `extras/rates/people_command.py`.
 """
 
-from __future__ import annotations
-
 from dataclasses import field
 from typing import Annotated, Literal
 

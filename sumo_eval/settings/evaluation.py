@@ -5,8 +5,6 @@ Users: `cli/`, `drivers/`, `evaluation.py`, `record/`, `report/`, `results.py`, 
 `scoring/`, `settings/`, `extras/`.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import field
 from typing import Annotated, Any, Literal

@@ -5,8 +5,6 @@ Users: `cases.py`, `cosim/doors/controller.py`, `evaluation.py`, `method/severit
 `results.py`, `scenario/`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import importlib.util

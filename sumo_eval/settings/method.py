@@ -6,8 +6,6 @@ Users: `method/`, `record/`, `scoring/`, `settings/evaluation.py`, `extras/figur
 `extras/rates/importance.py`.
 """
 
-from __future__ import annotations
-
 from dataclasses import field
 from typing import Annotated, Literal
 

@@ -4,8 +4,6 @@ Users: `cosim/doors/observation.py`, `drivers/`, `nightly/repeats.py`, `record/`
 `scoring/`, `extras/`.
 """
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np

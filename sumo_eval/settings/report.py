@@ -3,8 +3,6 @@
 Users: `record/points.py`, `report/junit.py`, `settings/evaluation.py`.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from annotated_types import Le

@@ -4,8 +4,6 @@ Users: `cli/tools.py`, `cosim/doors/contract.py`, `record/`, `settings/evaluatio
 `extras/rates/campaign.py`, `extras/studies/`.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Le

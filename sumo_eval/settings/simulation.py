@@ -5,8 +5,6 @@ Users: `ads/`, `cosim/`, `record/`, `scenario/`, `settings/evaluation.py`, `what
 `extras/`.
 """
 
-from __future__ import annotations
-
 from dataclasses import field
 from typing import Annotated, Literal
 

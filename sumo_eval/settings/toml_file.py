@@ -3,8 +3,6 @@
 Users: `cli/tools.py`, `extras/wheel/command.py`, `scenario/file.py`, `settings/config.py`.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

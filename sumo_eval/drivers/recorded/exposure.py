@@ -7,8 +7,6 @@ needs them.
 Users: `extras/rates/people_command.py`, `record/facts.py`, `scoring/steps.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path

@@ -4,8 +4,6 @@ one canonical table.
 Users: `drivers/recorded/reference.py`, `extras/rates/command.py`, `extras/rates/people_command.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 

@@ -5,8 +5,6 @@ Users: `cli/tools.py`, `drivers/recorded/exposure.py`, `extras/rates/people_comm
 `record/recording.py`.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

@@ -12,8 +12,6 @@ axis may itself change lanes.
 Users: `drivers/recorded/importers/commonroad.py`, `drivers/recorded/importing.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

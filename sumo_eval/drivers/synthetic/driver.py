@@ -5,8 +5,6 @@
 Users: `extras/bench/costs.py`, `record/loops.py`, `record/worker.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

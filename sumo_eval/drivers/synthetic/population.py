@@ -12,8 +12,6 @@ value outside is drawn again.
 Users: `drivers/synthetic/driver.py`, `scoring/confidence/drivers.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import exp, log
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 Users: `drivers/synthetic/driver.py`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

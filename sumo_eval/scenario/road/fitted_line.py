@@ -4,8 +4,6 @@ knot to knot.
 `scenario/sumo_network.py` reads curved roads by it.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import NamedTuple

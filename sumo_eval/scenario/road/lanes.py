@@ -8,8 +8,6 @@ not be crossed separates it from the adjacent lane.
 Users: `cosim/`, `scenario/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf
 from typing import Annotated, Any

@@ -12,8 +12,6 @@ Read: lines, arcs, spirals and parametric cubics, a constant lane offset, lanes 
 Users: `extras/openscenario/frame.py`, `extras/openscenario/network.py`, `scenario/file_tables.py`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

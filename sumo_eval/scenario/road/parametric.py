@@ -4,8 +4,6 @@ length.
 Users: `scenario/road/opendrive.py`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 

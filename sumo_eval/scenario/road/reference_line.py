@@ -12,8 +12,6 @@ On a line of no pieces, a straight one, frame and map are the same numbers.
 Users: `ads/`, `cosim/`, `drivers/`, `method/`, `record/`, `report/`, `scenario/`, `extras/`.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Sequence

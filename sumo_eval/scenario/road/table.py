@@ -3,8 +3,6 @@
 Users: `record/facts.py`, `scenario/`, `extras/openscenario/`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated

@@ -17,8 +17,6 @@ so that collision weighs less, and a cell that shows none by luck keeps showing 
 Users: `record/facts.py`, `scenario/sampling/samples.py`, `scoring/confidence/next_round.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from functools import lru_cache

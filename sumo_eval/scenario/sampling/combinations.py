@@ -4,8 +4,6 @@ of any `strength` parameters. The methods `pairwise` and `combinations` of `samp
 Users: `scenario/sampling/samples.py`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -8,8 +8,6 @@ Users: `method/zone_partition.py`, `scenario/`, `scoring/`, `extras/rates/import
 `extras/studies/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -6,8 +6,6 @@ is computed in fractions of the decimals that a person typed, and becomes floats
 Users: `extras/openscenario/space.py`, `method/`, `scenario/sampling/`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from fractions import Fraction

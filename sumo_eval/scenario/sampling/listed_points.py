@@ -1,7 +1,5 @@
 """Points that the user chose: a CSV file, or a Python function; two methods of `samples`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -3,8 +3,6 @@
 Users: `record/points.py`, `scenario/`, `extras/openscenario/points.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path

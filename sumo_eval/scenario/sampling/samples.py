@@ -9,8 +9,6 @@ Users: `cli/space.py`, `record/`, `report/points_page.py`, `scenario/file.py`, `
 `extras/bench/costs.py`, `extras/wheel/trip.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any

@@ -7,8 +7,6 @@ without a trajectory (standing, or with an `occupancySet` alone) are left out.
 Users: `drivers/recorded/importing.py`.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -9,8 +9,6 @@ lanes of the file's lane markings.
 Users: `drivers/recorded/importing.py`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -7,8 +7,6 @@ may be curved, so `importing` straightens the samples along the paths that vehic
 Users: `drivers/recorded/importers/highd.py`, `drivers/recorded/importing.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -8,8 +8,6 @@ speeds and accelerations follow from the motion; missing bodies and classes are 
 Users: `drivers/recorded/importing.py`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

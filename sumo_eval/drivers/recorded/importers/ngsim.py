@@ -9,8 +9,6 @@ differences, so accelerations are derived again from smoothed speeds.
 Users: `drivers/recorded/importing.py`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -9,8 +9,6 @@ track and are not read: y = 0. Only runs whose `ACC` is 0 are human drives.
 Users: `drivers/recorded/importing.py`.
 """
 
-from __future__ import annotations
-
 import csv
 from itertools import islice
 from pathlib import Path

@@ -8,8 +8,6 @@ Traps: x, y is the centre of the FRONT bumper; angles are degrees clockwise from
 Users: `drivers/recorded/importing.py`.
 """
 
-from __future__ import annotations
-
 import gzip
 from contextlib import ExitStack
 from pathlib import Path
