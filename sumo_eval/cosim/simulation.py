@@ -63,7 +63,7 @@ from sumo_eval.cosim.world import World, kind_of
 from sumo_eval.errors import ControllerError, InputError, SimulationError, must_be, said
 from sumo_eval.groups import grouped
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.scenario.road.reference_line import comes_back
+from sumo_eval.scenario.road.reference_line import crosses_itself
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import traceback_of
 from sumo_eval.trajectory import Alone, Recording
@@ -350,7 +350,7 @@ def _kind(
     not_shown = road.shaped or any(
         abs(it.heading) > 0.5 * pi or it.on_map is not None for it in concrete.actors
     )
-    if manner.is_hook and (not_shown or comes_back(road.line, road.end, road.left_edge)):
+    if manner.is_hook and (not_shown or crosses_itself(road.line, road.end, road.left_edge)):
         return None
     lively = concrete.actors if concrete.lively else ()
     # what a case may change, but must be equal in a batch: the vehicle for a policy over arrays,

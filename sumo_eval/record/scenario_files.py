@@ -1,4 +1,4 @@
-"""Files that a user's scenario comes from, and a hash of what they hold.
+"""Files that a user's scenario comes from, and hashes of their content.
 
 Users: `record/facts.py`, `scoring/fingerprint.py`, `scoring/steps.py`.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.util
 import re
 import tomllib
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -22,10 +23,12 @@ _LARGEST = 8 << 20  # bytes of a file whose text may name others
 
 
 def hashes_of_scenario(use: str, source: Path) -> dict[str, str]:
-    """Hashes of what a user's scenario comes from: `file`, its file and the files that this names,
-    "" where it ships; `code`, the Python file that `use` names.
+    """Hashes of the files that a user's scenario comes from.
 
-    Runs are compared by `file` alone, because the Python file may also hold an ADS.
+    file: of its file and of the files that are named in it, without Python files; "" for a scenario
+        that ships.
+    code: of the Python file that `use` names, if it names one. Runs are compared by `file` alone,
+        because the Python file may also hold an ADS.
 
     use: as in the evaluation.
     source: folder of the evaluation, where relative paths start.
@@ -41,23 +44,29 @@ def hashes_of_scenario(use: str, source: Path) -> dict[str, str]:
 
 
 def _content(file: Path) -> object:
-    """Its bytes; of a TOML file, where a comment means nothing, its tables."""
+    """Bytes of a file; of a TOML file, whose comments mean nothing, its tables."""
     content = file.read_bytes()
-    with suppress(ValueError):
-        return tomllib.loads(content.decode()) if file.suffix == ".toml" else content
+    if file.suffix == ".toml":
+        with suppress(ValueError):
+            return tomllib.loads(content.decode())
     return content
 
 
 def files_of(locator: str, source: Path) -> list[Path]:
-    """The file that a locator names, and files that its text names; for Python also all Python
-    files of its folder.
+    """The file that a locator names, and the files that their texts name in turn; for Python also
+    all Python files of its folder.
     """
-    paths: set[Path] = set()
     named = _file_of(locator, source)
-    if named is not None:
-        beside = named.parent.glob("*.py") if named.suffix == ".py" else ()
-        for file in (named, *beside):
-            _add_with_named(paths, file)
+    if named is None:
+        return []
+    waiting = [named, *(named.parent.glob("*.py") if named.suffix == ".py" else ())]
+    paths: set[Path] = set()
+    while waiting:
+        file = waiting.pop()
+        if file not in paths:
+            paths.add(file)
+            with suppress(OSError):  # a file that must not be read
+                waiting += _named_in(file)
     return sorted(paths)
 
 
@@ -69,29 +78,25 @@ def _file_of(locator: str, source: Path) -> Path | None:
     if not colon:
         return None
     if not module.endswith(".py"):
-        spec = None
-        # one that is not found lies beside the evaluation; `source /` keeps an absolute origin
+        origin = None
+        # a module that is not found lies beside the evaluation; `source /` keeps an absolute origin
         with suppress(ImportError, ValueError):
             spec = importlib.util.find_spec(module)
-        origin = spec.origin if spec is not None else None
+            origin = spec and spec.origin
         module = origin or module.replace(".", "/") + ".py"
     return source / module
 
 
-def _add_with_named(paths: set[Path], file: Path) -> None:
-    """The file and, in turn, the files in its folder that its text names in quotes; of OpenSCENARIO
-    also whole folders.
+def _named_in(file: Path) -> Iterator[Path]:
+    """Files that a file's text names in quotes, by a path from its folder; in OpenSCENARIO it may
+    also name a folder, for all files in it.
     """
-    if file in paths:
-        return
-    paths.add(file)
     if file.suffix not in _WITH_NAMES or not file.is_file() or file.stat().st_size > _LARGEST:
         return
     for name in _QUOTED.findall(file.read_text(encoding="utf-8", errors="replace")):
-        with suppress(OSError, ValueError):  # a text that is no name of a file
+        with suppress(OSError, ValueError):  # most texts are not names of files
             other = (file.parent / name).resolve()
             if other.is_file():
-                _add_with_named(paths, other)
+                yield other
             elif file.suffix == ".xosc" and other.is_dir():
-                for path in other.glob("*.xosc"):
-                    _add_with_named(paths, path)
+                yield from other.glob("*.xosc")

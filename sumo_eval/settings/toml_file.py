@@ -7,7 +7,7 @@ import os
 import re
 import shlex
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,11 @@ _QUOTED = re.compile(rf"(?s:{_LONG})|\"(?:\\.|[^\"\\\n])*\"|'[^'\n]*'|#[^\n]*")
 _LARGEST = 50_000_000  # bytes of a file
 
 DEEPEST = 50
-"""How deep tables and lists may be nested in a file."""
+"""Greatest depth to which tables and lists may be nested in a file."""
+_TOO_DEEP = f"must not be nested more than {DEEPEST} deep."
+
+Place = tuple[str | int, ...]
+"""Names and indices that lead to a key or a table, e.g. ("ads", 0, "name")."""
 
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
@@ -42,35 +46,42 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
     try:
         text = read_input_text(path, what, _LARGEST)
     except InputError as error:
-        raise InputError(f"{error}{_instead_of(path)}") from None
+        raise InputError(f"{error}{_folder_hint(path)}") from None
     return toml_from(text, named(path, what))
 
 
-def _instead_of(folder: Path) -> str:
+def _folder_hint(path: Path) -> str:
     """Last sentence of an error message: what to name instead of a folder; "" for a file."""
-    if not os.path.isdir(folder):  # `Path.is_dir` raises for a long name
+    if not os.path.isdir(path):  # `Path.is_dir` raises for a long name
         return ""
-    if (folder / "manifest.json").is_file():
-        run = shlex.quote(str(folder))
+    if (path / "manifest.json").is_file():
+        run = shlex.quote(str(path))
         return (
             f" It holds a run: `sumo-eval score {run}` scores it, `sumo-eval report {run}` "
             "shows it."
         )
-    files = sorted(path.name for path in folder.glob("*.toml") if path.is_file())
-    return f" Did you mean `{folder / files[0]}`?" if files else ""
+    files = sorted(it for it in path.glob("*.toml") if it.is_file())
+    return f" Did you mean `{files[0]}`?" if files else ""
 
 
-def line_of(text: str, place: Sequence[str | int]) -> int | None:
+def line_of(text: str, place: Place) -> int | None:
     """The line, from 1, of a key in a TOML text; None: not in the text.
-
-    place: names and indices that lead to the key, e.g. ("ads", 0, "name").
 
     For a key within an inline table or a list it is the line of the key that holds these.
     """
-    best_line: int | None = None
-    best_length = 0
-    table: tuple[str | int, ...] = ()  # place of the table that the lines are in
-    last: dict[tuple[str | int, ...], int] = {}  # index of the newest entry of a list of tables
+    # by line: the number of names and indices that it shares with the beginning of `place`
+    shared: dict[int, int] = {}
+    for number, keys in _places(text):
+        length = min(len(keys), len(place))
+        if length and keys[:length] == place[:length]:
+            shared[number] = length
+    return max(shared, key=lambda number: shared[number], default=None)
+
+
+def _places(text: str) -> Iterator[tuple[int, Place]]:
+    """Lines with a key or the head of a table: number from 1, and place of the key or table."""
+    table: Place = ()  # that the lines are in
+    newest: dict[Place, list[int]] = {}  # by list of tables: one index, of its newest entry
     for number, line in _outer_lines(text):
         head = _HEAD.match(line)
         named_line = head or _KEY.match(line)
@@ -78,16 +89,13 @@ def line_of(text: str, place: Sequence[str | int]) -> int | None:
             continue
         names = [part.strip("\"'") for part in re.findall(_NAME, named_line["name"])]
         if head:
-            table = (*_within(names[:-1], last), names[-1])
+            table = ()
+            for name in names:
+                table = (*table, *newest.get(table, ()), name)
             if head["list"]:
-                last[table] = last.get(table, -1) + 1
-                table = (*table, last[table])
-        keys = table if head else (*table, *names)
-        # the line that agrees with the longest beginning of `place`, and of these the first
-        length = min(len(keys), len(place))
-        if length > best_length and tuple(place[:length]) == keys[:length]:
-            best_line, best_length = number, length
-    return best_line
+                newest.setdefault(table, [-1])[0] += 1
+                table = (*table, *newest[table])
+        yield number, table if head else (*table, *names)
 
 
 def _outer_lines(text: str) -> Iterator[tuple[int, str]]:
@@ -103,20 +111,6 @@ def _outer_lines(text: str) -> Iterator[tuple[int, str]]:
         open_brackets += sum(map(bare.count, "[{")) - sum(map(bare.count, "]}"))
 
 
-def _within(
-    names: Sequence[str], last: Mapping[tuple[str | int, ...], int]
-) -> tuple[str | int, ...]:
-    """The place of a table by its names: each list of tables on the way stands for its newest
-    entry, whose index is in `last`.
-    """
-    place: tuple[str | int, ...] = ()
-    for name in names:
-        place = (*place, name)
-        if place in last:
-            place = (*place, last[place])
-    return place
-
-
 def toml_from(text: str, where: str) -> dict[str, Any]:
     """The content of a text in TOML.
 
@@ -126,25 +120,25 @@ def toml_from(text: str, where: str) -> dict[str, Any]:
     try:
         content = tomllib.loads(text)
     except RecursionError:
-        raise InputError(f"{where} must not be nested more than {DEEPEST} deep.") from None
+        raise InputError(f"{where} {_TOO_DEEP}") from None
     # TOMLDecodeError is a ValueError; so is the error of a number with thousands of digits
     except ValueError as error:
         raise InputError(f"{where} is not valid TOML: {words_of(error)}.") from error
-    _check(content, where)
+    _refuse_unfit(content, where)
     return content
 
 
-def _check(value: Any, where: str, depth: int = 0) -> None:
+def _refuse_unfit(value: Any, where: str, depth: int = 0) -> None:
     """Refuse deep nesting, control characters in a text, and integers of more than 64 bits: no
     setting can have these.
     """
     if depth == DEEPEST:
-        raise InputError(f"{where} must not be nested more than {DEEPEST} deep.")
+        raise InputError(f"{where} {_TOO_DEEP}")
     if isinstance(value, dict):
         value = [*value, *value.values()]  # keys are texts too
     if isinstance(value, list):
         for item in value:
-            _check(item, where, depth + 1)
+            _refuse_unfit(item, where, depth + 1)
     # line breaks and tabs are allowed
     elif isinstance(value, str) and UNFIT.search(value.replace("\r", "")):
         raise InputError(f"{where} must hold text without control characters, got {shown(value)}.")

@@ -1,13 +1,11 @@
 """The reference line of a road: pieces along which curvature changes linearly, and their frame.
 
-Everything on curved roads uses it.
-
 The line is the centre line of the right-hand lane. A place is (s, d) in its frame: s m along the
-line, d m to the left of it; a heading in the frame is the one on the map less the line's. On the
-map the line begins at the origin and heads along x. Before its beginning and behind its end it is
-straight.
+line, d m to the left of it. A heading in the frame is the heading on the map minus the line's. On
+the map the line begins at the origin and heads along x. Before its beginning and behind its end it
+is straight.
 
-On a line of no pieces, a straight one, frame and map are the same numbers.
+A line without pieces is straight: frame and map are the same numbers.
 
 Users: `ads/`, `cosim/`, `drivers/`, `method/`, `record/`, `report/`, `scenario/`, `extras/`.
 """
@@ -27,18 +25,18 @@ from sumo_eval.scenario.touch import within_a_turn
 from sumo_eval.trajectory import FloatArray
 
 # A spiral is cut into stretches from knot to knot, each with at most this turn and this length.
-_TURN = 0.2  # rad
-_LONGEST = 200.0  # m
-_FAR = 1e9  # m: length of the straight before the line, as a stretch of its own
+_STRETCH_TURN = 0.2  # rad
+_STRETCH_LENGTH = 200.0  # m
+_STRAIGHT_BEFORE = 1e9  # m: length of the straight before the line, as a stretch of its own
 # Limits of a piece: beyond them a line would take minutes and all memory.
-_MOST_LENGTH = 1e5  # m
-_MOST_TURN = 2000.0 * math.pi  # rad
+_PIECE_LENGTH = 1e5  # m
+_PIECE_TURN = 2000.0 * math.pi  # rad
 
 # Newton's method for the foot of a perpendicular
-_CLOSE = 1e-7  # m: the last step is shorter than this; the error that is left is about its square
-_TRIES = 20  # steps, at most
+_LAST_STEP = 1e-7  # m: it ends with a step shorter than this; its error is about the step's square
+_MOST_STEPS = 20
 # least value of 1 - curvature d, by which a step is divided: at a curve's centre it is 0
-_LEAST = 0.05
+_LEAST_DIVISOR = 0.05
 
 _NODES = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
 _WEIGHTS = (
@@ -84,18 +82,18 @@ class Piece:
     end: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.length <= _MOST_LENGTH:
-            must = f"greater than 0 m and at most {_MOST_LENGTH:g} m"
+        if not 0.0 < self.length <= _PIECE_LENGTH:
+            must = f"greater than 0 m and at most {_PIECE_LENGTH:g} m"
             raise must_be("`length`", "a piece of a road", must, self.length)
         for name in ("begin", "end"):
             curvature = getattr(self, name)
-            if not abs(curvature) * self.length <= _MOST_TURN:
+            if not abs(curvature) * self.length <= _PIECE_TURN:
                 must = "a finite curvature, 1/m, that turns the piece at most 1000 times"
                 raise must_be(f"`{name}`", "a piece of a road", must, curvature)
 
 
 def piece_of_file(owner: str, length: float, *ends: float) -> Piece:
-    """A piece as a file asks for it; an error begins with `owner`, the place in the file."""
+    """A piece that a file describes; an error begins with `owner`, the place in the file."""
     try:
         return Piece(length, *ends)
     except InputError as error:
@@ -125,7 +123,7 @@ def length_of(pieces: Sequence[Piece]) -> float:
 
 
 def bends(pieces: Sequence[Piece]) -> bool:
-    """Whether a line is not straight."""
+    """Whether a line has a curve."""
     return any(piece.begin or piece.end for piece in pieces)
 
 
@@ -133,24 +131,25 @@ def bends(pieces: Sequence[Piece]) -> bool:
 def knots_of(pieces: Line) -> Records:
     """The line as `KNOT` records: the straight before it, its stretches, the straight behind it.
 
-    Of a line without pieces there are none.
+    None for a line without pieces.
     """
-    knots = []
-    if pieces:
-        knots.append(_Knot(-_FAR, -_FAR, 0.0, 0.0, 0.0, 0.0))
+    knots = [_Knot(-_STRAIGHT_BEFORE, -_STRAIGHT_BEFORE, 0.0, 0.0, 0.0, 0.0)]
     s = x = y = heading = 0.0
     for piece in pieces:
         rate = (piece.end - piece.begin) / piece.length
         most_turn = max(abs(piece.begin), abs(piece.end)) * piece.length
-        count = 1 if rate == 0.0 else math.ceil(max(most_turn / _TURN, piece.length / _LONGEST))
+        count = (
+            1
+            if rate == 0.0
+            else math.ceil(max(most_turn / _STRETCH_TURN, piece.length / _STRETCH_LENGTH))
+        )
         for part in range(count):
             curvature = piece.begin + rate * (piece.length * part / count)
             knots.append(_Knot(s, x, y, heading, curvature, rate))
             s += piece.length / count
             x, y, heading = stretch_at(knots[-1], piece.length / count)[:3]
-    if pieces:
-        knots.append(_Knot(s, x, y, heading, 0.0, 0.0))
-    return np.array(knots, KNOT)
+    knots.append(_Knot(s, x, y, heading, 0.0, 0.0))
+    return np.array(knots if pieces else [], KNOT)
 
 
 class Position(NamedTuple):
@@ -231,16 +230,16 @@ def to_frame(line: Any, x: float, y: float, heading: float, near: float) -> Posi
         return Position(x, y, heading, 0.0)
     s = near
     d = course = curvature = 0.0
-    for _ in range(_TRIES):
+    for _ in range(_MOST_STEPS):
         at = line_at(line, s)
         course, curvature = at.heading, at.curvature  # of the line
         cos, sin = math.cos(course), math.sin(course)
         dx, dy = x - at.x, y - at.y
         ahead, d = dx * cos + dy * sin, dy * cos - dx * sin
-        step = ahead / max(1.0 - curvature * d, _LEAST)
+        step = ahead / max(1.0 - curvature * d, _LEAST_DIVISOR)
         s += step
         course += step * curvature  # at the new s, to first order
-        if abs(step) < _CLOSE:
+        if abs(step) < _LAST_STEP:
             break
     return Position(s, d, within_a_turn(heading - course), curvature)
 
@@ -248,22 +247,16 @@ def to_frame(line: Any, x: float, y: float, heading: float, near: float) -> Posi
 # -- many places at once ---------------------------------------------------------------------------
 
 
-@kernel
-def _write(row: Any, at: Any) -> None:
-    row[0], row[1] = at.x, at.y
-    row[2], row[3] = at.heading, at.curvature
-
-
 @rows
 def _to_map_rows(line: Records, places: FloatArray, mapped: FloatArray) -> None:
     for i in range(len(places)):
-        _write(mapped[i], to_map(line, places[i, 0], places[i, 1], places[i, 2]))
+        mapped[i] = to_map(line, places[i, 0], places[i, 1], places[i, 2])
 
 
 @rows
-def _to_frame_rows(line: Records, places: FloatArray, near: FloatArray, framed: FloatArray) -> None:
+def _to_frame_rows(line: Records, places: FloatArray, framed: FloatArray) -> None:
     for i in range(len(places)):
-        _write(framed[i], to_frame(line, places[i, 0], places[i, 1], places[i, 2], near[i]))
+        framed[i] = to_frame(line, places[i, 0], places[i, 1], places[i, 2], places[i, 3])
 
 
 def map_places(
@@ -273,7 +266,7 @@ def map_places(
 
     s, d, heading: m, m and rad, arrays that broadcast to one shape.
     """
-    mapped = _each(pieces, (s, d, heading), _to_map_rows)
+    mapped = _columns(pieces, (s, d, heading), _to_map_rows)
     return mapped[0], mapped[1], mapped[2]
 
 
@@ -287,38 +280,32 @@ def frame_places(
     """(s, d, heading) in the frame of a line of places on the map, m and rad.
 
     x, y, heading: m, m and rad, arrays that broadcast to one shape.
-    near: an s, m, a number or (n,): of several feet of the perpendicular, take the one near it.
-        None: the one nearest to the place, searched from points of the line every 5 m.
+    near: an s, m, that broadcasts with them: of several feet of the perpendicular, take the one
+        near it. None: take the one nearest to the place, of points of the line every 5 m.
     """
-
-    def find_feet(line: Records, places: FloatArray, framed: FloatArray) -> None:
-        begins = np.full(len(places), 0.0 if near is None else near)
-        if near is None:
-            grid = np.arange(0.0, length_of(pieces) + 5.0, 5.0)
-            grid_x, grid_y, _ = map_places(pieces, grid, 0.0)
-            for i, (place_x, place_y, _) in enumerate(places):
-                squares = np.square(grid_x - place_x) + np.square(grid_y - place_y)
-                begins[i] = grid[np.argmin(squares)]
-        _to_frame_rows(line, places, begins, framed)
-
-    framed = _each(pieces, (x, y, heading), find_feet)
+    if near is None:
+        grid = np.arange(0.0, length_of(pieces) + 5.0, 5.0)
+        grid_x, grid_y, _ = map_places(pieces, grid, 0.0)
+        squares = np.subtract.outer(x, grid_x) ** 2 + np.subtract.outer(y, grid_y) ** 2
+        near = grid[np.argmin(squares, axis=-1)]
+    framed = _columns(pieces, (x, y, heading, near), _to_frame_rows)
     return framed[0], framed[1], framed[2]
 
 
 def curvatures(pieces: Line, s: ArrayLike) -> FloatArray:
     """Curvature of a line at s (any shape), 1/m, left positive."""
-    return _each(pieces, (s, 0.0, 0.0), _to_map_rows)[3]
+    return _columns(pieces, (s, 0.0, 0.0), _to_map_rows)[3]
 
 
-def _each(
+def _columns(
     pieces: Line,
     places: Sequence[ArrayLike],
     rule: Callable[[Records, FloatArray, FloatArray], None],
 ) -> list[FloatArray]:
-    """The four numbers of a `Position` for each place, by a rule.
+    """The four numbers of each place's `Position`, by a rule.
 
-    places: three arrays that broadcast: x, y, heading or s, d, heading. On a straight line they are
-        the result, with curvature 0.
+    places: the columns of the rule's `places`. On a straight line the first three are the result,
+        with curvature 0.
     """
     arrays = np.broadcast_arrays(*(np.asarray(it, float) for it in places))
     shape = arrays[0].shape
@@ -327,7 +314,7 @@ def _each(
     if pieces:
         rule(knots_of(pieces), stacked, result)
     else:
-        result[:, :3] = stacked
+        result[:, :3] = stacked[:, :3]
     return [column.reshape(shape) for column in result.T]
 
 
@@ -335,26 +322,25 @@ def drawn_points(pieces: Line, begin: float, end: float, longest: float = 1.0) -
     """s of the corners of a polyline along a line, m, in order.
 
     begin, end: s of its ends, m.
-    longest: m between two corners, at most, where the line is curved. Also where two pieces meet
-        there is a corner.
+    longest: m between two corners, at most, where the line is curved. Corners also lie where two
+        pieces meet.
     """
     corners = [begin, end]
     s = 0.0
     for piece in pieces:
-        low = max(s, begin)
-        high = min(s + piece.length, end)
+        low, high = max(s, begin), min(s + piece.length, end)
         s += piece.length
         if high <= low:
             continue
         # - 1e-9: rounding must not add a corner
         count = max(math.ceil((high - low) / longest - 1e-9), 1) if bends([piece]) else 1
-        corners += [low, *(low + (high - low) * k / count for k in range(1, count)), high]
+        corners += [*(low + (high - low) * k / count for k in range(count)), high]
     return np.unique(corners)
 
 
 @functools.lru_cache(maxsize=64)
-def comes_back(pieces: Line, length: float, width: float) -> bool:
-    """Whether a road along a line crosses itself, or almost.
+def crosses_itself(pieces: Line, length: float, width: float) -> bool:
+    """Whether two parts of a road along a line cross, or are about as near as its width.
 
     length, width: of the road, m.
     """
@@ -363,5 +349,5 @@ def comes_back(pieces: Line, length: float, width: float) -> bool:
     s = np.arange(0.0, length, 10.0)
     x, y, _ = map_places(pieces, s, 0.0)
     apart = np.abs(np.subtract.outer(x + 1j * y, x + 1j * y))
-    # but not along the road: there, neighbours are near on any curve
+    # points that are near along the road are near on any curve, and do not count
     return bool((apart < near)[np.subtract.outer(s, s) > 4.0 * near].any())
