@@ -8,12 +8,13 @@ Users: `ads/`, `cosim/`, `record/`, `scenario/`, `settings/evaluation.py`, `what
 from dataclasses import field
 from typing import Annotated, Literal
 
-from annotated_types import Le, Lt
+from annotated_types import Le
 
 from sumo_eval.frozen import frozen
 from sumo_eval.settings.checked import (
     Checked,
     FilledText,
+    InnerShare,
     NotNegativeFloat,
     PositiveFloat,
     PositiveOrNone,
@@ -21,6 +22,8 @@ from sumo_eval.settings.checked import (
     setting,
     setting_made_by,
 )
+
+_Extent = Annotated[PositiveFloat, Le(100.0)]  # of a body, m; no vehicle on roads is longer
 
 
 @frozen
@@ -32,9 +35,9 @@ class VehicleSettings(Checked):
     round values of a mid-size car.
     """
 
-    length: PositiveFloat = setting(4.5, "body length", "m")
-    width: PositiveFloat = setting(1.8, "body width", "m")
-    wheelbase: PositiveFloat = setting(2.7, "distance between the axles", "m")
+    length: _Extent = setting(4.5, "body length", "m")
+    width: _Extent = setting(1.8, "body width", "m")
+    wheelbase: _Extent = setting(2.7, "distance between the axles", "m")
     steering_ratio: PositiveFloat = setting(16.0, "steering wheel angle over road wheel angle")
     max_steering_wheel_angle_deg: PositiveFloat = setting(
         540.0, "end stop of the steering wheel", "deg"
@@ -63,7 +66,7 @@ class VehicleSettings(Checked):
     yaw_inertia: PositiveFloat = setting(
         1791.6, "of the dynamic model: inertia about the vertical axis", "kg m2"
     )
-    front_share: Annotated[PositiveFloat, Lt(1.0)] = setting(
+    front_share: InnerShare = setting(
         0.448, "of the dynamic model: (front axle to centre of gravity) / wheelbase"
     )
     centre_height: NotNegativeFloat = setting(
