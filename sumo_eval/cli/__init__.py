@@ -196,7 +196,9 @@ def _errors_reported() -> Iterator[None]:
         _stdout_to_nowhere()
         if error.errno == errno.EPIPE:
             sys.exit(NOT_READ)
-        place = f" ({clean(str(error.filename), 200)})" if error.filename else ""
+        # only `os.getcwd` names no file
+        name = error.filename or ("the working folder" if error.errno == errno.ENOENT else "")
+        place = f" ({clean(str(name), 200)})" if name else ""
         _refuse(f"{error.strerror or error}{place}. What was finished before is kept.")
 
 

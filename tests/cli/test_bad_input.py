@@ -85,6 +85,15 @@ def test_what_cannot_be_used_is_one_short_sentence_and_status_2(folder, argument
     assert len(said) <= LOG
 
 
+def test_a_removed_working_folder_is_named(tmp_path):
+    check = f"{shlex.quote(sys.executable)} -m sumo_eval check idm"
+    done = subprocess.run(
+        f"mkdir gone && cd gone && rmdir ../gone && {check}",
+        shell=True, cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert "No such file or directory (the working folder)" in done.stderr
+
+
 @pytest.mark.campaign
 @pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
 def test_a_full_device_behind_stdout_loses_no_finished_work(folder):
