@@ -3,7 +3,7 @@
 `scoring/` makes it, `report/` and `nightly/` read it. A table loads a column when it is first used:
 a million records in memory are some gigabytes, their columns on disk a twentieth of that.
 
-Users: `nightly/`, `record/exchange.py`, `report/`, `results.py`, `scoring/`, `extras/`.
+Users: `nightly/`, `record/`, `report/`, `results.py`, `scoring/`, `extras/`.
 """
 
 from __future__ import annotations

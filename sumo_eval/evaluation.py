@@ -23,13 +23,13 @@ from typing import TYPE_CHECKING, Any
 from sumo_eval.errors import InputError
 from sumo_eval.method.severity import severity_of
 from sumo_eval.record import run_folder
+from sumo_eval.record.fingerprint import scores_key
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.points import choose_points, refuse_unknown_axes
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.store import open_store, vouch
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.resolved import Resolved
-from sumo_eval.scoring.fingerprint import scores_key
 from sumo_eval.scoring.kept_scores import RowWriter, keep_scores, kept_scores, table_of
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.config import with_changes

@@ -392,12 +392,6 @@ def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
     return float(gaussian_similarity(max(operations, drivers.mean()), drivers.mean(), deviation))
 
 
-# --- slices ---------------------------------------------------------------------------------------
-
-
-# --- terms ----------------------------------------------------------------------------------------
-
-
 def _capped_ratio(value: float | np.floating, reference: float | np.floating) -> float:
     """min(1, value / reference), and 1 where the reference is 0."""
     return 1.0 if value >= reference else float(value / reference)

@@ -19,15 +19,12 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.method.checks import quotient
 from sumo_eval.method.manoeuvres import Manoeuvre, manoeuvre_of
-from sumo_eval.method.operations import count_operations as count_operations  # re-exported
-from sumo_eval.method.operations import most_operations
+from sumo_eval.method.operations import count_operations, most_operations
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import CHANNELS, FloatArray, Trajectory
 
 DEFAULTS = AnthropomorphicSettings()
-
-
 SAME_PLACE = 1e-6  # m; a smaller difference of two x is rounding
 
 
@@ -37,7 +34,7 @@ class ComparedDrive(NamedTuple):
     whole: as recorded.
     on_road: up to its first sample at or past the road's end; `whole` itself if nothing is cut.
     begin: first x, m.
-    length: L, m.
+    length: L of Eq. 12, m.
     reach: distance from `begin` to where it was last seen on the road, m.
     operations: n of D_i.
     most_operations: n of H.
@@ -64,14 +61,25 @@ class ComparedDrive(NamedTuple):
         on_road = whole
         if beyond.size and beyond[0] + 1 < len(whole):
             on_road = first_samples(whole, beyond[0] + 1)
-        unfinished = not (_reached_the_end(on_road, road) or _has_stopped(on_road, settings))
-        left = _left_the_road(on_road, road)
+        begin = float(whole.x[0])
+        last_x = on_road.x[-1]
+        last_y = on_road.y[-1]
+        step = last_x - on_road.x[-2] if len(on_road) > 1 else 0.0
+        furthest = on_road.x.max()
+        # a sample, or the one that would come next, lies at or past the road's end
+        finished = max(furthest, last_x + step) >= road.length - SAME_PLACE
+        stopped = on_road.speed[-1] < settings.stop_speed
+        # the vehicle's centre is off the road, to its side, at the last sample
+        left = not road.right_edge_at(last_x) <= last_y <= road.left_edge_at(last_x)
+        end = road.length if finished else last_x if stopped else furthest
+        reach = max(float(end - begin), 0.0)
+        unfinished = not (finished or stopped)
         return cls(
             whole=whole,
             on_road=on_road,
-            begin=float(whole.x[0]),
-            length=driven_length(on_road, road, settings),
-            reach=_reach(on_road, road, settings),
+            begin=begin,
+            length=reach if stopped or left else max(road.length - begin, 0.0),
+            reach=reach,
             operations=count_operations(on_road, settings),
             most_operations=most_operations(on_road, settings),
             manoeuvre=manoeuvre_of(whole, road, settings.manoeuvre_time),
@@ -84,51 +92,6 @@ def first_samples(drive: Trajectory, number: int) -> Trajectory:
     """The first samples of a drive, as a drive that ends with them."""
     channels = (getattr(drive, name)[:number] for name in CHANNELS)
     return Trajectory(*channels, length=drive.length, width=drive.width)
-
-
-def driven_length(
-    trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings = DEFAULTS
-) -> float:
-    """Eq. 12: L, m, from the start to where the vehicle stopped or left the road sideways, else to
-    the road's end.
-
-    trajectory: in road coordinates, x in m.
-    road: its length and edges, m.
-    settings: `stop_speed` of `[method.anthropomorphic]`, m/s.
-
-    A vehicle that still drives at the end of its recording has not stopped: its L ends at the
-    road's end.
-    """
-    if _has_stopped(trajectory, settings) or _left_the_road(trajectory, road):
-        return _reach(trajectory, road, settings)
-    return max(road.length - float(trajectory.x[0]), 0.0)
-
-
-def _reach(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) -> float:
-    """Distance from its start over which a vehicle was seen, at most to the road's end, m."""
-    # where it stands, if it stopped; else the furthest x
-    last = trajectory.x[-1] if _has_stopped(trajectory, settings) else trajectory.x.max()
-    if _reached_the_end(trajectory, road):
-        last = road.length
-    return max(float(last - trajectory.x[0]), 0.0)
-
-
-def _reached_the_end(trajectory: Trajectory, road: Road) -> bool:
-    """Whether a sample, or the one that would come next, lies at or past the road's end."""
-    step = trajectory.x[-1] - trajectory.x[-2] if len(trajectory) > 1 else 0.0
-    return bool(max(trajectory.x.max(), trajectory.x[-1] + step) >= road.length - SAME_PLACE)
-
-
-def _has_stopped(trajectory: Trajectory, settings: AnthropomorphicSettings) -> bool:
-    """Whether the vehicle stands at its last sample."""
-    return bool(trajectory.speed[-1] < settings.stop_speed)
-
-
-def _left_the_road(trajectory: Trajectory, road: Road) -> bool:
-    """Whether the vehicle's centre is off the road, to its side, at the last sample."""
-    x = trajectory.x[-1]
-    y = trajectory.y[-1]
-    return bool(not road.right_edge_at(x) <= y <= road.left_edge_at(x))
 
 
 def slice_positions(start: float, length: float, spacing: float) -> FloatArray:

@@ -19,16 +19,12 @@ from numpy.typing import ArrayLike
 from sumo_eval.frozen import frozen
 from sumo_eval.method.compared_drives import SAME_PLACE, ComparedDrive
 from sumo_eval.method.manoeuvres import Choice, Manoeuvre, spread
-from sumo_eval.method.operations import count_operations as count_operations  # re-exported
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 SPLIT_GAP = 0.5  # lane widths; a wider gap between neighbouring drivers makes two groups of them
-
-
 SPLIT_MEMBERS = 2  # fewest drivers of a group
-
 
 NoteKind = Literal[
     "manoeuvre_made_by",  # mixture mode: drivers who made the ADS's manoeuvre

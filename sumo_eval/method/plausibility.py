@@ -18,7 +18,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Final
 
 import numpy as np
 
@@ -31,7 +30,7 @@ USUAL_SHARE = 0.05
 """An extreme that at least this share of people reach is as plausible as any."""
 LEAST_PEOPLE = 20
 """Fewer people cannot show a share of 5 %: one of them is more than that."""
-EXTREMES: Final[Mapping[str, int]] = {
+EXTREMES: Mapping[str, int] = {
     "min_ttc": -1,
     "min_thw": -1,
     "max_deceleration": 1,
@@ -41,7 +40,7 @@ EXTREMES: Final[Mapping[str, int]] = {
     "max_lateral_acceleration": 1,
 }
 """Which extremes count; 1 where more is more extreme, -1 where less is."""
-LEVELS: Final = (0.01, 0.02, 0.03, 0.04, 0.05, 0.1, 0.25, 0.5)
+LEVELS = (0.01, 0.02, 0.03, 0.04, 0.05, 0.1, 0.25, 0.5)
 """Shares of people at which a table holds values. Before them it has the most extreme person's
 share."""
 
@@ -84,7 +83,7 @@ class Quantiles:
         return float(np.interp(-side * value, -side * reached, (0.0, *self.shares[name])))
 
 
-MOTORWAY_PEOPLE: Final = Quantiles(
+MOTORWAY_PEOPLE = Quantiles(
     values={
         "min_ttc": (1.332, 1.887, 2.343, 2.717, 3.19, 3.606, 4.819, 7.947, 12.218),
         "min_thw": (0.203, 0.304, 0.331, 0.369, 0.394, 0.451, 0.557, 0.792, 1.287),

@@ -27,7 +27,7 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -108,7 +108,7 @@ class InjuryCurve(NamedTuple):
     fastest: float
 
 
-INJURY_CURVES: Final[Mapping[str, InjuryCurve]] = {
+INJURY_CURVES: Mapping[str, InjuryCurve] = {
     "car_driver": InjuryCurve(-7.654, 0.041, 0.021, 41.0, 150.0),
     "pedestrian": InjuryCurve(-6.190, 0.078, 0.038, 46.0, 100.0),
     "cyclist": InjuryCurve(-7.467, 0.079, 0.047, 38.0, 100.0),
@@ -118,7 +118,7 @@ pedestrians, cyclists, motorcyclists, and car drivers impacting the front of ano
 car as a function of closing speed and age", Traffic Safety Research 2, 000006 (2022), on German
 in-depth accident data (GIDAS).
 """
-INJURY_AGES: Final = (15.0, 95.0)
+INJURY_AGES = (15.0, 95.0)
 """Years; outside them a score has a note that the curve may not hold. The bounds of
 `CollisionSettings.age` are wider.
 
@@ -220,9 +220,9 @@ def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Seve
     return Severity(chosen, "loss", answer, sha256=_hash_of(function))
 
 
-CHOICES: Final = ("severity", "eq14", *(_INJURY + name for name in INJURY_CURVES))
+CHOICES = ("severity", "eq14", *(_INJURY + name for name in INJURY_CURVES))
 """The severities that ship."""
-EXAMPLE: Final = Collision(
+EXAMPLE = Collision(
     0.0, "example", (20.0, 0.0), (0.0, 0.0), 1.0, "front", (0.0, 0.0, 0.0), (4.5, 0.0, 0.0)
 )
 """The ego at 20 m/s meets a standing car in line, bumper to bumper at the full width."""

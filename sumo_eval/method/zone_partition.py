@@ -333,12 +333,3 @@ def boundary_error(zones: ZonePartition, n: int | None = None) -> BoundaryError:
     return BoundaryError(
         float(wrong.mean()), float(wrong[feasible].mean()) if feasible.any() else math.nan
     )
-
-
-# --- training -------------------------------------------------------------------------------------
-
-
-# --- points ---------------------------------------------------------------------------------------
-
-
-# --- zones ----------------------------------------------------------------------------------------

@@ -23,22 +23,12 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 # Most training points from the parameters' steps: the time to fit a GP grows with their cube.
 OWN_GRID_POINTS = 1_500
-
-
 MOST_POINTS = 5_000  # most training points that a caller may give
-
-
 # Most points of the dense grid in a scenario whose criticality is searched over time, point by
 # point.
 SEARCHED_GRID = 8_000
-
-
 ADDED_AT_ONCE = 500  # most training points that one refinement adds
-
-
 EDGE = 1e-9  # unit-box length; a point this close to an edge of the space counts as on the edge
-
-
 ERROR_WORTH_A_NOTE = 0.01  # share of the space on the wrong side of the GP's boundary
 
 

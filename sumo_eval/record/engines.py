@@ -34,8 +34,8 @@ IDLE = 0.2
 _CLUSTER = "sumo_eval.record.cluster:run_on_cluster"
 
 Outcomes = Generator[list[Outcome], None, None]
-"""Lists of outcomes; a list holds cases that ended together. A case that ran TraCI code in a batch
-gets a second outcome, driven alone, if that code turns out to keep state between cases."""
+"""Lists of outcomes; a list holds cases that ended together, or none. A case that ran TraCI code in
+a batch gets a second outcome, driven alone, if that code turns out to keep state between cases."""
 
 
 def run_cases(cases: Iterable[Case], setup: Setup) -> Generator[Outcome, None, None]:
@@ -87,15 +87,13 @@ def run_in_children(
     batches = Batches(cases, workers, min(largest_batch(setup), setup.run.cases_per_child))
     work = Work(answer, setup, lambda batch: affinity(batch[0], setup), driven)
     with Pool(workers, setup.run, setup.run.cases_per_child) as pool:
-        for outcomes in pool.run(
+        yield from pool.run(
             work,
             batches.take,
             partial(_settled, batches=batches, setup=setup),
             stopping,
             batches.look_ahead,
-        ):
-            if outcomes:
-                yield outcomes
+        )
 
 
 def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
@@ -143,9 +141,7 @@ def _run_here(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Outcom
     while not stopping() and (batch := batches.take()) is not None:
         served.add(affinity(batch[0], setup))
         refuse_to_share(served)
-        outcomes = _settled(Ended(batch, "done", answer(batch, setup), ""), batches, setup)
-        if outcomes:
-            yield outcomes
+        yield _settled(Ended(batch, "done", answer(batch, setup), ""), batches, setup)
         batches.look_ahead()
 
 

@@ -21,10 +21,8 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any, NamedTuple
 
-import sumo_eval.method
 from sumo_eval.coded import decoded, encoded
 from sumo_eval.frozen import frozen
-from sumo_eval.input_file import sha256
 from sumo_eval.method.anthropomorphic import (
     AnthropomorphicIndex,
     Ingredients,
@@ -34,6 +32,7 @@ from sumo_eval.method.anthropomorphic import (
 )
 from sumo_eval.method.index_terms import IndexNote
 from sumo_eval.method.shared_fields import prepare
+from sumo_eval.record.fingerprint import sources
 from sumo_eval.record.kept_results import KeptResults, Kind, key_of
 from sumo_eval.record.kept_results import Part as KeptPart
 from sumo_eval.record.spread import Spread, spread_over
@@ -72,34 +71,37 @@ class PointJob:
 
 
 @frozen
-class LeftOut:
-    """D_i of a case on coarse slices, compared with different sets of drivers.
+class Varied:
+    """A value of a case, compared with different sets of drivers.
 
     everyone: all drivers.
     without: all but one, for each driver in their order; empty where there are only two drivers.
     exchanged: mean over the exchanges of one driver for another; `everyone` without exchanges.
-    likeness, likeness_without, likeness_exchanged: of the same sets f_L * f_n+ * similarity, which
-        is the human-likeness of the case without the factor of its plausibility.
     """
 
     everyone: float
     without: tuple[float, ...]
     exchanged: float
-    likeness: float
-    likeness_without: tuple[float, ...]
-    likeness_exchanged: float
 
     @classmethod
-    def of(cls, indexes: Sequence[AnthropomorphicIndex], drivers: int) -> LeftOut:
-        """Results of leaving out drivers, from the indexes for the sets of `_left_out`."""
+    def of(cls, values: Sequence[float], drivers: int) -> Varied:
+        """From the values for the sets of `_left_out`."""
         first = 1 + drivers  # place of the first exchange
-        values = [index.value for index in indexes]
-        likenesses = [index.likeness.value for index in indexes if index.likeness is not None]
         # `or`: without exchanges, the mean of everyone alone
-        return cls(
-            values[0], tuple(values[1:first]), fmean(values[first:] or values[:1]),
-            likenesses[0], tuple(likenesses[1:first]), fmean(likenesses[first:] or likenesses[:1]),
-        )  # fmt: skip
+        return cls(values[0], tuple(values[1:first]), fmean(values[first:] or values[:1]))
+
+
+@frozen
+class LeftOut:
+    """Results of leaving out drivers, on coarse slices.
+
+    index: D_i.
+    likeness: f_L * f_n+ * similarity, which is the human-likeness of the case without the factor of
+        its plausibility.
+    """
+
+    index: Varied
+    likeness: Varied
 
 
 class PointResults(NamedTuple):
@@ -117,7 +119,7 @@ class PointResults(NamedTuple):
 
 _RECORDS = {
     kind.__name__: kind
-    for kind in (AnthropomorphicIndex, IndexNote, Ingredients, Likeness, LeftOut)
+    for kind in (AnthropomorphicIndex, IndexNote, Ingredients, Likeness, LeftOut, Varied)
 }
 """Classes of the records that are kept, by name, for `decoded`."""
 
@@ -202,7 +204,7 @@ def _keys(
     with open_store(facts) as store:
         hash_of = cache(store.case_hash)
         for job in jobs:
-            common = key_of(job.road, settings, list(map(hash_of, job.drivers)), method_sources())
+            common = key_of(job.road, settings, list(map(hash_of, job.drivers)), sources("method"))
             for case in job.ads:
                 keys["index", case] = key_of(common, hash_of(case), "index")
             for case in job.left_out:
@@ -210,13 +212,6 @@ def _keys(
             if job.band:
                 keys["band", job.drivers] = key_of(common, "band")
     return keys
-
-
-@cache
-def method_sources() -> str:
-    """A hash of the method's own source: results of another version are not reused."""
-    files = sorted(Path(sumo_eval.method.__file__).parent.glob("*.py"))
-    return sha256(b"".join(file.read_bytes() for file in files))
 
 
 def _missing(job: PointJob, kept: Collection[_Name]) -> PointJob:
@@ -265,7 +260,9 @@ def _compute(
     if job.band:
         yield ("band", job.drivers), tuple(index.value for index in band)
     for case, group in zip(job.left_out, indexes, strict=True):
-        yield ("left_out", case), LeftOut.of(group, len(drivers))
+        likeness = [it.likeness.value for it in group if it.likeness]
+        both = [it.value for it in group], likeness
+        yield ("left_out", case), LeftOut(*(Varied.of(it, len(drivers)) for it in both))
 
 
 def band_pairings(drivers: Sequence[int], settings: AnthropomorphicSettings) -> list[Pairing]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import platform
 import re
 import shlex
+import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -21,7 +22,6 @@ from typing import Any
 
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import sha256, write_whole, writing
-from sumo_eval.record.build import builds_of
 from sumo_eval.record.lock import LOCK, held_folder
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.sealed import read_sealed, sealed
@@ -40,6 +40,7 @@ EXPOSURES = "exposure.json"
 SHARD = "shard"  # name of the note in `FACTS` with the number and count of shards, `1/4`
 GIVEN = "ads"  # folder of pickled ADSs, which have no file of their own (`record.given`)
 _PACKAGES = ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn")  # versions in the manifest
+_GIT_PATIENCE = 10.0  # s, for Git in a large folder
 _HALF_MADE = {EVALUATION, MANIFEST, FACTS, EXPOSURES, "networks", "routes"}
 """Names in the folder of a run that was ended while `create` made it."""
 
@@ -245,3 +246,33 @@ def versions_and_machine(packages: Iterable[str]) -> dict[str, dict[str, str]]:
             "node": platform.node(),
         },
     }
+
+
+def builds_of(settings: EvaluationSettings, source: Path) -> Mapping[str, str]:
+    """Build by ADS; without those that ship and those of which nothing is known."""
+    own = [ads for ads in settings.ads if ads.build or ":" in ads.controller]
+    commit = commit_of(source) if any(not ads.build for ads in own) else ""
+    return {ads.name: ads.build or commit for ads in own if ads.build or commit}
+
+
+def commit_of(folder: Path) -> str:
+    """`3db9796abcde`, or `3db9796abcde-dirty` with changes that are not committed; "" without a
+    commit.
+    """
+    command = [
+        "git",
+        "-C",
+        str(folder),
+        "describe",
+        "--always",
+        "--dirty",
+        "--abbrev=12",
+        "--exclude=*",  # no tags: always the commit
+    ]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=_GIT_PATIENCE, check=False
+        )
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""

@@ -1,6 +1,6 @@
 """Files that a user's scenario comes from, and hashes of their content.
 
-Users: `record/facts.py`, `scoring/fingerprint.py`, `scoring/steps.py`.
+Users: `record/`, `scoring/steps.py`.
 """
 
 from __future__ import annotations

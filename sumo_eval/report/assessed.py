@@ -11,13 +11,13 @@ from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sumo_eval.record.fingerprint import sources
 from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.report.opinion_section import OPINION
 from sumo_eval.report.page import CONFIDENCE, REPORT
 from sumo_eval.report.people import STUDY
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.fingerprint import sources
 
 if TYPE_CHECKING:
     from sumo_eval.report.sections import Additions

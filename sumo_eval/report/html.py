@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -24,7 +23,7 @@ from sumo_eval.report.citation import citation
 from sumo_eval.report.density import density_maps
 from sumo_eval.report.gate_result import failed
 from sumo_eval.report.notes import GIVEN_UP, index_notes, score_note, why_missing
-from sumo_eval.report.page import REPORT, packed_json, template, write_page
+from sumo_eval.report.page import REPORT, Json, packed_json, template, write_page
 from sumo_eval.report.page_data import embedded_cases, gathered_words, map_words, page_data
 from sumo_eval.report.people import nobody_drove, nobody_recorded, people_sentence
 from sumo_eval.report.score_words import (
@@ -80,7 +79,7 @@ def term(name: str, shown: str = "") -> Markup:
 
 def _context(
     evaluation: Evaluation, partitions: Mapping[str, ZonePartition], additions: Additions
-) -> dict[str, Any]:
+) -> Json:
     """Values of the page's template.
 
     A thread reads and deflates the recorded drives meanwhile.
@@ -116,7 +115,7 @@ def _shared(
     partitions: Mapping[str, ZonePartition],
     additions: Additions,
     in_page: Mapping[str, IntArray],
-) -> dict[str, Any]:
+) -> Json:
     """Values that the sections of the page share."""
     settings, exposure_known = evaluation.settings, evaluation.exposure_known()
     synthetic = settings.drivers.source == "synthetic" or nobody_recorded(evaluation)
@@ -188,9 +187,7 @@ def write_comparison(evaluation: Evaluation, additions: Additions, path: Path) -
     return write_page(path, page, "The page")
 
 
-def _group(
-    index: int, evaluation: Evaluation, zones: ZonePartition, shown: IntArray
-) -> dict[str, Any]:
+def _group(index: int, evaluation: Evaluation, zones: ZonePartition, shown: IntArray) -> Json:
     """Everything the page says of one logical scenario.
 
     index: of the scenario in the evaluation.
@@ -237,7 +234,7 @@ def _group(
 
 def _left_out(
     logical: LogicalScenario, evaluation: Evaluation, shown: IntArray, view: View
-) -> dict[str, Any]:
+) -> Json:
     """Words and drawings for a scenario of which the page does not hold all cases."""
     tables = {
         score.ads: evaluation.cases_behind(score) for score in evaluation.scores_in(logical.name)
@@ -262,7 +259,7 @@ def _left_out(
     }
 
 
-def _row(findings: Findings) -> dict[str, Any]:
+def _row(findings: Findings) -> Json:
     """One ADS in one logical scenario, in the words and digits of the page."""
     score, cases, likened = findings.score, findings.cases, findings.likened
     hits = findings.collisions

@@ -226,9 +226,7 @@ def lattice(zones: ZonePartition) -> Json | None:
     the space has no lattice.
     """
     points = lattice_points(zones.logical)
-    if points is None:
-        return None
-    return {"size": points.size} | _packed(zones, points.rows)
+    return points and {"size": points[0]} | _packed(zones, points[1])
 
 
 def _packed(zones: ZonePartition, points: FloatArray) -> Json:

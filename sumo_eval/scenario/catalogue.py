@@ -3,8 +3,7 @@ names one.
 
 A file is read when its scenario is asked for, once.
 
-Users: `cli/`, `record/`, `report/export_case.py`, `scenario/resolved.py`, `scoring/fingerprint.py`,
-`extras/`.
+Users: `cli/`, `record/`, `report/export_case.py`, `scenario/resolved.py`, `extras/`.
 """
 
 from collections import Counter

@@ -3,7 +3,7 @@
 Each format is an entry point of the group `sumo_eval.scenarios`. Its name is the ending of the
 files, e.g. `xosc`. Its object is a `Format`, or a function `(path, options) -> LogicalScenario`.
 
-Users: `record/`, `scenario/`, `scoring/fingerprint.py`, `extras/openscenario/format.py`.
+Users: `record/`, `scenario/`, `extras/openscenario/format.py`.
 """
 
 from collections.abc import Callable, Iterator, Mapping

@@ -41,11 +41,10 @@ from sumo_eval.method.measures import (
     measures,
 )
 from sumo_eval.method.plausibility import EXTREMES, Quantiles, extremes_of, plausibility
-from sumo_eval.record.human_reference import method_sources
+from sumo_eval.record.fingerprint import sources, space_key
 from sumo_eval.record.kept_results import key_of
 from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.scenario.concrete import Road, Way
-from sumo_eval.scoring.fingerprint import sources, space_key
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.trajectory import FloatArray, Trajectories, Trajectory
 
@@ -144,7 +143,7 @@ def drive_results(
         # a result depends on the point's references and on its own drive
         common = key_of(
             [hash_of(case) for case in others], road, margin, start.x, start.way, files,
-            method_sources()
+            sources("method")
         )  # fmt: skip
         for fact in facts:
             keys[fact.case] = key_of(common, hash_of(fact.case))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
 
@@ -29,18 +29,18 @@ from sumo_eval.settings.checked import (
 )
 from sumo_eval.settings.config import read_checked
 
-INDEXES: Final = {name: attribute for name, (attribute, _) in SCORES.items() if name != "regret"}
+INDEXES = {name: attribute for name, (attribute, _) in SCORES.items() if name != "regret"}
 """Scores that are better when higher: name -> field of ScenarioResult."""
-HIGHER_IS_BETTER: Final = tuple(INDEXES)
+HIGHER_IS_BETTER = tuple(INDEXES)
 """Scores that are better when higher; every other number of an ADS is better when lower."""
-WITH_INTERVAL: Final = (*HIGHER_IS_BETTER, "regret", "collision_probability")
+WITH_INTERVAL = (*HIGHER_IS_BETTER, "regret", "collision_probability")
 """Quantities whose difference between two runs has an interval."""
 Change = Literal[
     "new collision", "left the road", "not evaluated any more", "harsher", "less human",
     "collision gone", "back on the road", "evaluated again", "softer", "more human",
 ]  # fmt: skip
 """Change of a case: those for the worse, the worst first, then those for the better."""
-OF_THE_COMPARISON: Final[dict[str, Change]] = {
+OF_THE_COMPARISON: dict[str, Change] = {
     "new_collisions": "new collision",
     "harsher": "harsher",
     "less_human": "less human",
@@ -49,7 +49,7 @@ OF_THE_COMPARISON: Final[dict[str, Change]] = {
 }
 """Quantities that are changes between two runs: numbers of cases."""
 
-QUANTITIES: Final = (
+QUANTITIES = (
     *WITH_INTERVAL,
     "collisions", "avoidable_collisions", "unavoidable_collisions", "caused_collisions",
     "safe_collisions", "off_road", "departures", "gave_up", "not_evaluated", "requirements_missed",
@@ -57,9 +57,9 @@ QUANTITIES: Final = (
 )  # fmt: skip
 """Numbers of an ADS in a logical scenario that a limit may be about."""
 
-COLUMNS: Final = (*NUMBERS, "d_i", "departed", "incident_severity")
+COLUMNS = (*NUMBERS, "d_i", "departed", "incident_severity")
 """Columns of cases.csv that a limit may be about; the limit holds for each case."""
-HIGHER_COLUMNS: Final = frozenset((
+HIGHER_COLUMNS = frozenset((
     "min_ttc", "min_thw", "min_gap", "pet", "conflict_pet", "undisturbed_pet", "time_to_conflict",
     "index", "d_i", "length_factor", "operation_factor", "similarity",
     "likeness_length_factor", "operation_tolerance", "mixture_similarity", "plausibility",
@@ -68,18 +68,18 @@ HIGHER_COLUMNS: Final = frozenset((
 ))  # fmt: skip
 """Columns of which more is better; in all other columns less is better."""
 
-OF_U: Final = frozenset((
+OF_U = frozenset((
     "severity", "ideal_severity", "no_reaction_severity", "departure_severity", "incident_severity",
 ))  # fmt: skip
 """Columns in the unit of U; they are compared only where both runs have U in one unit."""
 
-ENDS: Final = {
+ENDS = {
     "collided": "collided", "departed": "left the road", "gave_up": "gave up",
     "not_evaluated": "not evaluated", "missed": "missed a requirement",
 }  # fmt: skip
 """Words for each bad end, the gravest first. A case with several counts for the first one."""
 
-TIMED: Final = (
+TIMED = (
     "wall_time", "latency_mean", "latency_max", "latency_median", "latency_p99",
     "latency_reference", "latency_relative",
 )  # fmt: skip

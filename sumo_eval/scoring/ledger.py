@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -86,7 +86,7 @@ class Ledger(NamedTuple):
         return 0.0 if abs(total) < ROUNDING else total
 
 
-_NO_CASES: Final[Any] = np.empty(0, dtype=np.intp)  # rows of a line without cases, and losses
+_NO_CASES: Any = np.empty(0, dtype=np.intp)  # rows of a line without cases, and losses
 _Lines = Iterable[LedgerLine]
 
 

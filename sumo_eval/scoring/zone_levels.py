@@ -6,7 +6,7 @@ Users: `report/page_data.py`.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,18 +54,11 @@ def map_points(
     return {"y": [0.0]} | axes, points.reshape(-1, points.shape[-1])  # [0.0]: a strip has no y
 
 
-class Lattice(NamedTuple):
-    """Evenly spaced points of a space, (n, k), the last parameter fastest.
-
-    size: points on each axis, the ends included.
+def lattice_points(logical: LogicalScenario) -> tuple[int, FloatArray] | None:
+    """Number of points on each axis of a lattice over the whole space, the ends included, and its
+    points, (n, k), the last parameter fastest; None for one parameter, and where it would be too
+    large.
     """
-
-    size: int
-    rows: FloatArray
-
-
-def lattice_points(logical: LogicalScenario) -> Lattice | None:
-    """The lattice of a space; None for one parameter, and where it would be too large."""
     k = len(logical.parameters)
     most = LATTICE_POINTS if logical.search is None else SEARCHED_LATTICE_POINTS
     size = max(LEAST_LATTICE, min(MOST_LATTICE, int(most ** (1.0 / k))))
@@ -74,7 +67,7 @@ def lattice_points(logical: LogicalScenario) -> Lattice | None:
     ticks = np.linspace(0.0, 1.0, size)
     # clipped: rounding may move a point past the end of a range
     unit = np.stack(np.meshgrid(*[ticks] * k, indexing="ij"), axis=-1).reshape(-1, k)
-    return Lattice(size, np.clip(logical.from_unit(unit), logical.low, logical.high))
+    return size, np.clip(logical.from_unit(unit), logical.low, logical.high)
 
 
 def rooms_of(logical: LogicalScenario, points: FloatArray) -> list[Levels]:

@@ -8,15 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.record.fingerprint import sources, space_key
 from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.points import ZONES, kept_zones
 from sumo_eval.scenario.resolved import Resolved
-from sumo_eval.scoring.fingerprint import sources, space_key
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 from sumo_eval.trajectory import FloatArray
 
@@ -43,21 +42,11 @@ def zones_key(entry: ScenarioSettings, settings: EvaluationSettings, source: Pat
     )
 
 
-class StarDistance(NamedTuple):
-    """Where a point lies on the ray of Eq. 16, in unit-box lengths from x*.
-
-    star: x*, the most dangerous point of its nearest zone.
-    away: |x - x*|.
-    boundary: |b - x*|; None at x* itself.
-    """
-
-    star: Mapping[str, float]
-    away: float
-    boundary: float | None
-
-
-def star_distance(zones: ZonePartition, row: FloatArray, weight: float) -> StarDistance:
-    """The ray from x* through a point.
+def star_distance(
+    zones: ZonePartition, row: FloatArray, weight: float
+) -> tuple[Mapping[str, float], float, float | None]:
+    """The ray of Eq. 16 from x* through a point: x*, the most dangerous point of its nearest zone;
+    |x - x*|; and |b - x*|, None at x* itself. Lengths are those of the unit box.
 
     row: the point's values, (k,).
     weight: r of the point (Eq. 16).
@@ -65,7 +54,7 @@ def star_distance(zones: ZonePartition, row: FloatArray, weight: float) -> StarD
     logical, star = zones.logical, zones.most_dangerous[int(zones.nearest_zone(row))]
     away = float(np.linalg.norm(logical.to_unit(row) - logical.to_unit(logical.row(star))))
     # r = |x - x*| / |b - x*|
-    return StarDistance(star, away, away / weight if weight > 0.0 else None)
+    return star, away, away / weight if weight > 0.0 else None
 
 
 def zones_are_known(settings: EvaluationSettings, source: Path) -> bool:

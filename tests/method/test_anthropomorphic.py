@@ -20,7 +20,7 @@ from sumo_eval.method.anthropomorphic import (
     operation_tolerance,
 )
 from sumo_eval.method.compared_drives import (
-    driven_length,
+    ComparedDrive,
     lateral_position,
     slice_points,
     slice_positions,
@@ -279,7 +279,8 @@ def test_field_with_known_values(own, others, expected, monkeypatch):
     ],
 )
 def test_driven_length(trajectory, expected):
-    assert driven_length(trajectory, ROAD) == pytest.approx(expected, abs=1e-9)
+    length = ComparedDrive.of(trajectory, ROAD, AnthropomorphicSettings()).length
+    assert length == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_shorter_drive_scales_the_score_and_a_longer_one_does_not():

@@ -63,7 +63,7 @@ def test_band_and_left_out_drivers_are_each_index_alone(job, mode):
     expected = [
         anthropomorphic_index(own, fewer, wanted.road, coarse).value for fewer in (drivers, *others)
     ]
-    left_out = found.left_out[ads]
+    left_out = found.left_out[ads].index
     assert [left_out.everyone, *left_out.without] == pytest.approx(expected, rel=1e-9)
     twice = [[drivers[place] for place in places] for places in ((1, 2, 2, 3), (0, 1, 1, 2))]
     pairing = Pairing(4, (0, 1, 2, 3), 4.0, likeness=True)
@@ -71,7 +71,7 @@ def test_band_and_left_out_drivers_are_each_index_alone(job, mode):
         indexes_by_group([*people, own], [[pairing]], wanted.road, coarse)[0][0] for people in twice
     ]
     assert left_out.exchanged == pytest.approx(fmean(index.value for index in exchanged), rel=1e-9)
-    assert left_out.likeness_exchanged == pytest.approx(
+    assert found.left_out[ads].likeness.exchanged == pytest.approx(
         fmean(one.likeness.value for one in exchanged), rel=1e-9
     )
     among = [
@@ -85,12 +85,10 @@ def test_with_two_drivers_none_can_be_left_out(job):
     facts, wanted = job
     found = computed((facts, replace(wanted, drivers=wanted.drivers[:2], band=False)))
     (left_out,) = found.left_out.values()
-    assert (left_out.without, found.bands) == ((), {})
-    assert (left_out.exchanged, left_out.likeness_exchanged) == (
-        left_out.everyone,
-        left_out.likeness,
-    )
-    assert 0.0 < left_out.everyone <= 1.0
+    index, likeness = left_out.index, left_out.likeness
+    assert (index.without, found.bands) == ((), {})
+    assert (index.exchanged, likeness.exchanged) == (index.everyone, likeness.everyone)
+    assert 0.0 < index.everyone <= 1.0
 
 
 def test_what_is_kept_is_what_was_computed_to_the_last_digit(job, monkeypatch):

@@ -17,8 +17,9 @@ from refusals import refusal
 
 import sumo_eval
 from sumo_eval.evaluation import discard_trajectories, zone_partitions
-from sumo_eval.record import human_reference, points
+from sumo_eval.record import fingerprint, human_reference, points
 from sumo_eval.record.facts import verify
+from sumo_eval.record.fingerprint import space_key
 from sumo_eval.record.kept_results import KEPT
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
@@ -26,9 +27,8 @@ from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.explain import explain_case, known_case
 from sumo_eval.report.replay import recorded
 from sumo_eval.scenario import catalogue
-from sumo_eval.scoring import critical, drive_results, fingerprint, likeness, steps
+from sumo_eval.scoring import critical, drive_results, likeness, steps
 from sumo_eval.scoring.case_terms import case_terms
-from sumo_eval.scoring.fingerprint import space_key
 from sumo_eval.scoring.zones import zones_are_known
 from sumo_eval.settings import RunSettings, SamplingSettings, ScenarioSettings
 

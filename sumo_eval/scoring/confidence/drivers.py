@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from sumo_eval.case_table import CaseTable
 from sumo_eval.drivers.synthetic.population import draw_driver
 from sumo_eval.frozen import frozen
-from sumo_eval.record.human_reference import LeftOut
+from sumo_eval.record.human_reference import LeftOut, Varied
 from sumo_eval.record.store import RECORDED
 from sumo_eval.settings import DriverSettings, PopulationSettings
 from sumo_eval.trajectory import FloatArray
@@ -52,8 +52,6 @@ class DriverDeviations:
     freedom: int
 
 
-_OfCase = tuple[float, Sequence[float], float]
-"""Score of a case: with all its drivers, without each of them, and after exchanges."""
 NO_DEVIATIONS = DriverDeviations((), np.zeros(0), np.zeros(0), 1)
 
 
@@ -72,7 +70,7 @@ def driver_deviations(
     The same driver is left out of all cases at once, because it is the same person.
     """
     jackknifed = np.isin(
-        cases.case, [case for case, (results, _) in left_out.items() if results.without]
+        cases.case, [case for case, (results, _) in left_out.items() if results.index.without]
     )
     chosen = [left_out[case] for case in cases.case[jackknifed].tolist()]
     weights = cases.exposure[jackknifed]
@@ -86,7 +84,7 @@ def driver_deviations(
         """Mean over the cases, by exposure, of values (..., cases)."""
         return np.asarray((np.array(values) @ weights) / weights.sum())
 
-    def errors(values: Sequence[_OfCase], factor: FloatArray) -> FloatArray:
+    def errors(values: Sequence[Varied], factor: FloatArray) -> FloatArray:
         """Errors of a score by each driver.
 
         factor: of each case, (cases,).
@@ -94,25 +92,21 @@ def driver_deviations(
         # a row for each driver: every case without it, or with all where the case lacks it
         without = [
             [
-                fewer[drivers.index(name)] if name in drivers else everyone
-                for (everyone, fewer, _), (_, drivers) in zip(values, chosen, strict=True)
+                value.without[drivers.index(name)] if name in drivers else value.everyone
+                for value, (_, drivers) in zip(values, chosen, strict=True)
             ]
             for name in names
         ]
-        change = mean(factor * [exchanged - everyone for everyone, _, exchanged in values])
+        change = mean(factor * [value.exchanged - value.everyone for value in values])
         return stratified_deviations(mean(factor * without), groups, share, float(change))
 
     likened = cases.safe & np.isfinite(cases.human_likeness)
     # exposure of the cases in H, and of those among them without an incident
     whole = sum(cases.exposure[likened].tolist())
     calm = sum(cases.exposure[likened & ~cases.incident].tolist())
-    index = errors(
-        [(case.everyone, case.without, case.exchanged) for case, _ in chosen], np.ones(len(chosen))
-    )
-    likeness = errors(
-        [(case.likeness, case.likeness_without, case.likeness_exchanged) for case, _ in chosen],
-        np.nan_to_num(cases.plausibility[jackknifed]),
-    )
+    index = errors([case.index for case, _ in chosen], np.ones(len(chosen)))
+    plausibility = np.nan_to_num(cases.plausibility[jackknifed])
+    likeness = errors([case.likeness for case, _ in chosen], plausibility)
     # drivers move H only in cases without an incident: the share of these
     compared = calm / whole if whole else 0.0
     freedom = max(len(names) - len(set(groups)), 1)

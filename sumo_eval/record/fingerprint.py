@@ -1,7 +1,8 @@
 """Keys of cached scores, zones and pages: hashes of all that these depend on, which are recorded
 facts, settings, sources of this package, and files that users name.
 
-Users: `evaluation.py`, `report/assessed.py`, `scoring/drive_results.py`, `scoring/zones.py`.
+Users: `evaluation.py`, `record/human_reference.py`, `report/assessed.py`,
+`scoring/drive_results.py`, `scoring/zones.py`.
 """
 
 from __future__ import annotations
