@@ -143,7 +143,7 @@ def test_a_recording_without_encounters_gives_rates_and_no_files(tmp_path):
     assert learnt.logical is None
     assert not list(out.glob("*.toml"))
     # 3.689 / km: the exact upper limit of a Poisson rate with no event, at 97.5 %
-    assert learnt.measured.rate[2] == pytest.approx(3.689 / lesson.survey.kilometres, rel=1e-3)
+    assert learnt.rate[2] == pytest.approx(3.689 / lesson.survey.kilometres, rel=1e-3)
 
 
 def test_too_little_data_leaves_no_campaign_that_is_refused(tmp_path):

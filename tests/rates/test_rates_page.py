@@ -5,8 +5,17 @@ import plotly.graph_objects as go
 import pytest
 from browser import Page, needs_chromium
 
-from sumo_eval.extras.rates.page import amount, interval, table
-from sumo_eval.report.study_page import Chart, Fold, Table, Text, write_parts, write_study
+from sumo_eval.report.study_page import (
+    Chart,
+    Fold,
+    Table,
+    Text,
+    amount,
+    interval,
+    table,
+    write_parts,
+    write_study,
+)
 
 HOSTILE = "</script><b>bold"
 

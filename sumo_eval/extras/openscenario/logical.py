@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import os.path
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -24,7 +24,7 @@ import numpy as np
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.openscenario.frame import Frame
 from sumo_eval.extras.openscenario.moves import changes_nothing
-from sumo_eval.extras.openscenario.reading import Node, changes, read_openscenario
+from sumo_eval.extras.openscenario.reading import changes, read_openscenario
 from sumo_eval.extras.openscenario.scene import FileCase, FileOptions, read_case
 from sumo_eval.extras.openscenario.space import Assignments, Axis, FileSpace, read_space
 from sumo_eval.extras.openscenario.values import Value
@@ -183,29 +183,26 @@ def _check_possible(path: Path, case: FileCase) -> None:
     frame = case.frame
     road = Road(frame.name, frame.length, frame.lanes, frame.lane_width, 0.0, line=frame.line)
     entities = read_openscenario(path).child("Entities")
-    parts = {part.get("name"): part for part in entities.all("ScenarioObject")}
+    parts = defaultdict(
+        lambda: entities, ((it.get("name"), it) for it in entities.all("ScenarioObject"))
+    )
     parts["ego"] = parts[case.ego_name]
 
-    def declared(name: str) -> Node:
-        return parts.get(name, entities)
-
     for wrong in misplaced(road, case.ego, case.ego_body, case.actors):
-        raise declared(wrong.name).fault(f"{wrong.what} must be {wrong.must}")
+        raise parts[wrong.name].fault(f"{wrong.what} must be {wrong.must}")
     if case.ego.x + 0.5 * case.ego_body.length + _BEFORE_END >= frame.length:
-        raise declared("ego").fault(
-            f"its front must be over {_BEFORE_END:g} m before its road's end"
-        )
+        raise parts["ego"].fault(f"its front must be over {_BEFORE_END:g} m before its road's end")
     for name, start in ("ego", case.ego), *((it.name, it.start) for it in case.actors):
         if start.speed > road.speed_limit:
             fastest = f"at most {road.speed_limit:g} m/s, the fastest that roads here allow"
-            raise declared(name).fault(f"its speed at the start must be {fastest}")
+            raise parts[name].fault(f"its speed at the start must be {fastest}")
     if any(act.program for actor in case.actors for act in actor.acts):
         drawn = ConcreteScenario(
             path.stem, {}, 1.0, road, case.ego, case.actors, ego_body=case.ego_body
         )
         for actor, number in never_begin(drawn, case.ends):
             if not changes_nothing(actor.acts[number]):
-                raise declared(actor.name).fault(
+                raise parts[actor.name].fault(
                     "the condition of a move of it can never hold, with any ADS"
                 )
 
@@ -389,9 +386,18 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
     parts = [_parameter(axis, space) for axis in space.axes]
     samples: tuple[NamedSample, ...] = ()
     constraints: tuple[Constraint, ...] = ()
+    # An exported case keeps its road and body, and its parameters as numbers without a choice,
+    # after ONLY, which is 0: each needs a range of its own.
+    whole = scenes[0][1].whole
     if not parts:
-        parts = [Parameter(ONLY, 0.0, 1.0, 1.0, "1", "nothing: the file has one case", (0.0, 1.0))]
-        samples = (NamedSample("the_case", "the one case of the file", ((0.0,),)),)
+        point = {ONLY: 0.0} | dict(whole.changes if whole else ())
+        parts = [
+            Parameter(name, value, value + 1.0, 1.0, "1",
+                "as exported" if name != ONLY else "nothing: the file has one case",
+                (value, value + 1.0))
+            for name, value in point.items()
+        ]  # fmt: skip
+        samples = (NamedSample("the_case", "the one case of the file", (tuple(point.values()),)),)
     else:
         points = space.grid() if space.size <= _LOOKED_AT else ()
         allowed = bytes(refusal(space, frame, point) is None for point in points)
@@ -417,17 +423,10 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
             for actor in case.actors
         ),
     )
-    # An exported case: its road and body as they were, its parameters as numbers without a choice.
-    # Such a file has no axes, so ONLY is the first parameter (0.0). Each needs a range of its own.
-    whole = scenes[0][1].whole
     if whole:
-        parts += [Parameter(name, value, value + 1.0, 1.0, "1", "as exported", (value, value + 1.0))
-                  for name, value in whole.changes]  # fmt: skip
-        point = 0.0, *(value for _, value in whole.changes)
         return replace(
             logical, road=whole.road, ego_body=whole.ego_body, time_limit=whole.time_limit,
-            standstill_time=whole.standstill_time, parameters=tuple(parts),
-            samples=(replace(samples[0], points=(point,)),),
+            standstill_time=whole.standstill_time,
         )  # fmt: skip
     weighted = tuple(axis for axis in space.axes if axis.weights)
     names = [f"{it.name} as {it.distribution}" for it in parts if it.distribution]

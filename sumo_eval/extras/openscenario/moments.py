@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partialmethod
 from typing import Any, NamedTuple
 
 from sumo_eval.extras.openscenario.frame import Frame
@@ -84,14 +85,9 @@ class DriveNumber:
         program = (*self.program, *other.program, operation(op))
         return DriveNumber(program, played.arithmetic(op, self.start, other.start))
 
-    def __add__(self, other: DriveNumber) -> DriveNumber:
-        return self.joined(played.ADD, other)
-
-    def __sub__(self, other: DriveNumber) -> DriveNumber:
-        return self.joined(played.SUBTRACT, other)
-
-    def __mul__(self, other: DriveNumber) -> DriveNumber:
-        return self.joined(played.MULTIPLY, other)
+    __add__ = partialmethod(joined, played.ADD)
+    __sub__ = partialmethod(joined, played.SUBTRACT)
+    __mul__ = partialmethod(joined, played.MULTIPLY)
 
     def __abs__(self) -> DriveNumber:
         return DriveNumber((*self.program, operation(played.ABSOLUTE)), abs(self.start))
@@ -423,13 +419,10 @@ class Conditions:
             raise position.fault("a place beside an entity that moves is not supported here")
         return self.places.referred(position)
 
-    def _coordinate(
-        self, body: Entity | Pose, axis: int, element: Node, *, free: bool
-    ) -> DriveNumber:
-        """x or y of a place, of a body's centre, or of its reference point.
+    def _coordinate(self, body: Entity | Pose, axis: int, element: Node) -> DriveNumber:
+        """x or y of a place, of a body's centre with `freespace`, or else of its reference point.
 
         axis: `played.X` or `played.Y`.
-        free: True: of the centre; False: of the reference point.
         """
         k = axis - played.X  # 0 for x, 1 for y
         if isinstance(body, Pose):
@@ -437,15 +430,15 @@ class Conditions:
         centre = of_vehicle(axis, self._number(body, element), body.frame[k])
         # from the centre to the reference point, as at the start
         shift = body.frame.moved(-body.centre, -body.offset)[k] - centre.start
-        return centre if free or shift == 0.0 else centre + constant(shift)
+        if shift == 0.0 or element.flag("freespace"):
+            return centre
+        return centre + constant(shift)
 
     def _ahead(self, element: Node, one: Entity, other: Entity | Pose, axis: int) -> DriveNumber:
         """Distance from one body to another, or between their reference points, m; it is above 0
         where the other is ahead (X) or to the left (Y).
         """
-        free = element.flag("freespace")
-        other_at = self._coordinate(other, axis, element, free=free)
-        return other_at - self._coordinate(one, axis, element, free=free)
+        return self._coordinate(other, axis, element) - self._coordinate(one, axis, element)
 
     def _apart(self, element: Node, one: Entity, other: Entity | Pose, axis: int) -> DriveNumber:
         """Distance of two bodies, or of their reference points, along one axis, m."""
@@ -511,22 +504,19 @@ class Conditions:
 
     # -- speeds and times --------------------------------------------------------------------------
 
-    def _along(self, element: Node, body: Entity, direction: str) -> DriveNumber:
-        """The speed of a body along the road, m/s.
-
-        direction: name of the attribute, which must be `longitudinal` or missing.
-        """
-        got = element.text(direction, "longitudinal")
+    def _along(self, element: Node, body: Entity) -> DriveNumber:
+        """The speed of a body along the road, m/s."""
+        of_speed = element.tag.endswith("SpeedCondition")
+        name = "direction" if of_speed else "relativeDistanceType"
+        got = element.text(name, "longitudinal")
         if got != "longitudinal":
-            raise element.fault(
-                f"`{direction}` must be longitudinal to be supported, got {shown(got)}"
-            )
+            raise element.fault(f"`{name}` must be longitudinal to be supported, got {shown(got)}")
         at_start = body.speed * math.cos(body.frame.heading)
         return of_vehicle(played.ALONG, self._number(body, element), at_start)
 
-    def _own(self, element: Node, entity: Entity, direction: str) -> DriveNumber:
+    def _own(self, element: Node, entity: Entity) -> DriveNumber:
         """The speed of a body in the direction in which it points, m/s."""
-        along, share = self._along(element, entity, direction), math.cos(entity.frame.heading)
+        along, share = self._along(element, entity), math.cos(entity.frame.heading)
         if abs(share) < _ACROSS:
             raise element.fault("the speed of an entity that crosses the road is not supported")
         return along if math.isclose(share, 1.0) else along * constant(1.0 / share)
@@ -535,7 +525,7 @@ class Conditions:
         """gap - value * speed, m, and 0: it has the sign of time headway minus value, without a
         division by 0.
         """
-        speed = self._own(element, entity, "relativeDistanceType")
+        speed = self._own(element, entity)
         gap = self._apart(element, entity, self._target(element), played.X)
         return gap - constant(element.number("value")) * speed, 0.0
 
@@ -546,25 +536,25 @@ class Conditions:
         The bodies close in where dx dv is above 0.
         """
         other, value = self._target(element), constant(element.number("value"))
-        speed = self._along(element, entity, "relativeDistanceType")
+        speed = self._along(element, entity)
         if isinstance(other, Entity):
-            speed -= self._along(element, other, "relativeDistanceType")
+            speed -= self._along(element, other)
         ahead = self._ahead(element, entity, other, played.X)
         gap = self._apart(element, entity, other, played.X)
         return gap * abs(ahead) - ahead * speed * value, 0.0
 
     def _speed(self, element: Node, entity: Entity) -> Compared:
         if element.tag == "SpeedCondition":
-            speed = self._own(element, entity, "direction")
+            speed = self._own(element, entity)
         else:
-            speed = self._along(element, entity, "direction")
-            speed -= self._along(element, self.places.referred(element), "direction")
+            speed = self._along(element, entity)
+            speed -= self._along(element, self.places.referred(element))
         return speed, element.number("value")
 
     def _travelled(self, element: Node, entity: Entity) -> Compared:
         if entity.on_map or abs(math.sin(entity.frame.heading)) > 1e-9:
             raise element.fault("a distance travelled across the road is not supported as a start")
-        x = self._coordinate(entity, played.X, element, free=True)
+        x = of_vehicle(played.X, self._number(entity, element), entity.frame.x)
         return abs(x - constant(x.start)), element.number("value")
 
 

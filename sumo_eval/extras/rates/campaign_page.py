@@ -14,9 +14,17 @@ from typing import Any
 from sumo_eval.extras.rates.campaign import MILLION, AdsRate, Campaign, ScenarioRate
 from sumo_eval.extras.rates.importance import DEFENSIVE, Limits
 from sumo_eval.extras.rates.intervals import LEVEL
-from sumo_eval.extras.rates.page import amount, interval, table
 from sumo_eval.report.page import write_json
-from sumo_eval.report.study_page import Fold, Piece, Table, Text, write_parts
+from sumo_eval.report.study_page import (
+    Fold,
+    Piece,
+    Table,
+    Text,
+    amount,
+    interval,
+    table,
+    write_parts,
+)
 from sumo_eval.report.words import count
 
 PAGE, PLAIN = "campaign.html", "campaign.json"

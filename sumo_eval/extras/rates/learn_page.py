@@ -13,10 +13,18 @@ import numpy as np
 from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.rates.intervals import kolmogorov_by_chance
 from sumo_eval.extras.rates.learned import Learnt, Lesson
-from sumo_eval.extras.rates.page import interval, table
 from sumo_eval.extras.rates.scenes import SCENES
 from sumo_eval.report.page import write_json, write_page
-from sumo_eval.report.study_page import Chart, Fold, Piece, Table, Text, write_parts
+from sumo_eval.report.study_page import (
+    Chart,
+    Fold,
+    Piece,
+    Table,
+    Text,
+    interval,
+    table,
+    write_parts,
+)
 from sumo_eval.report.words import count
 from sumo_eval.scenario.joint import Joint
 from sumo_eval.settings.random_streams import random_stream
@@ -100,20 +108,20 @@ def plain(lesson: Lesson) -> dict[str, Any]:
 
 def _plain_class(learnt: Learnt) -> dict[str, Any]:
     """Results of a class in plain values."""
-    encounters, measured, joint = learnt.encounters, learnt.measured, learnt.joint
+    encounters, joint = learnt.encounters, learnt.joint
     content: dict[str, Any] = {
         "class": encounters.name,
         "events": encounters.events,
-        "per_vehicle_km": measured.rate[0],
-        "per_vehicle_km_interval": measured.rate[1:],
+        "per_vehicle_km": learnt.rate[0],
+        "per_vehicle_km_interval": learnt.rate[1:],
         "ghosts": encounters.ghosts,
         "without_parameters": dict(sorted(encounters.left_out.items())),
         "against_a_constraint": _against(learnt),
-        "constants": measured.constants,
+        "constants": learnt.constants,
         "left_out_of_the_distribution_evenly": learnt.thinned,
     }
     if learnt.logical is None or joint is None:
-        return content | {"file": None, "events_needed": measured.needed}
+        return content | {"file": None, "events_needed": learnt.needed}
     quantiles = np.quantile(joint.events, [0.0, 0.05, 0.5, 0.95, 1.0], axis=0).T.tolist()
     replay = np.quantile(learnt.replay, [0.5, 0.9], axis=0).T.tolist()
     best = learnt.models[0]
@@ -121,7 +129,7 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
     return content | {
         "file": f"{encounters.name}.toml",
         # "below": the intervals of all ends and of all correlations
-        "per_vehicle_km_interval_with_all_below": measured.rate_together,
+        "per_vehicle_km_interval_with_all_below": learnt.rate_together,
         "fitted": fitted,
         "model": best.model,
         "bandwidth": joint.factor,
@@ -131,8 +139,8 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
                 "low": item.low,
                 "high": item.high,
                 "recorded_quantiles": recorded,
-                "lower_end_interval": measured.ends[item.name][0],
-                "upper_end_interval": measured.ends[item.name][1],
+                "lower_end_interval": learnt.ends[item.name][0],
+                "upper_end_interval": learnt.ends[item.name][1],
                 "kolmogorov_held_out": best.kolmogorov[item.name],
                 "kolmogorov_by_chance": kolmogorov_by_chance(fitted),
             }
@@ -140,7 +148,7 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
         },
         "rank_correlations": [
             {"of": pair, "value": value, "interval": limits}
-            for pair, (value, *limits) in measured.correlations.items()
+            for pair, (value, *limits) in learnt.correlations.items()
         ],
         "held_out_log_likelihood": {item.model: item.log_likelihood for item in learnt.models},
         "replay_error": {
@@ -152,7 +160,7 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
 
 def _against(learnt: Learnt) -> int:
     """Number of events with all parameters that a constraint of the scenario rules out."""
-    return int((~learnt.measured.kept).sum())
+    return int((~learnt.kept).sum())
 
 
 def sentences(lesson: Lesson) -> list[str]:
@@ -164,13 +172,13 @@ def sentences(lesson: Lesson) -> list[str]:
         f"{interval(survey.speeds[0], survey.speeds[2])} m/s."
     ]
     for name, learnt in lesson.learnt.items():
-        rate, low, high = learnt.measured.rate
+        rate, low, high = learnt.rate
         events, rows = learnt.encounters.events, learnt.encounters.rows
         if learnt.joint is None:
             against = _against(learnt)
             ruled_out = f" ({against} of them against a constraint)" if against else ""
             result = (
-                f"{len(rows)} with all parameters{ruled_out}, {learnt.measured.needed} are needed: "
+                f"{len(rows)} with all parameters{ruled_out}, {learnt.needed} are needed: "
                 "no scenario file."
             )
         else:
@@ -233,7 +241,7 @@ def _fit_parts(learnt: Learnt, content: dict[str, Any]) -> list[Text | Table]:
 
     content: as made by `_plain_class`.
     """
-    together = interval(*learnt.measured.rate_together)
+    together = interval(*learnt.rate_together)
     texts = [
         f"The intervals of all these ends and correlations and of the rate ({together} per "
         "vehicle-km) hold simultaneously with 95 %, if events do not grow rare towards the ends. "

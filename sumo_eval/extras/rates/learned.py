@@ -72,11 +72,21 @@ class Fit(NamedTuple):
 
 
 class Learnt(NamedTuple):
-    """Results for a class.
+    """Results for a class. `measure` gives those before a distribution is fitted, `_fitted` adds
+    the rest.
 
     encounters: recorded ones.
-    measured: figures before the fit.
-    logical: the scenario of its file; None: too few events.
+    rate: of encounters, 1/km, and its 95 % limits.
+    needed: least number of events for a distribution.
+    constants: parameter that does not vary -> its value.
+    logical: the scenario, once fitted that of its file; None: too few events.
+    content: tables of its file without a distribution.
+    kept: whether each of the encounters' rows is within the ranges and constraints, (n,).
+    rows: parameters of the kept rows, (kept, k).
+    ends: parameter -> intervals of the lower and of the upper end of its range.
+    correlations: pair of parameters -> Spearman's rank correlation and its limits.
+    rate_together: limits of the rate that hold together with all `ends` and `correlations`, with
+        95 %. So each of these intervals is wider than one that holds alone.
     joint: its distribution.
     models: all that were tried, the best first.
     replay: error of the actor's motion in each fitted event, m, (n, 3), as by `replay_errors`.
@@ -84,8 +94,16 @@ class Learnt(NamedTuple):
     """
 
     encounters: Encounters
-    measured: Measured
+    rate: tuple[float, float, float]
+    needed: int
+    constants: Mapping[str, float]
     logical: LogicalScenario | None = None
+    content: Mapping[str, Any] = {}
+    kept: BoolArray = np.zeros(0, dtype=np.bool_)
+    rows: FloatArray = np.zeros((0, 0))
+    ends: Mapping[str, tuple[tuple[float, float], tuple[float, float]]] = {}
+    correlations: Mapping[tuple[str, str], tuple[float, float, float]] = {}
+    rate_together: tuple[float, float] = (0.0, math.inf)
     joint: Joint | None = None
     models: tuple[Fit, ...] = ()
     replay: FloatArray = np.zeros((0, 3))
@@ -128,41 +146,12 @@ def learn(
     with writing(f"The scenarios in {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
         for done, name in enumerate(CLASSES, start=1):
-            measured = measure(survey.classes[name], survey, about)
-            learnt[name] = _learnt(survey.classes[name], measured, folder / name)
+            learnt[name] = _fitted(measure(survey.classes[name], survey, about), folder / name)
             watch(f"fitted {name}", done)
     return Lesson(survey, learnt, source)
 
 
-class Measured(NamedTuple):
-    """Figures of a class's events before a distribution is fitted.
-
-    rate: of encounters, 1/km, and its 95 % limits.
-    needed: least number of events for a distribution.
-    constants: parameter that does not vary -> its value.
-    logical: the scenario, still without a distribution; None: too few events.
-    content: tables of its file.
-    kept: whether each of the encounters' rows is within the ranges and constraints, (n,).
-    rows: parameters of the kept rows, (kept, k).
-    ends: parameter -> intervals of the lower and of the upper end of its range.
-    correlations: pair of parameters -> Spearman's rank correlation and its limits.
-    rate_together: limits of the rate that hold together with all `ends` and `correlations`, with
-        95 %. So each of these intervals is wider than one that holds alone.
-    """
-
-    rate: tuple[float, float, float]
-    needed: int
-    constants: Mapping[str, float]
-    logical: LogicalScenario | None = None
-    content: Mapping[str, Any] = {}
-    kept: BoolArray = np.zeros(0, dtype=np.bool_)
-    rows: FloatArray = np.zeros((0, 0))
-    ends: Mapping[str, tuple[tuple[float, float], tuple[float, float]]] = {}
-    correlations: Mapping[tuple[str, str], tuple[float, float, float]] = {}
-    rate_together: tuple[float, float] = (0.0, math.inf)
-
-
-def measure(encounters: Encounters, survey: EncounterSurvey, source: str) -> Measured:
+def measure(encounters: Encounters, survey: EncounterSurvey, source: str) -> Learnt:
     """Measure rate, ranges and correlations of a class, and make its scenario without a
     distribution.
 
@@ -180,7 +169,7 @@ def measure(encounters: Encounters, survey: EncounterSurvey, source: str) -> Mea
     free = [name for name in quantities if name not in constants]
     # without a free parameter only the report uses it
     needed = LEAST_EVENTS * len(free or quantities)
-    few = Measured(rate, needed, constants)
+    few = Learnt(encounters, rate, needed, constants)
     # events that are all alike have no distribution
     if len(encounters.rows) < needed or not free:
         return few
@@ -202,13 +191,13 @@ def measure(encounters: Encounters, survey: EncounterSurvey, source: str) -> Mea
     if len(rows) < needed:
         return few._replace(kept=kept)
     intervals = _intervals_at_once(dict(zip(free, rows.T, strict=True)), *counts)
-    return Measured(rate, needed, constants, logical, content, kept, rows, *intervals)
+    return Learnt(encounters, rate, needed, constants, logical, content, kept, rows, *intervals)
 
 
 def _intervals_at_once(
     columns: Mapping[str, FloatArray], events: int, kilometres: float
 ) -> tuple[Any, ...]:
-    """`ends`, `correlations` and `rate_together` of `Measured`.
+    """`ends`, `correlations` and `rate_together` of `Learnt`.
 
     columns: parameter -> its values, (n,).
     """
@@ -222,7 +211,7 @@ def _intervals_at_once(
     return ends, correlations, rate_interval(events, kilometres, level)
 
 
-def _learnt(encounters: Encounters, measured: Measured, path: Path) -> Learnt:
+def _fitted(measured: Learnt, path: Path) -> Learnt:
     """Fit a class's distribution and write its files.
 
     path: of the files, without their ending.
@@ -230,7 +219,8 @@ def _learnt(encounters: Encounters, measured: Measured, path: Path) -> Learnt:
     if measured.logical is None:
         for ending in (".toml", ".xosc", ".events.csv"):  # of earlier recordings
             path.with_suffix(ending).unlink(missing_ok=True)
-        return Learnt(encounters, measured)
+        return measured
+    encounters = measured.encounters
     names = measured.logical.names
     low, high = _tuples(np.array([measured.logical.low, measured.logical.high]))
     fitted = min(len(measured.rows), MOST_FITTED)
@@ -259,8 +249,11 @@ def _learnt(encounters: Encounters, measured: Measured, path: Path) -> Learnt:
 
     logical = read_scenario(file)
     motions = [encounters.motions[event] for event in events]
-    replay = replay_errors(logical, encounters.name, rows, motions)
-    return Learnt(encounters, measured, logical, joint, models, replay, len(measured.rows) - fitted)
+    return measured._replace(
+        logical=logical, joint=joint, models=models,
+        replay=replay_errors(logical, encounters.name, rows, motions),
+        thinned=len(measured.rows) - fitted,
+    )  # fmt: skip
 
 
 def value_sets(

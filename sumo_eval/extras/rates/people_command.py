@@ -17,23 +17,7 @@ from sumo_eval.cli.sentences import WHOLE, say, tell
 from sumo_eval.errors import must_be
 
 
-class _WholeLines(click.Group):
-    """A group whose help shows the first sentence of each command, however long."""
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the list of commands; click would cut its lines at the terminal's width."""
-        with formatter.section("Commands"):
-            formatter.write_dl(
-                [
-                    (name, command.get_short_help_str(limit=WHOLE))
-                    for name, command in sorted(self.commands.items())
-                ]
-            )
-
-
-@click.group(
-    cls=_WholeLines, epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz"
-)
+@click.group(epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz")
 def humans() -> None:
     """Recorded human driving: import it, look for events, weigh scenarios."""
 
@@ -198,6 +182,11 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
     tell(f"`sumo-eval report {shlex.quote(str(run))}` shows it in the report from now on.")
 
 
+# click would cut longer ones in the help of the group
+for command in humans.commands.values():
+    command.short_help = command.get_short_help_str(WHOLE)
+
+
 @click.command(epilog="Example: sumo-eval calibrate results/first results/second --by median")
 @path_argument("runs", nargs=-1, required=True)
 @click.option(
@@ -228,8 +217,11 @@ def sensitivity(run: Path, constants: tuple[str, ...]) -> None:
     plot in RUN.
     """
     from sumo_eval.extras.studies.sensitivity import sensitivity as score_again
-    from sumo_eval.extras.studies.sensitivity import sensitivity_lines, write_sensitivity_plot
-    from sumo_eval.extras.studies.tables import write_rows
+    from sumo_eval.extras.studies.sensitivity import (
+        sensitivity_lines,
+        write_rows,
+        write_sensitivity_plot,
+    )
     from sumo_eval.record.run_folder import read_settings
 
     with Progress() as progress:

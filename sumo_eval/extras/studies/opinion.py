@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from sumo_eval.cli.sentences import aligned
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, line_of_row, read_table
 from sumo_eval.errors import InputError
 from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
-from sumo_eval.extras.studies.tables import aligned
 from sumo_eval.method.agreement import Agreement, concordance, rank_correlation, rank_interval
 from sumo_eval.report.opinion_section import OPINION, opinion_content
 from sumo_eval.report.page import Json, write_json

@@ -17,15 +17,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
+from sumo_eval.cli.sentences import aligned
 from sumo_eval.errors import check_known
 from sumo_eval.evaluation import score
 from sumo_eval.extras.panels import LOOKS, Marks, Panel, on_page
-from sumo_eval.extras.studies.tables import aligned
 from sumo_eval.method.score_terms import ordering_score, paper_score
+from sumo_eval.report.page import write_csv
 from sumo_eval.report.study_page import write_study
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.checked import hints_of
+from sumo_eval.text import cell
 from sumo_eval.trajectory import FloatArray
 
 FACTORS = 1.0, 0.5, 2.0  # of the value with which the run was scored
@@ -192,6 +194,19 @@ def sensitivity_lines(
     """
     idle = "k3" in (constants or _SETTING_OF) and not _k3_counts(settings)
     return [*aligned(_table(rows)), *([K3_IS_IDLE] if idle else [])]
+
+
+def write_rows(rows: Sequence[SensitivityRow], path: Path) -> None:
+    """Write at least one row as CSV, fields as columns; a tuple's values stand in one cell,
+    separated by spaces.
+    """
+    write_csv(path, rows[0]._fields, (map(_cell, row) for row in rows))
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, tuple):
+        value = " ".join(item if isinstance(item, str) else f"{item:g}" for item in value)
+    return cell(value)
 
 
 def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
