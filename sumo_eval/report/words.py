@@ -19,8 +19,10 @@ from sumo_eval.settings import EvaluationSettings, SamplingSettings
 
 
 class VerdictStyle(NamedTuple):
-    """Appearance of a verdict: words, the letter in a cell of the map (readable without colour),
-    colours.
+    """Appearance of a verdict.
+
+    letter: in a cell of the map, readable without colour.
+    colour, ink: of the cell, of the letter.
     """
 
     words: str
@@ -90,16 +92,13 @@ STRUCK = "another vehicle, at fault, ran into the ego's rear"
 def reference_sentence(settings: EvaluationSettings) -> str:
     """The reference, and why it is used."""
     ads = reference_ads(settings)
+    same = "driven through the same concrete scenarios"
     if ads is None:
         return (
             f"No ADS of this run is “{settings.report.reference}”, so the reference is the ideal "
-            "vehicle, which brakes at once at the limit, driven through the same concrete "
-            "scenarios."
+            f"vehicle, which brakes at once at the limit, {same}."
         )
-    return (
-        f"The reference is “{ads}”, driven through the same concrete scenarios as every other "
-        "ADS of this run."
-    )
+    return f"The reference is “{ads}”, {same} as every other ADS of this run."
 
 
 def number(value: float | None, digits: int) -> str:
@@ -120,8 +119,8 @@ def percent(share: float | None) -> str:
     """A share with about three significant digits, e.g. `7.69 %`, and more just below 1."""
     if share is None or not math.isfinite(share):
         return "not known"
-    value = shown = 100.0 * share
-    # digits by the share itself; if it would round to 100 %, by its distance from 100 %
+    value = 100.0 * share
+    # digits by the share; where it would round to 100 %, by its distance from 100 %
     for part in (value, 100.0 - value):
         digits = min(6, max(0, 2 - math.floor(math.log10(abs(part) or 1.0))))
         shown = float(f"{value:z.{digits}f}")
@@ -148,12 +147,9 @@ def end_reason(case: CaseResult) -> str:
 
 
 def sampling_words(sampling: SamplingSettings, logical: LogicalScenario) -> str:
-    """Choice of the points, in words; the rules are those of
-    `sumo_eval.scenario.sampling.samples.sample`.
-    """
-    grid = "grid" if sampling.levels is not None or sampling.steps else None
-    method = sampling.method or grid or ("file" if sampling.file else logical.default_sample)
-    # a sample that the scenario brings along describes itself
+    """Choice of the points, in words."""
+    method = sampling.method or sampling.default_method(logical.default_sample)
+    # a sample that the scenario defines has its own words
     texts = [item.about for item in logical.samples if item.name == method]
     if texts:
         return f"{method}, {texts[0]}"
@@ -176,9 +172,7 @@ def _axes_words(sampling: SamplingSettings, logical: LogicalScenario) -> str:
 
 
 def placed(sentence: str, case: CaseResult) -> str:
-    """A sentence about a case with the place in the user's code that its exception came from, where
-    there is one.
-    """
+    """A sentence about a case, followed by the place of its exception in the user's code, if any."""
     return f"{sentence} At {case.error_place}." if case.error_place else sentence
 
 

@@ -75,6 +75,14 @@ class SamplingSettings(Checked):
         (), "filled in by `adaptive`: for each round, numbers of points from each cell"
     )
 
+    def default_method(self, of_scenario: str) -> str:
+        """The method where none is named: the grid where levels or steps are given, the file where
+        one is given, else the scenario's.
+        """
+        if self.levels or self.steps:
+            return "grid"
+        return of_scenario if self.file is None else "file"
+
 
 @frozen
 class DeclaredDistribution(Checked):

@@ -196,4 +196,5 @@ def test_points_of_a_file_are_not_said_to_be_the_scenarios_own():
     logical = catalogue.load("ncap_ccrs")
     assert sampling_words(SamplingSettings(file="own.csv"), logical) == "file, own.csv"
     assert sampling_words(SamplingSettings(levels=3), logical) == "grid, 3 points on each axis"
-    assert sampling_words(SamplingSettings(), logical).startswith("ncap_2026, the Euro NCAP matrix")
+    for default in (SamplingSettings(), SamplingSettings(levels={})):
+        assert sampling_words(default, logical).startswith("ncap_2026, the Euro NCAP matrix")

@@ -94,18 +94,15 @@ def sample(
     """Choose points of a space.
 
     method: a name in METHODS, the name of one of the scenario's own samples, or the locator of a
-        function `(space, n, rng) -> points`. None: the grid where levels or steps are given, the
-        file where one is given, else the scenario's default.
+        function `(space, n, rng) -> points`. None: as `SamplingSettings.default_method` says.
     levels, steps: the same as a request that has only these.
     Raises InputError for an unknown method, for a key that the method does not take, and for what
     makes no points.
     """
     request = request or Request(levels=levels, steps=steps)
     keys = request.given
-    if method is None and keys & {"levels", "steps"}:
-        method = "grid"
-    elif method is None:
-        method = "file" if "file" in keys else logical.default_sample
+    if method is None:
+        method = request.default_method(logical.default_sample)
     prescribed = {item.name: item for item in logical.samples}
     if method in prescribed:
         if keys:
