@@ -59,11 +59,11 @@ def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_pat
     needed = required_gap(30.0 - points[:, 0], deceleration=9.0, build_up=0.15)
     assert found.rounds[-1].simulations <= 80
     assert np.mean(found.search.classify(points) == (points[:, 1] < needed)) >= 0.98
-    told = summary(found)
-    assert told["collision_share_of_space"] == pytest.approx(
+    content = summary(found, {})
+    assert content["collision_share_of_space"] == pytest.approx(
         np.mean(points[:, 1] < needed), abs=0.02
     )
-    paths = write_boundary(found, tmp_path, {})
+    paths = write_boundary(found, content, tmp_path)
     assert [path.name for path in paths] == [
         "trials.csv",
         "boundary.json",

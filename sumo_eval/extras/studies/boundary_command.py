@@ -57,7 +57,7 @@ def boundary(
     evaluation file.
     """
     from sumo_eval.extras.studies.boundary import find_boundary, slice_of
-    from sumo_eval.extras.studies.boundary_page import sentences, write_boundary
+    from sumo_eval.extras.studies.boundary_page import sentences, summary, write_boundary
     from sumo_eval.extras.studies.trials import trials_in
     from sumo_eval.record.cases import Setup
     from sumo_eval.scenario.catalogue import find
@@ -76,6 +76,7 @@ def boundary(
                 logical, ads, trials, budget=budget, tolerance=tolerance, seed=seed,
                 watch=partial(progress, f"{logical.name}: {ads}")
             )  # fmt: skip
-        say(sentences(result, held))
-        say(map(str, write_boundary(result, out, held)))
+        content = summary(result, held)
+        say(sentences(content))
+        say(map(str, write_boundary(result, content, out)))
     sys.exit(NOT_EVALUATED if result.not_evaluated else DONE)

@@ -30,8 +30,11 @@ SHARE_POINTS = 8_192  # evenly spread points with which shares of the space are 
 MAP_WIDTH = 340  # px on the page, of each of several maps
 
 
-def summary(boundary: FailureBoundary) -> Json:
-    """The result as the content of `boundary.json`, except what the search held fixed."""
+def summary(boundary: FailureBoundary, held: Mapping[str, float]) -> Json:
+    """The result as the content of `boundary.json`.
+
+    held: the parameters that the search held fixed, by name.
+    """
     logical, last = boundary.logical, boundary.rounds[-1]
     points = evenly(logical, SHARE_POINTS, random_stream(0, "counted", logical.name))
     points = points[logical.feasible(points)]
@@ -50,16 +53,15 @@ def summary(boundary: FailureBoundary) -> Json:
         "collision_share_of_space": np.mean(collides),
         "collision_share_of_exposure": exposure[collides].sum() / exposure.sum(),
         "rounds": [item._asdict() for item in boundary.rounds],
+        "held": held,
     }
 
 
-def write_boundary(
-    boundary: FailureBoundary, folder: Path, held: Mapping[str, float]
-) -> tuple[Path, ...]:
+def write_boundary(boundary: FailureBoundary, content: Json, folder: Path) -> tuple[Path, ...]:
     """Write `trials.csv`, `boundary.json`, `boundary.html` and `chances.csv`; return their paths in
     this order.
 
-    held: the parameters that the search held fixed, by name.
+    content: its `summary`.
     """
     names, search = boundary.logical.names, boundary.search
     trials = [
@@ -68,24 +70,20 @@ def write_boundary(
     write_csv(folder / TRIALS, [*names, "collided"], trials)
     # one map at each of these shares of the third parameter's range; without a third, one map
     shares = PANELS if len(names) > 2 else (0.5,)
+    maps = np.concatenate([chances_on(boundary, share) for share in shares])
     chances = [
-        [*(f"{value:z.9g}" for value in row), "" if np.isnan(chance) else f"{chance:z.4g}"]
-        for share in shares
-        for points, probabilities in [chances_on(boundary, share)]
-        for row, chance in zip(points, probabilities, strict=True)
+        [*(f"{value:z.9g}" for value in point), "" if np.isnan(chance) else f"{chance:z.4g}"]
+        for *point, chance in maps.tolist()
     ]  # an impossible point has an empty chance
     write_csv(folder / CHANCES, [*names, "chance"], chances)
-    write_json(folder / SUMMARY, {**summary(boundary), "held": held}, "The boundary")
+    write_json(folder / SUMMARY, content, "The boundary")
     # drawn from the files, which must be enough for `sumo-eval plot` to draw the maps again
     title, panels = edge_panels(folder)
     write_study(
         folder / PAGE,
         kicker="The boundary of failure",
         title=title,
-        sentences=[
-            *sentences(boundary, held),
-            "The line is where both outcomes are equally likely.",
-        ],
+        sentences=[*sentences(content), "The line is where both outcomes are equally likely."],
         figures={title: on_page(panels, len(panels), 560)},  # in one row, 560 px high
         rows=[[*names, "collided"], *([f"{value:g}" for value in row] for row in trials)],
         least_width=MAP_WIDTH * len(panels) if len(panels) > 1 else 300,  # px
@@ -93,9 +91,9 @@ def write_boundary(
     return tuple(folder / name for name in (TRIALS, SUMMARY, PAGE, CHANCES))
 
 
-def chances_on(boundary: FailureBoundary, share: float) -> tuple[FloatArray, FloatArray]:
-    """Points of one map, (n, k), and the probability of a collision at each, (n,), nan where a
-    point is impossible.
+def chances_on(boundary: FailureBoundary, share: float) -> FloatArray:
+    """Points of one map, each followed by the probability of a collision there, (n, k + 1). An
+    impossible point has nan.
 
     share: of the third parameter's range, at which the map lies; ignored without a third.
 
@@ -114,24 +112,21 @@ def chances_on(boundary: FailureBoundary, share: float) -> tuple[FloatArray, Flo
     if k > 2:
         unit[..., 2] = share
     rows = logical.from_unit(unit.reshape(-1, k))
-    return rows, np.where(logical.feasible(rows), boundary.search.probability(rows), np.nan)
+    chances = np.where(logical.feasible(rows), boundary.search.probability(rows), np.nan)
+    return np.column_stack([rows, chances])
 
 
-def sentences(boundary: FailureBoundary, held: Mapping[str, float]) -> list[str]:
-    """The result of the search in words.
-
-    held: the parameters that it held fixed, by name.
-    """
-    content = summary(boundary)
+def sentences(content: Json) -> list[str]:
+    """The result of the search in words, from its `summary`."""
     change = content["expected_change"]
     lines = [
-        f"{boundary.logical.name}: {boundary.ads} collides in "
+        f"{content['scenario']}: {content['ads']} collides in "
         f"{content['collision_share_of_space']:z.1%} of the space "
         f"({content['collision_share_of_exposure']:z.1%} of the exposure), from "
         f"{content['simulations']} simulations."
     ]
-    ended = f"The search ended ({boundary.stopped})."
-    if boundary.stopped == "settled":
+    ended = f"The search ended ({content['stopped']})."
+    if content["stopped"] == "settled":
         lines.append(f"The next round is expected to move {change:z.2%} of the space: settled.")
     elif change < 1.0:  # 1 stands for unknown
         lines.append(f"{ended} A further round may move {change:z.2%} of the space.")
@@ -140,13 +135,12 @@ def sentences(boundary: FailureBoundary, held: Mapping[str, float]) -> list[str]
             f"{ended} The change by a further round is unknown: too few rounds saw both outcomes, "
             "or the boundary still contradicts some trials."
         )
-    if held:
-        lines.append(f"Held fixed: {point_words(held)}.")
-    if len(np.unique(boundary.search.outcomes)) < 2:
-        lines.append(
-            "Every trial ended alike: there is no boundary that these simulations could find."
-        )
-    for status, number in boundary.not_evaluated.items():
+    if content["held"]:
+        lines.append(f"Held fixed: {point_words(content['held'])}.")
+    not_evaluated = content["not_evaluated"]
+    if content["collisions"] in (0, content["simulations"] - sum(not_evaluated.values())):
+        lines.append("Every trial ended alike: these simulations could not find a boundary.")
+    for status, number in not_evaluated.items():
         lines.append(f"Not evaluated: {number} ({status}). The search continued without them.")
     return lines
 
@@ -175,17 +169,16 @@ def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
             raise ValueError(f"{CHANCES} and {TRIALS} must have {k + 1} columns")
         chances = chances[np.lexsort(chances[:, :k].T)]  # the first parameter varies fastest
         if k == 1:
-            # The map becomes a strip along a second axis without a name: the chances are the same
-            # at its ends, -1 and 1, and the trials lie at its 0.
+            # The map becomes a strip. Its second axis has no name. The chances are the same at the
+            # axis's ends, -1 and 1, and the trials lie at 0.
             labels.append("")
             trials = np.insert(trials, 1, 0.0, axis=1)
             chances = np.vstack([np.insert(chances, 1, y, axis=1) for y in (-1.0, 1.0)])
-        maps, nearest = [chances], np.zeros(len(trials))  # nearest: number of each trial's map
-        if k > 2:
-            # a new map begins where the third parameter changes
-            maps = np.split(chances, np.flatnonzero(np.diff(chances[:, 2])) + 1)
-            third = np.array([rows[0, 2] for rows in maps])
-            nearest = np.argmin(np.abs(trials[:, 2:3] - third), axis=1)
+        # values of the third parameter; without a third, all are equal
+        third, tried = (rows[:, 2] if k > 2 else np.zeros(len(rows)) for rows in (chances, trials))
+        # a new map begins where it changes
+        maps = np.split(chances, np.flatnonzero(np.diff(third)) + 1)
+        nearest = np.argmin(np.abs(tried[:, None] - np.unique(third)), axis=1)  # map of each trial
         panels = [
             _edge_panel(rows, trials[nearest == number], items, labels)
             for number, rows in enumerate(maps)
