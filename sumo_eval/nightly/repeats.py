@@ -47,8 +47,8 @@ AGAIN = "again"  # folder beside the nights in which cases are rerun; removed af
 def repeats_of(
     evaluation: Evaluation, settings: GateSettings, folder: Path, progress: Progress
 ) -> dict[str, Repeats]:
-    """Drive a sample of each ADS's cases once more. Returns which ADSs repeat, and the noise floors
-    of those that do not.
+    """Drive a sample of each ADS's cases once more. Returns how many of them are alike, and for
+    ADSs with different drives the noise floors.
 
     folder: for a copy of the run, whose second drives are scored; removed afterwards.
     """
@@ -66,7 +66,7 @@ def repeats_of(
 
     noisy = {ads for ads, equal in alike.items() if not all(equal)}
     keys = {case.key for case in sample if case.driver in noisy}
-    rows = _rerun(evaluation, keys, folder) if keys else {}
+    rows = _rerun(evaluation, keys, folder)
     return {
         ads: Repeats(
             len(equal),
@@ -91,12 +91,14 @@ def _sample(plan: Planner, number: int) -> list[Case]:
         cases += plan.ads(
             replace(space, numbers=[space.numbers[index] for index in places.tolist()])
         )
-    # in the other order: an ADS may carry something over from case to case
+    # in reverse order: an ADS that carries something over from case to case then differs
     return cases[::-1]
 
 
 def _rerun(evaluation: Evaluation, cases: Collection[str], folder: Path) -> dict[str, CaseResult]:
     """Rows of cases from a copy of a run in which they were rerun."""
+    if not cases:
+        return {}
     shutil.rmtree(folder, ignore_errors=True)
     try:
         shutil.copytree(evaluation.folder, folder)
@@ -146,7 +148,7 @@ def bad_again(
     """Number of bad drives of each newly bad case of a noisy ADS, which is driven
     `settings.outcome.repeats` times more; the first drive counts, too.
     """
-    # key of each such case: its row in the base, and the units of U in the base and in the new run
+    # by key of each such case: its row in the base; units of U in the base and in the new run
     bases = {
         part.changed.paired.new[pair].case: (part.changed.paired.base[pair], part.units)
         for comparison in comparisons
@@ -156,7 +158,7 @@ def bad_again(
         for pair in worse
     }
     bad = dict.fromkeys(bases, 1)
-    for _ in range(settings.outcome.repeats if bases else 0):
+    for _ in range(settings.outcome.repeats):
         for case, row in _rerun(evaluation, bases, folder).items():
             base, units = bases[case]
             old, new = (Ends.of(CaseTable.of([it])) for it in (base, row))
@@ -169,12 +171,13 @@ def shaky_cases(
     evaluation: Evaluation, bad: Mapping[str, int], settings: GateSettings
 ) -> set[ShakyCase]:
     """Rerun cases that were not bad in all of their drives."""
-    # bad in at most `repeats` of its `repeats` + 1 drives
+    # of `repeats` + 1 drives, at least one was not bad
     shaky = {case for case, drives in bad.items() if drives <= settings.outcome.repeats}
-    return {_place(row) for row in evaluation.cases if row.case in shaky} if shaky else set()
+    return {_without_key(row) for row in evaluation.cases if row.case in shaky} if shaky else set()
 
 
-def _place(row: CaseResult) -> ShakyCase:
+def _without_key(row: CaseResult) -> ShakyCase:
+    """A case by its point: in a later night it may have another key."""
     return ShakyCase(row.ads, row.scenario, point_words(row.values))
 
 
@@ -182,4 +185,4 @@ def keys_of(evaluation: Evaluation, shaky: Collection[ShakyCase]) -> frozenset[s
     """Tonight's keys of cases that were shaky before."""
     if not shaky:
         return frozenset()
-    return frozenset(row.case for row in evaluation.cases if _place(row) in shaky)
+    return frozenset(row.case for row in evaluation.cases if _without_key(row) in shaky)

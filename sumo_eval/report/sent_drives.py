@@ -150,7 +150,7 @@ def worth_embedding(
     store: Store,
     most: int,
 ) -> Embedded:
-    """The points whose trajectories travel in the page: all, or the most telling ones.
+    """The points whose trajectories travel in the page: all, or those with the greatest weights.
 
     The order of points: first those with a case that could not be evaluated or with an incident, by
     severity, then by their least human-like case. Room is given in two rounds in this order. The
@@ -162,7 +162,7 @@ def worth_embedding(
     most: trajectories that the page may have.
     """
     # imported here because it imports scipy, which the animation of one case does not need
-    from sumo_eval.scoring.shown_cases import HIT, telling
+    from sumo_eval.scoring.shown_cases import HIT, case_weights
 
     # trajectories at each point, by role
     counts: dict[Role, Counter[Point]] = {"ads": Counter(), "human": Counter()}
@@ -170,15 +170,15 @@ def worth_embedding(
         shown = set(points_of[name].values())
         for role, at_point in counts.items():
             at_point.update((name, at) for _, at, _ in store.names(role, name) if at in shown)
-    tells: dict[Point, float] = {}  # of each point, that of its most telling case
+    weights: dict[Point, float] = {}  # of each point, the greatest of its cases
     every = [case for cases in cases_of.values() for case in cases]
-    for case, tell in zip(every, telling(CaseTable.of(every)).tolist(), strict=True):
+    for case, weight in zip(every, case_weights(CaseTable.of(every)).tolist(), strict=True):
         point = case.scenario, points_of[case.scenario][case.case]
-        tells[point] = max(tells.get(point, 0.0), tell)
-    order = sorted(tells, key=lambda point: (-tells[point], point))
+        weights[point] = max(weights.get(point, 0.0), weight)
+    order = sorted(weights, key=lambda point: (-weights[point], point))
     # trajectories at the points in this order, (n,)
     ads, drivers = (np.array([at_point[point] for point in order]) for at_point in counts.values())
-    hits = sum(tell >= HIT for tell in tells.values())
+    hits = sum(weight >= HIT for weight in weights.values())
     # first round: the points before `alone`, without their drivers
     alone = int(np.searchsorted(np.cumsum(ads[:hits]), most, side="right"))
     # second round: the points before `both`; those before `alone` need room for drivers only

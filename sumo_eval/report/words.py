@@ -172,7 +172,7 @@ def _axes_words(sampling: SamplingSettings, logical: LogicalScenario) -> str:
 
 
 def placed(sentence: str, case: CaseResult) -> str:
-    """A sentence about a case, followed by the place of its exception in the user's code, if any."""
+    """A sentence about a case, with the place of its exception in the user's code, if any."""
     return f"{sentence} At {case.error_place}." if case.error_place else sentence
 
 

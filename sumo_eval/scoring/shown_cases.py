@@ -1,4 +1,4 @@
-"""Choice of the cases on the report's page, where a run has more than a page can hold.
+"""Choice of the cases on the report's page, for a run with more cases than a page can hold.
 
 Users: `report/html.py`, `report/sent_drives.py`.
 """
@@ -14,8 +14,7 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scoring.behaviour import least_human, ranked, worst_case
 from sumo_eval.trajectory import FloatArray, IntArray
 
-# cases that the page has, of all ADSs and scenarios together: with more it would be over 10 MB
-MOST_SHOWN = 5_000
+MOST_SHOWN = 5_000  # of all ADSs and scenarios together: with more the page would be over 10 MB
 # weights in the choice: of a named case, of a case that was not evaluated, and the least weight of
 # an incident (its largest is HIT + 1); any other case weighs at most 1
 _NAMED, _LOST, HIT = 5.0, 4.0, 2.0
@@ -24,11 +23,8 @@ _NAMED, _LOST, HIT = 5.0, 4.0, 2.0
 def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str, IntArray]:
     """Cases on the page: by scenario, indices into the cases of each of its ADSs.
 
-    named: cases of failed limits, which come first, with the worst case and the least human-like
-        one.
-
-    Half of the cases weigh most (`telling`): not evaluated, incidents by U, then the least
-    human-like. The other half lie evenly among the rest.
+    named: cases of failed limits. They come first, with the worst case and the least human-like
+        case. Then follow cases that were not evaluated, incidents by U, and the least human-like.
     """
     cases = {
         zone.scenario: [
@@ -37,7 +33,7 @@ def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str
         for zone in evaluation.zones
     }
     most = {name: max(map(len, tables), default=0) for name, tables in cases.items()}
-    if sum(len(table) for tables in cases.values() for table in tables) <= MOST_SHOWN:
+    if len(evaluation.cases) <= MOST_SHOWN:
         return {name: np.arange(number) for name, number in most.items()}
     order = [ads.ads for ads in ranked(evaluation)]
     extremes = worst_case(evaluation, order), least_human(evaluation, order[0])
@@ -45,19 +41,23 @@ def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str
     quota = max(MOST_SHOWN // len(evaluation.scores), 2)
     shown = {}
     for name, tables in cases.items():
-        weights = np.zeros(most[name])
+        weights = np.zeros(most[name])  # of each index, the greatest of any ADS
         for table in tables:
-            weights[: len(table)] = np.maximum(weights[: len(table)], telling(table, named))
-        number = min(quota, len(weights))
-        first, rest = np.split(np.argsort(-weights, kind="stable"), [number // 2])
-        further = number - number // 2
-        evenly = np.sort(rest)[np.arange(further) * len(rest) // further]
-        shown[name] = np.sort(np.concatenate([first, evenly]))
+            weights[: len(table)] = np.maximum(weights[: len(table)], case_weights(table, named))
+        shown[name] = _chosen(weights, min(quota, len(weights)))
     return shown
 
 
-def telling(cases: CaseTable, named: Collection[str] = ()) -> FloatArray:
-    """Weight of each case in a choice, (n,): how much it tells a reader."""
+def _chosen(weights: FloatArray, number: int) -> IntArray:
+    """Indices of cases: half of them weigh most, the other half lie evenly among the rest."""
+    heaviest, rest = np.split(np.argsort(-weights, kind="stable"), [number // 2])
+    further = number - number // 2
+    evenly = np.sort(rest)[np.arange(further) * len(rest) // further]
+    return np.sort(np.concatenate([heaviest, evenly]))
+
+
+def case_weights(cases: CaseTable, named: Collection[str] = ()) -> FloatArray:
+    """Weight of each case in a choice, (n,): how much a reader learns from it."""
     severity = np.nan_to_num(cases.incident_severity)
     harm = HIT + severity / max(float(severity.max(initial=0.0)), 1.0)
     weights = np.where(cases.incident, harm, np.nan_to_num(1.0 - cases.human_likeness))

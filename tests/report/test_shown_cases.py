@@ -160,5 +160,5 @@ def test_a_departure_tells_as_much_as_a_collision(evaluation):
         replace(calm, human_likeness=None, departure_time=1.0, departure_severity=speed)
         for speed in (20.0, 10.0)
     ]
-    tells = module.telling(CaseTable.of([calm, *rows]), ())
+    tells = module.case_weights(CaseTable.of([calm, *rows]), ())
     assert tells[1] > tells[2] >= 2.0 > tells[0]

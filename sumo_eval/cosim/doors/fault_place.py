@@ -25,23 +25,23 @@ _INSTALLED = (
 
 
 def fault_place(error: BaseException | None, controller: Any, folder: Path | None) -> str:
-    """`my_ads.py:42 in act`: file, line and function of the user's code that an exception passed
-    last.
+    """`my_ads.py:42 in act`: file, line and function in the user's code that an exception comes
+    from.
 
-    The innermost frame of the first of these groups that has one, in the exception, else in its
-    cause:
+    Of these groups of frames, the first that is not empty gives its innermost frame. The exception
+    is searched first, then its cause, and so on.
 
     1. frames in the file of the user's object `controller`
     2. frames outside this package and installed libraries
     3. frames outside this package; not for an error message that a door raised
 
-    Without any, as where a call or a result was at fault: the start of the user's function; ""
-    if it is not Python code. Paths within `folder` are relative to it.
+    Without such a frame, as where a call or a result was at fault: the start of the user's
+    function; "" if it is not Python code. Paths within `folder` are relative to it.
     """
     seen = set()
     methods = ["act", "step"]
     own = _file_of(controller)
-    by_door = type(error) is ControllerError  # a library that a door uses is not the user's
+    by_door = type(error) is ControllerError  # the libraries of a door are not the user's
     while error is not None and id(error) not in seen:
         seen.add(id(error))
         frames = [(frame.f_code, line) for frame, line in walk_tb(error.__traceback__)]
