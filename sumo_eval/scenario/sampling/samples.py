@@ -139,7 +139,7 @@ def sample(
 def _refusals(logical: LogicalScenario, refused: FloatArray) -> str:
     """Number of points (m, k) that each constraint excludes, as a sentence."""
     values = logical.columns(refused)
-    counts = {rule.about: np.sum(~np.asarray(rule.holds(values))) for rule in logical.constraints}
+    counts = {rule.about: np.sum(~rule.holds(values)) for rule in logical.constraints}
     by = [f"{count} are not `{about}`" for about, count in counts.items() if count]
     return f" Of {len(refused)} points, {', '.join(by)}."
 
