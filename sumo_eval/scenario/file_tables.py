@@ -58,6 +58,7 @@ from sumo_eval.settings.checked import (
     PositiveFloat,
     PositiveInt,
     PositiveOrNone,
+    optional,
     setting,
     setting_made_by,
 )
@@ -71,14 +72,13 @@ class ParameterTable(Checked):
     name: Annotated[FilledText, About("name, for expressions and tables")]
     unit: Annotated[FilledText, About("unit; `1` for a share")]
     about: str = setting("", "what it is")
-    low: float | None = setting(None, "lower end of the range")
-    high: float | None = setting(None, "upper end of the range")
-    step: float | None = setting(None, "step of the default grid")
+    low: float | None = optional("lower end of the range")
+    high: float | None = optional("upper end of the range")
+    step: float | None = optional("step of the default grid")
     values: tuple[float, ...] = setting(
         (), "instead of low, high and step: the only values there are"
     )
-    distribution: dict[str, str | float] | None = setting(
-        None,
+    distribution: dict[str, str | float] | None = optional(
         "how often values occur: `name` of a continuous distribution of scipy.stats, and "
         "its arguments",
     )
@@ -150,24 +150,23 @@ class ConstraintTable(Checked):
 class RoadTable(Checked):
     """A road, written for the scenario, or found in a network of the user's."""
 
-    name: str | None = setting(None, "name of its files; default: from its measures")
+    name: str | None = optional("name of its files; default: from its measures")
     lanes: PositiveInt = setting(2, "number of lanes")
     lane_width: PositiveFloat = setting(3.5, "width of each lane", "m")
     length: PositiveFloat = setting(
         6000.0, "length of the road; the end of the case is in [end]", "m"
     )
-    network: str | None = setting(None, "a .net.xml instead, relative to this file")
+    network: str | None = optional("a .net.xml instead, relative to this file")
     edges: tuple[str, ...] = setting((), "the edges of that network to drive along, in order")
     line: tuple[PieceTable, ...] = setting(
         (),
         "the right lane's centre line from x = 0 on, piece by piece; behind the last one it "
         "is straight",
     )
-    opendrive: str | None = setting(
-        None, "an .xodr instead, relative to this file: its line, its lanes and its length"
+    opendrive: str | None = optional(
+        "an .xodr instead, relative to this file: its line, its lanes and its length"
     )
-    opendrive_road: str | tuple[str, ...] | None = setting(
-        None,
+    opendrive_road: str | tuple[str, ...] | None = optional(
         "id of the road in that file, where it has several; or of those to drive along, in order",
     )
     lane: tuple[LaneTable, ...] = setting(
@@ -235,9 +234,8 @@ class EndTable(Checked):
     """Further ends of a case, after contact, standstill and leaving the road."""
 
     x: PositiveFloat = setting(600.0, "the ego's centre reaches this place", "m")
-    time: PositiveOrNone = setting(None, "simulated time; default: the simulation's own", "s")
-    standstill: PositiveOrNone = setting(
-        None,
+    time: PositiveOrNone = optional("simulated time; default: the simulation's own", "s")
+    standstill: PositiveOrNone = optional(
         "how long the ego must stand, for scenes in which it has to drive off again; default: "
         "the simulation's own",
         "s",
@@ -311,13 +309,12 @@ class SampleTable(Checked):
 class GivenTable(Checked):
     """Changes to the scenario where an option is given."""
 
-    suffix: Annotated[str | None, MinLen(1)] = setting(
-        None,
+    suffix: Annotated[str | None, MinLen(1)] = optional(
         "appended to the scenario's name after `_`, `{value}` in it is what is given; "
         "default: the option's name",
     )
-    about: str | None = setting(None, "what happens then, instead of the scenario's own `about`")
-    road: RoadTable | None = setting(None, "the road then, instead of the scenario's own")
+    about: str | None = optional("what happens then, instead of the scenario's own `about`")
+    road: RoadTable | None = optional("the road then, instead of the scenario's own")
     vehicle: tuple[VehicleTable, ...] = setting(
         (), "further vehicles then, in addition to the scenario's own"
     )
@@ -327,8 +324,8 @@ class GivenTable(Checked):
 class OptionTable(Option):
     """A number that `use` may set: `use = "cut_in?lateral_acceleration=1.5"`."""
 
-    default: float | None = setting(None, "its value if `use` does not set it; default: infinite")
-    above: float | None = setting(None, "what is given must be greater than that")
+    default: float | None = optional("its value if `use` does not set it; default: infinite")
+    above: float | None = optional("what is given must be greater than that")
     given: GivenTable = setting_made_by(GivenTable, "what else is different where it is given")
 
 
@@ -344,9 +341,7 @@ class JointTable(Checked):
         "kde: a Gaussian at each event; copula: each parameter by a KDE of its own, and their "
         "correlation",
     )
-    bandwidth: PositiveOrNone = setting(
-        None, "kernel deviation divided by the data's; default: Scott's"
-    )
+    bandwidth: PositiveOrNone = optional("kernel deviation divided by the data's; default: Scott's")
 
     def read(self, parameters: Sequence[Parameter], where: str, folder: Path) -> Joint:
         """The density.
@@ -450,16 +445,14 @@ class ScenarioFile(Checked):
     )
     option: tuple[OptionTable, ...] = setting((), "numbers that `use` may set")
     constraint: tuple[ConstraintTable, ...] = setting((), "which points of the box exist")
-    exposure: str | None = setting(
-        None, "density, an expression; multiplies the parameters' distributions"
+    exposure: str | None = optional(
+        "density, an expression; multiplies the parameters' distributions"
     )
-    joint: JointTable | None = setting(
-        None, "density by events, instead of the parameters' distributions"
+    joint: JointTable | None = optional(
+        "density by events, instead of the parameters' distributions"
     )
-    met: Occurrence | None = setting(None, "how often it occurred on the road")
-    recorded: RecordedTable | None = setting(
-        None, "the events of recordings that are this scenario"
-    )
+    met: Occurrence | None = optional("how often it occurred on the road")
+    recorded: RecordedTable | None = optional("the events of recordings that are this scenario")
     road: RoadTable = setting_made_by(RoadTable, "the road")
     end: EndTable = setting_made_by(EndTable, "when a case is over")
     sample: tuple[SampleTable, ...] = setting((), "prescribed points")

@@ -48,7 +48,7 @@ from sumo_eval.scenario.played import Act, Pairs, Program
 from sumo_eval.scenario.road.reference_line import frame_places
 from sumo_eval.scenario.streams import StreamTable, sumo_model
 from sumo_eval.scenario.trigger import Step, trigger
-from sumo_eval.settings.checked import About, Checked, FilledText, PositiveOrNone, setting
+from sumo_eval.settings.checked import About, Checked, FilledText, PositiveOrNone, optional, setting
 from sumo_eval.text import capitalised
 
 _MANOEUVRES: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Act]]] = {
@@ -87,16 +87,15 @@ class EgoTable(Checked):
     lateral_speed: Formula = setting(
         0.0, "speed to the left at the start, below `speed`; it heads where it moves", "m/s"
     )
-    length: PositiveOrNone = setting(None, "body; default: as in the vehicle settings", "m")
-    width: PositiveOrNone = setting(None, "body; default: as in the vehicle settings", "m")
-    goal_lane: Annotated[int | None, Ge(0)] = setting(
-        None, "number of the neighbouring lane that it must change to; 0: right"
+    length: PositiveOrNone = optional("body; default: as in the vehicle settings", "m")
+    width: PositiveOrNone = optional("body; default: as in the vehicle settings", "m")
+    goal_lane: Annotated[int | None, Ge(0)] = optional(
+        "number of the neighbouring lane that it must change to; 0: right"
     )
-    change_from: PositiveOrNone = setting(
-        None, "with `goal_lane`: x of its centre where it may begin", "m"
+    change_from: PositiveOrNone = optional(
+        "with `goal_lane`: x of its centre where it may begin", "m"
     )
-    change_by: PositiveOrNone = setting(
-        None,
+    change_by: PositiveOrNone = optional(
         "x of its centre by which it must have changed; default: where its lane or the other "
         "one ends, or where the other becomes an exit ramp",
         "m",
@@ -201,30 +200,27 @@ class ManoeuvreTable(Checked):
     begin: Annotated[Formula, NOT_BELOW_0] = setting(
         0.0, "when it begins; with `when`: how long after its condition holds", "s"
     )
-    when: Annotated[str | None, MinLen(1)] = setting(
-        None, "it begins when this holds, e.g. `ttc(ego, child) < 2`; default: at `begin`"
+    when: Annotated[str | None, MinLen(1)] = optional(
+        "it begins when this holds, e.g. `ttc(ego, child) < 2`; default: at `begin`"
     )
-    deceleration: PositiveFormulaOrNone = setting(
-        None, "of `brake`; of `follow`: comfortable", "m/s2"
+    deceleration: PositiveFormulaOrNone = optional("of `brake`; of `follow`: comfortable", "m/s2")
+    jerk: Annotated[Formula | None, _ENDLESS] = optional(
+        "of `brake`, `accelerate`: how fast it builds up; default: at once", "m/s3"
     )
-    jerk: Annotated[Formula | None, _ENDLESS] = setting(
-        None, "of `brake`, `accelerate`: how fast it builds up; default: at once", "m/s3"
+    duration: PositiveFormulaOrNone = optional("of `change_lane`, `change_lane_cosine`", "s")
+    speed: Annotated[Formula | None, NOT_BELOW_0] = optional(
+        "of `move_sideways`: across; of `accelerate`: at its end; of `follow`: desired", "m/s"
     )
-    duration: PositiveFormulaOrNone = setting(None, "of `change_lane`, `change_lane_cosine`", "s")
-    speed: Annotated[Formula | None, NOT_BELOW_0] = setting(
-        None, "of `move_sideways`: across; of `accelerate`: at its end; of `follow`: desired", "m/s"
-    )
-    acceleration: PositiveFormulaOrNone = setting(
-        None,
+    acceleration: PositiveFormulaOrNone = optional(
         "of `move_sideways`: how fast its speed builds up, default at once; of `accelerate`: "
         "how fast its speed rises or falls; of `sinus`, `follow`: the largest",
         "m/s2",
     )
-    offset: Formula | None = setting(
-        None, "of moves to a side: how far to the left, negative to the right", "m"
+    offset: Formula | None = optional(
+        "of moves to a side: how far to the left, negative to the right", "m"
     )
-    cycles: Annotated[PositiveOrNone, MultipleOf(1.0)] = setting(
-        None, "of `sinus`: swings, each to one side and back"
+    cycles: Annotated[PositiveOrNone, MultipleOf(1.0)] = optional(
+        "of `sinus`: swings, each to one side and back"
     )
     times: tuple[Formula, ...] = setting((), "of `speed_profile`: since its start", "s")
     places: tuple[Formula, ...] = setting(
@@ -237,14 +233,14 @@ class ManoeuvreTable(Checked):
     lanes: tuple[int, ...] = setting(
         (), "of `path`, instead of points: lane in whose middle it is at each place; 0: right"
     )
-    model: Literal["Krauss", "IDM", "EIDM"] | None = setting(
-        None, "of `follow`: SUMO's car-following model, without noise"
+    model: Literal["Krauss", "IDM", "EIDM"] | None = optional(
+        "of `follow`: SUMO's car-following model, without noise"
     )
-    headway: PositiveFormulaOrNone = setting(
-        None, "of `follow`: time headway that it keeps, default 1", "s"
+    headway: PositiveFormulaOrNone = optional(
+        "of `follow`: time headway that it keeps, default 1", "s"
     )
-    min_gap: PositiveFormulaOrNone = setting(
-        None, "of `follow`: gap to a standing vehicle, default 2.5", "m"
+    min_gap: PositiveFormulaOrNone = optional(
+        "of `follow`: gap to a standing vehicle, default 2.5", "m"
     )
 
     @property
@@ -368,27 +364,26 @@ class VehicleTable(Checked):
 
     name: Annotated[FilledText, About("name")]
     speed: Annotated[Formula, NOT_BELOW_0, About("speed at the start", "m/s")]
-    gap: Formula | None = setting(None, "from the ego's front bumper to its rear at the start", "m")
-    gap_behind: Formula | None = setting(
-        None, "instead of gap: from its front bumper to the ego's rear at the start", "m"
+    gap: Formula | None = optional("from the ego's front bumper to its rear at the start", "m")
+    gap_behind: Formula | None = optional(
+        "instead of gap: from its front bumper to the ego's rear at the start", "m"
     )
-    x: Formula | None = setting(None, "instead of gap: its centre along the road", "m")
+    x: Formula | None = optional("instead of gap: its centre along the road", "m")
     y: Formula = setting(
         0.0, "its centre's distance to the left of the right lane's centre line", "m"
     )
-    heading: Formula | None = setting(
-        None, "direction in which it points and drives, left of the road's; default 0", "deg"
+    heading: Formula | None = optional(
+        "direction in which it points and drives, left of the road's; default 0", "deg"
     )
-    lateral_speed: Formula | None = setting(
-        None,
+    lateral_speed: Formula | None = optional(
         "instead of heading: across the road at the start, to the left; `speed` is along",
         "m/s",
     )
     body: Literal[tuple(BODIES)] = setting(  # type: ignore[valid-type]
         "car", "kind of road user: its size, its class in SUMO, its shape"
     )
-    length: PositiveOrNone = setting(None, "body; default: as the body has it, 4.5 of a car", "m")
-    width: PositiveOrNone = setting(None, "body; default: as the body has it, 1.8 of a car", "m")
+    length: PositiveOrNone = optional("body; default: as the body has it, 4.5 of a car", "m")
+    width: PositiveOrNone = optional("body; default: as the body has it, 1.8 of a car", "m")
     slides: bool = setting(
         False, "keeps its heading while it moves across, instead of pointing where it goes"
     )

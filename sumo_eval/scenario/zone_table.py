@@ -13,7 +13,7 @@ from sumo_eval.scenario.expression import Definitions, Expression
 from sumo_eval.scenario.formulas import Formula, Formulas, Names, Value
 from sumo_eval.scenario.logical import Approach, Search, Values, ZoneCoordinates
 from sumo_eval.scenario.vehicle_tables import Placement
-from sumo_eval.settings.checked import Checked, PositiveOrNone, setting
+from sumo_eval.settings.checked import Checked, PositiveOrNone, optional, setting
 
 
 @frozen
@@ -21,24 +21,22 @@ class ZoneTable(Checked):
     """The zone rule: the approach to one vehicle under ideal braking (Eqs. 1-6), or a margin."""
 
     obstacle: str = setting("", "the vehicle that is in the way")
-    margin: Formula | None = setting(
-        None, "instead of an obstacle: distance to a known limit, hazardous at 0 and below", "m"
+    margin: Formula | None = optional(
+        "instead of an obstacle: distance to a known limit, hazardous at 0 and below", "m"
     )
     delay: Formula = setting(0.0, "before ideal braking begins", "s")
-    gap: Formula | None = setting(
-        None, "bumper to bumper at the start; default: the obstacle's", "m"
-    )
+    gap: Formula | None = optional("bumper to bumper at the start; default: the obstacle's", "m")
     conflict_begin: Formula = setting(0.0, "time from which the obstacle is in the ego's path", "s")
-    passing_length: PositiveOrNone = setting(
-        None, "an ego further ahead than this when the conflict begins has passed", "m"
+    passing_length: PositiveOrNone = optional(
+        "an ego further ahead than this when the conflict begins has passed", "m"
     )
     conflict: bool = setting(
         False,
         "criticality by the time until both paths collide, from any side; default: by the gap "
         "along the road",
     )
-    coordinates: dict[str, Formula] | None = setting(
-        None, "in words = expression: in which the criticality is smooth; default: the parameters"
+    coordinates: dict[str, Formula] | None = optional(
+        "in words = expression: in which the criticality is smooth; default: the parameters"
     )
 
     def read(

@@ -25,6 +25,7 @@ from sumo_eval.settings.checked import (
     NotNegativeFloat,
     PositiveInt,
     Share,
+    optional,
     setting,
 )
 from sumo_eval.settings.config import read_checked
@@ -114,15 +115,13 @@ class LimitSettings(Checked):
     quantity: Annotated[
         str, About("what is limited: a number of the ADS, or a column of cases.csv in every case")
     ]
-    ads: str | None = setting(None, "only this ADS; default: each")
-    scenario: str | None = setting(None, "only this logical scenario; default: each")
-    at_least: float | None = setting(None, "smallest value of the new run")
-    at_most: float | None = setting(None, "largest value of the new run")
-    worse_by: float | None = setting(
-        None, "largest change for the worse, in the quantity's own unit"
-    )
-    worse_by_percent: float | None = setting(
-        None, "largest change for the worse, of the base's value", "%"
+    ads: str | None = optional("only this ADS; default: each")
+    scenario: str | None = optional("only this logical scenario; default: each")
+    at_least: float | None = optional("smallest value of the new run")
+    at_most: float | None = optional("largest value of the new run")
+    worse_by: float | None = optional("largest change for the worse, in the quantity's own unit")
+    worse_by_percent: float | None = optional(
+        "largest change for the worse, of the base's value", "%"
     )
     tolerance: NotNegativeFloat = setting(
         LAST_DIGIT,
@@ -147,11 +146,11 @@ class MeasureSettings(Checked):
     share: NotNegativeFloat = setting(
         0.0, "least change that counts, as a share of the base's value"
     )
-    zone: float | None = setting(
-        None, "near misses only: a case counts if its value in one of the runs is worse than this"
+    zone: float | None = optional(
+        "near misses only: a case counts if its value in one of the runs is worse than this"
     )
-    higher_is_better: bool | None = setting(
-        None, "whether a rise is an improvement; default: by the column"
+    higher_is_better: bool | None = optional(
+        "whether a rise is an improvement; default: by the column"
     )
 
     @property

@@ -74,6 +74,11 @@ def setting(
     return field(default=default, metadata=About(text, unit, symbol, equation).metadata)
 
 
+def optional(text: str, unit: str = "") -> Any:
+    """A key that may be missing (None), and its meaning."""
+    return setting(None, text, unit)
+
+
 def setting_made_by(make: Callable[[], Default], text: str) -> Default:
     """A key whose default `make` makes for each table, and its meaning."""
     return field(default_factory=make, metadata=About(text).metadata)

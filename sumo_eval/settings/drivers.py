@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Le
 
 from sumo_eval.frozen import frozen
-from sumo_eval.settings.checked import Checked, PositiveFloat, Share, setting
+from sumo_eval.settings.checked import Checked, PositiveFloat, Share, optional, setting
 
 
 @frozen
@@ -52,8 +52,7 @@ class DriverSettings(Checked):
     cases: str = setting(
         "", "folder of drives recorded in named cases, with its cases.csv; empty: none"
     )
-    tolerance: dict[str, PositiveFloat] | None = setting(
-        None,
+    tolerance: dict[str, PositiveFloat] | None = optional(
         "how far an event's parameter may be from the concrete scenario's, by parameter; a "
         "parameter without an entry keeps the tolerance of its scenario",
     )

@@ -21,6 +21,7 @@ from sumo_eval.settings.checked import (
     Natural,
     PositiveFloat,
     PositiveOrNone,
+    optional,
     setting,
     setting_made_by,
 )
@@ -38,35 +39,32 @@ _Levels = Annotated[int, Ge(2)]
 class SamplingSettings(Checked):
     """Choice of the concrete scenarios of a space that are simulated."""
 
-    method: str | None = setting(
-        None,
+    method: str | None = optional(
         "how points are chosen: grid, pairwise, combinations, latin_hypercube, sobol, halton, "
         "exposure, exposure_danger, adaptive, file, openscenario, module:name, or a sample "
         "that the scenario names; default: the scenario's own",
     )
-    levels: _Levels | dict[str, _Levels] | None = setting(
-        None, "points on each axis, one number or by parameter; default: the space's steps"
+    levels: _Levels | dict[str, _Levels] | None = optional(
+        "points on each axis, one number or by parameter; default: the space's steps"
     )
-    steps: dict[str, PositiveFloat] | None = setting(
-        None, "step by parameter name; others keep the space's own"
+    steps: dict[str, PositiveFloat] | None = optional(
+        "step by parameter name; others keep the space's own"
     )
-    count: Annotated[int | None, Ge(1)] = setting(
-        None, "number of points, for methods that draw them; the most points of `adaptive`"
+    count: Annotated[int | None, Ge(1)] = optional(
+        "number of points, for methods that draw them; the most points of `adaptive`"
     )
-    strength: Annotated[int | None, Ge(1)] = setting(
-        None, "of `combinations`: t; for any t parameters, all combinations of values occur"
+    strength: Annotated[int | None, Ge(1)] = optional(
+        "of `combinations`: t; for any t parameters, all combinations of values occur"
     )
-    file: str | None = setting(None, "CSV of points, or mapping of an OpenSCENARIO variation")
-    round: Annotated[int | None, Ge(1)] = setting(
-        None, "of `adaptive`: points of a round; default: a fifth of `count`"
+    file: str | None = optional("CSV of points, or mapping of an OpenSCENARIO variation")
+    round: Annotated[int | None, Ge(1)] = optional(
+        "of `adaptive`: points of a round; default: a fifth of `count`"
     )
-    aim: Literal["s_plus", "boundary"] | None = setting(
-        None,
+    aim: Literal["s_plus", "boundary"] | None = optional(
         "of `adaptive`: what new points make more certain: S+ (default), or the boundary "
         "between collisions and none, i.e. the share of the space that collides",
     )
-    until: PositiveOrNone = setting(
-        None,
+    until: PositiveOrNone = optional(
         "of `adaptive`: no further round once half the width of every ADS's 95 % interval, of "
         "what `aim` names, is at most this; default: all of `count`",
         "points of S+, or share of the space",
@@ -125,8 +123,8 @@ class ExposureSettings(Checked):
     bandwidth: Literal["scott", "cross_validated"] = setting(
         "scott", "bandwidth of the KDE over recorded events"
     )
-    declared: dict[str, DeclaredDistribution] | None = setting(
-        None, "distribution by parameter; others are uniform"
+    declared: dict[str, DeclaredDistribution] | None = optional(
+        "distribution by parameter; others are uniform"
     )
 
 
@@ -143,7 +141,7 @@ class ScenarioSettings(Checked):
     ]
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     exposure: ExposureSettings = field(default_factory=ExposureSettings)
-    folder: str | None = setting(None, "of a catalogue: where your copy of it is")
+    folder: str | None = optional("of a catalogue: where your copy of it is")
     not_played: dict[str, str] = setting_made_by(
         dict, "filled in for a catalogue: its files that are not supported, and why"
     )
@@ -161,10 +159,9 @@ class AdsSettings(Checked):
             "fmu:FILE or onnx:FILE"
         ),
     ]
-    fmu: FmuSettings | None = setting(None, "variables of the FMU, where the controller is one")
+    fmu: FmuSettings | None = optional("variables of the FMU, where the controller is one")
 
-    period: PositiveOrNone = setting(
-        None,
+    period: PositiveOrNone = optional(
         "time between calls, in which the last answer stays in force; default: a time step",
         "s",
     )

@@ -22,6 +22,7 @@ from sumo_eval.settings.checked import (
     PositiveInt,
     PositiveOrNone,
     Share,
+    optional,
     setting,
     setting_made_by,
 )
@@ -182,8 +183,8 @@ class CollisionSettings(Checked):
         symbol="U",
         equation="15",
     )
-    age: Annotated[PositiveOrNone, Le(120.0)] = setting(
-        None, "age of the injured person, for `injury:`; default: the risk curve's own", "a"
+    age: Annotated[PositiveOrNone, Le(120.0)] = optional(
+        "age of the injured person, for `injury:`; default: the risk curve's own", "a"
     )
     ego_mass: PositiveFloat = setting(1500.0, "mass of the ego, for a `severity` of your own", "kg")
     rear_end: Literal["apart", "counts"] = setting(

@@ -19,6 +19,7 @@ from sumo_eval.settings.checked import (
     PositiveFloat,
     PositiveOrNone,
     Share,
+    optional,
     setting,
     setting_made_by,
 )
@@ -106,11 +107,11 @@ class ConditionSettings(Checked):
     speed_noise: NotNegativeFloat = setting(
         0.0, "standard deviation of seen speeds along the heading", "m/s"
     )
-    sensor_range: PositiveOrNone = setting(
-        None, "farthest other vehicle that is seen, centre to centre; default: no limit", "m"
+    sensor_range: PositiveOrNone = optional(
+        "farthest other vehicle that is seen, centre to centre; default: no limit", "m"
     )
-    field_of_view_deg: Annotated[PositiveOrNone, Le(360.0)] = setting(
-        None, "angle in front of the ego that is seen; default: all around", "deg"
+    field_of_view_deg: Annotated[PositiveOrNone, Le(360.0)] = optional(
+        "angle in front of the ego that is seen; default: all around", "deg"
     )
     occlusion: bool = setting(
         False, "a vehicle covered to 80 % of its width by a nearer one is not seen"
@@ -118,8 +119,7 @@ class ConditionSettings(Checked):
     actuation_delay: NotNegativeFloat = setting(
         0.0, "time until a Command reaches the vehicle", "s"
     )
-    step_budget: PositiveOrNone = setting(
-        None,
+    step_budget: PositiveOrNone = optional(
         "wall time of a step after which its Command is late and the last one holds; default: none",
         "s",
     )
@@ -228,4 +228,4 @@ class SimulationSettings(Checked):
     )
     conditions: ConditionSettings = field(default_factory=ConditionSettings)
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
-    plant: PlantSettings | None = setting(None, "an FMU as vehicle model of the ADSs under test")
+    plant: PlantSettings | None = optional("an FMU as vehicle model of the ADSs under test")

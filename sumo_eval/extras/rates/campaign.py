@@ -50,6 +50,7 @@ from sumo_eval.settings.checked import (
     Natural,
     PositiveFloat,
     PositiveOrNone,
+    optional,
     setting,
 )
 from sumo_eval.settings.config import read_checked
@@ -66,9 +67,7 @@ class CampaignScenario(Checked):
     """A scenario of the campaign."""
 
     use: Annotated[str, About("a scenario file or a shipped name")]
-    per_km: PositiveOrNone = setting(
-        None, "how often it occurs; default: [met] of its file", "1/km"
-    )
+    per_km: PositiveOrNone = optional("how often it occurs; default: [met] of its file", "1/km")
 
 
 @frozen

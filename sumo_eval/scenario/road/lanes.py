@@ -19,7 +19,7 @@ from sumo_eval.errors import InputError, must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.kernels import kernel
 from sumo_eval.scenario.road.reference_line import Line, curvatures
-from sumo_eval.settings.checked import About, Checked, PositiveFloat, setting
+from sumo_eval.settings.checked import About, Checked, PositiveFloat, optional, setting
 from sumo_eval.text import capitalised
 from sumo_eval.trajectory import FloatArray
 
@@ -71,20 +71,16 @@ class LaneTable(Checked):
     """A lane that is not there throughout: the outermost one of its side."""
 
     lane: Annotated[int, About("its number; 0: the right-hand one")]
-    begin: float | None = setting(
-        None, "from there on it has its full width; default: from the road's start", "m"
+    begin: float | None = optional(
+        "from there on it has its full width; default: from the road's start", "m"
     )
-    end: float | None = setting(
-        None, "to there it has its full width; default: to the road's end", "m"
-    )
+    end: float | None = optional("to there it has its full width; default: to the road's end", "m")
     taper: PositiveFloat = setting(50.0, "length over which it opens and narrows", "m")
-    ramp_until: float | None = setting(
-        None,
+    ramp_until: float | None = optional(
         "an on-ramp until there: its line must not be crossed; behind it an acceleration lane",
         "m",
     )
-    ramp_from: float | None = setting(
-        None,
+    ramp_from: float | None = optional(
         "an exit ramp from there: its line must not be crossed; before it a deceleration lane",
         "m",
     )

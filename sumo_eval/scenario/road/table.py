@@ -20,7 +20,7 @@ from sumo_eval.scenario.road.reference_line import (
     tightest,
 )
 from sumo_eval.settings import VehicleSettings
-from sumo_eval.settings.checked import About, Checked, PositiveFloat, setting
+from sumo_eval.settings.checked import About, Checked, PositiveFloat, optional
 from sumo_eval.text import capitalised
 
 _LEAST_EDGE = 1.0  # m from the centre of a curve to the road's inner edge, at least
@@ -33,14 +33,14 @@ class PieceTable(Checked):
     """
 
     length: Annotated[PositiveFloat, About("length of the piece", "m")]
-    radius: str | float | None = setting(
-        None, "of an arc, positive to the left; a number or an expression of the options", "m"
+    radius: str | float | None = optional(
+        "of an arc, positive to the left; a number or an expression of the options", "m"
     )
-    begin_radius: str | float | None = setting(
-        None, "of a spiral, at its beginning; default: straight there", "m"
+    begin_radius: str | float | None = optional(
+        "of a spiral, at its beginning; default: straight there", "m"
     )
-    end_radius: str | float | None = setting(
-        None, "of a spiral, at its end; default: straight there", "m"
+    end_radius: str | float | None = optional(
+        "of a spiral, at its end; default: straight there", "m"
     )
 
 
