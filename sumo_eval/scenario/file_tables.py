@@ -58,9 +58,9 @@ from sumo_eval.settings.checked import (
     PositiveFloat,
     PositiveInt,
     PositiveOrNone,
+    empty_table,
     optional,
     setting,
-    setting_made_by,
 )
 from sumo_eval.text import capitalised
 
@@ -254,14 +254,14 @@ class SampleTable(Checked):
     columns: tuple[str, ...] = setting(
         (), "the parameters that a row holds; default: all that `each` and `set` do not, in order"
     )
-    units: dict[str, str] = setting_made_by(
-        dict, "units of columns, where not the parameters': km/h instead of m/s"
+    units: dict[str, str] = empty_table(
+        "units of columns, where not the parameters': km/h instead of m/s"
     )
-    each: dict[str, tuple[float, ...]] = setting_made_by(
-        dict, "parameter = values: every row with each of them"
+    each: dict[str, tuple[float, ...]] = empty_table(
+        "parameter = values: every row with each of them"
     )
-    set: dict[str, Formula] = setting_made_by(
-        dict, "parameter = expression of those that rows and `each` hold"
+    set: dict[str, Formula] = empty_table(
+        "parameter = expression of those that rows and `each` hold"
     )
 
     def read(self, names: Names, units: Mapping[str, str]) -> NamedSample:
@@ -326,7 +326,7 @@ class OptionTable(Option):
 
     default: float | None = optional("its value if `use` does not set it; default: infinite")
     above: float | None = optional("what is given must be greater than that")
-    given: GivenTable = setting_made_by(GivenTable, "what else is different where it is given")
+    given: GivenTable = setting(GivenTable(), "what else is different where it is given")
 
 
 @frozen
@@ -375,14 +375,14 @@ class RecordedTable(Checked):
         Literal["approach", "cut_out", "cut_in", "lead_braking"],
         About("kind of event, as `humans events` finds them"),
     ]
-    columns: dict[str, str] = setting_made_by(
-        dict, "parameter = column of the events; default: the column of the parameter's name"
+    columns: dict[str, str] = empty_table(
+        "parameter = column of the events; default: the column of the parameter's name"
     )
-    tolerance: dict[str, float] = setting_made_by(
-        dict, "how far a parameter may be from the event's; default: a tenth of its range"
+    tolerance: dict[str, float] = empty_table(
+        "how far a parameter may be from the event's; default: a tenth of its range"
     )
     start: str = setting("", "column with the time that is the scenario's t = 0; default by event")
-    only: dict[str, str] = setting_made_by(dict, "column = value that an event must have")
+    only: dict[str, str] = empty_table("column = value that an event must have")
 
     def read(self, parameters: Sequence[Parameter], where: str) -> Counterpart:
         """The events that correspond to the scenario, by its parameters except settings of a case
@@ -440,9 +440,7 @@ class ScenarioFile(Checked):
     stream: tuple[StreamTable, ...] = setting((), "traffic of a given density")
     about: str = setting("", "what happens, a sentence")
     source: str = setting("a scenario file", "where it comes from")
-    define: dict[str, Formula] = setting_made_by(
-        dict, "names for expressions, each may use those above it"
-    )
+    define: dict[str, Formula] = empty_table("names for expressions, each may use those above it")
     option: tuple[OptionTable, ...] = setting((), "numbers that `use` may set")
     constraint: tuple[ConstraintTable, ...] = setting((), "which points of the box exist")
     exposure: str | None = optional(
@@ -453,8 +451,8 @@ class ScenarioFile(Checked):
     )
     met: Occurrence | None = optional("how often it occurred on the road")
     recorded: RecordedTable | None = optional("the events of recordings that are this scenario")
-    road: RoadTable = setting_made_by(RoadTable, "the road")
-    end: EndTable = setting_made_by(EndTable, "when a case is over")
+    road: RoadTable = setting(RoadTable(), "the road")
+    end: EndTable = setting(EndTable(), "when a case is over")
     sample: tuple[SampleTable, ...] = setting((), "prescribed points")
     default_sample: str = setting("grid", "grid, or the name of a sample")
     people: Literal["drivers", "none"] = setting(

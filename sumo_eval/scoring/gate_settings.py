@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -271,10 +270,10 @@ class GateSettings(Checked):
     lost_share: Share = setting(
         0.1, "share of the base's cases that a night may lose; a lost ADS or scenario always fails"
     )
-    outcome: OutcomeSettings = field(default_factory=OutcomeSettings)
-    near_miss: NearMissSettings = field(default_factory=NearMissSettings)
-    shift: ShiftSettings = field(default_factory=ShiftSettings)
-    noise: NoiseSettings = field(default_factory=NoiseSettings)
+    outcome: OutcomeSettings = OutcomeSettings()
+    near_miss: NearMissSettings = NearMissSettings()
+    shift: ShiftSettings = ShiftSettings()
+    noise: NoiseSettings = NoiseSettings()
     limit: tuple[LimitSettings, ...] = setting((), "further limits")
 
     @property

@@ -79,9 +79,9 @@ def optional(text: str, unit: str = "") -> Any:
     return setting(None, text, unit)
 
 
-def setting_made_by(make: Callable[[], Default], text: str) -> Default:
-    """A key whose default `make` makes for each table, and its meaning."""
-    return field(default_factory=make, metadata=About(text).metadata)
+def empty_table(text: str) -> Any:
+    """A key that is an empty table by default, and its meaning."""
+    return field(default_factory=dict, metadata=About(text).metadata)
 
 
 Positive = Gt(0.0)

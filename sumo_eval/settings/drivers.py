@@ -4,7 +4,6 @@ Users: `cli/tools.py`, `drivers/`, `record/`, `scoring/`, `settings/evaluation.p
 `extras/rates/people_command.py`.
 """
 
-from dataclasses import field
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
@@ -40,7 +39,7 @@ class DriverSettings(Checked):
     count: Annotated[int, Ge(2), Le(10_000)] = setting(
         10, "number of drivers in each concrete scenario"
     )
-    population: PopulationSettings = field(default_factory=PopulationSettings)
+    population: PopulationSettings = PopulationSettings()
     source: str = setting(
         "synthetic",
         "`synthetic`, `recorded`, or package.module:function from concrete scenario to "

@@ -6,7 +6,6 @@ Users: `cli/`, `drivers/`, `evaluation.py`, `record/`, `report/`, `results.py`, 
 """
 
 import json
-from dataclasses import field
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
@@ -21,9 +20,9 @@ from sumo_eval.settings.checked import (
     Natural,
     PositiveFloat,
     PositiveOrNone,
+    empty_table,
     optional,
     setting,
-    setting_made_by,
 )
 from sumo_eval.settings.drivers import DriverSettings
 from sumo_eval.settings.method import MethodSettings
@@ -139,11 +138,11 @@ class ScenarioSettings(Checked):
             "catalogue: osc_alks, ncap_2026"
         ),
     ]
-    sampling: SamplingSettings = field(default_factory=SamplingSettings)
-    exposure: ExposureSettings = field(default_factory=ExposureSettings)
+    sampling: SamplingSettings = SamplingSettings()
+    exposure: ExposureSettings = ExposureSettings()
     folder: str | None = optional("of a catalogue: where your copy of it is")
-    not_played: dict[str, str] = setting_made_by(
-        dict, "filled in for a catalogue: its files that are not supported, and why"
+    not_played: dict[str, str] = empty_table(
+        "filled in for a catalogue: its files that are not supported, and why"
     )
 
 
@@ -168,8 +167,8 @@ class AdsSettings(Checked):
     batch: bool = setting(
         True, "whether its cases may share a simulation; false: its objects share state"
     )
-    options: dict[str, Any] = setting_made_by(
-        dict, "keyword arguments of the class; an `exec:` program receives them in its reset"
+    options: dict[str, Any] = empty_table(
+        "keyword arguments of the class; an `exec:` program receives them in its reset"
     )
     files: tuple[str, ...] = setting(
         (), "files that it depends on, such as weights; if one changes, its cases are rerun"
@@ -214,11 +213,11 @@ class EvaluationSettings(Checked):
     scenario: Annotated[tuple[ScenarioSettings, ...], About("logical scenarios")]
     ads: tuple[AdsSettings, ...] = setting((), "ADSs under test; none where `--ads` names them")
     seed: Natural = setting(1, "the only source of randomness")
-    drivers: DriverSettings = field(default_factory=DriverSettings)
-    run: RunSettings = field(default_factory=RunSettings)
-    simulation: SimulationSettings = field(default_factory=SimulationSettings)
-    method: MethodSettings = field(default_factory=MethodSettings)
-    report: ReportSettings = field(default_factory=ReportSettings)
+    drivers: DriverSettings = DriverSettings()
+    run: RunSettings = RunSettings()
+    simulation: SimulationSettings = SimulationSettings()
+    method: MethodSettings = MethodSettings()
+    report: ReportSettings = ReportSettings()
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)

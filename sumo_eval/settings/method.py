@@ -6,7 +6,6 @@ Users: `method/`, `record/`, `scoring/`, `settings/evaluation.py`, `extras/figur
 `extras/rates/importance.py`.
 """
 
-from dataclasses import field
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
@@ -22,9 +21,9 @@ from sumo_eval.settings.checked import (
     PositiveInt,
     PositiveOrNone,
     Share,
+    empty_table,
     optional,
     setting,
-    setting_made_by,
 )
 
 _NotTiny = Annotated[PositiveFloat, Ge(0.01)]  # of samples, whose number the memory must hold
@@ -56,7 +55,7 @@ class FieldSettings(Checked):
 class AnthropomorphicSettings(Checked):
     """Anthropomorphic index D, Eqs. 11-13."""
 
-    field: FieldSettings = field(default_factory=FieldSettings)
+    field: FieldSettings = FieldSettings()
     mode: Literal["gaussian", "mixture"] = setting(
         "gaussian",
         "compare with all drivers at once (the paper), or with those of the same manoeuvre, "
@@ -277,8 +276,8 @@ class TaskSettings(Checked):
 class RankingSettings(Checked):
     """The order of the ADSs of an evaluation by S+."""
 
-    weights: dict[str, NotNegativeFloat] = setting_made_by(
-        dict, "weight of a scenario in the mean S+ that ADSs are ranked by, by name; others weigh 1"
+    weights: dict[str, NotNegativeFloat] = empty_table(
+        "weight of a scenario in the mean S+ that ADSs are ranked by, by name; others weigh 1"
     )
 
 
@@ -286,10 +285,10 @@ class RankingSettings(Checked):
 class MethodSettings(Checked):
     """Everything that turns recorded facts into scores."""
 
-    zones: ZoneSettings = field(default_factory=ZoneSettings)
-    anthropomorphic: AnthropomorphicSettings = field(default_factory=AnthropomorphicSettings)
-    collision: CollisionSettings = field(default_factory=CollisionSettings)
-    plausibility: PlausibilitySettings = field(default_factory=PlausibilitySettings)
-    task: TaskSettings = field(default_factory=TaskSettings)
-    score: ScoreSettings = field(default_factory=ScoreSettings)
-    ranking: RankingSettings = field(default_factory=RankingSettings)
+    zones: ZoneSettings = ZoneSettings()
+    anthropomorphic: AnthropomorphicSettings = AnthropomorphicSettings()
+    collision: CollisionSettings = CollisionSettings()
+    plausibility: PlausibilitySettings = PlausibilitySettings()
+    task: TaskSettings = TaskSettings()
+    score: ScoreSettings = ScoreSettings()
+    ranking: RankingSettings = RankingSettings()

@@ -12,8 +12,8 @@ from sumo_eval.settings.checked import (
     Checked,
     FilledText,
     PositiveInt,
+    empty_table,
     setting,
-    setting_made_by,
 )
 
 
@@ -36,8 +36,7 @@ class ReportSettings(Checked):
         "avoidable",
         "which collisions are JUnit failures: those that the ideal vehicle avoids, or any",
     )
-    axes: dict[str, tuple[str, str]] = setting_made_by(
-        dict,
+    axes: dict[str, tuple[str, str]] = empty_table(
         "the two parameters that a scenario's maps show, by scenario; others: the two with "
         "most values",
     )

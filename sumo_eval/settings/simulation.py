@@ -5,7 +5,6 @@ Users: `ads/`, `cosim/`, `record/`, `scenario/`, `settings/evaluation.py`, `what
 `extras/`.
 """
 
-from dataclasses import field
 from typing import Annotated, Literal
 
 from annotated_types import Le
@@ -19,9 +18,9 @@ from sumo_eval.settings.checked import (
     PositiveFloat,
     PositiveOrNone,
     Share,
+    empty_table,
     optional,
     setting,
-    setting_made_by,
 )
 
 _Extent = Annotated[PositiveFloat, Le(100.0)]  # of a body, m; no vehicle on roads is longer
@@ -137,12 +136,12 @@ class ConditionSettings(Checked):
 class FmuSettings(Checked):
     """Mapping of an FMU's variables; one that is not mapped is connected by its name."""
 
-    inputs: dict[str, str | float] = setting_made_by(
-        dict, "input of the FMU = its signal, a number, or `start`: it keeps its start value"
+    inputs: dict[str, str | float] = empty_table(
+        "input of the FMU = its signal, a number, or `start`: it keeps its start value"
     )
-    outputs: dict[str, str] = setting_made_by(dict, "quantity that is read = output of the FMU")
-    parameters: dict[str, float | int | bool | str] = setting_made_by(
-        dict, "parameter of the FMU = its value, or the signal whose value at the start it takes"
+    outputs: dict[str, str] = empty_table("quantity that is read = output of the FMU")
+    parameters: dict[str, float | int | bool | str] = empty_table(
+        "parameter of the FMU = its value, or the signal whose value at the start it takes"
     )
 
 
@@ -206,7 +205,7 @@ class SimulationSettings(Checked):
         "end a case once no contact is possible any more; quicker where only collisions "
         "count, but shorter drives change D",
     )
-    vehicle: VehicleSettings = field(default_factory=VehicleSettings)
+    vehicle: VehicleSettings = VehicleSettings()
     # the ideal vehicle: its U is Ug, which the paper uses in Eq. 17
     ideal_deceleration: PositiveFloat = setting(
         9.0, "braking of the ideal vehicle, limited by friction", "m/s2", symbol="Ug", equation="17"
@@ -226,6 +225,6 @@ class SimulationSettings(Checked):
         symbol="Ug",
         equation="17",
     )
-    conditions: ConditionSettings = field(default_factory=ConditionSettings)
-    tracker: TrackerSettings = field(default_factory=TrackerSettings)
+    conditions: ConditionSettings = ConditionSettings()
+    tracker: TrackerSettings = TrackerSettings()
     plant: PlantSettings | None = optional("an FMU as vehicle model of the ADSs under test")

@@ -36,7 +36,7 @@ from sumo_eval.scenario.expression import Expression, checked_names, number
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.request import MAX_POINTS, Drawn, Request
 from sumo_eval.settings import About, Checked
-from sumo_eval.settings.checked import setting_made_by
+from sumo_eval.settings.checked import empty_table
 from sumo_eval.settings.config import read_checked
 from sumo_eval.settings.random_streams import random_stream
 
@@ -49,8 +49,8 @@ class MappingTable(Checked):
 
     distribution: Annotated[str, About("the .xosc of the variation, relative to this file")]
     parameters: Annotated[dict[str, str | float], About("our parameter = expression of theirs")]
-    only: dict[str, str | float | bool] = setting_made_by(
-        dict, "their parameter = its only value that is kept"
+    only: dict[str, str | float | bool] = empty_table(
+        "their parameter = its only value that is kept"
     )
 
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -84,10 +84,8 @@ class CampaignSettings(Checked):
     width: PositiveFloat = setting(
         1.5, "stop where the interval's upper end is at most that many times its lower end"
     )
-    simulation: SimulationSettings = field(
-        default_factory=lambda: SimulationSettings(end_when_decided=True)
-    )
-    run: RunSettings = field(default_factory=RunSettings)
+    simulation: SimulationSettings = SimulationSettings(end_when_decided=True)
+    run: RunSettings = RunSettings()
 
 
 class EncounterSpace(NamedTuple):

@@ -7,7 +7,6 @@ Users: `extras/wheel/command.py`, `extras/wheel/outcome.py`, `extras/wheel/study
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
@@ -84,9 +83,9 @@ class StudySettings(Checked):
     replays: Annotated[Natural, Le(20)] = setting(1, "drives to rate per ADS and logical scenario")
     rate: Literal[20, 50, 100] = setting(50, "steps a second")
     break_after: PositiveInt = setting(8, "drives after which a break is offered")
-    practice: PracticeSettings = field(default_factory=PracticeSettings)
+    practice: PracticeSettings = PracticeSettings()
     question: tuple[QuestionSettings, ...] = setting((), "further questions")
-    quality: QualitySettings = field(default_factory=QualitySettings)
+    quality: QualitySettings = QualitySettings()
 
 
 class StudyCase(NamedTuple):
