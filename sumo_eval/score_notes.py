@@ -2,7 +2,7 @@
 
 `scoring/` leaves them on results, `report/notes.py` makes the sentences.
 
-Users: `report/`, `results.py`, `scoring/`.
+Users: `report/`, `results.py`, `scoring/`, `extras/rates/learned.py`.
 """
 
 from __future__ import annotations

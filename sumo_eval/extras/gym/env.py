@@ -21,6 +21,8 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import BoolArray
 
 Floats = NDArray[Any]
+Info = dict[str, Any]
+"""Values by name, as of `options` and `info`."""
 
 
 def _spaces(interface: Interface) -> tuple[gymnasium.spaces.Box, gymnasium.Space[Any]]:
@@ -71,7 +73,7 @@ class ScenarioEnv(gymnasium.Env[Floats, Floats]):
     last step the `end_reason`.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - gymnasium's own form
+    metadata: Info = {"render_modes": []}  # noqa: RUF012 - gymnasium's own form
 
     def __init__(self, use: str | LogicalScenario, *, render_mode: None = None, **how: Any) -> None:
         self.render_mode = render_mode
@@ -79,15 +81,13 @@ class ScenarioEnv(gymnasium.Env[Floats, Floats]):
         self.interface = self.episodes.interface
         self.observation_space, self.action_space = _spaces(self.interface)
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Floats, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Floats, Info]:
         """Begin a case."""
         super().reset(seed=seed)
         self.episodes.begin(np.array([0]), [self.np_random], options or {})
         return self.episodes.show()[0], {"values": dict(self.episodes.pack.world.cases[0].values)}
 
-    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, Info]:
         """One step, or the steps of one `period`."""
         if not self.episodes.pack.world.egos["live"][0]:
             raise gymnasium.error.ResetNeeded(
@@ -132,8 +132,8 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
         self._over = np.zeros(num_envs, bool)
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Floats, dict[str, Any]]:
+        self, *, seed: int | list[int | None] | None = None, options: Info | None = None
+    ) -> tuple[Floats, Info]:
         """Begin a case in each, or in those of `options["reset_mask"]`.
 
         seed: environment i receives `seed` + i; or a list with a seed for each.
@@ -161,7 +161,7 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
             raise must_be("`seed`", "reset", f"one number, or {self.num_envs}", seed)
         self._generators = list(map(np.random.default_rng, seeds))
 
-    def step(self, actions: Floats) -> tuple[Floats, Floats, BoolArray, BoolArray, dict[str, Any]]:
+    def step(self, actions: Floats) -> tuple[Floats, Floats, BoolArray, BoolArray, Info]:
         """One step of all, or the steps of one `period`."""
         answers = _answers(self.interface, actions, self.num_envs)
         # episodes that ended with the last step: their actions do not count, and they restart below
@@ -174,7 +174,7 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
             answers = np.where(restarts[:, None], 0.0, answers)
         rewards, reasons = self.episodes.step(answers)
         over = reasons != ""
-        info: dict[str, Any] = {}
+        info: Info = {}
         if over.any():
             # a copy, because `reset` changes `_over`
             info = {"end_reason": reasons, "_end_reason": over.copy()}

@@ -25,6 +25,8 @@ from sumo_eval.scenario.road.table import bend_name
 from sumo_eval.scenario.trigger import OF_ONE, OF_TWO
 from sumo_eval.text import point_words
 
+Table = dict[str, Any]
+"""A table of a scenario file."""
 # the words of scenario files for the operations of programs
 _OF_ONE = {op: name for name, op in OF_ONE.items()}  # of a participant
 _OF_TWO = {op: name for name, op in OF_TWO.items()}  # of two participants
@@ -36,7 +38,7 @@ _OF_A_NUMBER = {played.NEGATE: "-", played.ABSOLUTE: "abs"}
 _OF_NUMBERS = {played.SMALLER: "min", played.LARGER: "max"}
 
 
-def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
+def scenario_content(read: Read, point: Mapping[str, float]) -> Table:
     """The content of the scenario file for one point of an OpenSCENARIO file.
 
     Raises InputError where `point` leaves parameters open, and for a case that a scenario file
@@ -97,7 +99,7 @@ def _inexpressible(case: ConcreteScenario) -> dict[str, bool]:
     }
 
 
-def write_scenario(content: Mapping[str, Any], path: Path) -> None:
+def write_scenario(content: Table, path: Path) -> None:
     """Write a scenario file.
 
     Raises InputError where that cannot be done.
@@ -113,7 +115,7 @@ def _names(actors: Sequence[Actor]) -> list[str]:
     return distinct(it if it.isidentifier() and it != "ego" else f"other_{it}" for it in names)
 
 
-def _road(road: Road) -> dict[str, Any]:
+def _road(road: Road) -> Table:
     name = road.name
     # without the ending for the curves, in either form: reading the scenario file adds it again
     for named in (False, True):
@@ -132,9 +134,9 @@ def _piece(piece: Piece) -> dict[str, float]:
     return {"length": piece.length} | {key: 1.0 / value for key, value in curvatures if value}
 
 
-def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> dict[str, Any]:
+def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> Table:
     x, y, heading = actor.on_map or (actor.start.x, actor.start.y, actor.heading)
-    table: dict[str, Any] = {
+    table: Table = {
         "name": name, "speed": actor.start.speed, "x": x, "y": y, "body": actor.body,
         "length": actor.length, "width": actor.width, "slides": actor.slides,
         "on_map": actor.on_map is not None,
@@ -147,8 +149,8 @@ def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> dict[str, Any]:
     return table
 
 
-def _act(act: played.Act, name: str, names: Sequence[str]) -> dict[str, Any]:
-    table: dict[str, Any] = {"name": name, "begin": act.begin}
+def _act(act: played.Act, name: str, names: Sequence[str]) -> Table:
+    table: Table = {"name": name, "begin": act.begin}
     if act.program:
         table["when"] = condition_text(act.program, names)
     if act.jerk < math.inf:  # of a change of speed in an exported case

@@ -30,11 +30,10 @@ from sumo_eval.errors import InputError
 from sumo_eval.extras.rates import BUDGET
 from sumo_eval.extras.rates.importance import (
     CollisionEstimate,
-    Limits,
     RareEvents,
     degrees_of_freedom,
 )
-from sumo_eval.extras.rates.intervals import LEVEL, rate_interval
+from sumo_eval.extras.rates.intervals import LEVEL, Limits, rate_interval
 from sumo_eval.extras.rates.met import Met, how_met, resampled
 from sumo_eval.extras.studies.trials import Trials
 from sumo_eval.frozen import frozen

@@ -9,12 +9,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from sumo_eval.extras.rates.campaign import MILLION, AdsRate, Campaign, ScenarioRate
-from sumo_eval.extras.rates.importance import DEFENSIVE, Limits
-from sumo_eval.extras.rates.intervals import LEVEL
-from sumo_eval.report.page import write_json
+from sumo_eval.extras.rates.importance import DEFENSIVE
+from sumo_eval.extras.rates.intervals import LEVEL, Limits
+from sumo_eval.report.page import Json, write_json
 from sumo_eval.report.study_page import (
     Fold,
     Piece,
@@ -60,7 +59,7 @@ def write_campaign(campaign: Campaign, folder: Path) -> tuple[Path, ...]:
     return page, data
 
 
-def plain(campaign: Campaign) -> dict[str, Any]:
+def plain(campaign: Campaign) -> Json:
     """All results in plain values, for `campaign.json` and the page."""
     return {
         "name": campaign.settings.name,
@@ -89,7 +88,7 @@ def plain(campaign: Campaign) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _plain_rates(rate: AdsRate | ScenarioRate) -> dict[str, Any]:
+def _plain_rates(rate: AdsRate | ScenarioRate) -> Json:
     """Both rates per million km, with their limits."""
     return {
         "collisions": rate.collisions[0],
@@ -99,7 +98,7 @@ def _plain_rates(rate: AdsRate | ScenarioRate) -> dict[str, Any]:
     }
 
 
-def _plain_part(part: ScenarioRate, total: float) -> dict[str, Any]:
+def _plain_part(part: ScenarioRate, total: float) -> Json:
     """Results of one ADS in one scenario.
 
     total: collisions of the ADS in all scenarios, per million km.
@@ -170,7 +169,7 @@ def sentences(campaign: Campaign) -> list[str]:
     ]
 
 
-def parts(campaign: Campaign, content: Mapping[str, Any]) -> list[Piece]:
+def parts(campaign: Campaign, content: Json) -> list[Piece]:
     """The page, piece by piece.
 
     content: as made by `plain`.
@@ -193,7 +192,7 @@ def parts(campaign: Campaign, content: Mapping[str, Any]) -> list[Piece]:
     return [table(rates), *notes, basis, *map(_of_ads, campaign.rates, content["ads"])]
 
 
-def _of_ads(rate: AdsRate, content: dict[str, Any]) -> Fold:
+def _of_ads(rate: AdsRate, content: Json) -> Fold:
     """Rates of an ADS by scenario, and the drives behind them.
 
     content: of the ADS, as made by `plain`.

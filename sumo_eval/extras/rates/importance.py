@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaincinv, stdtrit
 
-from sumo_eval.extras.rates.intervals import LEVEL
+from sumo_eval.extras.rates.intervals import LEVEL, Limits
 from sumo_eval.extras.rates.met import Met
 from sumo_eval.extras.studies.straddle import BoundarySearch
 from sumo_eval.method.point_criticality import danger
@@ -43,9 +43,6 @@ LIKELY = 0.3  # the first mixture lies over points that collide with at least th
 SURE = 0.8  # the second mixture: the same
 CENTRES = 256  # Gaussians in a mixture
 POLISHED = 3  # times that a mixture is fitted again, to draws from itself
-
-Limits = tuple[float, float, float]
-"""A value and its 95 % limits."""
 
 
 class Mixture(NamedTuple):

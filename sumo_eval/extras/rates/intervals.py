@@ -18,6 +18,9 @@ from sumo_eval.trajectory import FloatArray
 LEVEL = 0.95
 OUTERMOST = 3  # k of `end_interval`
 
+Limits = tuple[float, float, float]
+"""A value and its 95 % limits."""
+
 
 def of_each(count: int) -> float:
     """Level of each of `count` intervals so that all hold at once with probability `LEVEL`.
@@ -61,9 +64,7 @@ def end_interval(values: FloatArray, *, upper: bool, level: float = LEVEL) -> tu
     return (last, beyond) if upper else (-beyond, -last)
 
 
-def rank_correlation(
-    a: FloatArray, b: FloatArray, level: float = LEVEL
-) -> tuple[float, float, float]:
+def rank_correlation(a: FloatArray, b: FloatArray, level: float = LEVEL) -> Limits:
     """Spearman's rank correlation of a (n,) and b (n,), and its limits."""
     from scipy.stats import spearmanr
 

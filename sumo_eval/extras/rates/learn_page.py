@@ -14,7 +14,7 @@ from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.rates.intervals import kolmogorov_by_chance
 from sumo_eval.extras.rates.learned import Learnt, Lesson
 from sumo_eval.extras.rates.scenes import SCENES
-from sumo_eval.report.page import write_json, write_page
+from sumo_eval.report.page import Json, write_json, write_page
 from sumo_eval.report.study_page import (
     Chart,
     Fold,
@@ -90,7 +90,7 @@ def write_lesson(lesson: Lesson, folder: Path) -> tuple[Path, ...]:
     return (page, data, campaign) if names else (page, data)
 
 
-def plain(lesson: Lesson) -> dict[str, Any]:
+def plain(lesson: Lesson) -> Json:
     """All results in plain values, for `learned.json` and the page."""
     survey = lesson.survey
     return {
@@ -106,10 +106,10 @@ def plain(lesson: Lesson) -> dict[str, Any]:
     }
 
 
-def _plain_class(learnt: Learnt) -> dict[str, Any]:
+def _plain_class(learnt: Learnt) -> Json:
     """Results of a class in plain values."""
     encounters, joint = learnt.encounters, learnt.joint
-    content: dict[str, Any] = {
+    content: Json = {
         "class": encounters.name,
         "events": encounters.events,
         "per_vehicle_km": learnt.rate[0],
@@ -195,7 +195,7 @@ def sentences(lesson: Lesson) -> list[str]:
     return lines
 
 
-def parts(lesson: Lesson, content: dict[str, Any]) -> list[Piece]:
+def parts(lesson: Lesson, content: Json) -> list[Piece]:
     """The page, piece by piece.
 
     content: as made by `plain`.
@@ -209,7 +209,7 @@ def parts(lesson: Lesson, content: dict[str, Any]) -> list[Piece]:
     return [summary, *NOTES, *folds]
 
 
-def _class_parts(learnt: Learnt, content: dict[str, Any]) -> list[Text | Table | Chart]:
+def _class_parts(learnt: Learnt, content: Json) -> list[Text | Table | Chart]:
     """The results of a class.
 
     content: as made by `_plain_class`.
@@ -236,7 +236,7 @@ def _class_parts(learnt: Learnt, content: dict[str, Any]) -> list[Text | Table |
     return [piece for piece in pieces if not isinstance(piece, Table) or piece.rows]
 
 
-def _fit_parts(learnt: Learnt, content: dict[str, Any]) -> list[Text | Table]:
+def _fit_parts(learnt: Learnt, content: Json) -> list[Text | Table]:
     """The fit of a class that has a distribution.
 
     content: as made by `_plain_class`.

@@ -24,6 +24,7 @@ from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.errors import InputError
 from sumo_eval.extras.rates.encounters import CLASSES, Encounters, EncounterSurvey, find_encounters
 from sumo_eval.extras.rates.intervals import (
+    Limits,
     end_interval,
     kolmogorov,
     of_each,
@@ -40,6 +41,7 @@ from sumo_eval.scenario.file import read_scenario, scenario_from
 from sumo_eval.scenario.joint import Joint, JointKind
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.undisturbed import tracks
+from sumo_eval.score_notes import Bounds
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.text import cell
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -94,16 +96,16 @@ class Learnt(NamedTuple):
     """
 
     encounters: Encounters
-    rate: tuple[float, float, float]
+    rate: Limits
     needed: int
     constants: Mapping[str, float]
     logical: LogicalScenario | None = None
     content: Mapping[str, Any] = {}
     kept: BoolArray = np.zeros(0, dtype=np.bool_)
     rows: FloatArray = np.zeros((0, 0))
-    ends: Mapping[str, tuple[tuple[float, float], tuple[float, float]]] = {}
-    correlations: Mapping[tuple[str, str], tuple[float, float, float]] = {}
-    rate_together: tuple[float, float] = (0.0, math.inf)
+    ends: Mapping[str, tuple[Bounds, Bounds]] = {}
+    correlations: Mapping[tuple[str, str], Limits] = {}
+    rate_together: Bounds = (0.0, math.inf)
     joint: Joint | None = None
     models: tuple[Fit, ...] = ()
     replay: FloatArray = np.zeros((0, 3))
@@ -256,9 +258,7 @@ def _fitted(measured: Learnt, path: Path) -> Learnt:
     )  # fmt: skip
 
 
-def value_sets(
-    names: Sequence[str], rate: tuple[float, float, float], rows: FloatArray, file: Path
-) -> None:
+def value_sets(names: Sequence[str], rate: Limits, rows: FloatArray, file: Path) -> None:
     """Write events as an OpenSCENARIO ParameterValueDistribution, next to their scenario file.
 
     It holds value sets: no other distribution of the standard keeps which values occur together.
@@ -297,7 +297,7 @@ def _tuples(rows: FloatArray) -> tuple[tuple[float, ...], ...]:
     return tuple(map(tuple, rows.tolist()))
 
 
-def _range(values: FloatArray, quantity: Quantity) -> tuple[float, float]:
+def _range(values: FloatArray, quantity: Quantity) -> Bounds:
     """Range of a parameter: its values and one kernel deviation beyond, rounded outwards.
 
     It ends at the quantity's ceiling or before. It begins below the floor only if values lie there,
