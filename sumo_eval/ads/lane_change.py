@@ -34,15 +34,10 @@ def smooth_step(share: float) -> float:
 
 
 @kernel
-def smooth_step_rate(share: float) -> float:
-    """Derivative of `smooth_step`: 30 s^2 (1 - s)^2, 0 outside 0..1."""
-    return float(quintic_rate(min(max(share, 0.0), 1.0)))
-
-
-@kernel
-def smooth_step_bend(share: float) -> float:
-    """Second derivative of `smooth_step`: 60 s (1 - s) (1 - 2 s), 0 outside 0..1."""
-    return float(quintic_bend(min(max(share, 0.0), 1.0)))
+def smooth_step_at(share: float) -> tuple[float, float, float]:
+    """`smooth_step` and its first two derivatives, which are 0 outside 0..1."""
+    s = min(max(share, 0.0), 1.0)
+    return float(quintic(s)), float(quintic_rate(s)), float(quintic_bend(s))
 
 
 @kernel
@@ -56,10 +51,9 @@ def path_at(path: Any, x: float) -> tuple[float, float, float]:
     """A path at x: y, m; slope dy/dx; curvature d2y/dx2, 1/m."""
     if path.offset == 0.0:
         return path.start, 0.0, 0.0
-    s = (x - path.begin) / path.length
+    step, rate, bend = smooth_step_at((x - path.begin) / path.length)
     scale = path.offset / path.length
-    y = path.start + path.offset * smooth_step(s)
-    return y, scale * smooth_step_rate(s), scale / path.length * smooth_step_bend(s)
+    return path.start + path.offset * step, scale * rate, scale / path.length * bend
 
 
 @kernel

@@ -143,10 +143,19 @@ def overtake(
     may_change = memory.changing == 0 and way.asked == 0 and me.along >= LEAST_SPEED
     may_change = may_change and _has_left_lane(memory, me, scenario.road)
     if lead >= 0 and may_change and not _comes_towards(others, watched):
-        if _try_to_begin(memory, me, others, watched, lead, habits, scenario):
+        emergency = _is_emergency(watched, scenario.vehicle)
+        pays, near = _pays(memory, others[lead], habits), _is_time(me, watched[lead], habits)
+        if (emergency or (pays and near)) and _begins(
+            memory, me, others, watched, emergency, habits, scenario
+        ):
             # other vehicles are in the way on the new path
             _find_leads(memory, me, others, watched, scenario)
-        elif _waits_to_overtake(memory, me, others, watched, lead, habits, scenario):
+        # it will overtake but is not near enough yet: until then it does not follow
+        elif (
+            pays
+            and not near
+            and _left_is_free(memory, me, others, habits.duration, False, scenario)
+        ):
             return float(memory.free)
     wanted: float = min(memory.free, allowed)
     for j in range(len(others)):
@@ -243,23 +252,22 @@ def _find_leads(memory: Any, me: Any, others: Any, watched: Any, scenario: Any) 
 
 
 @kernel
-def _try_to_begin(
-    memory: Any, me: Any, others: Any, watched: Any, lead: int, habits: Any, scenario: Any
-) -> bool:
-    """Begin the lane change if it can be done, and is wanted or needed because braking alone is not
-    enough; return whether it has begun.
+def _is_emergency(watched: Any, vehicle: Any) -> bool:
+    """Whether braking alone is not enough for a vehicle in the way."""
+    for j in range(len(watched)):  # noqa: SIM110 - kernels have no generators
+        if (
+            watched[j].leads
+            and _needed_braking(watched[j]) > EMERGENCY_BRAKING * vehicle.max_deceleration
+        ):
+            return True
+    return False
 
-    lead: index of the nearest vehicle in the way.
-    """
-    emergency = False
-    relied_on = EMERGENCY_BRAKING * scenario.vehicle.max_deceleration  # m/s2
-    for j in range(len(others)):
-        if watched[j].leads and _needed_braking(watched[j]) > relied_on:
-            emergency = True
-    if not emergency and not (
-        _pays(memory, others[lead], habits) and _is_time(me, watched[lead], habits)
-    ):
-        return False
+
+@kernel
+def _begins(
+    memory: Any, me: Any, others: Any, watched: Any, emergency: bool, habits: Any, scenario: Any
+) -> bool:
+    """Begin the lane change if it can be done; return whether it has begun."""
     lateral = EMERGENCY_LATERAL if emergency else COMFORTABLE_LATERAL
     shortest = max(shortest_duration(scenario.road.lane_width, lateral), LEAST_LENGTH / me.along)
     duration = _duration(me, others, watched, shortest, habits, scenario)
@@ -270,19 +278,6 @@ def _try_to_begin(
     memory.path.length = duration * me.along
     memory.changing = 1
     return True
-
-
-@kernel
-def _waits_to_overtake(
-    memory: Any, me: Any, others: Any, watched: Any, lead: int, habits: Any, scenario: Any
-) -> bool:
-    """Whether the ego will overtake but is not near enough yet: until then it does not follow.
-
-    lead: index of the nearest vehicle in the way.
-    """
-    if not _pays(memory, others[lead], habits) or _is_time(me, watched[lead], habits):
-        return False
-    return _left_is_free(memory, me, others, habits.duration, False, scenario)
 
 
 @kernel

@@ -19,7 +19,7 @@ from sumo_eval.cosim.records import BODY, EGO, MOVER
 from sumo_eval.cosim.step_rules import first_of, show_body
 from sumo_eval.cosim.sumo.insides import vehicles
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.cosim.world import described, write_way
+from sumo_eval.cosim.world import described, way_of
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import Layout, Records, fields, flags, kernel
 from sumo_eval.kernels import rows as compiled_rows
@@ -153,25 +153,24 @@ class Compiled:
         self._line = scenario.road.line
         self._way = scenario.way
         self._along: list[float] | None = None
-        self._names: tuple[str, ...] | None = None
+        self._sizes: dict[str, tuple[float, float]] = {}  # of each vehicle, the ego first
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
         """One step of a case on TraCI: makes one row of what TraCI shows, and calls the loop."""
         calls = vehicles(traci)
         gone = traci.TraCIException
-        if self._names is None:  # the first step: all vehicles are there
-            self._names = tuple(name for name in traci.vehicle.getIDList() if name != ego)
-            self._own = type(self).arrays([self], self._scenario, len(self._names))
-            self._egos, self._seen = np.zeros(1, EGO), np.zeros((1, len(self._names)), MOVER)
+        if not self._sizes:  # the first step: all vehicles are there
+            others = [name for name in traci.vehicle.getIDList() if name != ego]
+            self._own = type(self).arrays([self], self._scenario, len(others))
+            self._egos, self._seen = np.zeros(1, EGO), np.zeros((1, len(others)), MOVER)
             self._egos["live"] = 1
-            self._sizes = [
-                (traci.vehicle.getLength(n), traci.vehicle.getWidth(n)) for n in (ego, *self._names)
-            ]
+            for name in (ego, *others):
+                self._sizes[name] = traci.vehicle.getLength(name), traci.vehicle.getWidth(name)
         # TraCI shows no speed across: 0
         bodies = np.array(
             [
                 (*_pose(calls, name, size[0], gone), *size, 0.0)
-                for name, size in zip((ego, *self._names), self._sizes, strict=True)
+                for name, size in self._sizes.items()
             ],
             BODY,
         )
@@ -181,10 +180,7 @@ class Compiled:
         egos = self._egos
         egos["time"] = time
         if time == 0.0:
-            egos["way"]["start"] = movers["y"][0]
-            egos["way"]["length"] = 1.0
-            if self._way is not None:
-                write_way(egos[0], self._way, movers["y"][0], movers["speed"][0])
+            egos["way"][0] = way_of(self._way, movers["y"][0], movers["speed"][0])
         egos["seen"][0] = movers[0]
         self._seen[0] = movers[1:]
         type(self).loop(egos, self._seen, *self._own, self._scenario, time)

@@ -482,21 +482,19 @@ def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: i
     egos["length"], egos["width"] = vehicle.length, vehicle.width
     egos["live"] = 1
     egos["placed"] = placed
-    egos["way"]["start"] = egos["y"]
-    egos["way"]["length"] = 1.0
-    for i, concrete in enumerate(cases):
-        if concrete.ego.way is not None:
-            write_way(egos[i], concrete.ego.way, concrete.ego.y, concrete.ego.speed)
+    egos["way"] = [way_of(it.ego.way, it.ego.y, it.ego.speed) for it in cases]
     return egos
 
 
-def write_way(ego: Any, way: Way, y: float, speed: float) -> None:
-    """Write the lane change that an ego has to make into its record.
+def way_of(way: Way | None, y: float, speed: float) -> tuple[float, ...]:
+    """The values of `records._WAY` of an ego that has to make a lane change, or none.
 
     y: of the ego's start, m.
     speed: at the start, m/s.
     """
-    ego["way"] = (y, way.offset, way.begin, way.length(speed), way.by, 1, int(way.ends))
+    if way is None:
+        return y, 0.0, 0.0, 1.0, 0.0, 0, 0
+    return y, way.offset, way.begin, way.length(speed), way.by, 1, int(way.ends)
 
 
 def _put_in_curve(egos: Records, road: Road, limits: Any) -> None:

@@ -16,8 +16,7 @@ from sumo_eval.ads.lane_change import (
     path_at,
     rear_axle_next,
     smooth_step,
-    smooth_step_bend,
-    smooth_step_rate,
+    smooth_step_at,
     steering,
 )
 from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabits, overtake
@@ -212,11 +211,10 @@ def _line(memory: Any, me: Any, waves: Any, p: Any, scenario: Any) -> tuple[floa
     y, slope, curve = path_at(memory.path, rear_axle_next(me, scenario))
     value, noise_rate, noise_bend = noise_at(waves[0], p.wander_amplitude, memory.clock)
     shift = p.lane_offset + value
-    share = memory.clock / SETTLING_TIME
     # the shift grows smoothly: derivatives of blend * shift by the product rule
-    blend = smooth_step(share)
-    rate = smooth_step_rate(share) / SETTLING_TIME
-    bend = smooth_step_bend(share) / (SETTLING_TIME * SETTLING_TIME)
+    blend, rate, bend = smooth_step_at(memory.clock / SETTLING_TIME)
+    rate /= SETTLING_TIME
+    bend /= SETTLING_TIME * SETTLING_TIME
     return (
         y + blend * shift,
         slope + (rate * shift + blend * noise_rate) / pace,
