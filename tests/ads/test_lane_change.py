@@ -17,8 +17,7 @@ from sumo_eval.ads.lane_change import (
     share_of_duration,
     shortest_duration,
     smooth_step,
-    smooth_step_bend,
-    smooth_step_rate,
+    smooth_step_at,
     steering,
 )
 from sumo_eval.cosim.vehicle_model import Command, EgoState
@@ -44,7 +43,7 @@ def test_the_smooth_step_is_that_of_the_scenarios():
     assert [smooth_step(s) for s in SHARES.tolist()] == pytest.approx(
         concrete.smooth_step(SHARES), abs=1e-15
     )
-    assert [smooth_step_rate(s) for s in SHARES.tolist()] == pytest.approx(
+    assert [smooth_step_at(s)[1] for s in SHARES.tolist()] == pytest.approx(
         motion.quintic_rate(SHARES.clip(0.0, 1.0)), abs=1e-14
     )
 
@@ -53,7 +52,7 @@ def test_the_curvature_is_the_derivative_of_the_rate():
     step = 1e-6
     inside = SHARES[(SHARES > 0.01) & (SHARES < 0.99)]
     slope = (motion.quintic_rate(inside + step) - motion.quintic_rate(inside - step)) / (2 * step)
-    assert [smooth_step_bend(s) for s in inside.tolist()] == pytest.approx(slope, abs=1e-7)
+    assert [smooth_step_at(s)[2] for s in inside.tolist()] == pytest.approx(slope, abs=1e-7)
 
 
 @pytest.mark.parametrize("done", [0.0, 0.1, 0.5, 0.6, 0.9, 1.0])
