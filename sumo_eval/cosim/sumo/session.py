@@ -18,7 +18,6 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,11 +25,10 @@ import numpy as np
 
 from sumo_eval.cosim.sumo.insides import keep_xml_parser, libsumo, vehicles
 from sumo_eval.cosim.sumo.sumo_files import (
-    EGO,
     SEGMENT,
     SIMULATION_OPTIONS,
-    departure_speed,
     first_front,
+    inserted,
     network_xml,
     routes_xml,
 )
@@ -244,13 +242,7 @@ def check_start(
     """
     road = concrete.road
     calls = vehicles(traci)
-    starts = [
-        (EGO, concrete.ego, settings.vehicle.length, None),
-        *(
-            (it.name, replace(it.start, speed=departure_speed(it)), it.length, it.on_map)
-            for it in concrete.actors
-        ),
-    ]
+    starts = list(inserted(concrete, settings.vehicle.length))
     for in_sumo, (name, start, length, on_map) in zip(
         names or [it[0] for it in starts], starts, strict=True
     ):

@@ -13,7 +13,7 @@ import itertools
 import math
 import re
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from posixpath import dirname, relpath
 from typing import Any, NamedTuple
@@ -173,7 +173,7 @@ def network_xml(road: Road) -> str:
         end = f"{edge}_end"
         reach = crossing.reach
         positions |= {begin: (crossing.at, -reach), end: (crossing.at, reach)}
-        shape = " ".join(_place(road, *positions[name]) for name in (begin, end))
+        shape = " ".join(_shape(road, *positions[name]) for name in (begin, end))
         lane = _lane(road, f"{edge}_0", 0, 2.0 * reach, crossing.width, shape)
         edges.append(_edge(edge, begin, end, [lane]))
 
@@ -233,9 +233,10 @@ def _section_edge(
     road: Road, part: RoadSection, name: str, nodes: tuple[str, str], lanes: Sequence[int]
 ) -> Any:
     """The edge of a section or of its ramp, between two nodes, with these lanes of the road."""
+    s = drawn_points(road.line, part.begin, part.end, _segment(road))  # m along the road
     return _edge(name, *nodes, [
         _lane(road, f"{name}_{index}", index, part.end - part.begin, road.lane_width,
-            _along(road, part.begin, part.end, road.lane_centre(lane)))
+            _shape(road, s, road.lane_centre(lane)))
         for index, lane in enumerate(lanes)
     ])  # fmt: skip
 
@@ -259,7 +260,7 @@ def _junction(
     edges: all of the network.
     links: number of lanes that continue; none of them gives way to another.
     """
-    x, y = _place(road, *position).split(",")
+    x, y = _shape(road, *position).split(",")
     no_link = "0" * links  # a bit for each
     borders = [road.right_edge, road.left_edge]
     if name == "begin":  # the shape goes from left to right there
@@ -269,7 +270,7 @@ def _junction(
         id=name, type="priority" if links else "dead_end", x=x, y=y,
         incLanes=" ".join(lane.get("id") for it in edges if it.get("to") == name for lane in it),
         intLanes="",
-        shape=" ".join(_place(road, position[0], border) for border in borders),
+        shape=" ".join(_shape(road, position[0], border) for border in borders),
     )  # fmt: skip
 
 
@@ -295,38 +296,22 @@ def _joints(
     return [(before[lane], after[lane]) for lane in sorted(before) if lane >= 0 and lane in after]
 
 
-def _along(road: Road, first: float, until: float, y: float) -> str:
-    """The shape of a lane between two positions along the road, m; y: of its centre line, m."""
-    if not road.bent:
-        return f"{_metres(first)},{_metres(y)} {_metres(until)},{_metres(y)}"
-    return _polyline(road, drawn_points(road.line, first, until, _segment(road)), y)
-
-
-def _place(road: Road, x: float, y: float) -> str:
-    """A position in road coordinates, m, as text in SUMO's map coordinates."""
-    return _polyline(road, np.array([x]), y) if road.bent else f"{_metres(x)},{_metres(y)}"
-
-
 def _bounds(road: Road) -> str:
     """The box around a road and those that cross it on the map: least x and y, largest x and y."""
-    if not road.bent:
-        reach = max((it.reach for it in road.crossings), default=0.0)
-        corners = 0.0, min(road.right_edge, -reach), road.end, max(road.left_edge, reach)
-        return ",".join(map(_metres, corners))
     s = drawn_points(road.line, 0.0, road.end, _segment(road))  # m along the road
     edges = [map_places(road.line, s, edge)[:2] for edge in (road.right_edge, road.left_edge)]
     for it in road.crossings:
         edges.append(map_places(road.line, np.full(2, it.at), np.array([-it.reach, it.reach]))[:2])
     box = np.hstack(edges)
-    return ",".join(f"{value:.2f}" for value in (*box.min(axis=1), *box.max(axis=1)))
+    write = "{:.2f}".format if road.bent else _metres
+    return ",".join(map(write, (*box.min(axis=1), *box.max(axis=1))))
 
 
-def _polyline(road: Road, s: FloatArray, d: float) -> str:
-    """Positions s along a curved road at an offset d, m, as a shape in SUMO's map coordinates."""
-    x, y, _ = map_places(road.line, s, d)
-    return " ".join(
-        f"{east:.4f},{north:.4f}" for east, north in zip(x.tolist(), y.tolist(), strict=True)
-    )
+def _shape(road: Road, s: FloatArray | float, d: float) -> str:
+    """Positions s along the road at an offset d, m, as a shape in SUMO's map coordinates."""
+    write = "{:.4f}".format if road.bent else _metres
+    x, y, _ = map_places(road.line, np.atleast_1d(s), d)
+    return " ".join(f"{write(east)},{write(north)}" for east, north in zip(x, y, strict=True))
 
 
 def routes_xml(
@@ -441,6 +426,24 @@ def departure_speed(actor: Actor) -> float:
     return speed if actor.model is None else min(speed, _desired(actor.model.desired))
 
 
+def inserted(
+    concrete: ConcreteScenario, ego_length: float
+) -> Iterator[tuple[str, Start, float, object]]:
+    """Name, start, length, m, and place on the map of each vehicle that SUMO inserts, the ego's
+    first.
+    """
+    yield EGO, concrete.ego, ego_length, None
+    for it in concrete.actors:
+        start = replace(it.start, speed=departure_speed(it))
+        # An actor that crosses may start beside or beyond the road. SUMO inserts it on the road,
+        # and moves it to its position on the map before the first step.
+        if it.on_map is not None:
+            start = replace(
+                start, x=min(max(start.x, it.length / 2), concrete.road.end - it.length)
+            )
+        yield it.name, start, it.length, it.on_map
+
+
 def departures(
     concrete: ConcreteScenario, ego_length: float, *, one_lane: bool = False, on_map: bool = False
 ) -> list[Attributes]:
@@ -451,15 +454,7 @@ def departures(
     """
     vehicles = []
     road = concrete.road
-    starts = [(EGO, concrete.ego, ego_length)]
-    for actor in concrete.actors:
-        start, length = actor.start, actor.length
-        # An actor that crosses may start beside or beyond the road. SUMO inserts it on the road,
-        # and moves it to its position on the map before the first step.
-        if actor.on_map is not None:
-            start = replace(start, x=min(max(start.x, length / 2), road.end - length))
-        starts.append((actor.name, replace(start, speed=departure_speed(actor)), length))
-    for name, start, length in starts:
+    for name, start, length, _ in inserted(concrete, ego_length):
         front = first_front(road, start, length)  # SUMO's position is the front bumper
         # In a curve a position along the road is exact on lane 0 alone (`network_xml`). So every
         # vehicle departs there, but not where SUMO's drivers or an ADS ask for real lanes.
