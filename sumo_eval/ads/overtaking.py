@@ -254,7 +254,7 @@ def _find_leads(memory: Any, me: Any, others: Any, watched: Any, scenario: Any) 
 @kernel
 def _is_emergency(watched: Any, vehicle: Any) -> bool:
     """Whether braking alone is not enough for a vehicle in the way."""
-    for j in range(len(watched)):  # noqa: SIM110 - kernels have no generators
+    for j in range(len(watched)):
         if (
             watched[j].leads
             and _needed_braking(watched[j]) > EMERGENCY_BRAKING * vehicle.max_deceleration

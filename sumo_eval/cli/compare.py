@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Sequence
 from datetime import datetime
+from itertools import product
 from pathlib import Path
 
 import click
@@ -105,14 +107,12 @@ def _partners(pairs: Sequence[str], base: Path, new: Path) -> dict[str, str]:
     partners = []
     olds, news = ([ads.name for ads in read_settings(run).ads] for run in (base, new))
     for pair in pairs:
-        # all ways to part it at a `=` into two names that are not empty
-        splits = [(pair[:i], pair[i + 1 :]) for i, sign in enumerate(pair) if sign == "="]
-        splits = [names for names in splits if all(names)]
-        if not splits:
+        split = re.fullmatch("(?s)(.+?)=(.+)", pair)  # at the first `=` between two names
+        if split is None:
             raise InputError(f"A pair must have the form BASE=NEW, got {listed!r}.")
-        # the first split with two known names; if none has, the error names the first split
-        known = (names for names in splits if names[0] in olds and names[1] in news)
-        old, now = next(known, splits[0])
+        # the first between two known names; if none is, the error names the first split
+        known = (it for it in product(sorted(olds, key=len), news) if "=".join(it) == pair)
+        old, now = next(known, split.groups())
         check_known("ADS", olds, old)
         check_known("ADS", news, now)
         partners.append((old, now))

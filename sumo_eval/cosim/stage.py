@@ -27,7 +27,7 @@ from sumo_eval.cosim.impossible import FARTHEST, FASTEST, LOSS_MARGIN, LOWEST_SP
 from sumo_eval.cosim.records import STRAIGHT, SUMO
 from sumo_eval.cosim.sumo.insides import simulation_step, vehicles
 from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
-from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
+from sumo_eval.cosim.sumo.shared_files import suffix, vehicle_names
 from sumo_eval.cosim.sumo.sumo_files import departure_speed
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, SimulationError
@@ -90,7 +90,8 @@ class Stage:
         finds_lane = road.network is not None or as_read
         any_edge = finds_lane and self._alone
         self._edges = [
-            "" if any_edge else edge_name(case, count, ads_asks=ads_asks) for case in range(count)
+            "" if any_edge else f"road{suffix(case, count, ads_asks=ads_asks)}"
+            for case in range(count)
         ]
         self._lane = -1 if finds_lane else 0  # -1: SUMO looks for it
         # `keepRoute` of moveToXY

@@ -155,7 +155,7 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
         own, changes = _failed(history / nights[name].folder / NIGHT)
         accepted, remaining = list[str](), list[str]()
         for gate in database.gates():
-            if gate.night == name and gate.passed is False:
+            if gate.night == name and gate.passed == 0:
                 sentences = remaining if gate.sentence in own else accepted
                 sentences.append(f"{gate.ads} in {gate.scenario}: {gate.sentence}")
         if remaining and not accepted:

@@ -7,11 +7,11 @@ Users: `cli/compare.py`, `nightly/`, `extras/figures/of_studies.py`.
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, get_type_hints
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -167,7 +167,7 @@ class Build(NamedTuple):
     build: str
 
 
-Row = TypeVar("Row")
+Row = TypeVar("Row", bound=NamedTuple)
 
 
 class History:
@@ -242,27 +242,17 @@ class History:
             builds.setdefault(line.night, {})[line.ads] = line.build
         return builds
 
-    def _read(self, table: str, kind: Callable[..., Row]) -> list[Row]:
+    def _read(self, table: str, kind: type[Row]) -> list[Row]:
         """The lines of a table, the oldest first; none where an older history has no such table."""
         there = _columns(self._connection, table)
-        columns = {name: hint for name, hint in get_type_hints(kind).items() if name in there}
-        if not columns:
+        names = ", ".join(name for name in kind._fields if name in there)
+        if not names:
             return []
-        names = ", ".join(columns)
-        # columns of a bool, which SQLite gives back as 0 or 1
-        flags = [hint in (bool, bool | None) for hint in columns.values()]
+        # a bool comes back as 0 or 1
         rows = self._connection.execute(
             f"SELECT {names} FROM {table} ORDER BY rowid"  # noqa: S608
         )
-        return [
-            kind(
-                *(
-                    bool(it) if flag and it is not None else it
-                    for it, flag in zip(row, flags, strict=True)
-                )
-            )
-            for row in rows
-        ]
+        return list(map(kind._make, rows))
 
     def begin(self, night: str) -> None:
         """Note that a night begins, so that its folder is known if it is stopped."""

@@ -130,7 +130,7 @@ def failing_since(
     failing = {
         (line.night, line.ads, line.scenario, line.quantity, line.bound)
         for line in database.gates()
-        if line.passed is False
+        if line.passed == 0
     }
     since = {}
     for gate in failed(gates):

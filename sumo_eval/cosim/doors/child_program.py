@@ -25,12 +25,12 @@ _KEPT = 20_000  # the last bytes of a program's output, which are kept
 _PR_SET_PDEATHSIG = 1  # of Linux's prctl.h: the signal at the death of the parent
 
 
-def checked_command(command: str, folder: Path | None, scheme: str) -> tuple[str, ...]:
+def checked_command(command: str, folder: Path, scheme: str) -> tuple[str, ...]:
     """The words of a command whose program can be run on this system.
 
     Raises InputError if there is no command, no such program, or no process groups.
 
-    folder: where the program runs; None: the current one.
+    folder: where the program runs.
     scheme: `exec` or `traci`, for messages.
     """
     owner = f"ADS `{scheme}:{command}`"
@@ -46,7 +46,7 @@ def checked_command(command: str, folder: Path | None, scheme: str) -> tuple[str
         raise InputError(f"{owner} needs a system with process groups (Linux, macOS).")
     program = words[0]
     # joined as text: a `Path` drops `./`, and `which` searches PATH for a name without a slash
-    path = os.path.join(folder or ".", program) if os.sep in program else program
+    path = os.path.join(folder, program) if os.sep in program else program
     if shutil.which(path, path=search_path()) is None:
         raise InputError(f"{owner}: there is no program `{program}` that can be run.")
     return words
@@ -78,7 +78,7 @@ class ChildProgram:
     def __init__(
         self,
         command: Sequence[str],
-        folder: Path | None,
+        folder: Path,
         *,
         talks: bool,
         variables: Mapping[str, str] = {},

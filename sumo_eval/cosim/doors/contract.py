@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections import defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from sumo_eval.cosim.doors.controller import ControllerLike, load_controller
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import must_be
+from sumo_eval.groups import grouped
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import RunSettings, SimulationSettings
 from sumo_eval.text import last_lines, without_numbers
@@ -211,10 +211,10 @@ def _ends(cases: Sequence[ConcreteScenario], recordings: _Recordings) -> _Findin
     count.
     """
     # cases and their recordings by cause; "": no fault
-    alike = defaultdict(list)
-    for case, drive in zip(cases, recordings, strict=True):
-        cause = "" if drive.error is None else without_numbers(drive.error) + drive.error_place
-        alike[cause].append((case, drive))
+    alike = grouped(
+        (without_numbers(drive.error or "") + drive.error_place, (case, drive))
+        for case, drive in zip(cases, recordings, strict=True)
+    )
     return [
         Finding(
             "ok",

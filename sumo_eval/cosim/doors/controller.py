@@ -339,7 +339,7 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
     if colon and scheme == "sumo":
         return _native_model(locator, rest)
     if colon and scheme in DOORS:
-        return load_object(DOORS[scheme], None, "ADS")(rest, folder)
+        return load_object(DOORS[scheme], None, "ADS")(rest, folder or Path.cwd())
     target = SHIPPED.get(locator, locator)
     if hint := _other_way(target):
         raise InputError(

@@ -473,7 +473,7 @@ class FmuController(Adapter):
         self._fmu = _Fmu(self.path, self.wiring, (*SIGNALS, *OBJECTS), *outputs)
 
     @classmethod
-    def from_locator(cls, text: str, folder: Path | None) -> FmuController:
+    def from_locator(cls, text: str, folder: Path) -> FmuController:
         """`acc.fmu`, or
         `acc.fmu?inputs.v=ego_speed&outputs.acceleration=a&parameters.headway=1.5`.
         """
@@ -490,7 +490,7 @@ class FmuController(Adapter):
                     key,
                 )
             wiring[group][name] = value.strip("\"'")
-        return cls((folder or Path.cwd()) / file, FmuSettings(**wiring))
+        return cls(folder / file, FmuSettings(**wiring))
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Make a fresh instance, which the first step initializes: it knows the signals."""

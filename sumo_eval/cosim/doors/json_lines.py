@@ -41,7 +41,7 @@ class JsonLinesProgram(Adapter):
     """A program that is asked once a step."""
 
     command: tuple[str, ...]
-    folder: Path | None
+    folder: Path
     log: str = ""
     options: dict[str, Any] = field(default_factory=dict)
     _program: Any = None  # a ChildProgram
@@ -53,7 +53,7 @@ class JsonLinesProgram(Adapter):
     is_policy = True
 
     @classmethod
-    def from_command(cls, command: str, folder: Path | None) -> JsonLinesProgram:
+    def from_command(cls, command: str, folder: Path) -> JsonLinesProgram:
         """Refuses a command that cannot be run."""
         return cls(checked_command(command, folder, "exec"), folder)
 

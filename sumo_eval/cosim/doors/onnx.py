@@ -138,12 +138,11 @@ class OnnxPolicy:
         return answers[:n]
 
 
-def from_locator(text: str, folder: Path | None) -> PolicyController:
+def from_locator(text: str, folder: Path) -> PolicyController:
     """`policy.onnx`, or `policy.onnx?features=table.toml&output=action`."""
     file, _, query = text.partition("?")
     options = read_query(query, f"ADS `onnx:{text}`", "features=FILE&output=NAME")
     check_known(f"option of ADS `onnx:{text}`", ("features", "output"), *options)
-    folder = folder or Path.cwd()
     table = folder / options["features"] if "features" in options else None
     policy = OnnxPolicy(folder / file, table, options.get("output"))
     # over arrays, as `batch` says

@@ -75,7 +75,7 @@ class TraciProgram(Adapter):
     """
 
     command: tuple[str, ...]
-    folder: Path | None
+    folder: Path
     log: str = ""
     took: float = 0.0  # s of wall time of its last turn, the step of SUMO included
     options: dict[str, Any] = field(default_factory=dict)
@@ -87,7 +87,7 @@ class TraciProgram(Adapter):
         return self.options.get("vehicle_type")
 
     @classmethod
-    def from_command(cls, command: str, folder: Path | None) -> TraciProgram:
+    def from_command(cls, command: str, folder: Path) -> TraciProgram:
         """Refuses a command that cannot be run, and a machine without sumo."""
         sumo_binary()
         return cls(checked_command(command, folder, "traci"), folder)

@@ -26,16 +26,11 @@ from sumo_eval.settings import SimulationSettings
 _NEVER = 1e6  # s until SUMO's driver model decides something: beyond every time limit
 
 
-def edge_name(case: int, count: int, *, ads_asks: bool) -> str:
-    """Id in SUMO of the road's edge, of case number `case` of `count`."""
-    if ads_asks:
-        return name_in_sumo("road", suffix(case, count))
-    return "road" if count == 1 else f"road{case}"
-
-
-def suffix(case: int, count: int) -> str:
-    """Ending of the names of a case in a batch whose ADSs ask SUMO; "" of a case that is alone."""
-    return "" if count == 1 else f"~{case}~"
+def suffix(case: int, count: int, *, ads_asks: bool = True) -> str:
+    """Ending of the names of case number `case` of `count`, such as `road`, its edge; "" of a case
+    that is alone.
+    """
+    return "" if count == 1 else f"~{case}~" if ads_asks else str(case)
 
 
 def name_in_sumo(name: str, suffix: str) -> str:
@@ -101,7 +96,7 @@ def shared_network_xml(cases: Sequence[ConcreteScenario], *, ads_asks: bool = Fa
     tail = ""
     edges, lanes = [], []
     for case, concrete in enumerate(cases):
-        name = edge_name(case, len(cases), ads_asks=ads_asks)
+        name = f"road{suffix(case, len(cases), ads_asks=ads_asks)}"
         head, edge, tail = _parts(road, not ads_asks and fits_one_lane(concrete))
         edges.append(edge.replace('"road', f'"{name}'))
         lanes += [f"{name}_{lane}" for lane in range(edge.count("<lane "))]
@@ -143,10 +138,9 @@ def shared_routes_xml(
     count = len(cases)
     own_lanes = own_lanes or ads_asks
     for case, concrete in enumerate(cases):
-        route = name_in_sumo("along", suffix(case, count)) if ads_asks else f"along{case}"
-        others.append(
-            _element("route", {"id": route, "edges": edge_name(case, count, ads_asks=ads_asks)})
-        )
+        ending = suffix(case, count, ads_asks=ads_asks)
+        route = f"along{ending}" if ads_asks else f"along{case}"
+        others.append(_element("route", {"id": route, "edges": f"road{ending}"}))
         vehicle = concrete.simulation(settings).vehicle
         starts = departures(
             replace(concrete, road=plain(concrete.road)), vehicle.length,
