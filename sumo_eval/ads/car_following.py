@@ -333,7 +333,7 @@ class Idm(Compiled):
     up to the vehicle's brakes.
     """
 
-    loop = staticmethod(each_row(idm))
+    loop = each_row(idm)
     memory: ClassVar = [
         *fields("desired_speed", "curvature", "commanded", "steered"),
         ("path", PATH),

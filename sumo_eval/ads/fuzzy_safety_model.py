@@ -145,7 +145,7 @@ class FuzzySafetyModel(Compiled):
     as_coded: CFS as the JRC's program has it (`critical_fuzzy_safety`), not as it is printed.
     """
 
-    loop = staticmethod(braking_loop(fuzzy_braking))
+    loop = braking_loop(fuzzy_braking)
     memory, watched = SAFETY_MEMORY, SIGHTED
     numbers: ClassVar = [BRAKES, *fields("standstill_gap"), *flags("as_coded")]
     brakes = Brakes(REACTION, HUMAN_BRAKING, HUMAN_JERK)

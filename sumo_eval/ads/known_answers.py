@@ -46,7 +46,7 @@ class NoReaction(Compiled):
     its lane.
     """
 
-    loop = staticmethod(each_row(_no_reaction))
+    loop = each_row(_no_reaction)
 
 
 no_reaction = NoReaction()
@@ -159,7 +159,7 @@ class IdealBraking(Compiled):
     delay=0, build_up=0.15)`.
     """
 
-    loop = staticmethod(each_row(ideal_braking))
+    loop = each_row(ideal_braking)
     memory, watched = [("path", PATH), *fields("curvature")], _KNOWN
     """path: to the lane on the left, if it steers. curvature: of its present steering, 1/m."""
     numbers = fields("deceleration")

@@ -176,7 +176,7 @@ class LaneChanger(Compiled):
     hidden vehicle once nothing covers any of it.
     """
 
-    loop = staticmethod(each_row(lane_changer))
+    loop = each_row(lane_changer)
     memory: ClassVar = [
         ("decided", OVERTAKING), ("tried", OVERTAKING), ("pedals", PEDALS), ("then", MOVER),
         *fields("desired_speed", "commanded"), *flags("steps"),

@@ -427,7 +427,7 @@ class CarefulDriver(Compiled):
         m/s2; not in the regulation.
     """
 
-    loop = staticmethod(each_row(careful_driver))
+    loop = each_row(careful_driver)
     memory: ClassVar = [
         ("path", BRAKE_PATH), ("me", MOVER), ("then", MOVER), *fields("aeb_began"),
         *flags("aeb_brakes", "looked"),

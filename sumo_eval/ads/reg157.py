@@ -99,7 +99,7 @@ class Reg157(Compiled):
         critical: without this gap the ego would stop in contact, at 0 m/s.
     """
 
-    loop = staticmethod(braking_loop(reg157_braking))
+    loop = braking_loop(reg157_braking)
     memory, watched = SAFETY_MEMORY, SIGHTED
     numbers: ClassVar = [
         ("brakes", [*BRAKES[1], *fields("build_up")]),  # [1]: its fields

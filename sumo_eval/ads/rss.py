@@ -80,6 +80,6 @@ class ResponsibilitySensitiveSafety(Compiled):
     at every step (`clocks`).
     """
 
-    loop = staticmethod(braking_loop(rss_braking, clocks=1))
+    loop = braking_loop(rss_braking, clocks=1)
     memory, watched, numbers = SAFETY_MEMORY, SIGHTED, [BRAKES]
     brakes = Brakes(RESPONSE, HUMAN_BRAKING, HUMAN_JERK)

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
     from sumo_eval.record.recording import Space
     from sumo_eval.settings import EvaluationSettings
 
-    Part = tuple[str, Callable[[], str]]  # what is checked; its check, which returns words on it
+    Part = tuple[Any, ...]  # what is checked; its check, which returns words on it; arguments
 
 _MOST_POINTS = 200  # of a scenario's own sample, at which `check` searches for a hazard
 _MOST_FILES = 5  # of a folder, that an error message names
@@ -252,10 +251,7 @@ def _scenario_parts(
     if named:
         yield "qualification", lambda: f"{read_qualification(named, source)['checks']} checks"
     for entry in settings.scenario:
-        yield (
-            f"scenario {entry.use}",
-            partial(_points, replace(settings, scenario=(entry,)), source, spaces),
-        )
+        yield f"scenario {entry.use}", _points, replace(settings, scenario=(entry,)), source, spaces
 
 
 def _points(settings: EvaluationSettings, source: Path, spaces: list[Space]) -> str:
@@ -290,11 +286,11 @@ def _planned_parts(settings: EvaluationSettings, source: Path) -> Iterator[Part]
         all_load = bool(_planned(replace(bare, ads=settings.ads), source, "all"))
     for ads in settings.ads:
         alone = replace(bare, ads=() if all_load else (ads,))
-        yield f"ADS {ads.name}", partial(_planned, alone, source, ads.controller)
+        yield f"ADS {ads.name}", _planned, alone, source, ads.controller
     vehicle = "the single-track model" if plant is None else plant.file
     modelled = replace(bare, simulation=settings.simulation)
-    yield "vehicle model", partial(_planned, modelled, source, vehicle)
-    yield "drivers", partial(_planned, replace(bare, drivers=drivers), source, drivers.source)
+    yield "vehicle model", _planned, modelled, source, vehicle
+    yield "drivers", _planned, replace(bare, drivers=drivers), source, drivers.source
 
 
 def _planned(settings: EvaluationSettings, source: Path, words: str) -> str:
@@ -319,7 +315,7 @@ def _closing_parts(
     yield "severity", lambda: severity_of(settings.method.collision, source).name
     if len(names) == len(settings.scenario):
         if settings.report.axes:
-            yield "axes of maps", partial(_axes, settings, names)
+            yield "axes of maps", _axes, settings, names
         if settings.method.ranking.weights:
             yield (
                 "ranking",
@@ -340,9 +336,9 @@ def _axes(settings: EvaluationSettings, names: Sequence[str]) -> str:
 def _count_mistakes(parts: Iterable[Part]) -> int:
     """Check parts of a file, print a line for each, and return how many are wrong."""
     mistakes = 0
-    for described, check_part in parts:
+    for described, check_part, *arguments in parts:
         try:
-            tell(f"ok    {described}: {check_part()}")
+            tell(f"ok    {described}: {check_part(*arguments)}")
         except InputError as error:
             mistakes += 1
             tell(f"FAIL  {described}: {error}")

@@ -103,6 +103,7 @@ class Compiled:
     """Base of baselines and synthetic drivers.
 
     loop: the rule over rows (`each_row`); writes the egos' commands, and whether they have settled.
+        It is called by way of the class.
     memory: layout of what the rule remembers of a case, 0 at first.
     watched: layout of what it remembers of each actor, nan at first.
     numbers: layout of the rule's parameters: attributes of the object, field `p` of the memory.

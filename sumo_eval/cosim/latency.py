@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from array import array
-from functools import cached_property
 
 import numpy as np
 
@@ -41,23 +40,12 @@ class Latencies:
 
     def of(self, case: int) -> Latency:
         """Latency of one case, once all cases have ended."""
-        return self._of_batch if self.shared else self._of(self.own[case])
-
-    @cached_property
-    def _of_batch(self) -> Latency:
-        return self._of(self.shared)
-
-    def _of(self, times: array[float]) -> Latency:
+        times, reference = self.shared or self.own[case], sorted(self._reference)
         steps = np.sort(np.frombuffer(times)) if times else np.zeros(1)  # the shortest first
         return Latency(
             mean=float(steps.mean()),
             longest=float(steps[-1]),
             median=float(steps[len(steps) // 2]),
             late=float(steps[int(LATE * len(steps))]),
-            reference=self._work,
+            reference=reference[len(reference) // 2] if reference else 0.0,  # the median
         )
-
-    @cached_property
-    def _work(self) -> float:
-        """Median time of the fixed work, s."""
-        return sorted(self._reference)[len(self._reference) // 2] if self._reference else 0.0

@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -167,9 +167,6 @@ class Build(NamedTuple):
     build: str
 
 
-Row = TypeVar("Row", bound=NamedTuple)
-
-
 class History:
     """An open history file."""
 
@@ -242,7 +239,7 @@ class History:
             builds.setdefault(line.night, {})[line.ads] = line.build
         return builds
 
-    def _read(self, table: str, kind: type[Row]) -> list[Row]:
+    def _read(self, table: str, kind: Any) -> list[Any]:
         """The lines of a table, the oldest first; none where an older history has no such table."""
         there = _columns(self._connection, table)
         names = ", ".join(name for name in kind._fields if name in there)
@@ -252,7 +249,7 @@ class History:
         rows = self._connection.execute(
             f"SELECT {names} FROM {table} ORDER BY rowid"  # noqa: S608
         )
-        return list(map(kind._make, rows))
+        return [kind(*row) for row in rows]
 
     def begin(self, night: str) -> None:
         """Note that a night begins, so that its folder is known if it is stopped."""

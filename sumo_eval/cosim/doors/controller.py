@@ -17,7 +17,6 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
 from math import inf, isnan, nan
 from pathlib import Path
 from typing import Any, Protocol, cast
@@ -408,12 +407,7 @@ def knows_the_scripts(driver: Any) -> bool:
     """Whether `driver` is the ideal vehicle of Eq. 17 itself, which alone knows what other vehicles
     will do: no ADS does, nor a subclass.
     """
-    return type(driver) is _ideal_vehicle()
-
-
-@cache
-def _ideal_vehicle() -> Any:
-    return find_controller("ideal_braking")
+    return type(driver) is find_controller("ideal_braking")
 
 
 def _native_model(locator: str, text: str) -> NativeModel:

@@ -105,8 +105,7 @@ class Relay:
         self._listener = socket.create_server((LOOPBACK, 0), backlog=1)
         self.port = self._listener.getsockname()[1]
         self._server = server
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        threading.Thread(target=self._run, daemon=True).start()
 
     def end(self) -> None:
         """Listen no more."""

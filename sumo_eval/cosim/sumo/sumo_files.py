@@ -551,7 +551,6 @@ def _remarks(concrete: ConcreteScenario, origin: str) -> str:
     return re.sub("-(?=-)", "- ", f" {text} ")  # two hyphens would end the comment
 
 
-@functools.lru_cache(maxsize=64)
 def view_xml(road: Road) -> str:
     """View of sumo-gui at the start of a case: the beginning of the road, slowed down."""
     # in per cent: at 100 sumo-gui shows the whole network

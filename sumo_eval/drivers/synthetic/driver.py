@@ -250,7 +250,7 @@ class SyntheticDriver(Compiled):
     drives the same to the bit.
     """
 
-    loop = staticmethod(synthetic_driver_rows)
+    loop = synthetic_driver_rows
 
     def __init__(self, driver: Driver, concrete: ConcreteScenario, seed: int) -> None:
         self.driver = driver
