@@ -203,7 +203,8 @@ def test_a_bound_loop_has_the_bits_of_the_plain_call():
         if not values.flags.contiguous:
             plain, by_code = wide.copy()[::2], wide.copy()[::2]
         code = kernels.bound(_grow, by_code, 0.7)
-        assert (code(by_code, 0.7), _grow(plain, 0.7)) == (50, 50)
+        assert code(by_code, 0.7) == 50
+        assert _grow(plain, 0.7) == 50
         assert by_code.tobytes() == plain.tobytes() != values.tobytes()
         assert (
             kernels.bound(_grow, values[:5] if values.flags.contiguous else wide[:10:2], -1.0)

@@ -38,12 +38,10 @@ def test_what_is_given_is_not_derived():
         acceleration=-3 * ones,
         steering_wheel_angle=ones,
     )
-    assert (
-        track.heading[0],
-        track.speed[0],
-        track.acceleration[0],
-        track.steering_wheel_angle[0],
-    ) == (0.1, 7.0, -3.0, 1.0)
+    assert track.heading[0] == 0.1
+    assert track.speed[0] == 7.0
+    assert track.acceleration[0] == -3.0
+    assert track.steering_wheel_angle[0] == 1.0
 
 
 def test_acceleration_is_derived_from_the_given_speed():
@@ -73,20 +71,21 @@ def test_unevenly_sampled_motion_is_derived_with_its_own_times():
 
 def test_a_single_sample_is_a_trajectory():
     track = Trajectory([2.0], [5.0], [1.0])
-    assert (
-        len(track),
-        track.duration,
-        track.speed[0],
-        track.heading[0],
-        track.acceleration[0],
-    ) == (1, 0.0, 0.0, 0.0, 0.0)
+    assert len(track) == 1
+    assert track.duration == 0.0
+    assert track.speed[0] == 0.0
+    assert track.heading[0] == 0.0
+    assert track.acceleration[0] == 0.0
 
 
 def test_length_duration_and_body():
     track = Trajectory(TIME, TIME, TIME, length=4.3, width=1.9)
-    assert (len(track), track.length, track.width) == (31, 4.3, 1.9)
+    assert len(track) == 31
+    assert track.length == 4.3
+    assert track.width == 1.9
     assert track.duration == pytest.approx(3.0)
-    assert (Trajectory(TIME, TIME, TIME).length, Trajectory(TIME, TIME, TIME).width) == (4.5, 1.8)
+    assert Trajectory(TIME, TIME, TIME).length == 4.5
+    assert Trajectory(TIME, TIME, TIME).width == 1.8
 
 
 @pytest.mark.parametrize(
@@ -167,7 +166,8 @@ def test_a_trajectory_of_one_block_is_the_one_of_its_channels():
     made = Trajectory.of_block(block(5), length=4.0, width=1.9)
     given = Trajectory(*block(5), length=4.0, width=1.9)
     assert all(getattr(made, name).tobytes() == getattr(given, name).tobytes() for name in CHANNELS)
-    assert (made.length, made.width) == (4.0, 1.9)
+    assert made.length == 4.0
+    assert made.width == 1.9
     with pytest.raises(ValueError, match="read-only"):
         made.x[0] = 1.0
 

@@ -155,7 +155,8 @@ def test_idm_never_collides_in_front_vehicle_low_speed_and_keeps_its_lane():
 )
 def test_idm_never_collides_in_the_safe_zone_of_the_cut_out(concrete):
     recording = simulate(concrete, "idm")
-    assert (recording.collision, recording.error) == (None, None)
+    assert recording.error is None
+    assert recording.collision is None
 
 
 def test_idm_brakes_as_hard_as_the_formula_asks_up_to_its_brakes():

@@ -39,7 +39,8 @@ def test_a_cut_in_above_the_value_of_the_table_is_avoided_by_the_margin_that_phy
     v - a tau / 2 takes (v - a tau / 2)^2 / 2a: together a tau^2 / 24 less than is left.
     """
     recording = simulate(cut_in(kph / 3.6, ttc + 0.05), granted.ads)
-    assert (recording.error, recording.collision) == (None, None)
+    assert recording.error is None
+    assert recording.collision is None
     other = recording.actors["other"]
     least = min(x2 - x - 4.5 for x, x2 in zip(recording.ego.x, other.x, strict=True))
     assert least == pytest.approx(0.1 + granted.braking * granted.build_up**2 / 24.0, abs=0.01)

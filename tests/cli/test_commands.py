@@ -62,7 +62,8 @@ def test_linear_algebra_keeps_to_one_thread_unless_the_user_says_otherwise(monke
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "")
     monkeypatch.delenv("OPENBLAS_NUM_THREADS")
     assert CliRunner().invoke(main, ["scenarios"]).exit_code == 0
-    assert (os.environ["OMP_NUM_THREADS"], os.environ["OPENBLAS_NUM_THREADS"]) == ("3", "1")
+    assert os.environ["OMP_NUM_THREADS"] == "3"
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
 
 
 def test_a_run_ends_with_a_table_a_report_and_status_0(finished):
@@ -182,7 +183,8 @@ def test_sigterm_between_drives_is_status_130():
         "try: main()\nexcept SystemExit as end: print(end.code)"
     )
     done = python(code, "scenarios")
-    assert (done.stdout, done.stderr) == ("130\n", "sumo-eval: Stopped.\n")
+    assert done.stdout == "130\n"
+    assert done.stderr == "sumo-eval: Stopped.\n"
 
 
 # --- commands that installed packages bring: entry points of the group `sumo_eval.commands` -------

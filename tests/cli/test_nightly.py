@@ -214,7 +214,9 @@ def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path)
         "\n", " "
     )
     (night,) = nights(history)
-    assert (night.night, night.folder, night.wall_time) == (left.name, f"nights/{left.name}", None)
+    assert night.night == left.name
+    assert night.folder == f"nights/{left.name}"
+    assert night.wall_time is None
     assert "before its end and continued" in (left / "report.html").read_text()
     assert 0 < kept < rows(left)
     assert len(read_json(left / "manifest.json")["resumed"]) == 1
@@ -347,7 +349,8 @@ def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):
     done = sumo_eval("accept", history, "--reason", "fewer levels on purpose")
     assert "accepted: every ADS" in done.stdout
     again = run(file, history)
-    assert (again.night.exit_status, again.night.base) == (0, result.night.night)
+    assert again.night.exit_status == 0
+    assert again.night.base == result.night.night
     assert again.night.verdict.startswith("THE SAME as")
 
 
@@ -573,8 +576,10 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch)
             run(file, history)
     result = run(file, history, resume=True)
     told = read_json(result.report.parent / "night.json")
-    assert (told["verdict"], told["exit_status"]) == ("worse", 1)
-    assert (told["repeats"]["mine"]["cases"], told["repeats"]["mine"]["alike"]) == (3, 2)
+    assert told["verdict"] == "worse"
+    assert told["exit_status"] == 1
+    assert told["repeats"]["mine"]["cases"] == 3
+    assert told["repeats"]["mine"]["alike"] == 2
     assert any("mine drove 1 of 3 cases differently" in note for note in result.notes)
     assert max(told["repeats"]["mine"]["floors"].values()) > 0.0
     assert {*told["repeats"]["mine"]["apart"]} <= {*told["failed"][0]["keys"]}

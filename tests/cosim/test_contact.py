@@ -53,7 +53,10 @@ def test_a_corner_pointing_at_a_side():
 
 def test_square_on_to_the_rear():
     found = describe(1.25, "lead", EGO, car(4.5, 0.0, speed=8.0))
-    assert (found.time, found.other, found.overlap, found.side) == (1.25, "lead", 1.0, "front")
+    assert found.time == 1.25
+    assert found.other == "lead"
+    assert found.overlap == 1.0
+    assert found.side == "front"
     assert found.ego_velocity == (20.0, 0.0)
     assert found.other_velocity == (8.0, 0.0)
     assert found.relative_speed == pytest.approx(12.0)
@@ -92,7 +95,8 @@ def test_a_crossing_car_is_hit_with_the_front():
     # it stands across the road, its side 2.25 + 0.9 = 3.15 m ahead of the ego's centre, longer than
     # the ego is wide
     found = describe(0.0, "crossing", EGO, car(3.15, 0.5, heading=math.pi / 2, speed=5.0))
-    assert (found.side, found.overlap) == ("front", 1.0)
+    assert found.side == "front"
+    assert found.overlap == 1.0
     assert found.relative_speed == pytest.approx(math.hypot(20.0, 5.0))
 
 

@@ -85,7 +85,9 @@ def test_an_entry_in_one_text_and_back():
         options={"gain": 2.5, "path": "w/a b?&:x.onnx", "deep": [1, 2]},
     )
     bare, found = split_entry(entry.locator)
-    assert (bare, found.period, dict(found.options)) == ("mine.py:Mine", 0.2, entry.options)
+    assert bare == "mine.py:Mine"
+    assert found.period == 0.2
+    assert dict(found.options) == entry.options
     assert not found.batch
     assert split_entry("exec:./a --b?c")[0] == "exec:./a --b?c"
     fmu = AdsSettings("a", "fmu:a.fmu", FmuSettings(inputs={"v": "ego_speed"}), period=0.1).locator
@@ -175,7 +177,8 @@ def test_traci_code_is_asked_so_often_too_and_told_its_period():
             return Command(-1.0)
 
     found = simulate(case(), Mine, HALF_SECOND, period=0.1)
-    assert (asked, told) == ([0.0, 0.1, 0.2, 0.3, 0.4], [0.1])
+    assert asked == [0.0, 0.1, 0.2, 0.3, 0.4]
+    assert told == [0.1]
     assert (found.ego.acceleration[1:] == -1.0).all()
 
 
@@ -272,7 +275,9 @@ def test_the_entry_is_read_from_the_file_and_a_misspelt_key_is_named(folder):
         text + 'period = 0.2\nfiles = ["w.bin"]\n[ads.options]\ngain = 2.0\n'
     )
     (ads,) = read_evaluation(folder / "e.toml").ads
-    assert (ads.period, ads.files, ads.options) == (0.2, ("w.bin",), {"gain": 2.0})
+    assert ads.period == 0.2
+    assert ads.files == ("w.bin",)
+    assert ads.options == {"gain": 2.0}
     assert settings_from(to_plain(read_evaluation(folder / "e.toml")), "again").ads == (ads,)
     (folder / "e.toml").write_text(text + "perod = 0.2\n")
     with refusal("Did you mean `period`"):

@@ -435,7 +435,8 @@ def test_shared_state_drives_each_case_alone_and_is_named(hook, name, tmp_path, 
         )
     )
     (reason,) = why
-    assert (why[reason], reason.why) == (2, "keeps_state")
+    assert why[reason] == 2
+    assert reason.why == "keeps_state"
     assert name in str(reason)
 
 

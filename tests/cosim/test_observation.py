@@ -55,14 +55,19 @@ def test_a_lead_and_its_neighbours_by_hand():
     # gaps: 84.5 - 50 - 4.5 = 30 m ahead; 50 - 30 - 4.5 = 15.5 m behind; 70 - 50 - 4.5 = 15.5 m
     # ahead in the left lane
     seen = look({"lead": car(84.5), "left": car(70.0, 3.5, 25.0), "behind": car(30.0, 0.0, 20.0)})
-    assert (seen.lead.gap, seen.lead.relative_speed, seen.lead.offset) == (30.0, -10.0, 0.0)
+    assert seen.lead.gap == 30.0
+    assert seen.lead.relative_speed == -10.0
+    assert seen.lead.offset == 0.0
     assert seen.neighbours["left_ahead"].gap == 15.5
     assert seen.neighbours["left_ahead"].relative_speed == 5.0
     assert seen.neighbours["behind"].gap == 15.5
     assert seen.neighbours["left_behind"] is seen.neighbours["right_ahead"] is None
-    assert (seen.ego.speed, seen.ego.acceleration, seen.ego.lane) == (20.0, -1.0, 0)
+    assert seen.ego.speed == 20.0
+    assert seen.ego.acceleration == -1.0
+    assert seen.ego.lane == 0
     assert seen.lanes == (0.0, 3.5)
-    assert (seen.left_edge, seen.right_edge) == (5.25, 1.75)
+    assert seen.left_edge == 5.25
+    assert seen.right_edge == 1.75
 
 
 def test_a_vehicle_out_of_the_strip_is_not_a_lead():
@@ -120,8 +125,12 @@ def test_a_policy_receives_road_and_vehicle_not_the_scenario():
     simulate(secret, Policy(), HALF_SECOND)
     open_ = under(reveal_scenario=True)
     simulate(secret, Policy(), open_)
-    assert (told[0].scenario, told[0].values, told[0].road.name) == ("", None, "road")
-    assert (told[1].scenario, told[1].values, told[1].road) == ("secret", {"gap": 50.0}, ROAD)
+    assert told[0].scenario == ""
+    assert told[0].values is None
+    assert told[0].road.name == "road"
+    assert told[1].scenario == "secret"
+    assert told[1].values == {"gap": 50.0}
+    assert told[1].road == ROAD
 
 
 def test_sumos_files_do_not_tell_the_future_unless_the_scenario_is_revealed():
@@ -165,10 +174,8 @@ def test_every_seen_vehicle_has_its_place_in_the_world_beside_the_relative_value
         (70.0, 3.5, 0.0, "car"),
         (84.5, 0.5, 0.1, "car"),
     ]
-    assert (seen.ego.x + seen.lead.gap + 4.5, seen.ego.y + seen.lead.offset) == (
-        pytest.approx(84.5, abs=0.15),
-        0.5,
-    )
+    assert seen.ego.x + seen.lead.gap + 4.5 == pytest.approx(84.5, abs=0.15)
+    assert seen.ego.y + seen.lead.offset == 0.5
 
 
 as_it_is_and_through_senses = pytest.mark.parametrize("conditions", [{}, {"sensor_range": 1000.0}])
@@ -182,8 +189,10 @@ def test_every_seen_vehicle_says_what_it_is(conditions):
     person = Actor("person", Start(160.0, -3.0, 0.0), length=0.215, width=0.478, body="pedestrian")
     _, shown = seen_by(None, case(truck, person), **conditions)
     assert [it.kind for it in shown[0].vehicles] == ["truck", "pedestrian"]
-    assert (shown[0].lead.kind, shown[0].plain()["lead"]["kind"]) == ("truck", "truck")
-    assert (shown[0].signals()["lead_kind"], shown[0].signals()["left_ahead_kind"]) == (2.0, -1.0)
+    assert shown[0].lead.kind == "truck"
+    assert shown[0].plain()["lead"]["kind"] == "truck"
+    assert shown[0].signals()["lead_kind"] == 2.0
+    assert shown[0].signals()["left_ahead_kind"] == -1.0
 
 
 def test_a_policy_over_arrays_receives_kinds_as_numbers():
@@ -211,7 +220,8 @@ def test_the_second_lead_is_the_next_one_ahead_in_the_strip():
     seen = look(
         {"far": car(150.0), "beside": car(90.0, 3.5), "lead": car(84.5), "second": car(110.0)}
     )
-    assert (seen.lead.x, seen.second_lead.x) == (84.5, 110.0)
+    assert seen.lead.x == 84.5
+    assert seen.second_lead.x == 110.0
     assert look({"lead": car(84.5)}).second_lead is None
     assert look({}).second_lead is None
 
@@ -228,11 +238,9 @@ def test_the_road_has_lane_lines_and_the_ads_receives_its_task():
         == shown[0].lane_borders[1].right
         == ((0.0, 1.75), (end, 1.75))
     )
-    assert (shown[0].desired_speed, shown[0].goal, shown[0].speed_limit) == (
-        20.0,
-        (600.0, 0.0),
-        ROAD.speed_limit,
-    )
+    assert shown[0].desired_speed == 20.0
+    assert shown[0].goal == (600.0, 0.0)
+    assert shown[0].speed_limit == ROAD.speed_limit
 
 
 @as_it_is_and_through_senses
@@ -381,24 +389,18 @@ def test_the_flat_signals_and_the_plain_form_say_the_same():
     assert signals["lead_gap"] == plain["lead"]["gap"] == 30.0
     assert signals["ego_speed"] == plain["ego"]["speed"] == 20.0
     assert len(plain["vehicles"]) == 2
-    assert (signals["lead_x"], signals["left_ahead_x"], signals["left_ahead_y"]) == (
-        84.5,
-        70.0,
-        3.5,
-    )
-    assert (signals["lanes"], signals["lane_width"], signals["second_lead_present"]) == (
-        2.0,
-        3.5,
-        0.0,
-    )
+    assert signals["lead_x"] == 84.5
+    assert signals["left_ahead_x"] == 70.0
+    assert signals["left_ahead_y"] == 3.5
+    assert signals["lanes"] == 2.0
+    assert signals["lane_width"] == 3.5
+    assert signals["second_lead_present"] == 0.0
     assert tuple(signals) == signal_names()
     assert math.isnan(signals["change_from"] + signals["change_by"])  # it may keep its lane
     nobody = look({})
-    assert (
-        nobody.signals()["lead_present"],
-        nobody.signals()["lead_gap"],
-        nobody.plain()["lead"],
-    ) == (0.0, 1000.0, None)
+    assert nobody.signals()["lead_present"] == 0.0
+    assert nobody.signals()["lead_gap"] == 1000.0
+    assert nobody.plain()["lead"] is None
 
 
 def test_numbers_stay_with_their_vehicles():

@@ -57,25 +57,24 @@ def test_the_network_keeps_every_decimal_that_two_would_lose():
 def test_a_route_file_places_front_bumpers_and_lateral_offsets():
     routes = parse(routes_xml(case(Actor("other", Start(100.0, 2.5, 7.0), length=5.0)), CAR))
     ego, other = routes.findall("vehicle")
-    assert (ego.get("departLane"), ego.get("departPos"), ego.get("departPosLat")) == (
-        "0",
-        "52.25",
-        None,
-    )
+    assert ego.get("departLane") == "0"
+    assert ego.get("departPos") == "52.25"
+    assert ego.get("departPosLat") is None
     # 2.5 m to the left is lane 1 (3.5 m), 1.0 m to the right of its centre line; front bumper at
     # 100 + 5/2
-    assert (other.get("departLane"), other.get("departPos"), other.get("departPosLat")) == (
-        "1",
-        "102.5",
-        "-1.0",
-    )
+    assert other.get("departLane") == "1"
+    assert other.get("departPos") == "102.5"
+    assert other.get("departPosLat") == "-1.0"
     assert {vehicle.get("insertionChecks") for vehicle in (ego, other)} == {"none"}
 
 
 def test_the_egos_type_has_the_vehicles_limits_and_may_be_added_to():
     ego = parse(routes_xml(case(), CAR, {"carFollowModel": "IDM", "accel": "2"})).find("vType")
-    assert (ego.get("decel"), ego.get("emergencyDecel"), ego.get("minGap")) == ("9.0", "9.0", "0")
-    assert (ego.get("carFollowModel"), ego.get("accel")) == ("IDM", "2")
+    assert ego.get("decel") == "9.0"
+    assert ego.get("emergencyDecel") == "9.0"
+    assert ego.get("minGap") == "0"
+    assert ego.get("carFollowModel") == "IDM"
+    assert ego.get("accel") == "2"
 
 
 def test_a_vehicle_that_sumo_drives_wants_its_initial_speed():

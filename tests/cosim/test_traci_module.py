@@ -108,7 +108,8 @@ def test_a_step_listener_is_a_controller_and_is_called_every_step():
     listener = Listener()
     found = simulate(case(), listener, HALF_SECOND)
     assert found.error is None
-    assert (listener.calls, listener.cleaned) == (10, 1)
+    assert listener.calls == 10
+    assert listener.cleaned == 1
     assert found.ego.speed[-1] == pytest.approx(19.0)
 
 
@@ -119,7 +120,8 @@ def test_a_listener_that_a_script_adds_is_called_each_step_until_it_says_no():
 
     listener = Until()
     simulate(case(), Script(listener), HALF_SECOND)
-    assert (listener.calls, listener.cleaned) == (4, 1)
+    assert listener.calls == 4
+    assert listener.cleaned == 1
     simulate(case(), lambda traci, ego, time: None, HALF_SECOND)
     assert listener.calls == 4  # gone with its case
 
@@ -186,14 +188,17 @@ def test_a_refused_call_has_no_effect_and_cannot_be_swallowed():
 )
 def test_stepping_and_closing_on_record_are_left_out(action):
     found = simulate(case(lead(50.0)), once(action), RECORD)
-    assert (found.end_reason, found.simulated_time) == ("time_limit", pytest.approx(0.5))
+    assert found.end_reason == "time_limit"
+    assert found.simulated_time == pytest.approx(0.5)
     assert set(counts(found)) & {"stepped_the_clock", "started_or_closed"}
 
 
 def test_nothing_that_one_case_did_is_counted_in_the_next():
     simulate(case(lead(50.0)), once(TOUCHES[0][0]), HALF_SECOND)
     found = simulate(case(lead(50.0)), lambda traci, ego, time: None, HALF_SECOND)
-    assert (found.error, found.clips, GUARD.touched) == (None, (), {})
+    assert found.error is None
+    assert found.clips == ()
+    assert GUARD.touched == {}
 
 
 def test_the_egos_own_type_and_new_types_are_the_adss():
@@ -204,7 +209,8 @@ def test_the_egos_own_type_and_new_types_are_the_adss():
         traci.vehicle.setColor("ego", (1, 2, 3, 255))
 
     found = simulate(case(lead(50.0)), once(own), HALF_SECOND)
-    assert (found.error, counts(found)) == (None, {"ignored_traci_call": 1})
+    assert found.error is None
+    assert counts(found) == {"ignored_traci_call": 1}
 
 
 def test_bypassing_the_door_is_noticed_at_the_other_vehicle():

@@ -59,7 +59,8 @@ def test_a_vehicle_behind_brakes_for_the_ego_and_begins_one_step_later(model):
 
 def test_one_that_is_too_near_runs_into_the_ego_from_behind():
     found = simulate(scene(rear("IDM", gap=1.0, speed=33.0)), lambda observation: -9.0, TWENTY)
-    assert (found.collision.other, found.collision.side) == ("rear", "rear")
+    assert found.collision.other == "rear"
+    assert found.collision.side == "rear"
     clip = clips_of(found)["struck_from_behind"]
     assert clip.requested == found.collision.relative_speed
     assert clip.applied == pytest.approx(found.collision.time)  # it never left its lane

@@ -45,12 +45,10 @@ def test_an_approach_begins_where_the_gap_passes_three_and_a_half_seconds():
     # lane change at 12 s, middle of a move of 4 s from 10 s on.
     found = events_of(track("ego", 0.0, 30.0, move=(10.0, 4.0, 3.5)), track("lead", 200.0, 20.0))
     (event,) = found.tables["approach"].itertuples()
-    assert (event.ego, event.lead, event.start_kind, event.outcome) == (
-        "ego",
-        "lead",
-        "range_crossing",
-        "lane_change",
-    )
+    assert event.ego == "ego"
+    assert event.lead == "lead"
+    assert event.start_kind == "range_crossing"
+    assert event.outcome == "lane_change"
     assert event.t == pytest.approx(9.0, abs=0.11)
     assert event.gap == pytest.approx(105.0, abs=1.1)
     assert event.t_outcome == pytest.approx(3.0, abs=0.2)
@@ -92,7 +90,8 @@ def test_a_cut_out_begins_where_the_lead_begins_to_move():
     # At the start of the move the revealed one is 250 - 5 t - 5 m away.
     assert event.gap == pytest.approx(245.0 - 5.0 * event.start, abs=0.1)
     assert 5.0 <= event.start < 6.0
-    assert (event.ego_speed, event.obstacle_speed) == (25.0, 20.0)
+    assert event.ego_speed == 25.0
+    assert event.obstacle_speed == 20.0
 
 
 def test_a_cut_in_counts_only_near_and_a_violent_one_is_a_ghost():

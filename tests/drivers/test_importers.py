@@ -121,7 +121,8 @@ def test_sumo_front_bumper_clockwise_from_north_and_both_layouts_alike():
     row = xml[(xml["vehicle"] == "lead") & (xml["t"] == 0.0)].iloc[0]
     # x 130.00, y -5.62, angle 90 deg (east); a truck is 7.1 m long.
     assert row["heading"] == pytest.approx(0.0)
-    assert (row["x"], row["y"]) == (pytest.approx(130.0 - 7.1 / 2), pytest.approx(-5.62))
+    assert row["x"] == pytest.approx(130.0 - 7.1 / 2)
+    assert row["y"] == pytest.approx(-5.62)
     for column in ("x", "y", "heading", "speed"):
         assert csv[column].to_numpy() == pytest.approx(xml[column].to_numpy())
 
@@ -373,7 +374,8 @@ def test_sumo_keeps_every_id_beside_a_step_without_vehicles(tmp_path):
     typed = FCD.strip() + ";vehicle_type\n1;90;a;3;2;3;DEFAULT_BIKETYPE\n"
     (tmp_path / "b.csv").write_text(typed)
     bicycle = sumo_fcd.read(tmp_path / "b.csv")[0].iloc[0]
-    assert (bicycle["class"], bicycle["length"]) == ("bicycle", 1.6)
+    assert bicycle["class"] == "bicycle"
+    assert bicycle["length"] == 1.6
 
 
 @pytest.mark.parametrize("name", ["x.csv", "x.xml", "x.xml.gz"])
@@ -406,7 +408,8 @@ def test_a_lane_is_that_of_the_nearest_sample(tmp_path, rate):
         lane=(time > 0.999).astype(int), heading=0.0, speed=20.0, **{"class": "car"}
     )
     lanes = canonical(table).table.set_index("t")["lane"]
-    assert (lanes[0.9], lanes[1.0]) == (0, 1)
+    assert lanes[0.9] == 0
+    assert lanes[1.0] == 1
 
 
 def test_one_bad_file_among_good_ones_imports_nothing(tmp_path):

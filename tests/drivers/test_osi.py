@@ -78,7 +78,8 @@ def is_the_scene(path):
         assert np.diff(rows["x"]) == pytest.approx(speed * 0.1, abs=1e-3)
         assert rows["t"].iloc[0] == pytest.approx(5.0)
     assert np.allclose(fast["y"].to_numpy() - slow["y"].to_numpy(), 3.5, atol=0.01)
-    assert (slow["length"].iloc[0], slow["width"].iloc[0]) == (4.6, 1.9)
+    assert slow["length"].iloc[0] == 4.6
+    assert slow["width"].iloc[0] == 1.9
     (note,) = [note for note in found.notes if "left out" in note]
     assert "1 neither vehicle nor pedestrian, 1 pulled by another vehicle" in note
 

@@ -69,11 +69,9 @@ def test_drives_begin_at_the_egos_start_and_lateral_moves_are_stretched_to_the_s
 ):
     found = found_in(settings_for(write_people(tmp_path / "people.csv", [25.0])), tmp_path)
     (drive,) = found.drives
-    assert (drive.time[0], drive.x[0], drive.y[0]) == (
-        0.0,
-        CONCRETE.ego.x,
-        pytest.approx(CONCRETE.ego.y, abs=1e-6),
-    )
+    assert drive.time[0] == 0.0
+    assert drive.x[0] == CONCRETE.ego.x
+    assert drive.y[0] == pytest.approx(CONCRETE.ego.y, abs=1e-6)
     assert drive.x[-2] < CONCRETE.road.length <= drive.x[-1]
     # The event begins 10 s into the recording; the lane change ends at 17 s: 9 s later it is one
     # lane to the left.

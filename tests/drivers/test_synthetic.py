@@ -225,7 +225,8 @@ def test_a_driver_alone_wanders_about_its_own_line():
         recording = simulate(case(speed=20.0), SyntheticDriver(driver, case(speed=20.0), seed=5))
         ego = recording.ego
         assert recording.end_reason == "road_end"
-        assert (ego.y[0], ego.acceleration[0]) == (0.0, 0.0)
+        assert ego.y[0] == 0.0
+        assert ego.acceleration[0] == 0.0
         settled = ego.time > 5.0
         wander.append(ego.y[settled].var())
         lines.append(ego.y[settled].mean() - driver.lane_offset)
@@ -311,7 +312,8 @@ def test_a_braking_lead_is_expected_to_brake_until_it_stands():
             assert known.x == pytest.approx(place, abs=0.1)
     stopped = mover("lead", 60.0, along=1.0)._replace(braking=4.0)
     carry_on(stopped, 10.0)
-    assert (stopped.along, stopped.x) == (0.0, pytest.approx(60.0 + 1.0 / 8.0))
+    assert stopped.along == 0.0
+    assert stopped.x == pytest.approx(60.0 + 1.0 / 8.0)
 
 
 def test_skilled_drivers_stop_behind_a_lead_that_brakes_as_in_the_consumer_test():

@@ -112,7 +112,8 @@ def test_axes_hold_what_is_drawn_and_no_more(done):
     lowest value."""
     assert draw(done, "points").axes[0].get_xlim() == (0.0, 100.0)
     for line in draw(done, "boundary").axes[0].lines[1:]:
-        assert (line.get_xdata()[0], line.get_ydata()[0]) == (-1.0, 0.0)
+        assert line.get_xdata()[0] == -1.0
+        assert line.get_ydata()[0] == 0.0
     (mesh,) = draw(done, "field").axes[0].collections
     assert mesh.get_clim()[0] > 0.0
 

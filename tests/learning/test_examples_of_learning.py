@@ -87,7 +87,8 @@ def test_highway_envs_drivers_keep_or_change_their_lane():
         simulate(concrete, f"highway_drivers.py:{name}", settings, folder=EXAMPLES)
         for name in ("Idm", "Mobil")
     )
-    assert (idm.error, mobil.error) == (None, None)
+    assert idm.error is None
+    assert mobil.error is None
     assert np.abs(idm.ego.y).max() < 0.1
     assert idm.ego.speed.min() < 12.0
     assert mobil.ego.y.max() > 3.0

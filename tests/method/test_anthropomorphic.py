@@ -288,7 +288,8 @@ def test_a_shorter_drive_scales_the_score_and_a_longer_one_does_not():
     # 0.6.
     drivers = [stopping(30.0), drive(), drive(14.0)]
     index = anthropomorphic_index(stopping(30.0), drivers, ROAD)
-    assert (index.ingredients.ads_length, index.ingredients.mean_length) == (30.0, 50.0)
+    assert index.ingredients.ads_length == 30.0
+    assert index.ingredients.mean_length == 50.0
     assert index.length_factor == pytest.approx(0.6, rel=1e-12)
     assert index.ingredients.slices == 61  # 0 .. 30
     beyond = anthropomorphic_index(drive(), drivers, ROAD)
@@ -553,14 +554,16 @@ def test_more_operations_than_the_humans_lower_the_score_and_fewer_do_not_raise_
     for times, factor in ((0, 1.0), (1, 1.0), (2, 1.0), (4, 0.5)):
         index = anthropomorphic_index(pressing(times), drivers, ROAD)
         made = index.ingredients
-        assert (made.ads_operations, made.mean_operations) == (times, 2.0)
+        assert made.ads_operations == times
+        assert made.mean_operations == 2.0
         assert index.operation_factor == factor
         assert index.value == factor * index.similarity
 
 
 def test_operations_where_drivers_make_none_give_0_and_a_note():
     index = anthropomorphic_index(drive(acceleration=1.0), [drive(), drive()], ROAD)
-    assert (index.value, index.operation_factor) == (0.0, 0.0)
+    assert index.value == 0.0
+    assert index.operation_factor == 0.0
     assert IndexNote("drivers_without_operation", 1, 1) in index.notes
 
 

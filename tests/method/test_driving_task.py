@@ -50,7 +50,8 @@ def test_a_departure_is_the_first_corner_beyond_the_edge_and_the_margin():
     """The right edge is at y = -1.75, half the body 0.9: with 0.5 m more, a corner is out from y =
     -1.35 on."""
     found = first_departure(DRIFTS, ROAD, 0.5)
-    assert (found.time, found.speed) == (pytest.approx(1.4), 20.0)
+    assert found.time == pytest.approx(1.4)
+    assert found.speed == 20.0
     assert first_departure(drive(20.0, 1.3, sideways=-1.0), ROAD, 0.5) is None
     assert first_departure(DRIFTS, ROAD, 5.0) is None
 
@@ -84,7 +85,9 @@ def test_across_a_crossing_road_its_corners_count(x, y, off):
 def test_a_departure_weighs_as_a_full_width_contact_with_a_standing_car():
     found = first_departure(DRIFTS, ROAD, 0.5)
     contact = roadside_contact(found, 1.0)
-    assert (contact.relative_speed, contact.overlap, contact.side) == (20.0, 1.0, "front")
+    assert contact.relative_speed == 20.0
+    assert contact.overlap == 1.0
+    assert contact.side == "front"
 
 
 def test_times_at_places():

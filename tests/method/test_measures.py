@@ -187,13 +187,17 @@ def test_lane_keeping_by_hand(last, settling, side):
     found = lane_keeping(
         Trajectory(time, 10.0 * time, y, speed=np.full(6, 10.0), length=4.5, width=1.8), 3.5
     )
-    assert (found.largest_offset, found.overshoot) == (1.0, 1.0)
-    assert (found.over_line_time, found.settling_time) == (3.0, settling)
+    assert found.largest_offset == 1.0
+    assert found.overshoot == 1.0
+    assert found.over_line_time == 3.0
+    assert found.settling_time == settling
     straight = lane_keeping(
         Trajectory(time, 10.0 * time, 0.0 * y + 3.6, speed=np.full(6, 10.0), width=1.8), 3.5
     )
     assert straight.largest_offset == pytest.approx(0.1)
-    assert (straight.overshoot, straight.over_line_time, straight.settling_time) == (0.0, 0.0, 0.0)
+    assert straight.overshoot == 0.0
+    assert straight.over_line_time == 0.0
+    assert straight.settling_time == 0.0
 
 
 def straight(x, y, speed, heading=0.0, duration=10.0):

@@ -78,7 +78,8 @@ def test_the_ads_is_compared_with_those_who_did_as_it_did_times_how_usual_that_i
     follows = anthropomorphic_index(drive(slow=2.05, y=-0.05), people, ROAD, MIXTURE)
     # 2 of 8 follow, 6 of 8 overtake: the follower's manoeuvre is 2/6 as usual as the most usual
     # one.
-    assert (follows.manoeuvre, follows.share) == ((0,), 2 / 8)
+    assert follows.manoeuvre == (0,)
+    assert follows.share == 2 / 8
     alone = anthropomorphic_index(drive(slow=2.05, y=-0.05), FOLLOWERS, ROAD, MIXTURE)
     assert follows.similarity == pytest.approx(alone.similarity / 3.0, rel=0.1)
     of_both = [(it.ingredients.drivers, it.ingredients.mean_operations) for it in (follows, alone)]
@@ -86,7 +87,8 @@ def test_the_ads_is_compared_with_those_who_did_as_it_did_times_how_usual_that_i
     one = anthropomorphic_index(FOLLOWERS[0], [*OVERTAKERS, FOLLOWERS[0]], ROAD, MIXTURE)
     assert "mean L of 1 driver)" in next(_factors(one))
     manoeuvres = [manoeuvre_of(one, ROAD, MIXTURE.manoeuvre_time) for one in people]
-    assert (chosen((0,), manoeuvres).usual, chosen((0, 1), manoeuvres).usual) == (2 / 6, 1.0)
+    assert chosen((0,), manoeuvres).usual == 2 / 6
+    assert chosen((0, 1), manoeuvres).usual == 1.0
 
 
 def test_a_manoeuvre_that_no_driver_made_scores_zero_with_a_note():

@@ -59,7 +59,8 @@ def test_band_and_left_out_drivers_are_each_index_alone(job, mode):
     others = [[*drivers[:place], *drivers[place + 1 :]] for place in range(len(drivers))]
     alone = anthropomorphic_index(own, drivers, wanted.road, settings)
     assert found.indexes[ads].value == pytest.approx(alone.value, rel=1e-9)
-    assert (found.indexes[ads].notes, found.indexes[ads].share) == (alone.notes, alone.share)
+    assert found.indexes[ads].notes == alone.notes
+    assert found.indexes[ads].share == alone.share
     expected = [
         anthropomorphic_index(own, fewer, wanted.road, coarse).value for fewer in (drivers, *others)
     ]
@@ -86,8 +87,10 @@ def test_with_two_drivers_none_can_be_left_out(job):
     found = computed((facts, replace(wanted, drivers=wanted.drivers[:2], band=False)))
     (left_out,) = found.left_out.values()
     index, likeness = left_out.index, left_out.likeness
-    assert (index.without, found.bands) == ((), {})
-    assert (index.exchanged, likeness.exchanged) == (index.everyone, likeness.everyone)
+    assert index.without == ()
+    assert found.bands == {}
+    assert index.exchanged == index.everyone
+    assert likeness.exchanged == likeness.everyone
     assert 0.0 < index.everyone <= 1.0
 
 

@@ -59,7 +59,8 @@ def test_a_collision_from_behind_is_counted_apart_by_default(done):
     struck = [case for case in done.cases if case.struck_from_behind]
     assert 0 < len(struck) == score.struck_from_behind < len(done.cases)
     assert score.collisions == 0
-    assert (score.c, score.avoided_share) == (1.0, 1.0)
+    assert score.c == 1.0
+    assert score.avoided_share == 1.0
     assert all(
         case.side == "rear" and not case.collided and case.severity is None for case in struck
     )
@@ -70,13 +71,17 @@ def test_a_collision_from_behind_is_counted_apart_by_default(done):
     assert "ideal vehicle has as well" not in words
     assert "no contact" not in words
     (again,) = sumo_eval.score(done.folder, ['method.collision.rear_end="counts"']).scores
-    assert (again.struck_from_behind, again.collisions) == (0, len(struck))
+    assert again.struck_from_behind == 0
+    assert again.collisions == len(struck)
 
 
 def test_where_no_drivers_know_the_scene_d_and_h_report_it(done):
     (score,) = done.scores
-    assert (score.d, score.human_likeness, score.not_evaluated) == (None, None, 0)
-    assert (score.d_reason.why, score.h_reason.why) == ("no_drivers", "no_drivers")
+    assert score.d is None
+    assert score.human_likeness is None
+    assert score.not_evaluated == 0
+    assert score.d_reason.why == "no_drivers"
+    assert score.h_reason.why == "no_drivers"
     assert not any(map(len, unevaluated(done)))
 
 

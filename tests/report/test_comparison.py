@@ -75,7 +75,8 @@ def test_a_case_that_is_less_human_only_in_h_is_found_with_what_it_moved(evaluat
     less = (likened.human_likeness or 0.0) - 0.2
     other = with_case(evaluation, likened, human_likeness=less)
     (item,) = (item for one in compare(evaluation, other, GATE).ads for item in one.changed.worse)
-    assert (item.change, item.by) == ("less human", pytest.approx(-0.2))
+    assert item.change == "less human"
+    assert item.by == pytest.approx(-0.2)
     assert item.moved == {"H_i": pytest.approx(-0.2)}
     assert moved_words(item, " m/s") == ["H_i -0.2"]
 

@@ -67,7 +67,8 @@ def test_the_file_has_the_same_numbers(assessed, tmp_path):
     _, confidence = assessed
     found = json.loads(write_confidence(confidence, tmp_path).read_text())
     for plain, item in zip(found["scores"], confidence.assessments, strict=True):
-        assert (plain["ads"], plain["scenario"]) == (item.ads, item.scenario)
+        assert plain["ads"] == item.ads
+        assert plain["scenario"] == item.scenario
         assert plain["s"]["low"] == item.intervals["s"].low
         assert plain["collision_probability"]["high"] == item.risk.collision_probability.high
         assert len(plain["further_cases"]["points"]) == len(item.further.points)

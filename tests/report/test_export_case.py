@@ -188,7 +188,8 @@ def test_the_configuration_loads_and_steps_in_libsumo(run, tmp_path):
     export_case(run, case, tmp_path)
     done = python(STEPS_IN_LIBSUMO, f"{case}.sumocfg", cwd=tmp_path, timeout=60)
     vehicles, step, time = json.loads(done.stdout.splitlines()[-1])
-    assert (step, time) == (0.1, pytest.approx(3.1))
+    assert step == 0.1
+    assert time == pytest.approx(3.1)
     # SUMO's position is the front bumper: half a body of 4.3 m before the centre, which starts at 0
     ego, other = vehicles["ego"], vehicles["other"]
     assert ego[1:] == pytest.approx([0.0, 30.0, 4.3, 1.9])
@@ -215,7 +216,9 @@ def test_the_openscenario_file_has_the_cases_elements_and_numbers(run, tmp_path)
     case = "cut_in-0001-draws"
     root = exported(run, case, tmp_path, "xosc")
     header = root.find("FileHeader")
-    assert (root.tag, header.get("revMajor"), header.get("revMinor")) == ("OpenSCENARIO", "1", "2")
+    assert root.tag == "OpenSCENARIO"
+    assert header.get("revMajor") == "1"
+    assert header.get("revMinor") == "2"
     assert header.get("description").endswith(f"Run again: sumo-eval run {case}.toml --out again")
     assert root.find("RoadNetwork/LogicFile").get("filepath") == f"{case}.xodr"
     assert [entity.get("name") for entity in root.findall("Entities/ScenarioObject")] == [
@@ -223,7 +226,8 @@ def test_the_openscenario_file_has_the_cases_elements_and_numbers(run, tmp_path)
         "other",
     ]
     for size in root.findall("Entities/ScenarioObject/Vehicle/BoundingBox/Dimensions"):
-        assert (size.get("length"), size.get("width")) == ("4.3", "1.9")
+        assert size.get("length") == "4.3"
+        assert size.get("width") == "1.9"
 
     starts = {
         private.get("entityRef"): private
@@ -364,7 +368,9 @@ def test_the_opendrive_road_is_the_cases_road(run, tmp_path):
     # two lanes of 3.5 m, the right one's centre at y = 0: the reference line, the left edge, lies
     # at 5.25
     geometry = root.find("road/planView/geometry")
-    assert (geometry.get("x"), geometry.get("y"), geometry.get("hdg")) == ("0", "5.25", "0")
+    assert geometry.get("x") == "0"
+    assert geometry.get("y") == "5.25"
+    assert geometry.get("hdg") == "0"
     assert geometry.get("length") == root.find("road").get("length") == "2000"
     lanes = root.findall("road/lanes/laneSection/right/lane")
     assert [(lane.get("id"), lane.find("width").get("a")) for lane in lanes] == [
@@ -431,10 +437,8 @@ def test_paths_of_people_and_exposure_stay_what_they_were(run, tmp_path, monkeyp
     alone = sumo_eval.settings.config.read_evaluation(path)
     drivers = alone.drivers
     assert alone.method.collision.severity == f"{run.parent / 'harm.py'}:loss"
-    assert (drivers.source, drivers.cases) == (
-        f"{run.parent / 'people.py'}:drives",
-        str(run.parent / "tests"),
-    )
+    assert drivers.source == f"{run.parent / 'people.py'}:drives"
+    assert drivers.cases == str(run.parent / "tests")
 
 
 @pytest.mark.parametrize(

@@ -82,7 +82,8 @@ def test_a_limit_on_missed_requirements_is_about_the_scenarios_that_have_some(ev
 def test_one_new_collision_fails_the_gate_that_names_it(evaluation):
     case = pick(evaluation, collided=False)
     (outcome,) = failed(judged(evaluation, with_case(evaluation, case, **HIT)))
-    assert (outcome.quantity, outcome.cases) == ("collided", (case.case,))
+    assert outcome.quantity == "collided"
+    assert outcome.cases == (case.case,)
     assert outcome.worst[0].words == "ok -> contact with U 5.0 m/s"
     limit = LimitSettings("new_collisions", at_most=0.0)
     bad = failed(judged(evaluation, with_case(evaluation, case, **HIT), limit))
@@ -202,7 +203,9 @@ def test_a_limit_names_some_of_its_cases_and_counts_others(evaluation, most, end
     for case in free[:5]:
         new = with_case(new, case, **HIT)
     (gate,) = failed(judged(evaluation, new, LimitSettings("new_collisions", at_most=0.0)))
-    assert (gate.value, len(gate.cases), len(gate.worst)) == (5.0, 5, most)
+    assert gate.value == 5.0
+    assert len(gate.cases) == 5
+    assert len(gate.worst) == most
     assert gate.sentence.endswith(end)
 
 
@@ -358,4 +361,5 @@ def test_a_column_is_evaluated_case_by_case(evaluation):
     (blind,) = judged(
         base, new, LimitSettings("pet", ads=case.ads, scenario=case.scenario, at_least=1.0)
     )
-    assert (blind.passed, blind.sentence) == (None, "pet: no case has a value to compare")
+    assert blind.passed is None
+    assert blind.sentence == "pet: no case has a value to compare"

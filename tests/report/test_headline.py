@@ -207,7 +207,8 @@ def test_without_a_task_a_prime_stands_in_for_s_plus(evaluation):
 def test_a_departure_is_off_road_on_every_picture(evaluation):
     first, *rest = clean(evaluation, builders.CALM)
     gone = replace(first, **ALARMS["left the road in 1 case"])
-    assert (first.outcome, gone.outcome) == ("no contact", "off road")
+    assert first.outcome == "no contact"
+    assert gone.outcome == "off road"
     kinds, words = failure_kinds(CaseTable.of([gone, *rest]))
     assert [words[kind] for kind in kinds] == ["off road", "", "", ""]
 
@@ -236,7 +237,8 @@ def test_worst_case_of_the_best_ads_comes_first(evaluation):
 
 def test_first_screen_says_what_the_terminal_says(evaluation):
     shown, said = summary_content(evaluation, Additions()), headline(evaluation)
-    assert (shown["answers"], shown["alarms"]) == (said.answers, said.alarms)
+    assert shown["answers"] == said.answers
+    assert shown["alarms"] == said.alarms
     assert shown["alarms"]
 
 

@@ -100,7 +100,8 @@ def test_an_unavoidable_collision_passes_unless_the_setting_says_any(evaluation,
     for case in evaluation.cases:
         suite, name = f"{case.ads} in {case.scenario}", point_words(case.values)
         if case.collided and case.zone == "hazardous" and case.ideal_severity:
-            assert (strict[suite][name], mild[suite][name]) == ("failure", "passed")
+            assert strict[suite][name] == "failure"
+            assert mild[suite][name] == "passed"
             softened += 1
         elif case.collided and case.ideal_severity == 0.0:
             assert mild[suite][name] == "failure"

@@ -108,7 +108,8 @@ def test_night_json_names_case_and_ways_to_it(judged, folder):
     told = read_json(folder / "night.json")
     (one,) = told["failed"]
     (case,) = one["cases"]
-    assert (case["before"], case["after"]) == (0.92, 0.32)
+    assert case["before"] == 0.92
+    assert case["after"] == 0.32
     assert case["replay"] == f"sumo-eval replay {folder} {case['case']}"
     assert case["run"] == f"sumo-eval run {folder} --only {case['case']}"
     assert case["link"] == f"report.html#case:{case['case']}"
@@ -411,7 +412,9 @@ def test_a_failure_says_since_when_without_a_break(evaluation, tmp_path):
         add(tmp_path, name, evaluation, *gates)
     with open_history(tmp_path) as lines:
         since = failing_since(lines, [FAILED], "tonight")[FAILED.name]
-    assert (since.night, since.nights, since.words) == (LATER, 2, f"since {LATER}, 2 nights")
+    assert since.night == LATER
+    assert since.nights == 2
+    assert since.words == f"since {LATER}, 2 nights"
 
 
 def test_each_limit_of_a_quantity_has_its_own_since(evaluation, tmp_path):

@@ -79,12 +79,10 @@ def test_every_pair_of_outcomes_has_its_verdict(evaluation):
         unpreventable=3,
         undecided=1, not_evaluated=1, collided=4, off_road=1, gave_up=1,
     )  # fmt: skip
-    assert (careful.collided, careful.incidents, careful.unpreventable, careful.preventable) == (
-        3,
-        5,
-        5,
-        0,
-    )
+    assert careful.collided == 3
+    assert careful.incidents == 5
+    assert careful.unpreventable == 5
+    assert careful.preventable == 0
 
 
 def test_without_the_named_ads_the_ideal_vehicle_is_the_reference(evaluation):
@@ -106,10 +104,13 @@ def test_the_counts_add_up(evaluation, reference):
     assert set(found) == {case.case for case in evaluation.cases}
     assert set(found.values()) <= set(LOOKS)
     for row, score in zip(preventability(odd), evaluation.scores, strict=True):
-        assert (row.ads, row.scenario, row.cases) == (score.ads, score.scenario, score.cases)
+        assert row.ads == score.ads
+        assert row.scenario == score.scenario
+        assert row.cases == score.cases
         assert row.cases == row.avoided + row.incidents + row.not_evaluated
         assert row.incidents == row.preventable + row.unpreventable + row.undecided
-        assert (row.collided, row.gave_up) == (score.collisions, score.gave_up)
+        assert row.collided == score.collisions
+        assert row.gave_up == score.gave_up
         assert row.better <= row.avoided
 
 

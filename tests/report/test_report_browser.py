@@ -110,7 +110,8 @@ def test_trajectories_come_back_from_the_page_to_their_steps():
     received = in_the_page(program, {"packed": encode_trajectories(sent), "steps": CHANNEL_STEPS})
     assert len(received) == len(sent)
     for there, here in zip(received, sent, strict=True):
-        assert (there["length"], there["width"]) == (here.length, here.width)
+        assert there["length"] == here.length
+        assert there["width"] == here.width
         for name, step in CHANNEL_STEPS.items():
             # JSON has no nan, so what is not known comes as null
             values = np.array(there[name], dtype=float)

@@ -239,17 +239,22 @@ ROWS = np.argwhere(np.ones((2, 1, 4, 3))).astype(float).tolist()
 
 def test_a_map_of_many_parameters_takes_the_two_that_vary_most(evaluation):
     view = choose_view(space(4), points(evaluation, ROWS))
-    assert (view.x, view.y) == (2, 3)
+    assert view.x == 2
+    assert view.y == 3
     assert set(view.fixed) == {0, 1}
 
 
 def test_a_map_shows_the_two_chosen_parameters(evaluation):
     cases = points(evaluation, ROWS)
     view = choose_view(space(4), cases, ("p3", "p0"))
-    assert (view.x, view.y, set(view.fixed)) == (3, 0, {1, 2})
+    assert view.x == 3
+    assert view.y == 0
+    assert set(view.fixed) == {1, 2}
     assert choose_view(space(3), cases, ("p2", "p0")).panel is None
     two = choose_view(space(2), points(evaluation, [[0.0, 1.0]]), ("p1", "p0"))
-    assert (two.x, two.y, two.fixed) == (1, 0, {})
+    assert two.x == 1
+    assert two.y == 0
+    assert two.fixed == {}
     for axes, words in ((("gap", "p7"), "p7"), (("gap", "gap"), "two different")):
         settings = replace(evaluation.settings.report, axes={builders.SCENARIOS[1]: axes})
         with refusal(words):
@@ -328,7 +333,9 @@ def points(evaluation, rows):
 def test_up_to_three_parameters_are_all_shown(evaluation, k, x, y, panel):
     cases = points(evaluation, [[0.0] * k, [5.0] * k])
     view = choose_view(space(k), cases)
-    assert (view.x, view.y, view.panel) == (x, y, panel)
+    assert view.x == x
+    assert view.y == y
+    assert view.panel == panel
     assert view.panels == ((0.0, 5.0) if k == 3 else (None,))
     assert all(view.shows(case) for case in cases)
     assert gathered_words(view) == ""
@@ -344,7 +351,9 @@ def test_many_values_of_the_first_parameter_share_panels(evaluation):
 def test_the_report_names_the_slice_of_four_parameters(evaluation):
     rows = [[7.0, x, 3.0, y, z] for x in (0.0, 5.0) for y in (0.0, 5.0) for z in (0.0, 0.0, 5.0)]
     view = choose_view(space(5), points(evaluation, rows))
-    assert (view.x, view.y, view.panel) == (1, 3, None)
+    assert view.x == 1
+    assert view.y == 3
+    assert view.panel is None
     assert view.fixed == {0: 7.0, 2: 3.0, 4: 0.0}
     assert not view.projected
 

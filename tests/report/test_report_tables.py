@@ -47,7 +47,8 @@ def test_a_parameter_that_is_called_like_a_column_keeps_its_values(evaluation, t
     odd = replace(evaluation, cases=(replace(evaluation.cases[0], values={"zone": 3.5}),))
     cases_csv(odd, tmp_path / "odd.csv")
     row = pd.read_csv(tmp_path / "odd.csv").iloc[0]
-    assert (row["parameter_zone"], row["zone"]) == (3.5, evaluation.cases[0].zone)
+    assert row["parameter_zone"] == 3.5
+    assert row["zone"] == evaluation.cases[0].zone
 
 
 def test_a_folder_that_cannot_be_is_refused(evaluation, tmp_path):

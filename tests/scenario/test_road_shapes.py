@@ -51,7 +51,8 @@ def test_the_edge_moves_in_a_straight_line_over_the_taper():
         1.75,
     ]
     assert road.left_edge_at([0.0, 325.0]).tolist() == [8.75, 8.75]
-    assert (road.lanes_at(100.0), road.lanes_at(310.0)) == ((0, 1, 2), (1, 2))
+    assert road.lanes_at(100.0) == (0, 1, 2)
+    assert road.lanes_at(310.0) == (1, 2)
     opens = read(
         road={"lanes": 2, "length": 900.0, "lane": [{"lane": 1, "begin": 200.0, "taper": 40.0}]}
     ).road
@@ -116,7 +117,9 @@ def test_lanes_that_open_and_end_follow_a_curve():
     assert lanes["ramp0_0"][-1].tolist() == lanes["road1_0"][0].tolist()
     assert lanes["road1_1"][-1].tolist() == lanes["road2_0"][0].tolist()
     lengths = {str(it.get("id")): float(str(it.get("length"))) for it in net.iter("lane")}
-    assert (lengths["ramp0_0"], lengths["road1_2"], lengths["road2_0"]) == (120.0, 180.0, 600.0)
+    assert lengths["ramp0_0"] == 120.0
+    assert lengths["road1_2"] == 180.0
+    assert lengths["road2_0"] == 600.0
 
 
 @pytest.mark.parametrize("name", SHAPED)
@@ -133,7 +136,8 @@ def test_sumo_opens_the_network_of_a_shipped_scenario_and_drives_its_routes(name
             "--duration-log.disable", "true"],
         cwd=tmp_path, capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0
+    assert done.stderr == ""
 
 
 def test_pages_draw_what_is_not_there_the_lines_of_ramps_and_the_roads_that_cross():
@@ -155,7 +159,10 @@ crossings = [[500.0, 7.0, 100.0]]
 )
 def test_a_goal_lane_is_a_way_that_ends_where_the_first_lane_does(ego, begin, by, ends):
     way = read(ego={"speed": "v", **ego}).concrete(v=20.0).ego.way
-    assert (way.offset, way.begin, way.by, way.ends) == (3.5, begin, by, ends)
+    assert way.offset == 3.5
+    assert way.begin == begin
+    assert way.by == by
+    assert way.ends == ends
     assert way.length(20.0) == 80.0  # 4 s
     assert way.length(200.0) == by - begin
     start = read(ego={"speed": "v", **ego}).concrete(v=20.0).ego

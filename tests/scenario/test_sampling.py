@@ -69,7 +69,9 @@ def test_law_a_step_grid_is_that_of_decimal_arithmetic(low, high, step):
 def test_law_levels_start_at_low_end_at_high_and_grow(low, high, levels):
     assume(high - low > Decimal("0.05"))
     values = every_point(space((float(low), float(high), 1.0)), levels=levels).ravel()
-    assert (len(values), values[0], values[-1]) == (levels, float(low), float(high))
+    assert len(values) == levels
+    assert values[0] == float(low)
+    assert values[-1] == float(high)
     assert np.all(np.diff(values) > 0)
     assert np.diff(values) == pytest.approx((float(high) - float(low)) / (levels - 1), abs=1e-9)
 
@@ -98,7 +100,8 @@ def test_possible_and_refused_points_are_the_whole_grid():
     assert {tuple(row) for row in merged} == {tuple(row) for row in every_point(CUT_OUT)}
     # low speed: lead slower than the ego; of 5 x 5 the pairs (10, >=10), (15, >=15), (20, 20): 3 +
     # 2 + 1 are not
-    assert (len(sample(LOW_SPEED).points), len(sample(LOW_SPEED).refused)) == (19, 6)
+    assert len(sample(LOW_SPEED).points) == 19
+    assert len(sample(LOW_SPEED).refused) == 6
 
 
 def test_points_keep_the_grids_order():

@@ -155,11 +155,9 @@ def test_a_prescribed_ego_body_and_time_limit_take_the_settings_place():
         time_limit=150.0, vehicle=VehicleSettings(length=4.5, width=1.8, wheelbase=2.5)
     )
     inside = concrete.simulation(given)
-    assert (inside.vehicle.length, inside.vehicle.width, inside.vehicle.wheelbase) == (
-        4.3,
-        1.9,
-        2.5,
-    )
+    assert inside.vehicle.length == 4.3
+    assert inside.vehicle.width == 1.9
+    assert inside.vehicle.wheelbase == 2.5
     assert inside.time_limit == 35.0
     assert concrete.simulation(SimulationSettings(time_limit=5.0)).time_limit == 5.0
     assert concrete.simulation(inside) == inside
@@ -363,7 +361,8 @@ def test_a_concrete_scenario_travels_to_a_child_process():
 
 def test_the_road_lies_to_the_left_of_its_right_lane():
     road = Road("r", 100.0, 2, 3.5, 0.0)
-    assert (road.right_edge, road.left_edge) == (-1.75, 5.25)
+    assert road.right_edge == -1.75
+    assert road.left_edge == 5.25
     assert [road.lane_centre(lane) for lane in (0, 1)] == [0.0, 3.5]
 
 

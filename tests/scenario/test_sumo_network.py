@@ -82,14 +82,18 @@ def network(tmp_path):
 
 def test_the_road_lies_along_x_with_its_own_lanes(network):
     road = read_road(network, ["road"], 600.0)
-    assert (road.lanes, road.lane_width, road.length) == (2, 3.5, 600.0)
+    assert road.lanes == 2
+    assert road.lane_width == 3.5
+    assert road.length == 600.0
     assert road.run_out == pytest.approx(400.0, abs=0.02)
     root = etree.fromstring(laid_along_x(road.network).encode())
     shapes = {lane.get("id"): lane.get("shape") for lane in root.iter("lane")}
     for lane, y in (("road_0", 0.0), ("road_1", 3.5)):
         (x0, y0), (x1, y1) = (tuple(map(float, part.split(","))) for part in shapes[lane].split())
-        assert (y0, y1) == (y, y)
-        assert (x0, x1) == (pytest.approx(0.0, abs=1e-4), pytest.approx(road.end, abs=1e-4))
+        assert y0 == y
+        assert y1 == y
+        assert x0 == pytest.approx(0.0, abs=1e-4)
+        assert x1 == pytest.approx(road.end, abs=1e-4)
     # everything else went along: the side road began at the old origin
     assert float(shapes["side_road_0"].split()[0].split(",")[0]) == pytest.approx(
         -(1234.5 * math.cos(0.7) - 987.0 * math.sin(0.7)), abs=0.05
@@ -179,7 +183,9 @@ def test_a_lane_without_cars_is_not_a_lane_of_the_road(tmp_path, permissions):
         280.0,
     )
     plain = read_road(edge_of(tmp_path / "bare.net.xml", CAR, CAR), ["m"], 280.0)
-    assert (road.lanes, road.lane_width, road.run_out) == (2, 3.2, pytest.approx(6.4))
+    assert road.lanes == 2
+    assert road.lane_width == 3.2
+    assert road.run_out == pytest.approx(6.4)
     with refusal("must have a lane on which a car may drive"):
         read_road(edge_of(tmp_path / "none.net.xml", (permissions, 2.0)), ["m"], 280.0)
     if permissions != NO_CARS[0]:
@@ -283,7 +289,9 @@ def test_law_no_joint_of_edges_holds_an_ego_up(tmp_path, begin, way):
     there = replace(LED, road=read_road(path, ["m", "n"], 400.0), actors=())
     for driver in ("no_reaction", "sumo:IDM", lambda traci, ego, time: None):
         found = simulate(there, driver)
-        assert (found.end_reason, found.error, found.clips) == ("road_end", None, ())
+        assert found.error is None
+        assert found.end_reason == "road_end"
+        assert found.clips == ()
         assert found.ego.speed.min() > 9.99
 
 
@@ -350,12 +358,15 @@ def bent(tmp_path_factory):
 
 def test_law_a_curved_network_is_the_road_along_its_lanes(bent):
     road = read_road(bent, ["road0", "road1", "road2"], 900.0)
-    assert (road.lanes, road.lane_width, road.network) == (3, 3.5, None)
+    assert road.lanes == 3
+    assert road.lane_width == 3.5
+    assert road.network is None
     assert road.length + road.run_out == pytest.approx(1000.0, abs=0.1)
     right, left = road.spans
-    assert (right.lane, right.end, left.lane, left.begin) == (
-        0, pytest.approx(660.0, abs=0.2), 2, pytest.approx(420.0, abs=0.2),
-    )  # fmt: skip
+    assert right.lane == 0
+    assert right.end == pytest.approx(660.0, abs=0.2)
+    assert left.lane == 2
+    assert left.begin == pytest.approx(420.0, abs=0.2)
     s = np.arange(0.0, 1000.0, 5.0)
     x, y, heading = map_places(road.line, s, 0.0)
     wanted_x, wanted_y, wanted_heading = map_places(BENT.line, s, 0.0)
@@ -428,7 +439,8 @@ def test_traffic_reacts_on_a_straight_network_too(network, tmp_path):
         'manoeuvre = [{ do = "follow", model = "IDM" }]\n'
     )
     chased = simulate(read_scenario(tmp_path / "chased.toml").concrete(v=20.0), "no_reaction")
-    assert (chased.error, chased.collision) == (None, None)
+    assert chased.error is None
+    assert chased.collision is None
     assert chased.actors["rear"].speed.min() < 25.0
 
 
@@ -494,7 +506,8 @@ def test_the_outermost_lanes_of_a_network_begin_and_end_where_its_edges_meet(tmp
     path = turned(tmp_path / "town.net.xml", road=SHAPED)
     names = ["road0", "road1", "road2", "road3"]
     road = read_road(path, names, 900.0)
-    assert (road.lanes, road.lane_width) == (3, 3.5)
+    assert road.lanes == 3
+    assert road.lane_width == 3.5
     assert [(span.lane, span.closing, span.opening) for span in road.spans] == [
         (0, 0.0, 0.0),
         (2, 0.0, 0.0),

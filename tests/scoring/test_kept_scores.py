@@ -83,7 +83,9 @@ def test_zones_that_this_process_knows_are_those_a_child_computes(done, tmp_path
         processes = replace(settings, run=RunSettings(engine="processes"))
         one = sumo_eval.evaluate(processes, tmp_path / name)
         points.ZONES.clear()
-        assert (one.scores, one.zones, one.ranking) == (done.scores, done.zones, done.ranking)
+        assert one.scores == done.scores
+        assert one.zones == done.zones
+        assert one.ranking == done.ranking
 
 
 def test_changing_k5_computes_no_field_and_reads_no_drive(done, monkeypatch):
@@ -91,7 +93,8 @@ def test_changing_k5_computes_no_field_and_reads_no_drive(done, monkeypatch):
     doubled = sumo_eval.score(done.folder, ["method.score.k5=0.5"])
     for before, after in zip(done.scores, doubled.scores, strict=True):
         assert after.c_points == pytest.approx(0.5 * before.c_points)
-        assert (after.d, after.human_likeness) == (before.d, before.human_likeness)
+        assert after.d == before.d
+        assert after.human_likeness == before.human_likeness
     with pytest.raises(AssertionError, match="computed again"):
         sumo_eval.score(done.folder, ["method.anthropomorphic.slice_spacing=7.0"])
 
@@ -174,7 +177,8 @@ def test_a_run_without_its_trajectories_keeps_its_scores(done, copy, monkeypatch
         drives = sum(number for *_, number, _ in store.counts())
         stays = {case for case, _, _ in store.names("ads") if store.trajectories(case)}
     assert (copy / FACTS).stat().st_size < size
-    assert (gone, stays) == (drives, set())
+    assert gone == drives
+    assert stays == set()
     assert same(sumo_eval.score(copy), done)
     lost = next(case for case in done.cases if case.case not in stays and case.index is not None)
     for refused in (lambda: recorded(copy, lost.case),

@@ -47,7 +47,9 @@ def combined(*cases):
 
 def test_a_complete_score_has_no_interval():
     result = combined(HIT, SAFE)
-    assert (result.c_interval, result.d_interval, result.s_interval) == (None, None, None)
+    assert result.c_interval is None
+    assert result.d_interval is None
+    assert result.s_interval is None
 
 
 def test_a_missing_hazardous_case_widens_c_by_its_own_weight():
@@ -123,12 +125,17 @@ def test_a_case_given_up_counts_as_doing_nothing_and_is_counted_apart():
         human_likeness=0.0,
     )
     result, without = combined(safe, given_up), combined(safe)
-    assert (result.avoided_share, result.task_share) == (pytest.approx(0.5), pytest.approx(0.75))
+    assert result.avoided_share == pytest.approx(0.5)
+    assert result.task_share == pytest.approx(0.75)
     assert result.human_likeness == pytest.approx(0.6)
-    assert (result.c, result.d) == (without.c, without.d)
-    assert (result.gave_up, result.not_evaluated) == (1, 1)
+    assert result.c == without.c
+    assert result.d == without.d
+    assert result.gave_up == 1
+    assert result.not_evaluated == 1
     everywhere = combined(given_up, replace(given_up, case="again"))
-    assert (everywhere.s_plus, everywhere.c, everywhere.s) == (0.0, None, None)
+    assert everywhere.s_plus == 0.0
+    assert everywhere.c is None
+    assert everywhere.s is None
 
 
 def test_a_departure_is_avoidable_harm_and_no_collision():
@@ -140,7 +147,9 @@ def test_a_departure_is_avoidable_harm_and_no_collision():
         task_share=0.0, human_likeness=0.0,
     )  # fmt: skip
     result = combined(left)
-    assert (result.departures, result.collisions, result.c) == (1, 0, 1.0)
+    assert result.departures == 1
+    assert result.collisions == 0
+    assert result.c == 1.0
     assert result.avoided_share == pytest.approx(-0.2)
     assert result.s_plus == 0.0
     assert left.incident_severity == 12.0

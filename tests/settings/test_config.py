@@ -50,7 +50,9 @@ def message(tmp_path, text):
 
 def test_the_smallest_evaluation_file_of_the_contract_is_read(tmp_path):
     settings = read(tmp_path, SMALLEST)
-    assert (settings.name, settings.seed, settings.run.case_timeout) == ("nightly", 1, 20.0)
+    assert settings.name == "nightly"
+    assert settings.seed == 1
+    assert settings.run.case_timeout == 20.0
     assert settings.scenario[0].sampling.levels == 4
     assert settings.ads[0].controller == "my_ads.py:MyAds"
 
@@ -111,7 +113,8 @@ def test_a_missing_file_and_a_binary_one_are_refused(tmp_path):
 def test_a_change_reaches_the_setting_it_names_and_no_other():
     settings = read_evaluation(PAPER_EVALUATION)
     changed = with_changes(settings, ["method.score.a=60", "method.anthropomorphic.field.k2=0.05"])
-    assert (changed.method.score.a, changed.method.score.b) == (60.0, 40.0)
+    assert changed.method.score.a == 60.0
+    assert changed.method.score.b == 40.0
     assert changed.method.anthropomorphic.field.k2 == 0.05
     assert (
         with_changes(changed, ["method.score.a=50", "method.anthropomorphic.field.k2=0.005"])

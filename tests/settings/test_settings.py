@@ -176,26 +176,24 @@ def test_derived_values():
 
 def test_the_papers_constants():
     zones = ZoneSettings()
-    assert (zones.deceleration, zones.critical_inverse_ttc) == (5.0, 0.7)
+    assert zones.deceleration == 5.0
+    assert zones.critical_inverse_ttc == 0.7
     field = FieldSettings()
-    assert (field.k1, field.k2, field.sample_interval, field.superposition) == (
-        0.5,
-        0.005,
-        0.1,
-        "magnitude",
-    )
+    assert field.k1 == 0.5
+    assert field.k2 == 0.005
+    assert field.sample_interval == 0.1
+    assert field.superposition == "magnitude"
     index = AnthropomorphicSettings()
-    assert (index.slice_spacing, index.side_width, index.points_per_side) == (0.5, 1.5, 3)
-    assert (index.steering_threshold_deg, index.acceleration_threshold, index.neutral_time) == (
-        10.0,
-        0.5,
-        0.5,
-    )
-    assert (index.centre_deviation_floor, index.field_deviation_floor) == (0.15, 0.01)
-    assert (SimulationSettings().ideal_deceleration, SimulationSettings().ideal_build_up) == (
-        9.0,
-        0.15,
-    )
+    assert index.slice_spacing == 0.5
+    assert index.side_width == 1.5
+    assert index.points_per_side == 3
+    assert index.steering_threshold_deg == 10.0
+    assert index.acceleration_threshold == 0.5
+    assert index.neutral_time == 0.5
+    assert index.centre_deviation_floor == 0.15
+    assert index.field_deviation_floor == 0.01
+    assert SimulationSettings().ideal_deceleration == 9.0
+    assert SimulationSettings().ideal_build_up == 0.15
 
 
 def test_names_given_in_python_are_cleaned_as_those_of_a_file_are_refused():
@@ -223,7 +221,8 @@ def test_a_suite_brings_its_scenarios_seed_and_drivers():
     assert [one.use for one in settings.scenario] == [
         "front_vehicle_low_speed", "front_vehicle_cut_out", "front_vehicle_braking", "cut_in",
     ]  # fmt: skip
-    assert (settings.seed, settings.drivers.count) == (20261, 6)
+    assert settings.seed == 20261
+    assert settings.drivers.count == 6
     assert settings_from(asked(scenario=({"use": "suite:2026.1"},)), "here") == settings
     assert settings.drivers.population == PopulationSettings(0.771, 1.0, 1.0, 1.0, "recorded")
 

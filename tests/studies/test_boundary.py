@@ -33,7 +33,9 @@ def test_a_slice_is_the_scenario_with_parameters_held():
         at_25.concrete(obstacle_speed=5.0, gap=60.0),
         CUT_OUT.concrete(ego_speed=25.0, obstacle_speed=5.0, gap=60.0),
     )
-    assert (held.ego, held.actors, held.road) == (free.ego, free.actors, free.road)
+    assert held.ego == free.ego
+    assert held.actors == free.actors
+    assert held.road == free.road
     points = sample(at_25, levels=5).points
     assert CUT_OUT.feasible(np.column_stack([np.full(len(points), 25.0), points])).all()
     assert slice_of(CUT_OUT, {}) is CUT_OUT

@@ -148,7 +148,9 @@ def test_fewer_than_two_evaluated_cases_have_no_interval_and_a_reason(evaluation
         {first.scenario: partitions[first.scenario]},
     )
     (alone,) = found.assessments
-    assert (alone.intervals, alone.risk, alone.further) == ({}, None, None)
+    assert alone.intervals == {}
+    assert alone.risk is None
+    assert alone.further is None
     assert alone.reason == "fewer than two evaluated cases with exposure"
 
 

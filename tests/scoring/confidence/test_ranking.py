@@ -179,7 +179,8 @@ def test_without_people_h_counts_0_and_without_a_task_a_scenario_has_no_part():
     )
     assert [(score.task_share, score.s_plus) for score in three] == [(None, None)] * 2
     ranking = rank([*one, *two, *three], found | others | more, RankingSettings())
-    assert (ranking.without_people, ranking.without_task) == (("t",), ("u",))
+    assert ranking.without_people == ("t",)
+    assert ranking.without_task == ("u",)
     assert places(ranking) == [("a", 1), ("bb", 2)]
     assert [row.a_points for row in ranking.ads] == [pytest.approx(50.0)] * 2
     assert ranking.ads[0].s_plus == pytest.approx(ranking.ads[0].a_points + ranking.ads[0].h_points)

@@ -40,7 +40,8 @@ def test_no_collision_in_100_cases_does_not_exclude_3_per_cent():
     found = risk(np.ones(100), np.zeros(100), 5)
     # 1 - 0.025^(1/100) = 0.0362
     assert found.collision_probability.high == pytest.approx(1 - 0.025**0.01)
-    assert (found.collision_probability.low, found.expected_loss.value) == (0.0, 0.0)
+    assert found.collision_probability.low == 0.0
+    assert found.expected_loss.value == 0.0
 
 
 @pytest.mark.parametrize("loss", [0.0, 1.0])
@@ -87,7 +88,8 @@ def test_a_space_as_narrow_as_its_points_is_covered():
     line = replace(LOW_SPEED, constraints=(Constraint("on a line", holds),))
     points = np.array([[14.0, 6.0], [18.0, 8.0], [22.0, 10.0]])
     covered = space_coverage(partition(line), points)
-    assert (covered.empty_radius, covered.pairs_hit) == (0.0, (3, 3))
+    assert covered.empty_radius == 0.0
+    assert covered.pairs_hit == (3, 3)
 
 
 def test_pairs_that_no_point_can_have_are_not_missing():
@@ -111,4 +113,5 @@ def test_further_cases_go_where_neighbours_differ():
 def test_where_all_cases_agree_further_ones_tell_nothing():
     points = sample(LOW_SPEED).points
     found = further_cases(LOW_SPEED, points, np.zeros(len(points)), 5)
-    assert (len(found.points), found.shrink) == (0, 1.0)
+    assert len(found.points) == 0
+    assert found.shrink == 1.0
