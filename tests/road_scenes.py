@@ -9,8 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from sumo_eval.cosim.doors.controller import Briefing
-from sumo_eval.cosim.simulation import simulate, simulate_many
+from sumo_eval.cosim import Briefing, simulate, simulate_many
 from sumo_eval.cosim.vehicle_model import LIMITED, EgoState, move
 from sumo_eval.method.collision_avoidance import impact_severity
 from sumo_eval.method.criticality import max_inverse_ttc

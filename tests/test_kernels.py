@@ -18,7 +18,7 @@ from road_scenes import points
 
 import sumo_eval
 from sumo_eval import kernels
-from sumo_eval.cosim.simulation import simulate, simulate_many
+from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.cosim.world import World
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.settings import SimulationSettings
@@ -80,8 +80,7 @@ def kernels_of(path):
     text = path.read_text()
     if not any(f"@{mark}\n" in text for mark in MARKS):
         return []
-    tree = ast.parse(text)
-    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    functions = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)]
     return [
         it
         for it in functions

@@ -9,8 +9,8 @@ from refusals import refusal, refused
 from road_scenes import at_values
 from tables import rows_of
 
+from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.controller import load_controller
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.settings import SimulationSettings
 
 HERE = Path(__file__).parent

@@ -13,8 +13,8 @@ from refusals import refusal
 from road_scenes import clips_of
 
 import sumo_eval
+from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.traci_program import sumo_binary
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.settings import ConditionSettings, RunSettings, SimulationSettings
 

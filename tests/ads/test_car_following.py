@@ -32,8 +32,8 @@ from sumo_eval.ads.car_following import (
 from sumo_eval.ads.fuzzy_safety_model import FuzzySafetyModel
 from sumo_eval.ads.lane_changer import LaneChanger
 from sumo_eval.ads.r157_careful_driver import CarefulDriver
+from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.entry import made
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import Actor, Start
 
 IDM = IdmParameters(headway=1.2, standstill_gap=2.0, acceleration=1.5, deceleration=2.0)

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from road_scenes import at_values
 
+from sumo_eval import Command, Plan
+from sumo_eval.cosim import simulate_many
 from sumo_eval.cosim.doors.controller import SHIPPED
-from sumo_eval.cosim.plans import Plan
-from sumo_eval.cosim.simulation import simulate_many
-from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 

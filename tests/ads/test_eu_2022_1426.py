@@ -4,7 +4,7 @@ import pytest
 
 from sumo_eval.ads.eu_2022_1426 import SEATED, STANDING
 from sumo_eval.ads.reg157 import avoidable_ttc
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim import simulate
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, constant_lateral
 
 ROAD = Road("eu_2022_1426_2x3.5m", 2000.0, 2, 3.5, 200.0)

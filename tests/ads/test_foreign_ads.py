@@ -15,9 +15,9 @@ import pytest
 from ads_cases import CUT_OUT, EXAMPLES, SLOWER
 from road_scenes import clips_of
 
+from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.observation import Observation
-from sumo_eval.cosim.simulation import simulate
-from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario import Road
 from sumo_eval.scenario.touch import Body
 from sumo_eval.settings import SimulationSettings
 

@@ -11,12 +11,11 @@ from road_scenes import DECIDED, actor, at_point, case, drawn_cases, severities,
 
 from sumo_eval.ads.foresight import evasion, foresee
 from sumo_eval.ads.known_answers import IdealBraking, safe_gap
+from sumo_eval.cosim import Command, simulate
 from sumo_eval.cosim.doors.controller import SHIPPED
-from sumo_eval.cosim.simulation import simulate
-from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.method.criticality import ideal_impact_speed
-from sumo_eval.scenario import Actor, Start, catalogue
-from sumo_eval.scenario.concrete import Way, brake_to_stop, constant_lateral
+from sumo_eval.scenario import Actor, Start, brake_to_stop, catalogue, constant_lateral
+from sumo_eval.scenario.concrete import Way
 from sumo_eval.settings import SimulationSettings
 
 SCRIPTED = sorted(name for name in catalogue.SCENARIOS if catalogue.load(name).approach is not None)

@@ -8,7 +8,7 @@ from refusals import refusal
 from road_scenes import ROAD, actor, case, grid, low_speed
 
 from sumo_eval.ads import IdealBraking
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim import simulate
 from sumo_eval.method.criticality import ideal_impact_speed
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings, VehicleSettings

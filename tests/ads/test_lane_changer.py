@@ -14,7 +14,7 @@ from road_scenes import (
     safe_cut_outs,
 )
 
-from sumo_eval.cosim.simulation import simulate, simulate_many
+from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.scenario import Actor, Start
 from sumo_eval.scenario.road.lanes import LaneSpan
 

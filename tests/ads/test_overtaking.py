@@ -145,8 +145,7 @@ def test_the_gap_behind_is_that_of_un_r79():
     # The regulation reckons from when the ego's side is at the line: 0.85 m of 3.5 m, by a smooth
     # step. Until then, and 0.4 s more, whoever is behind comes nearer undiminished.
     closing, speed = 12.0, 20.0
-    path = decide(ahead(60.0, 10.0))[0].path
-    to_the_line = path.length / speed * share_of_duration(0.85 / 3.5)
+    to_the_line = decide(ahead(60.0, 10.0))[0].path.length / speed * share_of_duration(0.85 / 3.5)
     assert 1.0 < to_the_line < 3.0
     critical = closing * (to_the_line + 0.4) + closing**2 / (2.0 * 3.0) + speed * 1.0
     for margin, free in ((-0.01, False), (0.01, True)):

@@ -32,11 +32,10 @@ from sumo_eval.ads.r157 import (
 from sumo_eval.ads.r157_careful_driver import _WATCHED, CarefulDriver, _look_at, needed_deceleration
 from sumo_eval.ads.reg157 import Reg157, avoidable_ttc, reg157_braking
 from sumo_eval.ads.rss import lateral_safe_distance, longitudinal_safe_distance
+from sumo_eval.cosim import simulate
 from sumo_eval.cosim.records import MOVER
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import drive
-from sumo_eval.scenario import Actor, Start
-from sumo_eval.scenario.concrete import brake_to_stop, constant_lateral
+from sumo_eval.scenario import Actor, Start, brake_to_stop, constant_lateral
 from sumo_eval.settings import VehicleSettings
 
 DRIVERS = ["careful_driver", "careful_driver_aeb", "fsm", "rss", "reg157", "eu_2022_1426"]

@@ -9,7 +9,7 @@ import pytest
 from ads_cases import EXAMPLES, SLOWER
 from road_scenes import clips_of
 
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim import simulate
 from sumo_eval.settings import SimulationSettings
 
 STAND_IN = Path(__file__).parent / "ros_stand_in"

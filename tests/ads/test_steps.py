@@ -8,7 +8,7 @@ import pytest
 from campaign_share import SHARE
 from road_scenes import ROAD, at_point, drawn_cases
 
-from sumo_eval.cosim.simulation import simulate, simulate_many
+from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.settings import SimulationSettings

@@ -4,7 +4,7 @@ import pytest
 from commands import sumo_eval
 from laid import read_json
 
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim import simulate
 from sumo_eval.extras.bench.costs import SETTINGS, TenLines, set_speed
 from sumo_eval.scenario import catalogue
 

@@ -224,8 +224,7 @@ def install(site, entry):
 def test_an_installed_package_brings_a_command_of_its_own(site):
     install(site, "weather = weather_tool:weather")
     assert sumo_eval("weather").said == "dry\n"
-    shown = sumo_eval("--help").said
-    assert "Say what the weather is." in shown.partition(f"{cli.FURTHER}:")[2]
+    assert "Say what the weather is." in sumo_eval("--help").said.partition(f"{cli.FURTHER}:")[2]
 
 
 @pytest.mark.parametrize(

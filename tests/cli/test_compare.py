@@ -93,8 +93,7 @@ def test_a_wrong_pair_and_a_folder_without_a_run_are_refused(builds):
 """,
         str.split,
     ):
-        done = compared(builds, *arguments, new="repeat", status=2)
-        assert sentence in done.stderr
+        assert sentence in compared(builds, *arguments, new="repeat", status=2).stderr
     assert not kept.exists(), "they are refused before anything is scored"
     assert "is not a run folder" in sumo_eval("compare", builds, builds / "base", status=2).stderr
 

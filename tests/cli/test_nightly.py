@@ -57,8 +57,7 @@ def week(tmp_path_factory):
     file, outputs = evaluation(folder), []
     for fault, status in (("", 0), ("", 0), ("30, 0:sleeps", 1), ("20, 0:raises", 1)):
         plant(folder, fault)
-        done = nightly(file, folder / "history", "--keep", "2", status=status)
-        outputs.append(done.stdout)
+        outputs.append(nightly(file, folder / "history", "--keep", "2", status=status).stdout)
     return folder, outputs
 
 
@@ -322,8 +321,7 @@ def test_a_damaged_accepted_night_fails_until_another_is(week, tmp_path):
     assert any(first.night in note for note in result.notes)
 
     sumo_eval("accept", history, "--reason", "the accepted one was damaged")
-    again = run(folder / "evaluation.toml", history)
-    assert again.night.verdict.startswith("THE SAME as")
+    assert run(folder / "evaluation.toml", history).night.verdict.startswith("THE SAME as")
 
 
 def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):

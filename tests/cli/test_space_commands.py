@@ -62,8 +62,7 @@ def test_the_same_seed_samples_the_same_points_and_another_seed_others(tmp_path)
     ],
 )
 def test_sample_refuses(tmp_path, arguments, sentence):
-    done = sumo_eval("sample", *arguments, "--out", tmp_path / "out", status=2)
-    assert sentence in done.stderr
+    assert sentence in sumo_eval("sample", *arguments, "--out", tmp_path / "out", status=2).stderr
 
 
 @pytest.mark.parametrize("what, key", [("scenario", "parameter"), ("evaluation", "ads")])

@@ -9,11 +9,10 @@ from lxml import etree
 from road_scenes import ROAD, assert_as_alone, at_values, case, clips_of, lead
 
 from sumo_eval import Command
+from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.cosim.doors.features import Action, Feature, Interface
-from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.sumo.sumo_files import network_xml
-from sumo_eval.scenario import Actor, Start, constant_lateral, lane_change
-from sumo_eval.scenario.concrete import brake_to_stop
+from sumo_eval.scenario import Actor, Start, brake_to_stop, constant_lateral, lane_change
 from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.reference_line import Piece, arc, map_places
 from sumo_eval.settings import SimulationSettings

@@ -12,6 +12,7 @@ from road_scenes import HALF_SECOND, case, clips_of, lead, under
 from tables import rows_of
 
 from sumo_eval import Command
+from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.cosim.doors.controller import find_controller
 from sumo_eval.cosim.doors.entry import (
     Entry,
@@ -20,7 +21,6 @@ from sumo_eval.cosim.doors.entry import (
     split_entry,
     take_load_report,
 )
-from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.record.recording import planner
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import (
@@ -190,8 +190,7 @@ def test_a_late_answer_is_late_once_and_not_at_every_step_that_it_holds():
         return -1.0
 
     budget = under(step_budget=0.02)
-    found = simulate(case(), slow, budget, period=0.25)
-    assert clips_of(found)["late_command"].count == 2
+    assert clips_of(simulate(case(), slow, budget, period=0.25))["late_command"].count == 2
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from road_scenes import HALF_SECOND, case
 
+from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.fault_place import fault_place
-from sumo_eval.cosim.simulation import simulate
 
 ADS = """import numpy as np
 import fault_place_helper

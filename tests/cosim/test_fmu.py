@@ -16,10 +16,10 @@ from loaded import ROOT
 from refusals import refusal, refused
 from road_scenes import HALF_SECOND, case, clips_of, lead
 
+from sumo_eval.cosim import Command, simulate
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.fmu import FmuPlant
-from sumo_eval.cosim.simulation import simulate
-from sumo_eval.cosim.vehicle_model import Command, EgoState
+from sumo_eval.cosim.vehicle_model import EgoState
 from sumo_eval.settings import PlantSettings, SimulationSettings
 from sumo_eval.settings.config import settings_from, to_plain
 
@@ -153,8 +153,7 @@ def test_nothing_is_asked_of_an_fmu_after_fatal(fmus, monkeypatch, call):
     for later in ("terminate", "freeInstance"):
         name = f"fmpy.fmi2.FMU2Slave.{later}"
         monkeypatch.setattr(name, lambda self, later=later: calls.append(later))
-    found = simulate(case(lead(50.0)), MAPPED, HALF_SECOND, folder=fmus)
-    assert found.end_reason == "ads_error"
+    assert simulate(case(lead(50.0)), MAPPED, HALF_SECOND, folder=fmus).end_reason == "ads_error"
     assert calls == ["fatal"]
 
 

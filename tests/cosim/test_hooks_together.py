@@ -21,10 +21,9 @@ import pytest
 from road_scenes import assert_as_alone, case, lead, once
 
 from sumo_eval import Command, kernels
-from sumo_eval.cosim import world
+from sumo_eval.cosim import simulate, simulate_many, world
 from sumo_eval.cosim.doors import traci_module, traci_view
 from sumo_eval.cosim.doors.kept_state import first_change, kept_state
-from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings

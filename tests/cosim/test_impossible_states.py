@@ -20,8 +20,7 @@ from road_scenes import (
     under,
 )
 
-from sumo_eval.cosim.simulation import simulate, simulate_many
-from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.cosim import Command, simulate, simulate_many
 from sumo_eval.scenario import Actor, Start, brake_to_stop, constant_lateral, lane_change
 from sumo_eval.scenario.played import CONSTANT, PATH, Act
 from sumo_eval.settings import SimulationSettings

@@ -13,8 +13,8 @@ from road_scenes import HALF_SECOND, ROAD, assert_whole, at_values, case, lead, 
 from tables import rows_of
 
 from sumo_eval import Command
+from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors import json_lines
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.settings import AdsSettings
 from sumo_eval.trajectory import CHANNELS
 
@@ -113,8 +113,7 @@ def test_the_protocol_line_by_line(tmp_path):
 
 
 def test_the_scenario_is_named_when_it_is_revealed():
-    told = under(reveal_scenario=True)
-    found = shell('read brief; echo "$brief" >&2; echo no', settings=told)
+    found = shell('read brief; echo "$brief" >&2; echo no', settings=under(reveal_scenario=True))
     assert '"scenario":"test","values":{}' in found.log
 
 

@@ -16,11 +16,10 @@ from road_scenes import HALF_SECOND, ROAD, case, clips_of, lead
 from tables import values_of
 
 import sumo_eval.cosim.sumo.session as session_module
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim import Command, simulate
 from sumo_eval.cosim.sumo import insides
 from sumo_eval.cosim.sumo.session import session
 from sumo_eval.cosim.sumo.sumo_files import SIMULATION_OPTIONS, routes_xml
-from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import SimulationError
 from sumo_eval.scenario import Actor, Start, lane_change
 from sumo_eval.settings import SimulationSettings, VehicleSettings
@@ -312,8 +311,7 @@ def test_a_move_that_no_step_carries_out_does_not_reach_the_next_case(fails, end
 def test_one_generator_a_lane_draws_what_sumos_own_64_draw(monkeypatch):
     def drives():
         for model in ("sumo:EIDM?sigmaerror=0.5", "sumo:Krauss?sigma=0.9"):
-            found = simulate(case(lead(gap=20.0, speed=15.0)), model, HALF_SECOND)
-            yield found.ego.x.tobytes()
+            yield simulate(case(lead(gap=20.0, speed=15.0)), model, HALF_SECOND).ego.x.tobytes()
 
     few = list(drives())
     start = libsumo.start

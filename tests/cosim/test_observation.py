@@ -11,13 +11,11 @@ import pytest
 from refusals import refusal
 from road_scenes import HALF_SECOND, ROAD, case, clips_of, lead, under
 
+from sumo_eval import Command, Plan
+from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.cosim.doors.features import Action, Feature, Interface
 from sumo_eval.cosim.doors.observation import Observation, Perception, signal_names
-from sumo_eval.cosim.plans import Plan
-from sumo_eval.cosim.simulation import simulate, simulate_many
-from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.scenario import Actor, Start
-from sumo_eval.scenario.concrete import brake_to_stop
+from sumo_eval.scenario import Actor, Start, brake_to_stop
 from sumo_eval.scenario.touch import Body
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.settings.config import settings_from

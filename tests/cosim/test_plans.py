@@ -9,8 +9,8 @@ import pytest
 from road_scenes import HALF_SECOND, case, clips_of, lead
 
 from sumo_eval import Command, Plan
+from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.cosim.plans import Executor
-from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.settings import SimulationSettings, TrackerSettings
 
 LONG = SimulationSettings(time_limit=12.0)

@@ -12,8 +12,8 @@ import pytest
 from refusals import refusal
 from road_scenes import HALF_SECOND, case, lead
 
+from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.controller import load_controller
-from sumo_eval.cosim.simulation import simulate
 
 if "REFERENCE_FMUS" not in os.environ:
     pytest.skip(

@@ -16,9 +16,8 @@ from road_scenes import HALF_SECOND, ROAD, assert_whole, case, clips_of, every_p
 from tables import rows_of
 
 import sumo_eval.cosim.sumo.session as session_module
+from sumo_eval.cosim import Command, simulate, simulate_many
 from sumo_eval.cosim.doors.controller import NativeModel, load_controller
-from sumo_eval.cosim.simulation import simulate, simulate_many
-from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import (
     Actor,

@@ -18,12 +18,11 @@ from tables import rows_of
 from traci._vehicle import VehicleDomain
 from traci._vehicletype import VehicleTypeDomain
 
+from sumo_eval.cosim import Command, simulate
 from sumo_eval.cosim.doors.contract import check_controller
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
 from sumo_eval.cosim.doors.traci_numbers import ARGUMENTS, IGNORED, LONGEST, breach
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.sumo.session import session
-from sumo_eval.cosim.vehicle_model import Command
 
 RECORD = under(interference="record")
 
@@ -405,8 +404,7 @@ def test_the_table_has_every_call_of_libsumo_that_writes_and_its_arguments_in_th
     of_traci = DOMAINS[domain][1]
     for call, names in ARGUMENTS[domain].items():
         # after `self` and the name
-        told = tuple(inspect.signature(getattr(of_traci, call)).parameters)[2:]
-        assert names == told, call
+        assert names == tuple(inspect.signature(getattr(of_traci, call)).parameters)[2:], call
 
 
 @pytest.mark.parametrize("domain, call", CALLS)

@@ -6,9 +6,9 @@ import pytest
 from refusals import refusal
 from road_scenes import HALF_SECOND, assert_whole, at_values, case, clips_of, lead
 
+from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.traci_program import sumo_binary
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.settings import SimulationSettings
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from road_scenes import clips_of, scenario_of
 
-from sumo_eval.cosim.simulation import simulate, simulate_many
+from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Model, Road, Start
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording
@@ -235,8 +235,7 @@ end = {{ x = 400.0, time = 2.0 }}
 vehicle = [{{ name = "lead", gap = 90.0, speed = "v", manoeuvre = [
     {{ do = "follow", when = "speed(ego) > 1", begin = {begin}, model = "IDM", speed = 30.0 }}] }}]
 """)
-    concrete = logical.concrete(v=20.0)
-    lead = simulate(concrete, "no_reaction", settings).actors["lead"]
+    lead = simulate(logical.concrete(v=20.0), "no_reaction", settings).actors["lead"]
     driven = 0.5 * (lead.speed[1:] + lead.speed[:-1]) * np.diff(lead.time)
     np.testing.assert_allclose(np.diff(lead.x), driven, rtol=0, atol=1e-9)
     assert (lead.speed > 20.0).tolist() == (lead.time > begin + 0.04).tolist()

@@ -18,8 +18,8 @@ from example_files import write_needs
 from tables import rows_of, values_of
 
 from sumo_eval.cli import commands, main
+from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.features import read_interface
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.extras.openscenario.points import read_mapping
 from sumo_eval.extras.rates.campaign import read_campaign
 from sumo_eval.extras.wheel.plan import read_study

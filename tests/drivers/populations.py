@@ -1,6 +1,6 @@
 """Populations of synthetic drivers, and what they do in a concrete scenario."""
 
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim import simulate
 from sumo_eval.drivers.synthetic.driver import SyntheticDriver
 from sumo_eval.drivers.synthetic.population import AS_RECORDED, draw_driver
 

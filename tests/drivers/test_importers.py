@@ -271,8 +271,7 @@ def test_noise_of_positions_is_no_wrong_heading(tmp_path):
     table = pd.read_csv(_plain(tmp_path / "plain.csv"))
     table["y"] += np.resize([0.6, -0.6], len(table))
     table.to_csv(tmp_path / "noisy.csv", index=False)
-    found = import_recordings("csv", [tmp_path / "noisy.csv"]).table
-    assert found["heading"].abs().median() < 1e-6
+    assert import_recordings("csv", [tmp_path / "noisy.csv"]).table["heading"].abs().median() < 1e-6
 
 
 def test_events_report_what_no_event_can_have(tmp_path):

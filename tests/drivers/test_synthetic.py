@@ -20,8 +20,8 @@ from road_scenes import (
 )
 
 from sumo_eval.ads.perception import carry_on
+from sumo_eval.cosim import simulate
 from sumo_eval.cosim.records import MOVER
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.synthetic.driver import (
     ATTENTION,
     LOOK,

@@ -18,6 +18,7 @@ from standard_run import SCENARIOS
 from tables import rows_of
 
 import sumo_eval
+from sumo_eval import Trajectory
 from sumo_eval.evaluation import zone_partitions
 from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw
 from sumo_eval.extras.figures.of_scores import intervals
@@ -27,7 +28,6 @@ from sumo_eval.nightly.history import open_history
 from sumo_eval.nightly.night import import_runs
 from sumo_eval.report.html import write_report
 from sumo_eval.scenario.road.reference_line import arc
-from sumo_eval.trajectory import Trajectory
 
 pytest.importorskip("matplotlib")
 

@@ -42,7 +42,6 @@ def test_a_changed_drive_a_changed_score_and_a_lost_drive_are_each_named():
 
 @pytest.mark.campaign
 def test_the_table_of_the_readme_is_what_the_papers_evaluation_comes_to(tmp_path):
-    readme = (ROOT / "README.md").read_text()
-    table = readme.split("```\n      ")[1].split("\n```")[0].splitlines()
+    table = (ROOT / "README.md").read_text().split("```\n      ")[1].split("\n```")[0].splitlines()
     lines = score_lines(sumo_eval.evaluate(PAPER_EVALUATION, tmp_path / "run"))
     assert [line.split() for line in table] == [unstyle(line).split() for line in lines]

@@ -13,8 +13,8 @@ from refusals import refusal
 from road_scenes import at_values
 
 import sumo_eval.gym
+from sumo_eval.cosim import simulate
 from sumo_eval.cosim.pack import Pack
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.extras.gym.episodes import Transition
 from sumo_eval.gym import Action, Feature, Interface, usual, usual_reward
 from sumo_eval.scenario import catalogue

@@ -10,8 +10,8 @@ import pytest
 from loaded import ROOT
 from road_scenes import at_values
 
+from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.controller import load_controller
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.settings import SimulationSettings
 
 EXAMPLES = ROOT / "docs" / "examples"

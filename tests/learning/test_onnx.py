@@ -13,8 +13,8 @@ from onnx import TensorProto, helper, numpy_helper
 from refusals import refusal
 
 import sumo_eval.gym
+from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.cosim.doors.controller import find_controller, load_controller
-from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.errors import ControllerError
 from sumo_eval.gym import Action, Feature, Interface, usual
 from sumo_eval.record.identity import locator_identity
@@ -179,8 +179,7 @@ def test_its_identity_holds_the_model_and_its_table(tmp_path):
     path = linear(tmp_path)
     before = locator_identity(("ADS", "onnx:policy.onnx"), tmp_path)
     assert "policy.toml" in str(before)
-    table = path.with_suffix(".toml")
-    replace_in(table, "3.0", "2.0")
+    replace_in(path.with_suffix(".toml"), "3.0", "2.0")
     after = locator_identity(("ADS", "onnx:policy.onnx"), tmp_path)
     assert before != after
     deep(tmp_path)

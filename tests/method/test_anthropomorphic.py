@@ -12,6 +12,7 @@ from refusals import refusal
 from tables import rows_of, values_of
 from twins import anthropomorphic as twin
 
+from sumo_eval import Trajectory
 from sumo_eval.method import anthropomorphic as module
 from sumo_eval.method.anthropomorphic import (
     anthropomorphic_index,
@@ -29,7 +30,6 @@ from sumo_eval.method.index_terms import IndexNote, gaussian_similarity
 from sumo_eval.method.operations import most_operations
 from sumo_eval.scenario.concrete import Road, smooth_step
 from sumo_eval.settings import AnthropomorphicSettings, FieldSettings
-from sumo_eval.trajectory import Trajectory
 
 # y from -1.75 to 5.25 m
 ROAD = Road(name="test", length=60.0, lanes=2, lane_width=3.5, run_out=100.0)

@@ -100,13 +100,11 @@ def test_law_a_crossing_vehicle_counts_as_long_as_the_ego_would_find_it_in_its_w
     """),
 )
 def test_law_bodies_touch_as_they_lie_also_between_two_looks(name, point, hits):
-    found = criticality(catalogue.load(name), np.array([point]), ZONES)
-    assert np.isinf(found.inverse[0]) == hits
+    assert np.isinf(criticality(catalogue.load(name), np.array([point]), ZONES).inverse[0]) == hits
 
 
 def test_without_a_meeting_there_is_no_conflict():
-    concrete = scene(20.0, {"speed": 5.0, "heading": 90.0, "x": 75.0, "y": -20.0})
-    assert critical(concrete)[0] == 0.0
+    assert critical(scene(20.0, {"speed": 5.0, "heading": 90.0, "x": 75.0, "y": -20.0}))[0] == 0.0
 
 
 def test_law_a_merge_behind_a_slower_vehicle_is_the_approach_to_it():

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tables import values_of
 
+from sumo_eval import Trajectory
 from sumo_eval.method.driving_task import (
     asked_way,
     first_departure,
@@ -19,7 +20,6 @@ from sumo_eval.method.driving_task import (
 )
 from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.scenario.road.lanes import Crossing
-from sumo_eval.trajectory import Trajectory
 
 ROAD = Road("road", 400.0, 2, 3.5, 0.0)
 
@@ -83,8 +83,7 @@ def test_across_a_crossing_road_its_corners_count(x, y, off):
 
 
 def test_a_departure_weighs_as_a_full_width_contact_with_a_standing_car():
-    found = first_departure(DRIFTS, ROAD, 0.5)
-    contact = roadside_contact(found, 1.0)
+    contact = roadside_contact(first_departure(DRIFTS, ROAD, 0.5), 1.0)
     assert contact.relative_speed == 20.0
     assert contact.overlap == 1.0
     assert contact.side == "front"

@@ -9,6 +9,7 @@ import pytest
 from drivers.real_data import needs_recordings, recording
 from scipy.integrate import cumulative_trapezoid
 
+from sumo_eval import Trajectory
 from sumo_eval.method.anthropomorphic import anthropomorphic_index, indexes_by_group
 from sumo_eval.method.index_terms import IndexNote
 from sumo_eval.method.manoeuvres import chosen, manoeuvre_of, spread
@@ -16,7 +17,6 @@ from sumo_eval.record.human_reference import band_pairings
 from sumo_eval.report.explain import _factors
 from sumo_eval.scenario.concrete import Road, smooth_step
 from sumo_eval.settings import AnthropomorphicSettings
-from sumo_eval.trajectory import Trajectory
 
 ROAD = Road("straight", 300.0, 2, 3.5, 0.0)
 MIXTURE = AnthropomorphicSettings(mode="mixture", slice_spacing=2.0)

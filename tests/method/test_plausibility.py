@@ -13,6 +13,7 @@ from refusals import refusal
 from road_scenes import ROAD
 from scipy.integrate import cumulative_trapezoid
 
+from sumo_eval import Trajectory
 from sumo_eval.method import plausibility as module
 from sumo_eval.method.anthropomorphic import operation_tolerance
 from sumo_eval.method.measures import course_of, smooth_motion
@@ -25,7 +26,6 @@ from sumo_eval.method.plausibility import (
     quantiles_of,
 )
 from sumo_eval.scenario.concrete import smooth_step
-from sumo_eval.trajectory import Trajectory
 
 CALM = {
     "min_ttc": math.inf,

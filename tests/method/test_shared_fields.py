@@ -7,14 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from road_scenes import at_point
 
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval import Trajectory
+from sumo_eval.cosim import simulate
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.method import shared_fields as module
 from sumo_eval.method.compared_drives import lateral_position, slice_points, slice_positions
 from sumo_eval.method.shared_fields import SharedFields, Stretch
 from sumo_eval.method.trajectory_field import trajectory_fields
 from sumo_eval.settings import FieldSettings
-from sumo_eval.trajectory import Trajectory
 
 PLAIN = FieldSettings()
 ERROR = 1e-11  # relative, what the module promises

@@ -12,11 +12,11 @@ from refusals import refusal
 from tables import rows_of, values_of
 from twins import trajectory_field as twin
 
+from sumo_eval import Trajectory
 from sumo_eval.method import trajectory_field as module
 from sumo_eval.method.field_loops import magnitude_sum
 from sumo_eval.method.trajectory_field import trajectory_field, trajectory_fields
 from sumo_eval.settings import FieldSettings
-from sumo_eval.trajectory import Trajectory
 
 STEP = 0.1
 
@@ -248,8 +248,7 @@ def test_vectors_cancel_on_the_path_where_magnitudes_peak():
 
 
 def test_numba_is_imported_late():
-    script = "import sys, sumo_eval.method.trajectory_field; sys.exit('numba' in sys.modules)"
-    python(script)
+    python("import sys, sumo_eval.method.trajectory_field; sys.exit('numba' in sys.modules)")
 
 
 # --- refusals -------------------------------------------------------------------------------------

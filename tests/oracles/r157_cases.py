@@ -6,10 +6,9 @@ import pytest
 from loaded import ROOT
 from road_scenes import at_values
 
-from sumo_eval.cosim.simulation import simulate
-from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
+from sumo_eval.cosim import simulate
+from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, brake_to_stop, constant_lateral
 from sumo_eval.scenario.catalogue import load
-from sumo_eval.scenario.concrete import brake_to_stop, constant_lateral
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
 TABLES = ROOT.parent / "shared" / "data" / "r157"

@@ -7,8 +7,7 @@ import math
 import pytest
 from loaded import ROOT
 
-from sumo_eval.cosim.simulation import simulate
-from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.cosim import Command, simulate
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 

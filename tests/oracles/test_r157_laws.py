@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from r157_cases import EGO_X, LANE, SETTINGS, cut_in
 
-from sumo_eval.cosim.simulation import simulate, simulate_many
+from sumo_eval.cosim import simulate, simulate_many
 
 CONTROLLERS = ["careful_driver", "reg157"]
 ONE_IN_THE_SUITE = [CONTROLLERS[0], pytest.param(CONTROLLERS[1], marks=pytest.mark.campaign)]

@@ -9,7 +9,7 @@ from ads.test_steps import least_gap
 from r157_cases import LENGTH, SETTINGS, collides, of_row, table
 
 from sumo_eval.ads.fuzzy_safety_model import FuzzySafetyModel
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim import simulate
 
 
 class FsmAsCoded(FuzzySafetyModel):

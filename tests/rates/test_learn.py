@@ -169,8 +169,7 @@ def test_a_table_without_motor_vehicles_is_refused(tmp_path):
     path = tmp_path / "people.csv"
     rows = [f"r,a,{t / 10:.1f},{t / 10:.1f},0,0.5,0.5,pedestrian" for t in range(30)]
     path.write_text("recording,vehicle,t,x,y,length,width,class\n" + "\n".join(rows) + "\n")
-    result = sumo_eval("learn", path, "--out", tmp_path / "out", status=2)
-    assert "motor vehicles" in result.said
+    assert "motor vehicles" in sumo_eval("learn", path, "--out", tmp_path / "out", status=2).said
 
 
 def test_the_exact_poisson_limits():

@@ -15,7 +15,7 @@ from refusals import refusal
 from road_scenes import scenario_of
 from tables import rows_of
 
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim import simulate
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, write_csv
 from sumo_eval.evaluation import evaluate
 from sumo_eval.extras.rates.departures import SceneDrive, write_departures

@@ -16,8 +16,7 @@ from refusals import refusal
 from tables import rows_of, values_of
 
 from sumo_eval.cli.stopping import heard
-from sumo_eval.cosim.simulation import simulate
-from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.cosim import Command, simulate
 from sumo_eval.record.cases import Case
 from sumo_eval.record.claims import affinity_of_ads
 from sumo_eval.record.engines import LATE, is_late_by_chance, run_batches, run_cases

@@ -29,8 +29,7 @@ def test_facts_depend_on_the_code_that_makes_them_and_on_the_scenario_files(tmp_
         "ads/car_following.py",
         "record/worker.py",
     } <= set(as_it_was)
-    file = copy / "scenario" / "files" / "cut_in.toml"
-    replace_in(file, "high = 40.0", "high = 39.0")
+    replace_in(copy / "scenario" / "files" / "cut_in.toml", "high = 40.0", "high = 39.0")
     (copy / "report" / "html.py").unlink()  # the report makes no facts
     changed = {name for name, found in sources_of_facts(copy).items() if found != as_it_was[name]}
     assert changed == {"scenario/files/cut_in.toml"}

@@ -13,7 +13,7 @@ from sumo_eval import kernels
 from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.record import loops
 from sumo_eval.record.cases import Case
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
+from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
 from sumo_eval.settings.config import PAPER_EVALUATION, read_evaluation
 
 LEAD = Actor("lead", Start(50.0, 0.0, 5.0))

@@ -6,9 +6,8 @@ import time as clock
 import pytest
 from road_scenes import at_values
 
+from sumo_eval.cosim import Command, simulate
 from sumo_eval.cosim.doors.controller import load_controller
-from sumo_eval.cosim.simulation import simulate
-from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.record.watch import watched
 from sumo_eval.settings import RunSettings, SimulationSettings
 

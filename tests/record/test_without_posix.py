@@ -72,8 +72,7 @@ count = 2
 
 @pytest.mark.campaign
 def test_every_module_can_be_imported_without_posix():
-    script = f"{IMPORT_ALL}{TAKE_AWAY}everything()"
-    python(script)
+    python(f"{IMPORT_ALL}{TAKE_AWAY}everything()")
 
 
 @pytest.mark.parametrize("how", [(), ("--dry-run",)])

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid
 
+from sumo_eval import Trajectory
 from sumo_eval.method.plausibility import EXTREMES, MOTORWAY_PEOPLE
 from sumo_eval.report import driving_words as words
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import Way
 from sumo_eval.scoring.drive_beside import CaseDrives
-from sumo_eval.trajectory import Trajectory
 
 FINE = {
     "length_factor": 1.0,

@@ -17,6 +17,7 @@ from lxml import etree
 from road_scenes import at_values
 
 import sumo_eval
+from sumo_eval import Trajectory
 from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
@@ -24,7 +25,6 @@ from sumo_eval.report.export_case import export_case
 from sumo_eval.scenario.catalogue import load
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import Trajectory
 
 FILE_PAGE = (ROOT / "docs" / "reference" / "scenario_file.md").read_text()
 SLOW_TRUCK = re.findall(r"```toml\n(name = .*?)```", FILE_PAGE, re.DOTALL)[0]

@@ -150,8 +150,7 @@ def test_a_comparison_has_a_suite_of_gates_and_one_test_a_case(evaluation, tmp_p
 
     def compared(comparison, settings):
         suites = comparison_suites(comparison, judge(other, comparison, settings))
-        path = write_junit(suites, tmp_path / "junit.xml")
-        return read(junitparser.JUnitXml.fromfile(str(path)))
+        return read(junitparser.JUnitXml.fromfile(str(write_junit(suites, tmp_path / "junit.xml"))))
 
     found = compared(compare(evaluation, other, settings), settings)
     assert found["gates"][f"collided of {case.ads} in {case.scenario}"] == "failure"

@@ -202,8 +202,7 @@ def test_a_case_without_a_recording_and_a_companion_that_was_not_there_get_a_sen
 
 def test_a_companion_without_a_recording_is_not_called_unknown(evaluation, tmp_path):
     crashed = next(case for case in evaluation.cases if case.status == "crashed")
-    facts = evaluation.folder / FACTS
-    with open_store(facts) as store:
+    with open_store(evaluation.folder / FACTS) as store:
         point = store.fact(crashed.case).point
         (other, *_) = (
             it

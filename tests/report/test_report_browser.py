@@ -12,11 +12,11 @@ from packed_pages import unpacked, with_packed
 from page_checks import CONTRAST, WRITTEN_IN_CELLS, press, size
 from report_cases import pick
 
+from sumo_eval import Trajectory
 from sumo_eval.method.trajectory_field import trajectory_field
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, encode_trajectories
 from sumo_eval.report.words import LOOKS
 from sumo_eval.scoring.preventability import verdicts
-from sumo_eval.trajectory import Trajectory
 
 FIELD_JS = str(files("sumo_eval.report") / "templates" / "field.js")
 

@@ -9,7 +9,7 @@ from loaded import ROOT
 from refusals import refusal
 
 import sumo_eval
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim import simulate
 from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, scenario_from

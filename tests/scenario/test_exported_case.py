@@ -73,8 +73,7 @@ def test_a_written_curve_has_its_name_once(tmp_path):
     ({"actors": (Actor("a", Start(90.0, 0.0, 9.0), model=Model("IDM", 9.0)),)}, "actors that SUMO"),
 ])  # fmt: skip
 def test_no_scenario_file_leaves_out_what_an_exported_case_has(tmp_path, changes, what):
-    case = middle("front_vehicle_braking")
-    read = read_file(exported(tmp_path, replace(case, **changes)))
+    read = read_file(exported(tmp_path, replace(middle("front_vehicle_braking"), **changes)))
     with refusal(f"no words for {what}"):
         scenario_content(read, {})
 

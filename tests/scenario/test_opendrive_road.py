@@ -16,7 +16,7 @@ from tables import rows_of, values_of
 from sumo_eval.cosim.openscenario import opendrive_xml
 from sumo_eval.cosim.sumo.sumo_files import network_xml
 from sumo_eval.extras.openscenario.network import Lane, MapRoad, read_network
-from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario import Road
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.road.lanes import Crossing, LaneSpan
 from sumo_eval.scenario.road.opendrive import read_opendrive

@@ -15,8 +15,7 @@ from refusals import refusal
 from scipy.integrate import cumulative_trapezoid
 from tables import rows_of, values_of
 
-from sumo_eval.cosim.simulation import simulate
-from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.cosim import Command, simulate
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario import reading
 from sumo_eval.extras.openscenario.collections import uses_of
@@ -26,9 +25,8 @@ from sumo_eval.extras.openscenario.logical import concrete, concrete_points, rea
 from sumo_eval.extras.openscenario.moves import synchronized
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.written import scenario_content, write_scenario
-from sumo_eval.scenario import motion, played
+from sumo_eval.scenario import lane_change, motion, played
 from sumo_eval.scenario.catalogue import find
-from sumo_eval.scenario.concrete import lane_change
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import SimulationSettings
@@ -151,8 +149,7 @@ def acts_of(folder, *changes, **parts):
 
 def driven(folder, *changes, **parts):
     """The other's drive in a file with texts replaced, beside an ego that does nothing."""
-    case = only_case(changed(folder, *changes, **parts))
-    return simulate(case, "no_reaction").actors["Other"]
+    return simulate(only_case(changed(folder, *changes, **parts)), "no_reaction").actors["Other"]
 
 
 def test_a_scenario_file_is_a_space_of_one_point_with_everybody_where_it_says(tmp_path):
@@ -553,8 +550,7 @@ def test_a_trajectory_crosses_a_curved_road_straight_on_the_map(tmp_path):
     one 10 m before: on the map its places lie on the chord between both ends, 1.5 m ahead of where
     its axle is.
     """
-    follow = _following(_line(_at(1, 70.0), _at(-1, 60.0)))
-    middle, event = (' offset="0.25"', ""), timed(follow, 0)
+    middle, event = (' offset="0.25"', ""), timed(_following(_line(_at(1, 70.0), _at(-1, 60.0))), 0)
     logical = find(str(changed(tmp_path, middle, events=event, v="10", curvature=0.002)))
     scene = logical.concrete(only=0.0)
     assert logical.road.bent
@@ -1018,8 +1014,7 @@ def test_the_only_entity_with_a_controller_is_the_ego(tmp_path):
     controlled = ('entryName="car"/></ScenarioObject>',
         'entryName="car"/><ObjectController><Controller name="c"/></ObjectController>'
         "</ScenarioObject>")  # fmt: skip
-    path = changed(tmp_path, controlled, ('"Ego"', '"hero"'))
-    assert only_case(path).actors[0].name == "Other"
+    assert only_case(changed(tmp_path, controlled, ('"Ego"', '"hero"'))).actors[0].name == "Other"
 
 
 def test_the_only_entity_is_the_ego(tmp_path):
@@ -1056,8 +1051,7 @@ def test_speed_and_distance_are_kept_while_the_ego_brakes(tmp_path, action, far)
     """The other starts 50 m ahead and gains 2 m/s, until the ego stands; or keeps 30 m between
     bodies of 4 and 6 m, or 3 s at the ego's speed; within limits it never brakes harder.
     """
-    brake = f"<LongitudinalAction>{action}</LongitudinalAction>"
-    events = timed(brake, 0)
+    events = timed(f"<LongitudinalAction>{action}</LongitudinalAction>", 0)
     path = changed(tmp_path, ('ds="50" offset="0.25"', 'ds="50" offset="3"'), events=events)
     drive = simulate(only_case(path), lambda *_: Command(-2.0))
     other = drive.actors["Other"]
@@ -1079,8 +1073,7 @@ def test_an_edge_needs_the_opposite_before(tmp_path):
     above = CUT_IN.replace('rule="lessThan"', 'rule="greaterThan"')
     for edge, latches in (("rising", 1), ("falling", 0), ("risingOrFalling", 0), ("none", 0)):
         events = above.replace('conditionEdge="rising"', f'conditionEdge="{edge}"')
-        acts = acts_of(tmp_path, events=events)
-        assert sum(act.offset == 0.0 for act in acts) == latches, edge
+        assert sum(act.offset == 0.0 for act in acts_of(tmp_path, events=events)) == latches, edge
 
 
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
@@ -1196,8 +1189,7 @@ def test_a_pedestrian_of_euro_ncap_meets_the_bumper_where_the_protocol_says():
     """CPNA at 50 %: when an ego that keeps 30 km/h has its bumper at the pedestrian's near side,
     its hip (0.06 m ahead of its centre) is on the ego's middle line; it walks 5 km/h over the 3 m
     before, which it reaches in 1 m."""
-    logical = read_file(NCAP / "CPNA.xosc").logical
-    scene = logical.concrete(Ego_speed_kph=30.0, ImpactLocation=50.0)
+    scene = read_file(NCAP / "CPNA.xosc").logical.concrete(Ego_speed_kph=30.0, ImpactLocation=50.0)
     (walker,) = scene.actors
     bumper = scene.ego.x + 0.5 * scene.ego_body.length
     arrives = (walker.start.x - 0.25 - bumper) / scene.ego.speed

@@ -1,27 +1,31 @@
 """Public catalogues of OpenSCENARIO files by their names, and what they say beside our own
 scenarios."""
 
+import itertools
 import math
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from laid import replace_in
 from refusals import refusal
 
 from sumo_eval.ads.r157 import HUMAN_BRAKING
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim import simulate
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.record.facts import resolve
+from sumo_eval.scenario import lane_change
 from sumo_eval.scenario.catalogue import find, load
-from sumo_eval.scenario.concrete import lane_change
 from sumo_eval.scenario.formats import expanded
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings import ScenarioSettings, SimulationSettings
-from tests.scenario.test_openscenario import CATALOGUES, needs_catalogues
+from tests.scenario.test_openscenario import ALKS, CATALOGUES, needs_catalogues
 from tests.scenario.test_openscenario import NCAP as STANDARD
 
-ALKS, NCAP = CATALOGUES / "osc_alks", CATALOGUES / "osc_ncap"
+NCAP = CATALOGUES / "osc_ncap"
+CUT_OUT = ALKS / "alks_scenario_4_5_1_cut_out_fully_blocking_variation.xosc"
 
 
 def test_a_catalogue_needs_a_folder_that_holds_it(tmp_path):
@@ -44,11 +48,9 @@ def test_a_catalogue_is_a_scenario_for_each_file_and_says_what_does_not_play(tmp
     assert len(settings.scenario) == 20 + 2 * 3
     assert not settings.scenario[0].not_played
     for name in ("CCRs.xosc", "CPNA.xosc"):
-        text = (NCAP / "OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange" / name).read_text()
-        (tmp_path / name).write_text(text)
-    base = (NCAP / "OpenSCENARIO/NCAP/CA-FC_2026/CCRs.xosc").resolve()
-    whole = (tmp_path / "CCRs.xosc").read_text()
-    (tmp_path / "CCRs.xosc").write_text(whole.replace("../../CCRs.xosc", str(base)))
+        shutil.copy(STANDARD / name, tmp_path)
+    base = (STANDARD / "../../CCRs.xosc").resolve()
+    replace_in(tmp_path / "CCRs.xosc", "../../CCRs.xosc", str(base))
     content["scenario"] = [{"use": "ncap_2026", "folder": str(tmp_path)}]
     settings = resolve(content, tmp_path, resume=False).settings
     assert [Path(entry.use).name for entry in settings.scenario] == ["CCRs.xosc"]
@@ -59,7 +61,7 @@ def test_a_catalogue_is_a_scenario_for_each_file_and_says_what_does_not_play(tmp
 
 @needs_catalogues
 def test_a_file_with_five_roads_is_five_scenarios():
-    file = ALKS / "logical_scenarios" / "alks_scenario_4_1_2_swerving_lead_vehicle_variation.xosc"
+    file = ALKS / "alks_scenario_4_1_2_swerving_lead_vehicle_variation.xosc"
     spaces = [find(entry.use) for entry in expanded((ScenarioSettings(str(file)),), Path())]
     assert len({space.name for space in spaces}) == 5
     assert [space.road.bent for space in spaces] == [False, True, True, True, True]
@@ -68,19 +70,18 @@ def test_a_file_with_five_roads_is_five_scenarios():
 
 @needs_catalogues
 def test_zones_are_searched_in_few_parameters_only():
-    file = ALKS / "logical_scenarios" / "alks_scenario_4_5_1_cut_out_fully_blocking_variation.xosc"
     with refusal(
         r"`zones=1` of alks_\S+.xosc must be asked of a file with at most 3 parameters .*, "
         r"got 5\."
     ):
-        find(f"{file}?zones=1")
+        find(f"{CUT_OUT}?zones=1")
 
 
 @needs_catalogues
 def test_a_vehicle_off_the_lanes_moves_the_same_set_twice(monkeypatch):
     """A pedestrian crosses a bend of 250 m: SUMO hears of him in one step of ten, or, as where an
     ADS asks, in each."""
-    file = ALKS / "logical_scenarios" / "alks_scenario_4_2_3_crossing_pedestrian_variation.xosc"
+    file = ALKS / "alks_scenario_4_2_3_crossing_pedestrian_variation.xosc"
     case = find(f"{file}?road=2").concrete(Ego_InitSpeed_Ve0_kph=60.0)
     assert case.road.bent
     assert case.actors[0].on_map is not None
@@ -127,57 +128,40 @@ def like_theirs(name, folder):
     return find(f"{name}.toml", folder)
 
 
+def their_cut_out(kph, gap, lateral):
+    """The imported cut-out, its obstacle `gap` m beyond the lead, which leaves with `lateral` m/s."""
+    return find(str(CUT_OUT)).concrete(
+        Ego_InitSpeed_Ve0_kph=kph, CutOutVehicle_RelativeTargetLane=1.0,
+        FrontOfLead_Distance_dx0_f_m=gap,
+        CutOutVehicle_LaneChange_MaxLateralVelocity_Vy_mps=lateral, TargetBlocking_Model=1.0,
+    )  # fmt: skip
+
+
 def ours_and_theirs(load):
     """Cases that our files and the imported ones both have: the other starts as far ahead, and does
     as much.
 
     load: our scenario by its name.
     """
-    found = []
-    for kph in (10, 20, 30, 40, 50):
-        theirs = find(str(STANDARD / "CCRs.xosc")).concrete(
-            Ego_speed_kph=float(kph), ImpactLocation=50.0
-        )
-        own = load("ncap_ccrs").concrete(ego_speed=kph / 3.6, overlap=1.0)
-        found.append((f"CCRs {kph}", own, theirs))
-    for kph, lead in ((30, 20), (50, 20), (80, 20), (100, 40), (130, 70)):
-        theirs = find(str(STANDARD / "CCRm.xosc")).concrete(
-            Ego_speed_kph=float(kph), ImpactLocation=50.0
-        )
-        own = load("ncap_ccrm").concrete(ego_speed=kph / 3.6, lead_speed=lead / 3.6, overlap=1.0)
-        found.append((f"CCRm {kph}", own, theirs))
-    for kph in (30, 50, 80):
-        theirs = find(str(STANDARD / "CCRb.xosc")).concrete(
-            Ego_speed_kph=float(kph), ImpactLocation=50.0
-        )
-        own = load("ncap_ccrb").concrete(
-            ego_speed=kph / 3.6,
-            overlap=1.0,
-            headway_distance=kph / 3.6,
-            lead_deceleration=4.0,
-        )
-        found.append((f"CCRb {kph}", own, theirs))
-    folder = ALKS / "logical_scenarios"
-    braking = find(
-        str(
-            folder
-            / "alks_scenario_4_3_2_follow_lead_vehicle_emergency_brake_variation_reference.xosc"
-        )
-    )
-    for kph, rate in ((50.0, 3.0), (60.0, 6.0), (60.0, 9.0)):
-        theirs = braking.concrete(
+
+    def ncap(kind, kph, **own):
+        theirs = find(str(STANDARD / f"{kind}.xosc"))
+        own = load(f"ncap_{kind.lower()}").concrete(ego_speed=kph / 3.6, overlap=1.0, **own)
+        return f"{kind} {kph}", own, theirs.concrete(Ego_speed_kph=kph, ImpactLocation=50.0)
+
+    def braking(kph, rate):
+        file = "alks_scenario_4_3_2_follow_lead_vehicle_emergency_brake_variation_reference.xosc"
+        theirs = find(str(ALKS / file)).concrete(
             Ego_InitSpeed_Ve0_kph=kph,
             LeadVehicle_Model=0.0,
             LeadVehicle_Deceleration_Rate_mps2=rate,
         )
-        own = load("front_vehicle_braking").concrete(
-            ego_speed=kph / 3.6, headway=2.0, lead_deceleration=rate
-        )
-        found.append((f"brakes {kph:g} {rate:g}", own, theirs))
-    cuts_in = find(str(folder / "alks_scenario_4_4_1_cut_in_no_collision_variation.xosc"))
-    # of 60 km/h, 40 km/h: the speed that theirs keeps
-    for gap, lateral in ((10.0, 1.0), (20.0, 3.0), (60.0, 1.0)):
-        theirs = cuts_in.concrete(
+        own = load("front_vehicle_braking")
+        own = own.concrete(ego_speed=kph / 3.6, headway=2.0, lead_deceleration=rate)
+        return f"brakes {kph:g} {rate:g}", own, theirs
+
+    def cuts_in(gap, lateral):  # of 60 km/h, 40 km/h: the speed that theirs keeps
+        theirs = find(str(ALKS / "alks_scenario_4_4_1_cut_in_no_collision_variation.xosc")).concrete(
             Ego_InitSpeed_Ve0_kph=60.0, CutInVehicle_Model=0.0,
             CutInVehicle_InitPosition_RelativeLaneId=1.0,
             CutInVehicle_RelativeInitSpeed_Ve0_Vo0_kph=-20.0,
@@ -185,22 +169,30 @@ def ours_and_theirs(load):
             CutInVehicle_LaneChange_MaxLateralVelocity_Vy_mps=lateral,
             CutInVehicle_Acceleration_Rate_mps2=3.0,
         )  # fmt: skip
-        own = load("cut_in").concrete(
-            ego_speed=60 / 3.6, cut_in_speed=40 / 3.6, gap=gap, lateral_speed=lateral
-        )
-        found.append((f"cuts in {gap:g} {lateral:g}", own, theirs))
-    cuts_out = find(str(folder / "alks_scenario_4_5_1_cut_out_fully_blocking_variation.xosc"))
-    for kph, gap, lateral in ((30.0, 100.0, 3.0), (60.0, 100.0, 1.0), (60.0, 20.0, 1.0)):
-        theirs = cuts_out.concrete(
-            Ego_InitSpeed_Ve0_kph=kph, CutOutVehicle_RelativeTargetLane=1.0,
-            FrontOfLead_Distance_dx0_f_m=gap,
-            CutOutVehicle_LaneChange_MaxLateralVelocity_Vy_mps=lateral, TargetBlocking_Model=1.0,
-        )  # fmt: skip
-        own = load("r157_cut_out").concrete(
-            ego_speed=kph / 3.6, obstacle_gap=gap, lateral_speed=lateral
-        )
-        found.append((f"cuts out {kph:g} {gap:g} {lateral:g}", own, theirs))
-    return found
+        own = {"ego_speed": 60 / 3.6, "cut_in_speed": 40 / 3.6, "gap": gap}
+        own = load("cut_in").concrete(**own, lateral_speed=lateral)
+        return f"cuts in {gap:g} {lateral:g}", own, theirs
+
+    def cuts_out(*at):
+        kph, gap, lateral = at
+        own = load("r157_cut_out")
+        own = own.concrete(ego_speed=kph / 3.6, obstacle_gap=gap, lateral_speed=lateral)
+        return f"cuts out {kph:g} {gap:g} {lateral:g}", own, their_cut_out(*at)
+
+    return [
+        *(ncap("CCRs", kph) for kph in (10, 20, 30, 40, 50)),
+        *(
+            ncap("CCRm", kph, lead_speed=lead / 3.6)
+            for kph, lead in ((30, 20), (50, 20), (80, 20), (100, 40), (130, 70))
+        ),
+        *(
+            ncap("CCRb", kph, headway_distance=kph / 3.6, lead_deceleration=4.0)
+            for kph in (30, 50, 80)
+        ),
+        *itertools.starmap(braking, ((50.0, 3.0), (60.0, 6.0), (60.0, 9.0))),
+        *itertools.starmap(cuts_in, ((10.0, 1.0), (20.0, 3.0), (60.0, 1.0))),
+        *itertools.starmap(cuts_out, ((30.0, 100.0, 3.0), (60.0, 100.0, 1.0), (60.0, 20.0, 1.0))),
+    ]
 
 
 @pytest.mark.campaign
@@ -306,12 +298,7 @@ def test_how_the_lead_leaves_its_lane_alone_decides_on_a_cut_out_close_to_the_li
     behind a lead that leaves evenly in 3.5 s, and hits the obstacle where it leaves along half a
     cosine with that peak, in 3.5 pi/2 = 5.5 s: as hard in our own scenario as in the imported file.
     """
-    folder = ALKS / "logical_scenarios"
-    theirs = find(str(folder / "alks_scenario_4_5_1_cut_out_fully_blocking_variation.xosc")).concrete(
-        Ego_InitSpeed_Ve0_kph=60.0, CutOutVehicle_RelativeTargetLane=1.0,
-        FrontOfLead_Distance_dx0_f_m=20.0,
-        CutOutVehicle_LaneChange_MaxLateralVelocity_Vy_mps=1.0, TargetBlocking_Model=1.0,
-    )  # fmt: skip
+    theirs = their_cut_out(60.0, 20.0, 1.0)
     own = load("r157_cut_out").concrete(ego_speed=60 / 3.6, obstacle_gap=20.0, lateral_speed=1.0)
     lead, obstacle = (
         replace(actor, start=replace(actor.start, x=own.ego.x + ahead), length=5.0, width=2.0)

@@ -69,8 +69,7 @@ def speed_change(n, when, to, seconds, priority="overwrite"):
     action = f"""<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="linear" dynamicsDimension="time"
     value="{seconds}"/><SpeedActionTarget><AbsoluteTargetSpeed value="{to}"/></SpeedActionTarget></SpeedAction>
     </LongitudinalAction>"""
-    event = timed(action, when, n=n)
-    return event.replace('priority="overwrite"', f'priority="{priority}"')
+    return timed(action, when, n=n).replace('priority="overwrite"', f'priority="{priority}"')
 
 
 SELF = '<RelativeTargetLane entityRef="Other" value="{}"/>'

@@ -11,7 +11,7 @@ import pytest
 from laid import read_json
 from loaded import ROOT
 
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.logical import concrete, concrete_points, read_file
 from sumo_eval.scenario.road.reference_line import map_places

@@ -128,8 +128,7 @@ def test_a_start_with_a_heading_and_one_with_a_lateral_speed():
 
 @pytest.mark.parametrize("step", [0.1, 0.05, 0.01])
 def test_law_a_condition_on_the_time_begins_at_that_time_whatever_the_step(step):
-    logical = scene({"do": "brake", "when": "time > 2.237", "deceleration": 5.0})
-    _, x, _, _, _ = way(logical, step)
+    _, x, _, _, _ = way(scene({"do": "brake", "when": "time > 2.237", "deceleration": 5.0}), step)
     assert x[-1] == pytest.approx(150.0 + 20.0 * 2.237 + 20.0**2 / 10.0, abs=1e-9)
 
 

@@ -14,7 +14,7 @@ from scipy import stats
 from tables import rows_of
 
 import sumo_eval
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim import simulate
 from sumo_eval.report.terminal import closing_lines
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, read_scenario

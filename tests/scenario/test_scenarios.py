@@ -20,6 +20,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.scenario import (
     Actor,
     Approach,
+    ConcreteScenario,
     Constraint,
     LogicalScenario,
     Parameter,
@@ -31,7 +32,6 @@ from sumo_eval.scenario import (
     lane_change,
     motion,
 )
-from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.resolved import find_with
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings, VehicleSettings

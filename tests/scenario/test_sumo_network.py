@@ -17,14 +17,13 @@ from refusals import refusal, refused
 from road_scenes import at_values
 from tables import rows_of
 
-from sumo_eval.cosim.simulation import simulate, simulate_many
+from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.cosim.sumo.session import session
 from sumo_eval.cosim.sumo.sumo_files import network_xml, routes_xml
 from sumo_eval.errors import InputError
 from sumo_eval.record.run_folder import create
-from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
+from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, brake_to_stop
 from sumo_eval.scenario import played as played_kinds
-from sumo_eval.scenario.concrete import brake_to_stop
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.first_places import STANDARD_EGO, misplaced
 from sumo_eval.scenario.played import Act
@@ -111,8 +110,7 @@ def test_a_case_on_a_turned_network_is_the_same_case(network):
 
 
 def test_a_scenario_file_names_a_network_of_its_folder(tmp_path, network):
-    text = scenario_files()["front_vehicle_low_speed"].read_text()
-    before, _, rest = text.partition("[road]")
+    before, _, rest = scenario_files()["front_vehicle_low_speed"].read_text().partition("[road]")
     (tmp_path / "mine.toml").write_text(
         before
         + '[road]\nnetwork = "town.net.xml"\nedges = ["road"]\n'

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from road_scenes import at_values, scenario_of
 
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim import simulate
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
 

@@ -11,7 +11,7 @@ from refusals import refusal
 from road_scenes import ROAD, scenario_of
 from tables import rows_of
 
-from sumo_eval import evaluate
+from sumo_eval import Trajectory, evaluate
 from sumo_eval.nightly.gates import judge
 from sumo_eval.report.junit import run_suites
 from sumo_eval.report.notes import score_note
@@ -19,7 +19,6 @@ from sumo_eval.report.tables import write_tables
 from sumo_eval.scenario.requirement import requirement
 from sumo_eval.scoring.gate_settings import GateSettings, LimitSettings
 from sumo_eval.scoring.requirements import series_of
-from sumo_eval.trajectory import Trajectory
 
 SCENE = tomllib.loads("""
 name = "approach"
@@ -152,8 +151,7 @@ check = "at_end(time) > gap0 / 10 - 0.01"
             "keeps clear",
             "keeps clear",
         ]
-    written = read_json(result.folder / "scores.json")
-    assert written["scores"][0]["requirements_missed"] == 2
+    assert read_json(result.folder / "scores.json")["scores"][0]["requirements_missed"] == 2
     tests = [test for suite, _ in run_suites(result).values() for test in suite]
     assert [test.verdict for test in tests] == ["failure", "failure"]
     for most, passes in ((1.0, False), (2.0, True)):

@@ -173,5 +173,4 @@ def test_a_finished_study_is_not_written_over(tmp_path, resume):
     ),
 )
 def test_the_command_refuses(tmp_path, arguments, sentence):
-    result = sumo_eval("boundary", *arguments, "--out", tmp_path / "out", status=2)
-    assert sentence in result.stderr
+    assert sentence in sumo_eval("boundary", *arguments, "--out", tmp_path / "out", status=2).stderr

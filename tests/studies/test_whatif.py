@@ -13,8 +13,8 @@ from refusals import refusal
 from scipy.optimize import brentq
 
 import sumo_eval
+from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.observation import stream_of
-from sumo_eval.cosim.simulation import simulate
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.report.explain import known_case
@@ -139,8 +139,7 @@ def test_a_collision_gets_a_table_and_json(night):
     assert "conditions.sensor_range      no limit: none of 33 values" in lines
     told = run("whatif", folder, hit, "--lever", "lead_speed", "--json")
     assert "levers: " in told.stderr  # a slow ADS takes minutes
-    found = json.loads(told.stdout)
-    (answer,) = found[hit]
+    (answer,) = json.loads(told.stdout)[hit]
     assert answer["flips"][0]["after"] > answer["lever"]["recorded"]
     every = run("whatif", folder, "--all-collisions", "--lever", "max_deceleration").said
     assert "too_late in front_vehicle_low_speed" in every

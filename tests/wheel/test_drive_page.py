@@ -15,7 +15,7 @@ from browser import Page, needs_chromium
 from test_window import LOGICAL, SETTINGS
 from unpaced import UnpacedWindow
 
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim import simulate
 from sumo_eval.extras.wheel.quality import Quality, QualitySettings
 from sumo_eval.extras.wheel.seat import Given, Hands
 from sumo_eval.extras.wheel.tape import digest, read_tape

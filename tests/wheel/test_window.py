@@ -17,7 +17,7 @@ from unpaced import UnpacedWindow  # noqa: E402
 from websockets.asyncio.client import connect  # noqa: E402
 from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 
-from sumo_eval.cosim.simulation import simulate  # noqa: E402
+from sumo_eval.cosim import simulate  # noqa: E402
 from sumo_eval.extras.wheel.messages import MOST_A_SECOND  # noqa: E402
 from sumo_eval.extras.wheel.quality import Quality, QualitySettings  # noqa: E402
 from sumo_eval.extras.wheel.seat import RELEASED, Given, Hands  # noqa: E402
