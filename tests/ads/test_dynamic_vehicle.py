@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from road_scenes import at_values
+from tables import values_of
 
 from sumo_eval import Command, Plan
 from sumo_eval.cosim import simulate_many
@@ -53,7 +54,12 @@ def test_a_lane_change_that_everybody_has_to_make_is_the_same_by_both_vehicle_mo
 
 @pytest.mark.parametrize(
     "ads, along, across",
-    [("idm", 0.5, 0.5), ("fsm", 0.2, 0.8), ("no_reaction", 1.2, 0.8), ("lane_changer", 1.7, 0.9)],
+    values_of("""
+    "idm", 0.5, 0.5
+    "fsm", 0.2, 0.8
+    "no_reaction", 1.2, 0.8
+    "lane_changer", 1.7, 0.9
+    """),
 )
 def test_on_a_curve_at_0_28_g_the_models_differ_by_the_slip(ads, along, across):
     # R = 250 m, 26 m/s: the rear axle slips 0.275 g / (20.9 * 0.92 / rad) = 0.0143 rad

@@ -68,7 +68,12 @@ def ahead(gap, speed, y=0.0, name="lead"):
 
 @pytest.mark.parametrize(
     "gap, speed, begins",
-    [(99.0, 10.0, True), (101.0, 10.0, False), (49.9, 17.0, True), (50.1, 17.0, False)],
+    values_of("""
+    99.0, 10.0, True
+    101.0, 10.0, False
+    49.9, 17.0, True
+    50.1, 17.0, False
+    """),
     ids=["TTC below 10 s", "TTC above 10 s", "headway below 2.5 s", "headway above 2.5 s"],
 )
 def test_it_begins_at_the_first_of_headway_and_ttc(gap, speed, begins):

@@ -54,8 +54,14 @@ def test_gaps_run_from_bumper_to_bumper():
 
 @pytest.mark.parametrize(
     "y, half, overlap",
-    [(0.0, 0.9, 1.8), (1.0, 0.9, 0.8), (-1.0, 0.9, 0.8), (1.8, 0.9, 0.0), (3.5, 0.9, -1.7),
-     (0.0, 0.2, 0.4)],
+    values_of("""
+    0.0, 0.9, 1.8
+    1.0, 0.9, 0.8
+    -1.0, 0.9, 0.8
+    1.8, 0.9, 0.0
+    3.5, 0.9, -1.7
+    0.0, 0.2, 0.4
+    """),
 )  # fmt: skip
 def test_lateral_overlap_is_the_shared_strip(y, half, overlap):
     """The ego's half width is 0.9 m; a narrow body shares no more than its own width."""

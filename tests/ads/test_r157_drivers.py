@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from refusals import refusal
 from road_scenes import actor, case, fresh, mover
+from tables import values_of
 
 from sumo_eval.ads.braking import SAFETY_BRAKING, follow_demand
 from sumo_eval.ads.eu_2022_1426 import SEATED, STANDING
@@ -90,7 +91,11 @@ def test_pfs_by_hand():
 
 @pytest.mark.parametrize(
     "speed, acceleration, unsafe, safe",
-    [(20.0, 0.0, 15.8333333, 20.0), (20.0, -6.0, 10.4583333, 12.5), (12.0, -4.0, 0.5, 0.5)],
+    values_of("""
+    20.0, 0.0, 15.8333333, 20.0
+    20.0, -6.0, 10.4583333, 12.5
+    12.0, -4.0, 0.5, 0.5
+    """),
 )
 def test_cfs_by_hand(speed, acceleration, unsafe, safe):
     assert critical_fuzzy_safety(unsafe - 1e-6, speed, 10.0, acceleration) == 1.0
@@ -115,7 +120,11 @@ def test_cfs_is_zero_behind_a_vehicle_as_fast():
 
 
 def test_the_fuzzy_braking_by_hand():
-    for safeties, braking in (((0.0, 0.0), 0.0), ((0.0, 0.5), 2.0), ((0.5, 1.0), 5.0)):
+    for safeties, braking in values_of("""
+        (0.0, 0.0), 0.0
+        (0.0, 0.5), 2.0
+        (0.5, 1.0), 5.0
+        """):
         assert demanded_braking(*safeties) == braking
 
 

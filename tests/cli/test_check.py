@@ -6,6 +6,7 @@ import sys
 
 import pytest
 from commands import ROOT, sumo_eval
+from tables import values_of
 
 
 def check(what, folder, *options, status=0):
@@ -152,13 +153,13 @@ GOOD = (
 
 @pytest.mark.parametrize(
     "controller, status, words",
-    [
-        ("idm", 0, "ok    ADS a: idm"),
-        ("idn", 2, "Did you mean `idm`?"),
-        ("mine.py:Nothing", 2, "an object with a `step` method, got Nothing"),
-        ("mine.py:Loads", 2, "TypeError: missing a required argument: 'weights'"),
-        ("mine.py:Late", 0, "ok    ADS a: mine.py:Late"),
-    ],
+    values_of("""
+    "idm", 0, "ok    ADS a: idm"
+    "idn", 2, "Did you mean `idm`?"
+    "mine.py:Nothing", 2, "an object with a `step` method, got Nothing"
+    "mine.py:Loads", 2, "TypeError: missing a required argument: 'weights'"
+    "mine.py:Late", 0, "ok    ADS a: mine.py:Late"
+    """),
 )
 def test_an_evaluation_file(tmp_path, controller, status, words):
     (tmp_path / "mine.py").write_text(

@@ -6,6 +6,7 @@ import json
 import pytest
 from commands import sumo_eval
 from laid import read_json
+from tables import values_of
 
 from tests.scenario.test_scenario_file import EXAMPLE
 
@@ -55,11 +56,11 @@ def test_the_same_seed_samples_the_same_points_and_another_seed_others(tmp_path)
 
 @pytest.mark.parametrize(
     "arguments, sentence",
-    [
-        (["cut_inn"], "Did you mean `cut_in`?"),
-        (["cut_in", "--method", "sobl", "--count", "8"], "sobol"),
-        (["cut_in", "--method", "sobol"], "`--count`"),
-    ],
+    values_of("""
+    ["cut_inn"], "Did you mean `cut_in`?"
+    ["cut_in", "--method", "sobl", "--count", "8"], "sobol"
+    ["cut_in", "--method", "sobol"], "`--count`"
+    """),
 )
 def test_sample_refuses(tmp_path, arguments, sentence):
     assert sentence in sumo_eval("sample", *arguments, "--out", tmp_path / "out", status=2).stderr

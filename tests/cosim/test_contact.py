@@ -7,6 +7,7 @@ import random
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tables import values_of
 from twins import contact as twin
 
 from sumo_eval.cosim.contact import bumper_overlap, describe, struck_side
@@ -65,7 +66,14 @@ def test_square_on_to_the_rear():
 
 
 @pytest.mark.parametrize(
-    "offset, overlap", [(0.0, 1.0), (0.9, 0.5), (-0.9, 0.5), (1.35, 0.25), (-1.71, 0.05)]
+    "offset, overlap",
+    values_of("""
+    0.0, 1.0
+    0.9, 0.5
+    -0.9, 0.5
+    1.35, 0.25
+    -1.71, 0.05
+    """),
 )
 def test_an_offset_of_half_the_width_is_half_the_overlap(offset, overlap):
     # 1.8 m wide each: (1.8 - |offset|) / 1.8
@@ -126,7 +134,13 @@ def test_corner_to_corner_the_faster_closing_names_the_side(velocity_heading, sp
 @pytest.mark.parametrize(
     "gap, closing",
     # The last jumps over a car in one step: apart before, apart after, and through it in between.
-    [(0.3, 1.0), (0.999, 1.0), (0.05, 1.5), (0.0005, 0.5), (5.5, 30.0)],
+    values_of("""
+    0.3, 1.0
+    0.999, 1.0
+    0.05, 1.5
+    0.0005, 0.5
+    5.5, 30.0
+    """),
 )
 def test_the_instant_is_exact_for_constant_closing(gap, closing):
     ego_after = moved(EGO, closing)

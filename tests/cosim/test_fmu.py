@@ -15,6 +15,7 @@ import pytest
 from loaded import ROOT
 from refusals import refusal, refused
 from road_scenes import HALF_SECOND, case, clips_of, lead
+from tables import values_of
 
 from sumo_eval.cosim import Command, simulate
 from sumo_eval.cosim.doors.controller import load_controller
@@ -359,14 +360,14 @@ def deceleration(locator, folder, *others):
 
 @pytest.mark.parametrize(
     "mapping, expected",
-    [
-        ("inputs.*=start", -0.7),
-        ("inputs.*=start&parameters.code=07", -1.7),
-        ("inputs.whole_in=12&inputs.*=start", -1.2),
-        ("inputs.whole_in=12&inputs.truth_in=false&inputs.text_in=start", 0.0),
-        ("inputs.whole_in=12&inputs.truth_in=1.0&inputs.text_in='firm'", -2.4),
-        ("inputs.whole_in=lead_present&inputs.truth_in=true&inputs.text_in=firm", -0.2),
-    ],
+    values_of("""
+    "inputs.*=start", -0.7
+    "inputs.*=start&parameters.code=07", -1.7
+    "inputs.whole_in=12&inputs.*=start", -1.2
+    "inputs.whole_in=12&inputs.truth_in=false&inputs.text_in=start", 0.0
+    "inputs.whole_in=12&inputs.truth_in=1.0&inputs.text_in='firm'", -2.4
+    "inputs.whole_in=lead_present&inputs.truth_in=true&inputs.text_in=firm", -0.2
+    """),
 )
 def test_constants_start_values_and_every_type_of_fmi_2(feedthroughs, mapping, expected):
     """-0.1 of the whole number, which starts as 7, twice as much if the text is `firm`, nothing if

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from refusals import refusal
 from road_scenes import HALF_SECOND, case, lead
+from tables import values_of
 
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.controller import load_controller
@@ -51,13 +52,13 @@ def test_feedthrough_takes_texts_truth_and_enumerations_beside():
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize(
     "name, output",
-    [
-        ("BouncingBall", "v"),
-        ("Dahlquist", "x"),
-        ("Stair", "counter"),
-        ("VanDerPol", "x1"),
-        ("Resource", "y"),
-    ],
+    values_of("""
+    "BouncingBall", "v"
+    "Dahlquist", "x"
+    "Stair", "counter"
+    "VanDerPol", "x1"
+    "Resource", "y"
+    """),
 )
 def test_models_without_inputs_drive_too(version, name, output):
     found = simulate(

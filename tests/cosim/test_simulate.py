@@ -13,7 +13,7 @@ from commands import python
 from laid import lay
 from refusals import refused
 from road_scenes import HALF_SECOND, ROAD, assert_whole, case, clips_of, every_point, lead, once
-from tables import rows_of
+from tables import rows_of, values_of
 
 import sumo_eval.cosim.sumo.session as session_module
 from sumo_eval.cosim import Command, simulate, simulate_many
@@ -504,7 +504,13 @@ def test_change_lane_takes_the_lane_change_duration():
 
 @pytest.mark.parametrize(
     "speed, y, lane",
-    [(0.5, 0.0, 1), (2.0, 0.0, 1), (8.0, 0.0, 1), (30.0, 0.0, 1), (30.0, 3.5, 0)],
+    values_of("""
+    0.5, 0.0, 1
+    2.0, 0.0, 1
+    8.0, 0.0, 1
+    30.0, 0.0, 1
+    30.0, 3.5, 0
+    """),
 )
 def test_a_lane_change_by_sumo_is_driving_at_any_speed(speed, y, lane):
     eight = SimulationSettings(time_limit=8.0)

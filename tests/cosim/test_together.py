@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from refusals import refusal
 from road_scenes import DECIDED, ROAD, assert_as_alone, at_values, case, lead, points
+from tables import values_of
 
 from sumo_eval import Command
 from sumo_eval.ads.r157_careful_driver import CarefulDriver
@@ -450,11 +451,15 @@ SWAYS = [
         ("front_vehicle_cut_out", 31),
         *(
             pytest.param(name, every, marks=pytest.mark.campaign)
-            for name, every in [
-                ("front_vehicle_low_speed", 5), ("cut_in", 331), ("r157_cut_out", 151),
-                ("ncap_ccrb", 9),
-                ("ncap_ccrs", 5), ("front_vehicle_braking", 41), ("ncap_ccrm", 5),
-            ]
+            for name, every in values_of("""
+    "front_vehicle_low_speed", 5
+    "cut_in", 331
+    "r157_cut_out", 151
+    "ncap_ccrb", 9
+    "ncap_ccrs", 5
+    "front_vehicle_braking", 41
+    "ncap_ccrm", 5
+    """)
         ),
     ],
 )  # fmt: skip

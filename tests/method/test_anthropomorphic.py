@@ -623,7 +623,13 @@ def test_a_reading_that_applies_is_noted(ads, drivers, note):
 
 
 @pytest.mark.parametrize(
-    "offsets", [(0.0, 0.1, 0.2, 3.5), (0.0, 3.3, 3.4, 3.5), (0.0, 0.1, 1.8, 1.9), (0.0, 3.5)]
+    "offsets",
+    values_of("""
+    0.0, 0.1, 0.2, 3.5
+    0.0, 3.3, 3.4, 3.5
+    0.0, 0.1, 1.8, 1.9
+    0.0, 3.5
+    """),
 )
 def test_one_outlier_or_a_small_gap_is_not_bimodal(offsets):
     notes = anthropomorphic_index(drive(), [drive(y=y) for y in offsets], ROAD).notes

@@ -72,8 +72,16 @@ def test_a_turned_body_departs_with_its_corner(heading):
 
 @pytest.mark.parametrize(
     "x, y, off",
-    [(45.5, -10, False), (45.3, -10, True), (54.5, -10, False), (54.7, -10, True),
-     (50.0, -18.2, False), (50.0, -18.3, True), (50.0, 18.2, False), (50.0, 18.3, True)],
+    values_of("""
+    45.5, -10, False
+    45.3, -10, True
+    54.5, -10, False
+    54.7, -10, True
+    50.0, -18.2, False
+    50.0, -18.3, True
+    50.0, 18.2, False
+    50.0, 18.3, True
+    """),
 )  # fmt: skip
 def test_across_a_crossing_road_its_corners_count(x, y, off):
     """Drivable within 5.5 m of x = 50 and 20.5 m of y = 0; the body is 1.8 x 4.5 m there."""

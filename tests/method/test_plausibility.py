@@ -12,6 +12,7 @@ from loaded import load
 from refusals import refusal
 from road_scenes import ROAD
 from scipy.integrate import cumulative_trapezoid
+from tables import values_of
 
 from sumo_eval import Trajectory
 from sumo_eval.method import plausibility as module
@@ -135,7 +136,14 @@ def test_more_extreme_is_never_more_plausible(name, value, more):
 
 @pytest.mark.parametrize(
     "frequency, least",
-    [(0.1, 0.6), (0.5, 0.01), (1.0, 0.01), (1.5, 0.03), (2.0, 1.0), (3.0, 0.2)],
+    values_of("""
+    0.1, 0.6
+    0.5, 0.01
+    1.0, 0.01
+    1.5, 0.03
+    2.0, 1.0
+    3.0, 0.2
+    """),
 )
 def test_an_oscillation_is_never_more_plausible_when_it_grows(frequency, least):
     # The acceleration of 2 m/s2 at 1 Hz has a jerk of 2 * 2 pi = 12.6 m/s3; its slopes over 1 s

@@ -201,7 +201,13 @@ def test_far_from_all_points_of_a_block_the_field_is_exact_to_1e_13():
     # Points that lie together and samples beside them take the loop without decisions, up to 40 m/s
     # at 0.005 s/m.
     points = np.random.default_rng(3).uniform((0.0, -3.0), (5.0, 3.0), (300, 2))
-    for place in [(6.2, 0.0), (-2.0, 40.0), (3e3, -4.0), (-1e7, 1e7), (-3.0, -4.1)]:
+    for place in values_of("""
+        6.2, 0.0
+        -2.0, 40.0
+        3e3, -4.0
+        -1e7, 1e7
+        -3.0, -4.1
+        """):
         for speed in (0.0, 5.0, 39.9, 40.0, 40.1, 69.0, 71.0):
             ends = [*zip(place, (1e4, 3.0), strict=True)]
             drive = Trajectory([0.0, 0.1], *ends, [0.3, 2.0], [speed, 30.0])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from evaluations import small
+from tables import values_of
 
 import sumo_eval
 from sumo_eval.record.batches import LEAST, Batches
@@ -187,7 +188,15 @@ def idle_at_the_end(sizes, lengths, workers):
 
 
 @pytest.mark.parametrize(
-    "count, workers", [(2125, 2), (1500, 2), (300, 2), (10_000, 8), (40, 2), (1, 2)]
+    "count, workers",
+    values_of("""
+    2125, 2
+    1500, 2
+    300, 2
+    10_000, 8
+    40, 2
+    1, 2
+    """),
 )
 def test_batches_are_few_and_leave_all_workers_work_to_the_end(count, workers):
     sizes = taken(Batches(alike(count), workers, 256))

@@ -12,7 +12,7 @@ from importlib.metadata import version
 import pytest
 from laid import read_json
 from refusals import refusal
-from tables import rows_of
+from tables import rows_of, values_of
 
 from sumo_eval import evaluate, score
 from sumo_eval.record.qualification import read_qualification
@@ -211,12 +211,13 @@ def test_a_qualification_that_does_not_hold_is_said_to(tmp_path, passed, version
 
 @pytest.mark.parametrize(
     "text, sentence",
-    [
-        (None, "There is no qualification"), ("[]", "is not what `sumo-eval qualify` writes"),
-        ("{", "is not what `sumo-eval qualify` "
-              "writes"), ('{"checks": 3}', "is not what `sumo-eval qualify` writes"),
-        ('{"checks": [], "created": "", "versions": {}, "machine": {}}', "holds no checks"),
-    ],
+    values_of("""
+    None, "There is no qualification"
+    "[]", "is not what `sumo-eval qualify` writes"
+    "{", "is not what `sumo-eval qualify` " "writes"
+    '{"checks": 3}', "is not what `sumo-eval qualify` writes"
+    '{"checks": [], "created": "", "versions": {}, "machine": {}}', "holds no checks"
+    """),
 )  # fmt: skip
 def test_a_wrong_qualification_is_refused_before_any_drive(tmp_path, text, sentence):
     if text is not None:

@@ -16,6 +16,7 @@ from lxml import html
 from packed_pages import unpacked
 from refusals import refusal
 from report_cases import with_losses, with_settings
+from tables import values_of
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.report import sent_drives
@@ -329,7 +330,14 @@ def points(evaluation, rows):
     return CaseTable.of(records)
 
 
-@pytest.mark.parametrize("k, x, y, panel", [(1, 0, None, None), (2, 0, 1, None), (3, 1, 2, 0)])
+@pytest.mark.parametrize(
+    "k, x, y, panel",
+    values_of("""
+    1, 0, None, None
+    2, 0, 1, None
+    3, 1, 2, 0
+    """),
+)
 def test_up_to_three_parameters_are_all_shown(evaluation, k, x, y, panel):
     cases = points(evaluation, [[0.0] * k, [5.0] * k])
     view = choose_view(space(k), cases)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from laid import replace_in
 from refusals import refusal
+from tables import values_of
 
 from sumo_eval.ads.r157 import HUMAN_BRAKING
 from sumo_eval.cosim import simulate
@@ -183,7 +184,13 @@ def ours_and_theirs(load):
         *(ncap("CCRs", kph) for kph in (10, 20, 30, 40, 50)),
         *(
             ncap("CCRm", kph, lead_speed=lead / 3.6)
-            for kph, lead in ((30, 20), (50, 20), (80, 20), (100, 40), (130, 70))
+            for kph, lead in values_of("""
+        30, 20
+        50, 20
+        80, 20
+        100, 40
+        130, 70
+        """)
         ),
         *(
             ncap("CCRb", kph, headway_distance=kph / 3.6, lead_deceleration=4.0)
@@ -202,10 +209,13 @@ def test_a_car_that_does_nothing_hits_as_hard_in_our_own_scenarios_as_in_the_imp
     the cut-out; the braking lead has come to a stop in both.
     """
     cases = {name: (own, theirs) for name, own, theirs in ours_and_theirs(load)}
-    for name, kph in (
-        ("CCRs 50", 50.0), ("CCRm 80", 60.0), ("cuts in 60 1", 20.0), ("cuts out 60 100 1", 60.0),
-        ("brakes 60 9", 60.0)
-    ):  # fmt: skip
+    for name, kph in values_of("""
+        "CCRs 50", 50.0
+        "CCRm 80", 60.0
+        "cuts in 60 1", 20.0
+        "cuts out 60 100 1", 60.0
+        "brakes 60 9", 60.0
+        """):  # fmt: skip
         for case in cases[name]:
             hit = simulate(case, "no_reaction").collision
             assert hit is not None, name

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from laid import lay
 from refusals import refusal, refused
-from tables import rows_of
+from tables import rows_of, values_of
 
 from sumo_eval.extras.openscenario.points import read_variation
 from sumo_eval.extras.openscenario.scene import FileOptions
@@ -279,7 +279,11 @@ def test_a_distribution_that_does_not_exist_is_refused(files, tag, numbers):
 
 
 def test_weights_of_one_value_add_up_and_are_not_negative(files):
-    for one, weight, weights in ((1, 2, (3.0, 1.0)), (1, -2, None), (0, 0, None)):
+    for one, weight, weights in values_of("""
+        1, 2, (3.0, 1.0)
+        1, -2, None
+        0, 0, None
+        """):
         values = f'<Element value="10" weight="{one}"/><Element value="20" weight="{one}"/>'
         again = f'<Element value="10" weight="{weight}"/>'
         given = f"<ProbabilityDistributionSet>{values}{again}</ProbabilityDistributionSet>"

@@ -11,7 +11,7 @@ from laid import replace_in
 from loaded import ROOT
 from refusals import refusal, refused
 from scipy import stats
-from tables import rows_of
+from tables import rows_of, values_of
 
 import sumo_eval
 from sumo_eval.cosim import simulate
@@ -396,7 +396,13 @@ def test_what_is_often_written_gets_the_sentence_that_helps(tmp_path, monkeypatc
 
 @pytest.mark.parametrize(
     "header, low",
-    [("v (km/h)", 10.0), ("v [kph]", 10.0), ("v (m/s)", 36.0), ("v", 36.0), ("v (s)", None)],
+    values_of("""
+    "v (km/h)", 10.0
+    "v [kph]", 10.0
+    "v (m/s)", 36.0
+    "v", 36.0
+    "v (s)", None
+    """),
 )
 def test_points_of_a_table_come_in_the_unit_of_its_head(tmp_path, header, low):
     """36 km/h = 10 m/s, within 8..14; 36 m/s is not."""

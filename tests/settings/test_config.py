@@ -5,7 +5,7 @@ from dataclasses import fields
 
 import pytest
 from refusals import refusal
-from tables import rows_of
+from tables import rows_of, values_of
 
 from sumo_eval.settings import RunSettings
 from sumo_eval.settings.config import (
@@ -124,13 +124,13 @@ def test_a_change_reaches_the_setting_it_names_and_no_other():
 
 @pytest.mark.parametrize(
     "change, sentence",
-    [
-        ("method.scor.a=60", "Did you mean `score`?"),
-        ("method.score.aa=60", "Unknown key `method.score.aa`"),
-        ("method.score.a=600", "`method.score.a`"),
-        ("method.score.a", "KEY=VALUE"),
-        ("method.score.a.b=3", "Unknown setting"),
-    ],
+    values_of("""
+    "method.scor.a=60", "Did you mean `score`?"
+    "method.score.aa=60", "Unknown key `method.score.aa`"
+    "method.score.a=600", "`method.score.a`"
+    "method.score.a", "KEY=VALUE"
+    "method.score.a.b=3", "Unknown setting"
+    """),
 )
 def test_a_wrong_change_is_refused(change, sentence):
     with refusal(sentence.replace(".", r"\.").replace("?", r"\?")):

@@ -10,7 +10,7 @@ import pytest
 from commands import sumo_eval
 from laid import read_json
 from refusals import refusal, refused
-from tables import rows_of
+from tables import rows_of, values_of
 
 from sumo_eval.errors import StoppedError
 from sumo_eval.extras.studies.boundary import find_boundary, slice_of
@@ -39,11 +39,11 @@ def test_a_slice_is_the_scenario_with_parameters_held():
     points = sample(at_25, levels=5).points
     assert CUT_OUT.feasible(np.column_stack([np.full(len(points), 25.0), points])).all()
     assert slice_of(CUT_OUT, {}) is CUT_OUT
-    for fixed, sentence in (
-        ({"ego_sped": 25.0}, "Did you mean `ego_speed`?"),
-        ({"ego_speed": 99.0}, "within 10..30 m/s"),
-        ({"ego_speed": 20.0, "obstacle_speed": 5.0, "gap": 60.0}, "at least one parameter free"),
-    ):
+    for fixed, sentence in values_of("""
+        {"ego_sped": 25.0}, "Did you mean `ego_speed`?"
+        {"ego_speed": 99.0}, "within 10..30 m/s"
+        {"ego_speed": 20.0, "obstacle_speed": 5.0, "gap": 60.0}, "at least one parameter free"
+        """):
         with refused(sentence):
             slice_of(CUT_OUT, fixed)
 

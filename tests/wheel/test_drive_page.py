@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
+from tables import values_of
 
 pytest.importorskip("websockets")
 from browser import Page, needs_chromium
@@ -180,10 +181,12 @@ def test_mouse_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_dri
         browser.run("document.querySelector('.veil button.main').click()")
         browser.wait(f"sumoDrive.state[1] > {held} + 0.11")
         # of both keys for left one is released at once, the other one beside Ctrl (2)
-        for kind, code, modifiers, wait in (
-            ("keyDown", "ArrowLeft", 0, 0.0), ("keyDown", "KeyA", 0, 0.0),
-            ("keyUp", "KeyA", 0, 0.25), ("keyUp", "ArrowLeft", 2, 0.25),
-        ):  # fmt: skip
+        for kind, code, modifiers, wait in values_of("""
+            "keyDown", "ArrowLeft", 0, 0.0
+            "keyDown", "KeyA", 0, 0.0
+            "keyUp", "KeyA", 0, 0.25
+            "keyUp", "ArrowLeft", 2, 0.25
+            """):  # fmt: skip
             browser.call("Input.dispatchKeyEvent", type=kind, code=code, modifiers=modifiers)
             time.sleep(wait)
         browser.run("window.dispatchEvent(new Event('blur'))")

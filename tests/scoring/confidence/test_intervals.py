@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from scoring.confidence.scored_by_hand import terms_of
+from tables import values_of
 
 from sumo_eval.drivers.synthetic.population import draw_driver
 from sumo_eval.method.score_terms import avoidance_grade
@@ -285,7 +286,15 @@ def test_the_drivers_errors_of_a_mean_are_those_of_a_stratified_sample():
 
 
 @pytest.mark.parametrize(
-    "seed, share", [(0, 0.64), (1, 0.64), (2, 0.64), (0, 0.5), (3, 0.05), (4, 0.96)]
+    "seed, share",
+    values_of("""
+    0, 0.64
+    1, 0.64
+    2, 0.64
+    0, 0.5
+    3, 0.05
+    4, 0.96
+    """),
 )
 def test_a_case_rounded_up_leaves_once_and_another_counts_twice(seed, share):
     settings = DriverSettings(count=10, population=PopulationSettings(overtake_share=share))
