@@ -1,8 +1,8 @@
 """Moves that begin when a condition holds, speeds, swings and paths, against their closed forms."""
 
-import json
 import math
 import tomllib
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -26,23 +26,31 @@ zone = "none"
 """)  # fmt: skip
 
 
-def scene(*moves, zone="none", **vehicle):
-    """A lead 100 m ahead at 20 m/s that does something."""
-    lead = {"name": "lead", "x": 150.0, "speed": 20.0, "manoeuvre": list(moves), **vehicle}
-    return scenario_of({**BASE, "vehicle": [lead], "zone": zone})
+def table(keys):
+    """A vehicle, or a move of one, by its keys in a scenario file."""
+    return tomllib.loads(f"it = {{{keys}}}")["it"]
 
 
-def way(logical, step=0.05, until=10.0, v=20.0):
+def scene(*moves, zone="none", more=""):
+    """A lead 100 m ahead at 20 m/s that does something; keys as in a scenario file."""
+    lead = {"name": "lead", "x": 150.0, "speed": 20.0, "manoeuvre": [*map(table, moves)]}
+    return scenario_of({**BASE, "vehicle": [lead | table(more)], "zone": zone})
+
+
+def drive(logical, step=0.05, until=4.0, v=20.0):
+    """A drive of an ego that keeps its speed."""
+    return tracks([logical.concrete(v=v)], [(4.5, 1.8)], step, until)
+
+
+def way(logical, step=0.05):
     """Times and the lead's x, y, heading and speed, while the ego keeps its speed."""
-    rows = tracks([logical.concrete(v=v)], [(4.5, 1.8)], step, until).others[0, 0]
+    rows = drive(logical, step, 10.0).others[0, 0]
     return np.arange(len(rows)) * step, rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3]
 
 
 def test_accelerating_with_a_rate_reaches_the_speed_and_keeps_it():
     # from 20 to 26 m/s at 3 m/s2: 2 s and 46 m, then 26 m/s
-    t, x, _, _, v = way(
-        scene({"do": "accelerate", "begin": 1.0, "speed": 26.0, "acceleration": 3.0})
-    )
+    t, x, _, _, v = way(scene('do = "accelerate", begin = 1.0, speed = 26.0, acceleration = 3.0'))
     assert v[t == 3.0] == pytest.approx(26.0)
     assert x[t == 3.0] == pytest.approx(150.0 + 20.0 + 46.0)
     assert x[-1] == pytest.approx(150.0 + 20.0 + 46.0 + 26.0 * 7.0)
@@ -50,28 +58,24 @@ def test_accelerating_with_a_rate_reaches_the_speed_and_keeps_it():
 
 def test_accelerating_with_a_jerk_builds_up():
     # jerk 3 m/s3 to 3 m/s2: 1 s for 1.5 m/s, then (10 - 1.5) / 3 s: 3.8333 s in all
-    t, _, _, _, v = way(
-        scene({"do": "accelerate", "speed": 10.0, "acceleration": 3.0, "jerk": 3.0})
-    )
+    t, _, _, _, v = way(scene('do = "accelerate", speed = 10.0, acceleration = 3.0, jerk = 3.0'))
     assert v[t == 1.0] == pytest.approx(18.5)
     assert v[np.isclose(t, 3.85)] == pytest.approx(10.0)
     assert v[np.isclose(t, 3.80)] == pytest.approx(10.1)
 
 
 def test_a_profile_by_time_and_one_by_place_pass_through_their_knots():
-    t, x, _, _, v = way(scene({"do": "speed_profile", "times": [2.0, 4.0], "speeds": [10.0, 30.0]}))
+    t, x, _, _, v = way(scene('do = "speed_profile", times = [2.0, 4.0], speeds = [10.0, 30.0]'))
     assert v[t == 2.0] == pytest.approx(10.0)
     assert v[t == 4.0] == pytest.approx(30.0)
     assert x[t == 4.0] == pytest.approx(150.0 + 30.0 + 40.0)
     # 150 -> 190 m from 20 to 10 m/s lasts 2 * 40 / 30 s
-    t, x, _, _, v = way(
-        scene({"do": "speed_profile", "places": [190.0], "speeds": [10.0]}), step=0.01
-    )
+    t, x, _, _, v = way(scene('do = "speed_profile", places = [190.0], speeds = [10.0]'), step=0.01)
     assert np.interp(190.0, x, v) == pytest.approx(10.0, abs=0.02)
     assert np.interp(190.0, x, t) == pytest.approx(80.0 / 30.0, abs=1e-3)
-    move = {"do": "speed_profile", "places": [190.0], "speeds": [10.0]}
+    move = 'do = "speed_profile", places = [190.0], speeds = [10.0]'
     with refusal(r"`heading` .* \(use `times` otherwise\), got 180"):
-        way(scene(move, heading=180.0))
+        way(scene(move, more="heading = 180.0"))
 
 
 TIMED = [Act(kind, 1.0) for kind in (played.SMOOTH, played.CONSTANT, played.COSINE, played.SPEED)]
@@ -90,7 +94,7 @@ def test_a_swing_has_its_amplitude_and_its_lateral_acceleration():
     # A = 1 m, a = 2 m/s2: w = sqrt(2 a / A) = 2 rad/s, so a swing lasts pi s; to the left, then to
     # the right
     t, _, y, _, _ = way(
-        scene({"do": "sinus", "offset": 1.0, "acceleration": 2.0, "cycles": 2.0}), step=0.01
+        scene('do = "sinus", offset = 1.0, acceleration = 2.0, cycles = 2.0'), step=0.01
     )
     np.testing.assert_allclose(
         y[t < math.pi], 0.5 * (1.0 - np.cos(2.0 * t[t < math.pi])), atol=1e-12
@@ -100,15 +104,15 @@ def test_a_swing_has_its_amplitude_and_its_lateral_acceleration():
 
 
 def test_a_path_begins_beside_the_line_after_a_lane_change():
-    change = {"do": "change_lane", "duration": 3.0, "offset": 3.5}
-    path = {"do": "path", "begin": 5.0, "points": [[300.0, 3.5], [500.0, 3.5]]}
+    change = 'do = "change_lane", duration = 3.0, offset = 3.5'
+    path = 'do = "path", begin = 5.0, points = [[300.0, 3.5], [500.0, 3.5]]'
     t, _, y, _, _ = way(scene(change, path))
     assert y[t >= 4.0] == pytest.approx(3.5)
 
 
 def test_a_path_leads_through_its_points_at_the_vehicles_speed():
     t, x, y, heading, _ = way(
-        scene({"do": "path", "points": [[190.0, 0.0], [220.0, 3.5], [400.0, 3.5]]}), step=0.01
+        scene('do = "path", points = [[190.0, 0.0], [220.0, 3.5], [400.0, 3.5]]'), step=0.01
     )
     at = np.isclose(t, (40.0 + math.hypot(30.0, 3.5)) / 20.0, atol=0.006)
     assert x[at][0] == pytest.approx(220.0, abs=0.15)
@@ -117,10 +121,10 @@ def test_a_path_leads_through_its_points_at_the_vehicles_speed():
 
 
 def test_a_start_with_a_heading_and_one_with_a_lateral_speed():
-    _, x, y, _, _ = way(scene(heading=90.0, speed=1.5))
+    _, x, y, _, _ = way(scene(more="heading = 90.0, speed = 1.5"))
     assert x[-1] == pytest.approx(150.0)
     assert y[-1] == pytest.approx(15.0)
-    _, x, y, heading, v = way(scene(lateral_speed=0.5))
+    _, x, y, heading, v = way(scene(more="lateral_speed = 0.5"))
     assert x[-1] == pytest.approx(350.0)
     assert y[-1] == pytest.approx(5.0)
     assert (heading[0], v[0]) == (math.atan2(0.5, 20.0), math.hypot(20.0, 0.5))
@@ -128,61 +132,45 @@ def test_a_start_with_a_heading_and_one_with_a_lateral_speed():
 
 @pytest.mark.parametrize("step", [0.1, 0.05, 0.01])
 def test_law_a_condition_on_the_time_begins_at_that_time_whatever_the_step(step):
-    _, x, _, _, _ = way(scene({"do": "brake", "when": "time > 2.237", "deceleration": 5.0}), step)
+    _, x, _, _, _ = way(scene('do = "brake", when = "time > 2.237", deceleration = 5.0'), step)
     assert x[-1] == pytest.approx(150.0 + 20.0 * 2.237 + 20.0**2 / 10.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(
-    "when, step, until, begins",
+    "when, begins, step, until",
     [
         # the ego closes at 10 m/s on a gap of 100 - 4.5 m: 40 m are left after 5.55 s
-        *[("gap(ego, lead) < 40", step, 8.0, 5.55) for step in (0.1, 0.05, 0.02)],
+        *[("gap(ego, lead) < 40", 5.55, step, 8.0) for step in (0.1, 0.05, 0.02)],
         # the ego's front is at the lead's rear after 9.55 s, between two looks: a number turned
         # infinite counts at the end
-        ("thw(ego, lead) > 9", 0.02, 9.8, 9.56),
+        ("thw(ego, lead) > 9", 9.56, 0.02, 9.8),
+        *(
+            (when, begins, 0.05, 9.0)
+            for when, begins in (
+                ("time > 1 and gap(ego, lead) < 40", 5.55),
+                ("time > 7 or gap(ego, lead) < 40", 5.55),
+                ("1 < time < 8", 1.0),
+                ("thw(ego, lead) <= 1", (95.5 - 30.0) / 10.0),
+                ("x(lead) - 150 > v", 1.5),
+                ("max(speed(ego), 5) < 3", math.inf),
+                ("distance(ego, lead) < 50", 5.0),
+                (20 * "(1 + " + "time" + 20 * ")" + " > 21.5", 1.5),  # the deepest
+                ("1 < time" + 23 * " or time > 9", 1.0),  # the longest
+                ("-y(lead) + lateral_speed(ego) < -1", math.inf),
+            )
+        ),
     ],
 )
-def test_law_the_instant_of_a_linear_condition_is_exact(when, step, until, begins):
-    logical = scene({"do": "brake", "when": when, "deceleration": 5.0})
-    found = tracks([logical.concrete(v=30.0)], [(4.5, 1.8)], step, until)
-    assert found.begins[0, 0] == pytest.approx(begins, abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    "when, begins",
-    [
-        ("time > 1 and gap(ego, lead) < 40", 5.55),
-        ("time > 7 or gap(ego, lead) < 40", 5.55),
-        ("1 < time < 8", 1.0),
-        ("thw(ego, lead) <= 1", (95.5 - 30.0) / 10.0),
-        ("x(lead) - 150 > v", 1.5),
-        ("max(speed(ego), 5) < 3", math.inf),
-        ("distance(ego, lead) < 50", 5.0),
-        (20 * "(1 + " + "time" + 20 * ")" + " > 21.5", 1.5),  # the deepest
-        ("1 < time" + 23 * " or time > 9", 1.0),  # the longest
-        ("-y(lead) + lateral_speed(ego) < -1", math.inf),
-    ],
-)
-def test_conditions_of_every_kind(when, begins):
-    found = tracks(
-        [scene({"do": "brake", "when": when, "deceleration": 1e-9}).concrete(v=30.0)],
-        [(4.5, 1.8)],
-        0.05,
-        9.0,
-    )
-    assert found.begins[0, 0] == pytest.approx(begins, abs=1e-6)
+def test_law_the_instant_of_a_linear_condition_is_exact(when, begins, step, until):
+    brakes = scene(f'do = "brake", when = "{when}", deceleration = 5.0')
+    found = drive(brakes, step, until, v=30.0).begins[0, 0]
+    assert found == pytest.approx(begins, abs=1e-9)
 
 
 def test_a_move_begins_when_another_has_ended_and_a_delay_is_over():
     # 20 -> 10 m/s at 5 m/s2 ends at 2 s; half a second later it speeds up again
-    first = {"do": "accelerate", "name": "slow", "speed": 10.0, "acceleration": 5.0}
-    then = {
-        "do": "accelerate",
-        "when": "ended(lead, slow)",
-        "begin": 0.5,
-        "speed": 15.0,
-        "acceleration": 5.0,
-    }
+    first = 'do = "accelerate", name = "slow", speed = 10.0, acceleration = 5.0'
+    then = 'do = "accelerate", when = "ended(lead, slow)", begin = 0.5, speed = 15.0, acceleration = 5.0'
     t, _, _, _, v = way(scene(first, then))
     assert v[np.isclose(t, 2.5)] == pytest.approx(10.0)
     assert v[np.isclose(t, 3.0)] == pytest.approx(12.5)
@@ -192,88 +180,74 @@ def test_a_move_begins_when_another_has_ended_and_a_delay_is_over():
     "change, sentence",
     [
         *rows_of("""
-{"when": "gap(ego, leed) < 3"} | Did you mean `lead`?
-{"when": "tcc(ego, lead) < 3"} | Did you mean `ttc`?
-{"when": "gap(ego, lead)"} | must be a condition such as
-{"when": "gap(ego) < 2"} | gap(a, b)
-{"when": "gap(ego, ego) < 2"} | of two vehicles
-{"when": "min(time) < 3"} | given at least 2 values
-{"when": "abs(x(ego), x(lead)) < 3"} | given one value
-{"when": "gap(ego, lead) < w"} | Unknown name
-{"when": "ended(lead, x)"} | Unknown manoeuvre
-{"when": "ended(ego, x)"} | the ego has none
-{"when": "lead.x < 2"} | which the language does not have
-{"when": "time == 2"} | compared with <, <=, > or >=
-{"when": "(("} | cannot be read
-{"speed": 3.0} | has no `speed`
-{"do": "accelerate", "deceleration": null} | must have `speed`
-{"do": "sinus", "deceleration": null} | must have `acceleration`
-{"do": "sinus", "cycles": 0.5} | must be a multiple of 1
-{"do": "speed_profile", "deceleration": null, "times": [1.0], "speeds": [1.0, 2.0]}
-| as many `times`
-{"do": "speed_profile", "deceleration": null, "times": [2.0, 1.0], "speeds": [1.0, 2.0]}
-| ascending
-{"do": "path", "deceleration": null, "points": [[10.0, 400.0]]} | must be on the map
-{"do": "path", "deceleration": null, "lanes": [7], "places": [10.0]} | within 0..1
-{"do": "follow", "deceleration": null} | must have `model`
-{"do": "follow", "deceleration": null, "model": "IDM", "begin": 1.0} | follows from the start
-{"do": "follow", "deceleration": null, "model": "IDM", "when": "departed > 1"}
-| has `recorded` places
-""", json.loads),
-        ({"when": 21 * "(1 + " + "time" + 21 * ")" + " > 20.5"}, "nested too deep"),
-        ({"when": "1 < time" + 24 * " or time > 9"}, "is too long"),
+when = "gap(ego, leed) < 3" | Did you mean `lead`?
+when = "tcc(ego, lead) < 3" | Did you mean `ttc`?
+when = "gap(ego, lead)" | must be a condition such as
+when = "gap(ego) < 2" | gap(a, b)
+when = "gap(ego, ego) < 2" | of two vehicles
+when = "min(time) < 3" | given at least 2 values
+when = "abs(x(ego), x(lead)) < 3" | given one value
+when = "gap(ego, lead) < w" | Unknown name
+when = "ended(lead, x)" | Unknown manoeuvre
+when = "ended(ego, x)" | the ego has none
+when = "lead.x < 2" | which the language does not have
+when = "time == 2" | compared with <, <=, > or >=
+when = "((" | cannot be read
+speed = 3.0 | has no `speed`
+do = "accelerate" | must have `speed`
+do = "sinus" | must have `acceleration`
+do = "sinus", deceleration = 5.0, cycles = 0.5 | must be a multiple of 1
+do = "speed_profile", times = [1.0], speeds = [1.0, 2.0] | as many `times`
+do = "speed_profile", times = [2.0, 1.0], speeds = [1.0, 2.0] | ascending
+do = "path", points = [[10.0, 400.0]] | must be on the map
+do = "path", lanes = [7], places = [10.0] | within 0..1
+do = "follow" | must have `model`
+do = "follow", model = "IDM", begin = 1.0 | follows from the start
+do = "follow", model = "IDM", when = "departed > 1" | has `recorded` places
+"""),
+        ('when = "' + 21 * "(1 + " + "time" + 21 * ")" + ' > 20.5"', "nested too deep"),
+        ('when = "1 < time' + 24 * " or time > 9" + '"', "is too long"),
     ],
-)  # fmt: skip
+)
 def test_every_mistake_names_the_nearest_word(change, sentence):
-    move = {"do": "brake", "deceleration": 5.0, **change}
+    braking = "" if change.startswith("do") else 'do = "brake", deceleration = 5.0, '
     with refused(sentence):
-        check_points(
-            scene({key: value for key, value in move.items() if value is not None}),
-            np.array([[20.0]]),
-        )
+        check_points(scene(braking + change), np.array([[20.0]]))
 
 
 def test_a_vehicle_that_starts_inside_another_is_refused():
+    inside = scene('do = "accelerate", speed = 3.0, acceleration = 1.0', more="x = 52.0")
     with refusal("clear of `ego` at the start"):
-        check_points(
-            scene({"do": "accelerate", "speed": 3.0, "acceleration": 1.0}, x=52.0),
-            np.array([[20.0]]),
-        )
+        check_points(inside, np.array([[20.0]]))
 
 
 def test_a_parameter_that_nothing_depends_on_is_refused():
-    unused = [*BASE["parameter"], {"name": "w", "unit": "m", "low": 0.0, "high": 1.0, "step": 0.5}]
+    unused = table('name = "w", unit = "m", low = 0.0, high = 1.0, step = 0.5')
+    lead = table('name = "lead", x = 150.0, speed = 1.0')
     with refusal("Parameter `w` of t must be used"):
-        scenario_of(
-            {**BASE, "parameter": unused, "vehicle": [{"name": "lead", "x": 150.0, "speed": 1.0}]}
-        )
+        scenario_of(BASE | {"parameter": [*BASE["parameter"], unused], "vehicle": [lead]})
 
 
 def test_a_stream_is_the_same_every_time_and_denser_than_its_lane_is_refused():
-    stream = {
-        "name": "s",
-        "lane": 1,
-        "begin": -100.0,
-        "end": 200.0,
-        "density": 30.0,
-        "speed": "v",
-        "speed_spread": 2.0,
-    }
-    content = {**BASE, "stream": [stream]}
+    lane = 'name = "s", lane = 1, begin = -100.0, end = 200.0, speed = "v", speed_spread = 2.0'
+    content = {**BASE, "stream": [table(f"{lane}, density = 30.0")]}
     one, two = (scenario_of(content).concrete(v=20.0) for _ in range(2))
     assert repr(one) == repr(two)
     assert len(one.actors) in range(7, 13)  # 300 m at 30 a km, give or take what is drawn
     assert {actor.name for actor in one.actors} >= {"s_1", "s_7"}
     with refusal("`density` of stream `s` must be at most 100 a km"):
-        scenario_of({**content, "stream": [{**stream, "density": 150.0}]}).concrete(v=20.0)
+        scenario_of({**content, "stream": [table(f"{lane}, density = 150.0")]}).concrete(v=20.0)
 
 
 @pytest.mark.campaign
 def test_zones_of_a_played_vehicle_are_those_of_the_closed_form_where_there_is_one():
-    lead = {"name": "lead", "gap": 40.0, "speed": 10.0}
-    plain = scenario_of({**BASE, "vehicle": [lead], "zone": {"obstacle": "lead"}})
-    moving = {**lead, "heading": 0.0}
-    played = scenario_of({**BASE, "vehicle": [moving], "zone": {"obstacle": "lead"}})
+    plain, played = (
+        scenario_of({**BASE, "vehicle": [table(keys)], "zone": {"obstacle": "lead"}})
+        for keys in (
+            'name = "lead", gap = 40.0, speed = 10.0',
+            'name = "lead", gap = 40.0, speed = 10.0, heading = 0.0',
+        )
+    )
     points = np.linspace(10.0, 30.0, 41)[:, None]
     a, b = (criticality(it, points, partition(it).settings).inverse for it in (plain, played))
     np.testing.assert_allclose(b[np.isfinite(a)], a[np.isfinite(a)], rtol=0.02, atol=1e-9)
@@ -281,7 +255,7 @@ def test_zones_of_a_played_vehicle_are_those_of_the_closed_form_where_there_is_o
 
 
 def test_where_no_zone_can_be_defined_everything_is_safe():
-    zones = partition(scene({"do": "brake", "deceleration": 9.0}))
+    zones = partition(scene('do = "brake", deceleration = 9.0'))
     assert zones.zones == 0
     assert not zones.exactly_hazardous([[10.0], [30.0]]).any()
 
@@ -301,42 +275,49 @@ def test_where_no_zone_can_be_defined_everything_is_safe():
     """),
 )
 def test_a_condition_that_never_holds_is_refused_before_a_drive(when, held):
-    logical = scene(
-        {"do": "keep_speed", "name": "keep"}, {"do": "brake", "deceleration": 5.0, "when": when}
-    )
-    if held:
-        check_points(logical, np.array([[20.0]]))
-        return
-    with refusal("can never hold, whatever the ego does"):
+    brake = f'do = "brake", deceleration = 5.0, when = "{when}"'
+    logical = scene('do = "keep_speed", name = "keep"', brake)
+    with nullcontext() if held else refusal("can never hold, whatever the ego does"):
         check_points(logical, np.array([[20.0]]))
 
 
 def test_keep_speed_ends_a_brake_and_counts_in_conditions():
-    brake = {"do": "brake", "name": "b", "deceleration": 2.0}
-    speeds = way(scene(brake, {"do": "keep_speed", "begin": 2.0}))[4]
+    brake = 'do = "brake", name = "b", deceleration = 2.0'
+    speeds = way(scene(brake, 'do = "keep_speed", begin = 2.0'))[4]
     assert speeds[-1] == 16.0  # 20 m/s less 2 s of 2 m/s2
-    shift = {"do": "change_lane", "duration": 2.0, "offset": 3.5, "name": "c"}
-    follower = {"name": "other", "x": 90.0, "y": 3.5, "speed": 10.0, "manoeuvre": [
-        {"do": "brake", "deceleration": 5.0, "when": "ended(lead, c)"}]}  # fmt: skip
-    lead = {"name": "lead", "x": 150.0, "speed": 20.0, "manoeuvre": [{"do": "keep_speed"}, shift]}
-    content = {**BASE, "zone": "none", "vehicle": [lead, follower]}
-    found = tracks([scenario_of(content).concrete(v=20.0)], [(4.5, 1.8)], 0.05, 4.0)
-    assert found.begins[0].tolist() == [0.0, 2.0]
-    lead["manoeuvre"] = [{"do": "follow", "model": "IDM", "name": "c"}]
+    lead = 'name = "lead", x = 150.0, speed = 20.0, manoeuvre = [{}]'.format
+    shift = (
+        '{ do = "keep_speed" }, { do = "change_lane", duration = 2.0, offset = 3.5, name = "c" }'
+    )
+    follower = (
+        'name = "other", x = 90.0, y = 3.5, speed = 10.0, manoeuvre = [{ do = "brake", '
+        'deceleration = 5.0, when = "ended(lead, c)" }]'
+    )
+    both = scenario_of({**BASE, "vehicle": [table(lead(shift)), table(follower)]})
+    assert drive(both).begins[0].tolist() == [0.0, 2.0]
+    endless = table(lead('{ do = "follow", model = "IDM", name = "c" }'))
     with refusal("Unknown manoeuvre `c`"):  # it never ends
-        scenario_of(content)
+        scenario_of({**BASE, "vehicle": [endless, table(follower)]})
 
 
 def test_an_ego_that_starts_sideways_drives_on_so_where_conditions_ask():
     # 20 m/s, 2 of them to the left: the lateral place 3 m is reached after 1.5 s
-    content = {**BASE, "ego": {"speed": "v", "lateral_speed": 2.0}, "zone": "none", "vehicle": [
-        {"name": name, "x": x, "speed": 20.0,
-         "manoeuvre": [{"do": "brake", "deceleration": 5.0, "when": when}]}
-        for name, x, when in (("lead", 150.0, "y(ego) > 3"), ("next", 200.0, "x(ego) > 119"))
-    ]}  # fmt: skip
-    found = tracks([scenario_of(content).concrete(v=20.0)], [(4.5, 1.8)], 0.05, 4.0)
+    sideways = scenario_of(BASE | tomllib.loads("""
+ego = { speed = "v", lateral_speed = 2.0 }
+[[vehicle]]
+name = "lead"
+x = 150.0
+speed = 20.0
+manoeuvre = [{ do = "brake", deceleration = 5.0, when = "y(ego) > 3" }]
+[[vehicle]]
+name = "next"
+x = 200.0
+speed = 20.0
+manoeuvre = [{ do = "brake", deceleration = 5.0, when = "x(ego) > 119" }]
+"""))  # fmt: skip
     along = math.sqrt(20.0**2 - 2.0**2)
-    assert found.begins[0].tolist() == pytest.approx([1.5, 69.0 / along], abs=1e-9)
+    found = drive(sideways).begins[0].tolist()
+    assert found == pytest.approx([1.5, 69.0 / along], abs=1e-9)
 
 
 def test_a_margin_is_the_zone_to_the_last_digit_and_says_all():
