@@ -1,14 +1,15 @@
 """The shipped scenarios with people, others that react and moves that depend on what happens."""
 
 import tomllib
+from string import Template
 
 import numpy as np
 import pytest
 from road_scenes import at_values, scenario_of
+from tables import rows_of
 
 from sumo_eval.cosim import simulate
 from sumo_eval.scenario import catalogue
-from sumo_eval.settings import SimulationSettings
 
 OTHERS = sorted(name for name in catalogue.SCENARIOS if catalogue.load(name).approach is None)
 
@@ -30,32 +31,18 @@ def test_oracle_braking_as_un_r79_ends_1_s_behind(ego, faster):
     point = {"ego_speed": np.array([ego]), "faster": np.array([faster]), "gap": np.array([50.0])}
     margin = catalogue.load("lane_change_rear").margin
     assert float(margin(point)[0]) == pytest.approx(50.0 - s)
-    content = {
-        **tomllib.loads("""
+    logical = scenario_of(tomllib.loads(f"""
 name = "t"
-parameter = [{ name = "gap", unit = "m", low = 10.0, high = 90.0, step = 10.0 }]
-end = { x = 600.0, time = 8.0 }
+parameter = [{{ name = "gap", unit = "m", low = 10.0, high = 90.0, step = 10.0 }}]
+end = {{ x = 600.0, time = 8.0 }}
 zone = "none"
-"""),
-        "ego": {"speed": ego, "x": 150.0},
-        "vehicle": [
-            {
-                "name": "rear",
-                "speed": ego + faster,
-                "gap_behind": "gap",
-                "manoeuvre": [
-                    {
-                        "do": "accelerate",
-                        "when": "time >= 0",
-                        "begin": 0.4,
-                        "speed": ego,
-                        "acceleration": 3.0,
-                    }
-                ],
-            }
-        ],
-    }
-    logical = scenario_of(content)
+ego = {{ speed = {ego}, x = 150.0 }}
+[[vehicle]]
+name = "rear"
+speed = {ego + faster}
+gap_behind = "gap"
+manoeuvre = [{{ do = "accelerate", when = "time >= 0", begin = 0.4, speed = {ego}, acceleration = 3.0 }}]
+"""))  # fmt: skip
     for gap in (s - 0.01, s + 0.01):
         found = simulate(logical.concrete(gap=gap), "no_reaction")
         left = found.ego.x[-1] - found.actors["rear"].x[-1] - 4.5
@@ -78,11 +65,7 @@ def test_a_watching_driver_brakes_for_a_vehicle_on_its_way():
 def test_an_ego_that_begins_sideways_returns_on_a_curve_too():
     offsets = []
     for use in ("lane_keeping_disturbed", "lane_keeping_disturbed?radius=500"):
-        found = simulate(
-            at_values(use, ego_speed=20.0, lateral_speed=0.8),
-            "idm",
-            SimulationSettings(),
-        )
+        found = simulate(at_values(use, ego_speed=20.0, lateral_speed=0.8), "idm")
         assert found.collision is None
         assert found.end_reason == "road_end"
         offsets.append(found.ego.y)
@@ -91,75 +74,78 @@ def test_an_ego_that_begins_sideways_returns_on_a_curve_too():
     np.testing.assert_allclose(offsets[1][:count], offsets[0][:count], atol=0.05)
 
 
-ODD = {
-    "name": "odd", "zone": "none",
-    "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 20.0, "step": 10.0}],
-}  # fmt: skip
-CURVE = {
-    "lanes": 3, "lane_width": 3.5, "length": 900.0,
-    "line": [{"length": 60.0}, {"length": 260.0, "radius": 72.0}],  # more than half a circle
-}  # fmt: skip
-EXIT = {
-    **CURVE,
-    **tomllib.loads("""
-line = [{ length = 70.0 }, { length = 140.0, radius = -690.0 }]
-lane = [{ lane = 0, taper = 60.0, begin = 410.0, ramp_from = 560.0 }]
-"""),
-}
-RAMP = {**EXIT, "lane": [{"lane": 0, "taper": 60.0, "end": 530.0, "ramp_until": 410.0}]}
-SLOWER = {"do": "follow", "model": "Krauss", "speed": 10.5}
-BACK = [{"do": "path", "begin": 0.5, "points": [[50.0, 4.5], [120.0, 3.5], [210.0, 3.0]]}]
-STEEP = {"do": "move_sideways", "begin": 0.5, "speed": 2.5, "offset": 4.0}
-BESIDE = {**SLOWER, "when": "y(a) > 13"}
-STOPS = {"do": "brake", "begin": 1.2, "deceleration": 8.5}
-DROP = {"length": 900.0, "lane": [{"lane": 1, "end": 500.0}]}
-ZIGZAG = [{"do": "path", "points": [[90.0, 3.5], [92.0, -5.0], [85.0, 0.0], [99.0, 1.0]]}]
-AHEAD = {"name": "a", "gap": 40.0, "speed": 18.0}
+def odd(keys):
+    """A case of a scenario file with these keys."""
+    return scenario_of(tomllib.loads(f"""
+name = "odd"
+zone = "none"
+parameter = [{{ name = "v", unit = "m/s", low = 10.0, high = 20.0, step = 10.0 }}]
+{keys}""")).concrete(v=10.0)  # fmt: skip
+
+
+ACCEPTED = Template("""
+slower | lanes = 3, $arc | 3.5 | $ahead, manoeuvre = [{ $slower }]
+past_the_arc | lanes = 3, $arc | 3.5
+| $ahead, body = "truck", y = 7.0, manoeuvre = [{ $slower, when = "speed(ego) > 90" }]
+back | lanes = 3, $arc | 3.5
+| $ahead, manoeuvre = [{ do = "path", begin = 0.5, points = [[50.0, 4.5], [120.0, 3.5], [210.0, 3.0]] }]
+exit | lanes = 3, $bend, $exit | 3.5 | $ahead, y = 3.5
+ramp | lanes = 3, $bend, lane = [{ lane = 0, taper = 60.0, end = 530.0, ramp_until = 410.0 }] | 6.6
+| $ahead, y = 3.5
+across | lanes = 2 | 0.0 | x = 180.0, y = 8.0, speed = 16.0, heading = -90.0
+follows_across | lanes = 2 | 0.0
+| x = 180.0, y = 8.0, speed = 16.0, heading = -90.0, manoeuvre = [{ $slower, when = "distance(ego, a) < 40" }]
+steep | lanes = 2 | 0.0 | gap = 40.0, speed = 2.0, manoeuvre = [{ $steep }]
+zigzag | lanes = 2 | 0.0
+| gap = 40.0, speed = 4.0, manoeuvre = [{ do = "path", points = [[90.0, 3.5], [92.0, -5.0], [85.0, 0.0], [99.0, 1.0]] }]
+beside | lanes = 4, $arc | 10.5
+| $ahead, y = 10.5, manoeuvre = [{ $steep }, { $slower, when = "y(a) > 13" }]
+tight | lanes = 4, $arc, $exit | 10.5 | $ahead, y = 3.5
+stops | length = 900.0, lane = [{ lane = 1, end = 500.0 }] | 0.0
+| x = 863.0, speed = 16.0, manoeuvre = [{ do = "brake", begin = 1.2, deceleration = 8.5 }]
+""").substitute(
+    # more than half a circle
+    arc="length = 900.0, line = [{ length = 60.0 }, { length = 260.0, radius = 72.0 }]",
+    bend="length = 900.0, line = [{ length = 70.0 }, { length = 140.0, radius = -690.0 }]",
+    exit="lane = [{ lane = 0, taper = 60.0, begin = 410.0, ramp_from = 560.0 }]",
+    ahead="gap = 40.0, speed = 18.0",
+    slower='do = "follow", model = "Krauss", speed = 10.5',
+    steep='do = "move_sideways", begin = 0.5, speed = 2.5, offset = 4.0',
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    "road, y, vehicle",
-    [
-        (CURVE, 3.5, {**AHEAD, "manoeuvre": [SLOWER]}),
-        (CURVE, 3.5, {**AHEAD, "body": "truck", "y": 7.0,
-                      "manoeuvre": [{**SLOWER, "when": "speed(ego) > 90"}]}),
-        (CURVE, 3.5, {**AHEAD, "manoeuvre": BACK}),
-        (EXIT, 3.5, {**AHEAD, "y": 3.5}),
-        (RAMP, 6.6, {**AHEAD, "y": 3.5}),
-        ({"lanes": 2}, 0.0, {"name": "a", "x": 180.0, "y": 8.0, "speed": 16.0, "heading": -90.0}),
-        ({"lanes": 2}, 0.0, {"name": "a", "x": 180.0, "y": 8.0, "speed": 16.0, "heading": -90.0,
-                             "manoeuvre": [{**SLOWER, "when": "distance(ego, a) < 40"}]}),
-        ({"lanes": 2}, 0.0, {**AHEAD, "speed": 2.0, "manoeuvre": [STEEP]}),
-        ({"lanes": 2}, 0.0, {**AHEAD, "speed": 4.0, "manoeuvre": ZIGZAG}),
-        ({**CURVE, "lanes": 4}, 10.5, {**AHEAD, "y": 10.5, "manoeuvre": [STEEP, BESIDE]}),
-        ({**EXIT, "lanes": 4, "line": CURVE["line"]}, 10.5, {**AHEAD, "y": 3.5}),
-        (DROP, 0.0, {"name": "a", "x": 863.0, "speed": 16.0, "manoeuvre": [STOPS]}),
-    ],
-    ids=["slower", "past_the_arc", "back", "exit", "ramp", "across", "follows_across", "steep",
-         "zigzag", "beside", "tight", "stops"],
-)  # fmt: skip
+    "road, y, vehicle", [pytest.param(*row, id=name) for name, *row in rows_of(ACCEPTED)]
+)
 @pytest.mark.parametrize("ads", ["no_reaction", "traci"])
 def test_what_check_accepts_is_played(road, y, vehicle, ads):
     """A straight drive that leaves the road in a curve included, beside traffic that reacts."""
-    stream = {"name": "st", "lane": 1, "begin": -30.0, "end": 200.0, "density": 20.0, "speed": "v"}
-    content = {
-        **ODD, "road": road, "ego": {"speed": "v", "x": 30.0, "y": y},
-        "vehicle": [vehicle], "stream": [] if "lane" in road else [{**stream, "begin": 60.0}],
-    }  # fmt: skip
-    concrete = scenario_of(content).concrete(v=10.0)
+    stream = '{ name = "st", lane = 1, begin = 60.0, end = 200.0, density = 20.0, speed = "v" }'
+    concrete = odd(f"""
+road = {{ {road} }}
+ego = {{ speed = "v", x = 30.0, y = {y} }}
+vehicle = [{{ name = "a", {vehicle} }}]
+stream = [{stream * ("lane = [" not in road)}]
+""")
     drive = simulate(concrete, (lambda traci, ego, time: None) if ads == "traci" else ads)
     assert drive.error is None
     assert drive.simulated_time > 1.0
 
 
 def test_law_a_body_that_reaches_over_a_line_again_is_seen():
-    swings = [{"do": "sinus", "begin": begin, "offset": 1.5, "acceleration": 1.0}
-              for begin in (0.5, 10.5)]  # fmt: skip
-    content = {
-        **ODD, "ego": {"speed": "v", "x": 100.0},
-        "vehicle": [{"name": "a", "gap": 20.0, "speed": "v", "manoeuvre": swings}],
-        "stream": [{"name": "left", "lane": 1, "begin": -60.0, "end": -50.0, "density": 1.0,
-                    "speed": "v + 4", "headway": 0.5}],
-    }  # fmt: skip
-    drive = simulate(scenario_of(content).concrete(v=10.0), "no_reaction")
+    concrete = odd("""
+ego = { speed = "v", x = 100.0 }
+stream = [
+    { name = "left", lane = 1, begin = -60.0, end = -50.0, density = 1.0, speed = "v + 4", headway = 0.5 },
+]
+[[vehicle]]
+name = "a"
+gap = 20.0
+speed = "v"
+manoeuvre = [
+    { do = "sinus", begin = 0.5, offset = 1.5, acceleration = 1.0 },
+    { do = "sinus", begin = 10.5, offset = 1.5, acceleration = 1.0 },
+]
+""")
+    drive = simulate(concrete, "no_reaction")
     assert drive.actors["left_1"].speed[105:].min() < 13.0  # of 14 m/s, as without the swing
