@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import tomllib
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -112,8 +113,14 @@ def assert_whole(found):
     assert found.end_reason == "time_limit"
 
 
+def table(keys):
+    """A vehicle, a move or a road by its keys in a scenario file."""
+    return tomllib.loads(f"it = {{{keys}}}")["it"]
+
+
 def scenario_of(content):
-    """The scenario of a file with this content."""
+    """The scenario of a file with this content, or text."""
+    content = tomllib.loads(content) if isinstance(content, str) else content
     return scenario_from(content, "t", Path())
 
 

@@ -19,19 +19,21 @@ from sumo_eval.settings import ZoneSettings
 
 SIZE = (4.5, 1.8)
 ZONES = ZoneSettings()  # ideal braking with 5 m/s2
-RAMP = {"lanes": 3, "length": 2000.0, "lane": [{"lane": 0, "end": 500.0, "ramp_until": 120.0}]}
+RAMP = "lanes = 3, lane = [{ lane = 0, end = 500.0, ramp_until = 120.0 }]"
+CROSSED = "lanes = 2, crossing = [{ x = 300.0 }]"
+MERGES = 'speed = "v", goal_lane = 1, change_from = 120.0'
 
 
-def scene(speed, other, **more):
-    """The ego at x = 50 m; bodies are 4.5 x 1.8 m."""
-    content = {
-        "name": "t",
-        "parameter": [{"name": "v", "low": 1.0, "high": 50.0, "step": 1.0, "unit": "m/s"}],
-        "zone": {"obstacle": "other", "conflict": True}, "vehicle": [{"name": "other", **other}],
-        "road": {"lanes": 2, "length": 2000.0, "crossing": [{"x": 300.0}]}, **more,
-        "ego": {"speed": "v", **more.get("ego", {})},
-    }  # fmt: skip
-    return scenario_of(content).concrete(v=speed)
+def scene(speed, other, second="", road=CROSSED, ego='speed = "v"'):
+    """The ego at x = 50 m; bodies are 4.5 x 1.8 m; keys as in a scenario file."""
+    return scenario_of(f"""
+name = "t"
+parameter = [{{ name = "v", low = 1.0, high = 50.0, step = 1.0, unit = "m/s" }}]
+zone = {{ obstacle = "other", conflict = true }}
+vehicle = [{{ name = "other", {other} }}, {second}]
+road = {{ length = 2000.0, {road} }}
+ego = {{ {ego} }}
+""").concrete(v=speed)  # fmt: skip
 
 
 def critical(concrete, delay=0.0):
@@ -49,13 +51,13 @@ def critical(concrete, delay=0.0):
     """),
 )
 def test_law_behind_a_vehicle_in_the_lane_it_is_the_closed_form(speed, lead, gap, delay):
-    concrete = scene(speed, {"speed": lead, "gap": gap})
+    concrete = scene(speed, f"speed = {lead}, gap = {gap}")
     wanted = float(max_inverse_ttc(speed, lead, gap, deceleration=5.0, delay=delay))
     assert critical(concrete, delay)[0] == pytest.approx(wanted, rel=1e-2)
 
 
 def test_law_ideal_braking_that_hits_hits_as_the_closed_form_says():
-    inverse, impact, _ = critical(scene(20.0, {"speed": 0.0, "gap": 30.0}))
+    inverse, impact, _ = critical(scene(20.0, "speed = 0.0, gap = 30.0"))
     assert inverse == np.inf
     # sqrt(400 - 2 * 5 * 30) = 10 m/s; found at most one look of 0.1 s (0.5 m/s) late
     assert impact == pytest.approx(
@@ -67,9 +69,10 @@ def test_law_ideal_braking_that_hits_hits_as_the_closed_form_says():
 def test_law_between_two_looks_the_ego_brakes_as_it_does_at_them(apart):
     # At 1.05 s its rear is at 47.75 + 20 * 1.05 - 2.5 * 1.05^2 = 65.99375 m, and `apart` m beyond
     # the side of a vehicle whose front then comes into the strip: -13.65 + 10 * 1.05 + 2.25 = -0.9.
-    crossing = {"speed": 10.0, "heading": 90.0, "x": 65.99375 - 0.9 - apart, "y": -13.65}
-    vehicles = [{"name": "other", "speed": 0.0, "gap": 60.0}, {"name": "second", **crossing}]
-    assert np.isinf(critical(scene(20.0, {}, vehicle=vehicles))[0]) == (apart < 0.0)
+    x = 65.99375 - 0.9 - apart
+    second = f'{{ name = "second", speed = 10.0, heading = 90.0, x = {x}, y = -13.65 }}'
+    both = scene(20.0, "speed = 0.0, gap = 60.0", second)
+    assert np.isinf(critical(both)[0]) == (apart < 0.0)
 
 
 @pytest.mark.parametrize("leaves", [2.3, 2.6, 4.0])
@@ -77,9 +80,8 @@ def test_law_a_crossing_vehicle_counts_as_long_as_the_ego_would_find_it_in_its_w
     # It is in the strip (2.25 + 0.9 m to both sides) from 1 s until `leaves`; the ego's front is 20
     # m from its side.
     across = 6.3 / (leaves - 1.0)
-    concrete = scene(
-        10.0, {"speed": across, "heading": 90.0, "x": 50.0 + 2.25 + 20.0 + 0.9, "y": -3.15 - across}
-    )
+    x, y = 50.0 + 2.25 + 20.0 + 0.9, -3.15 - across
+    concrete = scene(10.0, f"speed = {across}, heading = 90.0, x = {x}, y = {y}")
     t = np.linspace(0.0, 2.5, 250_001)
     v = 10.0 - 5.0 * np.clip(t - 0.5, 0.0, 2.0)
     d = 20.0 - 10.0 * np.minimum(t, 0.5) - 0.5 * np.clip(t - 0.5, 0.0, 2.0) * (10.0 + v)
@@ -104,27 +106,25 @@ def test_law_bodies_touch_as_they_lie_also_between_two_looks(name, point, hits):
 
 
 def test_without_a_meeting_there_is_no_conflict():
-    assert critical(scene(20.0, {"speed": 5.0, "heading": 90.0, "x": 75.0, "y": -20.0}))[0] == 0.0
+    assert critical(scene(20.0, "speed = 5.0, heading = 90.0, x = 75.0, y = -20.0"))[0] == 0.0
 
 
 def test_law_a_merge_behind_a_slower_vehicle_is_the_approach_to_it():
     # 25 m/s against 15 m/s and 50 m: they would touch after 5 s, at x = 175 m, when the change
     # (120..220 m) has brought the ego's side over the other's; from the ramp it is the closed form
     # of a vehicle in the own lane.
-    ego = {"goal_lane": 1, "change_from": 120.0}
-    concrete = scene(25.0, {"speed": 15.0, "gap": 50.0, "y": 3.5}, road=RAMP, ego=ego)
-    assert critical(concrete)[0] == pytest.approx(
+    slower = "speed = 15.0, gap = 50.0, y = 3.5"
+    assert critical(scene(25.0, slower, road=RAMP, ego=MERGES))[0] == pytest.approx(
         float(max_inverse_ttc(25.0, 15.0, 50.0, deceleration=5.0)), rel=1e-2
     )
     # which stays on the ramp's lane
-    beside = scene(25.0, {"speed": 15.0, "gap": 50.0, "y": 3.5}, road=RAMP)
-    assert critical(beside)[0] == 0.0
+    assert critical(scene(25.0, slower, road=RAMP))[0] == 0.0
 
 
 def test_the_area_the_time_to_it_and_the_pet_of_a_crossing_by_hand():
     # The other's side is at x = 99.1..100.9 m. In the ego's strip from y = -3.15 to 3.15 m: 2.1 m/s
     # from y = -10 m on.
-    crossing = {"speed": 2.1, "heading": 90.0, "x": 100.0, "y": -10.0}
+    crossing = "speed = 2.1, heading = 90.0, x = 100.0, y = -10.0"
     found = crossing_conflict(scene(10.0, crossing), 0, SIZE)
     assert (found.begin, found.end) == pytest.approx((99.1, 100.9))
     assert (found.enters, found.leaves) == pytest.approx((6.85 / 2.1, 13.15 / 2.1))
@@ -136,10 +136,11 @@ def test_the_area_the_time_to_it_and_the_pet_of_a_crossing_by_hand():
     assert sooner.pet == pytest.approx(6.85 / 2.1 - 53.15 / 30.0)
     later = crossing_conflict(scene(5.0, crossing), 0, SIZE)
     assert later.pet == pytest.approx(46.85 / 5.0 - 13.15 / 2.1)
-    away = crossing_conflict(scene(5.0, {"speed": 2.1, "x": 100.0, "y": 3.5}), 0, SIZE)
+    away = crossing_conflict(scene(5.0, "speed = 2.1, x = 100.0, y = 3.5"), 0, SIZE)
     assert np.isnan(away.pet)
     # the ego stands in the area
-    stands = scene(2.1, crossing | {"speed": "v", "x": 50.0}, ego={"speed": 0.0})
+    crossing = 'speed = "v", heading = 90.0, x = 50.0, y = -10.0'
+    stands = scene(2.1, crossing, ego="speed = 0.0")
     assert crossing_conflict(stands, 0, SIZE).pet == 0.0
 
 
@@ -147,8 +148,7 @@ def test_the_pet_of_ways_that_join_is_that_at_the_place_where_they_do():
     # The other drives in lane 1, its rear at p = `begin` when its body comes into the ego's strip.
     # It is 50 m ahead at 25 m/s, the ego is at 20 m/s: the other's rear leaves p first, the ego's
     # front is there at (p - 52.25) / 20.
-    ego = {"goal_lane": 1, "change_from": 120.0}
-    concrete = scene(20.0, {"speed": 25.0, "gap": 50.0, "y": 3.5}, road=RAMP, ego=ego)
+    concrete = scene(20.0, "speed = 25.0, gap = 50.0, y = 3.5", road=RAMP, ego=MERGES)
     found = crossing_conflict(concrete, 0, SIZE)
     rear = 50.0 + 2.25 + 50.0  # at the start
     assert np.isinf(found.leaves)
@@ -157,7 +157,7 @@ def test_the_pet_of_ways_that_join_is_that_at_the_place_where_they_do():
     assert found.pet == pytest.approx(found.time_to - found.enters)
     # From 100 m behind at 25 m/s: the ego's rear leaves p at (p + 2.25 - 50) / 20, the other's
     # front comes later.
-    behind = scene(20.0, {"speed": 25.0, "gap_behind": 100.0, "y": 3.5}, road=RAMP, ego=ego)
+    behind = scene(20.0, "speed = 25.0, gap_behind = 100.0, y = 3.5", road=RAMP, ego=MERGES)
     later = crossing_conflict(behind, 0, SIZE)
     front = 50.0 - 2.25 - 100.0
     assert later.pet == pytest.approx(

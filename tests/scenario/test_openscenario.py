@@ -16,7 +16,6 @@ from scipy.integrate import cumulative_trapezoid
 from tables import rows_of, values_of
 
 from sumo_eval.cosim import Command, simulate
-
 from sumo_eval.extras.openscenario import reading
 from sumo_eval.extras.openscenario.collections import uses_of
 from sumo_eval.extras.openscenario.conformity import ROWS

@@ -7,7 +7,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 from refusals import refusal, refused
-from road_scenes import scenario_of
+from road_scenes import scenario_of, table
 from tables import rows_of, values_of
 
 from sumo_eval.method.point_criticality import criticality
@@ -24,11 +24,6 @@ ego = { speed = "v" }
 end = { x = 600.0, time = 20.0 }
 zone = "none"
 """)  # fmt: skip
-
-
-def table(keys):
-    """A vehicle, or a move of one, by its keys in a scenario file."""
-    return tomllib.loads(f"it = {{{keys}}}")["it"]
 
 
 def scene(*moves, zone="none", more=""):

@@ -1,18 +1,18 @@
 """Roads whose lanes open, end, are ramps or are crossed: where they are, what is refused, what SUMO
 is given."""
 
-import json
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from string import Template
 
 import numpy as np
 import pytest
 from lxml import etree
 from refusals import refused
 from road_scenes import scenario_of
-from tables import rows_of, values_of
+from tables import rows_of
 
 from sumo_eval.cosim.sumo.sumo_files import network_xml, road_edges, routes_xml, vehicle_edges
 from sumo_eval.method.compared_drives import slice_points
@@ -22,21 +22,19 @@ from sumo_eval.scenario.sampling.samples import central_point
 from sumo_eval.settings import VehicleSettings
 
 SHAPED = [name for name in catalogue.SCENARIOS if catalogue.load(name).road.shaped]
-RAMP = {"lane": 0, "end": 300.0, "taper": 50.0, "ramp_until": 120.0}
-BASE = {
-    **tomllib.loads("""
+RAMP = "lane = [{ lane = 0, end = 300.0, taper = 50.0, ramp_until = 120.0 }]"
+BASE = tomllib.loads(f"""
 name = "t"
-parameter = [{ name = "v", low = 10.0, high = 30.0, step = 10.0, unit = "m/s" }]
-ego = { speed = "v" }
+parameter = [{{ name = "v", low = 10.0, high = 30.0, step = 10.0, unit = "m/s" }}]
+ego = {{ speed = "v" }}
 zone = "none"
-vehicle = [{ name = "other", speed = 20.0, x = 20.0, y = 7.0 }]
-"""),
-    "road": {"lanes": 3, "length": 900.0, "lane": [RAMP]},
-}
+vehicle = [{{ name = "other", speed = 20.0, x = 20.0, y = 7.0 }}]
+road = {{ lanes = 3, length = 900.0, {RAMP} }}
+""")
 
 
-def read(**changes):
-    return scenario_of({**BASE, **changes})
+def read(changes=""):
+    return scenario_of(BASE | tomllib.loads(changes))
 
 
 def test_the_edge_moves_in_a_straight_line_over_the_taper():
@@ -53,9 +51,8 @@ def test_the_edge_moves_in_a_straight_line_over_the_taper():
     assert road.left_edge_at([0.0, 325.0]).tolist() == [8.75, 8.75]
     assert road.lanes_at(100.0) == (0, 1, 2)
     assert road.lanes_at(310.0) == (1, 2)
-    opens = read(
-        road={"lanes": 2, "length": 900.0, "lane": [{"lane": 1, "begin": 200.0, "taper": 40.0}]}
-    ).road
+    lane = "{ lane = 1, begin = 200.0, taper = 40.0 }"
+    opens = read(f"road = {{ lanes = 2, length = 900.0, lane = [{lane}] }}").road
     assert opens.left_edge_at([100.0, 160.0, 190.0, 200.0]).tolist() == [
         1.75,
         1.75,
@@ -96,14 +93,8 @@ def test_sections_and_ramps_are_edges():
 
 
 def test_lanes_that_open_and_end_follow_a_curve():
-    road = read(
-        road={
-            "lanes": 3,
-            "length": 900.0,
-            "lane": [RAMP],
-            "line": [{"length": 800.0, "radius": 250.0}],
-        }
-    ).road
+    line = "line = [{ length = 800.0, radius = 250.0 }]"
+    road = read(f"road = {{ lanes = 3, length = 900.0, {RAMP}, {line} }}").road
     net = etree.fromstring(network_xml(road).encode())
     lanes = {
         str(it.get("id")): np.array([p.split(",") for p in str(it.get("shape")).split()], float)
@@ -141,7 +132,8 @@ def test_sumo_opens_the_network_of_a_shipped_scenario_and_drives_its_routes(name
 
 
 def test_pages_draw_what_is_not_there_the_lines_of_ramps_and_the_roads_that_cross():
-    road = read(road={"lanes": 3, "length": 900.0, "lane": [RAMP], "crossing": [{"x": 500.0}]}).road
+    crossing = "crossing = [{ x = 500.0 }]"
+    road = read(f"road = {{ lanes = 3, length = 900.0, {RAMP}, {crossing} }}").road
     assert drawn_shape(road) == tomllib.loads("""
 gone = [[[900.0, -1.75], [900.0, 1.75], [350.0, 1.75], [300.0, -1.75]]]
 solid = [[0.0, 120.0, 1.75]]
@@ -151,21 +143,27 @@ crossings = [[500.0, 7.0, 100.0]]
 
 @pytest.mark.parametrize(
     "ego, begin, by, ends",
-    values_of("""
-    {"goal_lane": 1, "change_from": 150.0}, 150.0, 300.0, True
-    {"goal_lane": 1, "change_from": 150.0, "change_by": 250.0}, 150.0, 250.0, True
-    {"y": 3.5, "goal_lane": 2, "change_from": 150.0, "change_by": 250.0}, 150.0, 250.0, False
-    """),
+    rows_of(
+        """
+goal_lane = 1, change_from = 150.0 | 150.0 | 300.0 | 1
+goal_lane = 1, change_from = 150.0, change_by = 250.0 | 150.0 | 250.0 | 1
+y = 3.5, goal_lane = 2, change_from = 150.0, change_by = 250.0 | 150.0 | 250.0 | 0
+""",
+        str,
+        float,
+        float,
+        int,
+    ),
 )
 def test_a_goal_lane_is_a_way_that_ends_where_the_first_lane_does(ego, begin, by, ends):
-    way = read(ego={"speed": "v", **ego}).concrete(v=20.0).ego.way
+    start = read(f'ego = {{ speed = "v", {ego} }}').concrete(v=20.0).ego
+    way = start.way
     assert way.offset == 3.5
     assert way.begin == begin
     assert way.by == by
     assert way.ends == ends
     assert way.length(20.0) == 80.0  # 4 s
     assert way.length(200.0) == by - begin
-    start = read(ego={"speed": "v", **ego}).concrete(v=20.0).ego
     assert start.y_at([begin, begin + 40.0, begin + 80.0]).tolist() == [
         start.y,
         start.y + 1.75,
@@ -173,51 +171,47 @@ def test_a_goal_lane_is_a_way_that_ends_where_the_first_lane_does(ego, begin, by
     ]
 
 
-ROAD = {"lanes": 3, "length": 900.0}
-BEND = {"length": 500.0, "radius": 300.0}
-GOAL = {"speed": "v", "goal_lane": 1, "change_from": 150.0}
-CHANGED = {
-    "all": dict,
-    "road": lambda it: {"road": {**ROAD, **it}},
-    "ramp": lambda it: {"road": {**ROAD, "lane": [{**RAMP, **it}]}},
-    "bend": lambda it: {"road": {**ROAD, "line": [{**BEND, **it}]}},
-    "goal": lambda it: {"ego": {**GOAL, **it}},
-}
-
-
 @pytest.mark.parametrize(
-    "part, changes, sentence",
-    [
-        *rows_of("""
-ramp | {"lane": 1} | must be 0 or 2, of a road of at least 2 lanes
-road | {"lane": [{"lane": 0}]} | must have a `begin` or an `end`
-ramp | {"end": 890.0} | must be in order within 0..900 m
-ramp | {"ramp_until": 310.0} | must be within 0..300 m, where the lane is
-ramp | {"ramp_from": 310.0} | has a `ramp_from`, so it must be one that
-ramp | {"rmp_until": 31.0} | ramp_until
-road | {"crossing": [{"x": 2000.0}]} | must be within the road's 900 m
-all | {"vehicle": [{"name": "other", "speed": 20.0, "x": 52.0, "y": 0.5}]}
+    "changes, sentence",
+    rows_of(
+        Template("""
+$road, lane = [{ lane = 1, end = 300.0, taper = 50.0, ramp_until = 120.0 }] }
+| must be 0 or 2, of a road of at least 2 lanes
+$road, lane = [{ lane = 0 }] } | must have a `begin` or an `end`
+$road, lane = [{ lane = 0, end = 890.0, taper = 50.0, ramp_until = 120.0 }] }
+| must be in order within 0..900 m
+$road, lane = [{ lane = 0, end = 300.0, taper = 50.0, ramp_until = 310.0 }] }
+| must be within 0..300 m, where the lane is
+$road, lane = [{ lane = 0, end = 300.0, taper = 50.0, ramp_until = 120.0, ramp_from = 310.0 }] }
+| has a `ramp_from`, so it must be one that
+$road, lane = [{ lane = 0, end = 300.0, taper = 50.0, ramp_until = 120.0, rmp_until = 31.0 }] }
+| ramp_until
+$road, crossing = [{ x = 2000.0 }] } | must be within the road's 900 m
+vehicle = [{ name = "other", speed = 20.0, x = 52.0, y = 0.5 }]
 | must be clear of `ego` at the start
-bend | {"radius": 9.0} | so that the ego can drive its innermost lane
-road | {"line": [{"length": 30.0, "begin_radius": -9.0, "end_radius": 10.0}]}
+$road, line = [{ length = 500.0, radius = 9.0 }] }
+| so that the ego can drive its innermost lane
+$road, line = [{ length = 30.0, begin_radius = -9.0, end_radius = 10.0 }] }
 | must be at least 11.0 m, so that the ego can drive its innermost lane, got 10.0
-all | {"ego": {"speed": "v", "change_from": 150.0}} | must have a `goal_lane`
-all | {"ego": {"speed": "v", "goal_lane": 1}} | so it must have a `change_from`
-goal | {"goal_lane": 7} | must be below 3
-goal | {"goal_lane": 2} | must be a lane beside lane 0
-goal | {"change_from": 100.0} | must be within 120..300 m and 20 m apart, where both lanes are
-goal | {"y": 7.0} | must have a `change_by`: neither its lane nor the other one ends
-all | {"vehicle": [{"name": "other", "speed": 20.0, "x": 600.0}]} | must be on a lane
-""", str, json.loads),
-        ("road", {"lane": [RAMP, RAMP]}, "must have lane 0 once"),
-        ("road", {"crossing": [{"x": 400.0, "reach": 280.0}], "line": [BEND]},
-            "`reach` of [[road.crossing]] of t must be at most 270.0 m, 0.9 of the radius there"),
-        ("all", {"road": {"network": "a.net.xml", "lane": [RAMP]}},
-            "must not stand beside `network`: it shapes a road that is written"),
-    ],
-)  # fmt: skip
-def test_a_shape_that_cannot_be_is_refused(part, changes, sentence):
+ego = { speed = "v", change_from = 150.0 } | must have a `goal_lane`
+ego = { speed = "v", goal_lane = 1 } | so it must have a `change_from`
+ego = { speed = "v", goal_lane = 7, change_from = 150.0 } | must be below 3
+ego = { speed = "v", goal_lane = 2, change_from = 150.0 } | must be a lane beside lane 0
+ego = { speed = "v", goal_lane = 1, change_from = 100.0 }
+| must be within 120..300 m and 20 m apart, where both lanes are
+ego = { speed = "v", goal_lane = 1, change_from = 150.0, y = 7.0 }
+| must have a `change_by`: neither its lane nor the other one ends
+vehicle = [{ name = "other", speed = 20.0, x = 600.0 }] | must be on a lane
+$road, lane = [{ lane = 0, end = 300.0 }, { lane = 0, end = 300.0 }] } | must have lane 0 once
+$road, crossing = [{ x = 400.0, reach = 280.0 }], line = [{ length = 500.0, radius = 300.0 }] }
+| `reach` of [[road.crossing]] of t must be at most 270.0 m, 0.9 of the radius there
+road = { network = "a.net.xml", $ramp }
+| must not stand beside `network`: it shapes a road that is written
+""").substitute(road="road = { lanes = 3, length = 900.0", ramp=RAMP)
+    ),
+)
+def test_a_shape_that_cannot_be_is_refused(changes, sentence):
     from sumo_eval.scenario.file import check_points
 
     with refused(sentence):
-        check_points(read(**CHANGED[part](changes)), np.array([[20.0]]))
+        check_points(read(changes), np.array([[20.0]]))

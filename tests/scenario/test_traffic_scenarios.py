@@ -1,6 +1,5 @@
 """The shipped scenarios with people, others that react and moves that depend on what happens."""
 
-import tomllib
 from string import Template
 
 import numpy as np
@@ -31,7 +30,7 @@ def test_oracle_braking_as_un_r79_ends_1_s_behind(ego, faster):
     point = {"ego_speed": np.array([ego]), "faster": np.array([faster]), "gap": np.array([50.0])}
     margin = catalogue.load("lane_change_rear").margin
     assert float(margin(point)[0]) == pytest.approx(50.0 - s)
-    logical = scenario_of(tomllib.loads(f"""
+    logical = scenario_of(f"""
 name = "t"
 parameter = [{{ name = "gap", unit = "m", low = 10.0, high = 90.0, step = 10.0 }}]
 end = {{ x = 600.0, time = 8.0 }}
@@ -42,7 +41,7 @@ name = "rear"
 speed = {ego + faster}
 gap_behind = "gap"
 manoeuvre = [{{ do = "accelerate", when = "time >= 0", begin = 0.4, speed = {ego}, acceleration = 3.0 }}]
-"""))  # fmt: skip
+""")  # fmt: skip
     for gap in (s - 0.01, s + 0.01):
         found = simulate(logical.concrete(gap=gap), "no_reaction")
         left = found.ego.x[-1] - found.actors["rear"].x[-1] - 4.5
@@ -76,11 +75,11 @@ def test_an_ego_that_begins_sideways_returns_on_a_curve_too():
 
 def odd(keys):
     """A case of a scenario file with these keys."""
-    return scenario_of(tomllib.loads(f"""
+    return scenario_of(f"""
 name = "odd"
 zone = "none"
 parameter = [{{ name = "v", unit = "m/s", low = 10.0, high = 20.0, step = 10.0 }}]
-{keys}""")).concrete(v=10.0)  # fmt: skip
+{keys}""").concrete(v=10.0)  # fmt: skip
 
 
 ACCEPTED = Template("""
