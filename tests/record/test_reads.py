@@ -100,29 +100,24 @@ def copy_of(whole, tmp_path):
     return Path(shutil.copytree(whole, tmp_path / "copy", symlinks=True))
 
 
-CHANGES = {
-    "imported in the constructor": (
-        "lazy/planner.py",
-        lambda it: (it / "lazy/planner.py").write_text(ROLLS),
-    ),
-    "a module in a zip file": ("packed.zip", lambda it: (it / "packed.zip").write_bytes(b"")),
-    "read in reset": ("weights/again.txt", lambda it: (it / "weights/again.txt").write_text("3")),
-    "read through a link": (
-        "weights/link.json",
-        lambda it: (it / "weights/target.json").write_text("3"),
-    ),
-    "deleted": ("weights/again.txt", lambda it: (it / "weights/again.txt").unlink()),
-    "a pipe in its place": ("weights/again.txt", lambda it: _pipe(it / "weights/again.txt")),
-    "made after it was missed": (
-        "weights/optional.txt",
-        lambda it: (it / "weights/optional.txt").write_text(""),
-    ),
-}
+def write(text):
+    return lambda path: path.write_text(text)
 
 
-def _pipe(path):
+def pipe(path):
     path.unlink()
     os.mkfifo(path)
+
+
+CHANGES = {
+    "imported in the constructor": ("lazy/planner.py", write(ROLLS)),
+    "a module in a zip file": ("packed.zip", write("")),
+    "read in reset": ("weights/again.txt", write("3")),
+    "read through a link": ("weights/link.json", write("3")),
+    "deleted": ("weights/again.txt", Path.unlink),
+    "a pipe in its place": ("weights/again.txt", pipe),
+    "made after it was missed": ("weights/optional.txt", write("")),
+}
 
 
 @pytest.mark.parametrize("kind", CHANGES)
@@ -130,7 +125,7 @@ def test_case_depends_on_what_its_ads_had_read(whole, tmp_path, kind):
     folder = copy_of(whole, tmp_path)
     name, change = CHANGES[kind]
     assert stale(folder) == ()
-    change(folder / "source")
+    change(folder / "source" / name)
     (said,) = stale(folder)
     assert said.startswith(f"3 recorded cases of ADS `mine` cannot be reused: {name} changed")
 

@@ -1,7 +1,6 @@
 """Roads out of OpenDRIVE files: those of the ALKS and NCAP catalogues, one written here, and what
 is refused."""
 
-import json
 import math
 import tomllib
 from pathlib import Path
@@ -53,11 +52,8 @@ CAMBER = '<lateralProfile><shape s="0" t="0" a="0" b="0.1" c="0" d="0"/></latera
 
 def written(tmp_path, **parts):
     path = tmp_path / "road.xodr"
-    path.write_text(
-        PLAN.format(
-            **{"id": "0", "more": "", "profile": "", "width": 3.5, "a": 3.5, "b": 0, **parts}
-        )
-    )
+    plain = {"id": "0", "more": "", "profile": "", "width": 3.5, "a": 3.5, "b": 0}
+    path.write_text(PLAN.format(**plain | parts))
     return path
 
 
@@ -106,8 +102,6 @@ def test_the_curves_of_the_alks_catalogue(name, radius):
 def test_the_road_of_many_curvatures_is_the_offset_of_its_reference_line():
     """The reference line is drawn again from the file's own numbers; ours must lie 11.5 m to its
     right everywhere."""
-    from lxml import etree
-
     path = ALKS / "alks_road_different_curvatures.xodr"
     read = read_opendrive(path)
     reference = []
@@ -193,10 +187,9 @@ def own_length(c, last):
 
 
 def cubic(tmp_path, last, kind, **changes):
-    numbers = {**COEFFICIENTS, **changes}
-    numbers.setdefault("length", own_length(COEFFICIENTS, last))
+    numbers = COEFFICIENTS | {"length": own_length(COEFFICIENTS, last)} | changes
     path = tmp_path / "cubic.xodr"
-    path.write_text(CUBIC.format(**{"kind": kind, **numbers}))
+    path.write_text(CUBIC.format(kind=kind, **numbers))
     return path
 
 
@@ -319,8 +312,6 @@ def test_law_a_road_whose_right_lane_opens_or_ends_comes_back_from_its_own_expor
 
 
 def test_an_export_has_the_left_edge_where_the_road_has_it():
-    from lxml import etree
-
     road = Road(
         "t",
         500.0,
@@ -407,8 +398,6 @@ def test_a_width_that_is_a_polynomial_is_refused_by_its_lane(tmp_path):
 
 @needs_catalogues
 def test_all_twelve_ways_through_the_junction_of_the_ncap_catalogue_are_driven():
-    from lxml import etree
-
     path = CATALOGUES / "osc_ncap" / "OpenDRIVE" / "NCAP" / "X-Intersection_NCAP.xodr"
     root = etree.parse(path).getroot()
     joined = {
@@ -434,6 +423,7 @@ PIECES = (
 )  # fmt: skip
 """Straight, into a left bend, over into a right one, and straight again."""
 RNG = np.random.default_rng(17)
+LIMITS = [0.0, -8.0, -1.0], [560.0, 8.0, 1.0]  # of s, d and a heading
 
 
 def test_an_arc_is_a_circle():
@@ -472,11 +462,7 @@ def test_a_spiral_is_a_fresnel_integral(length):
 
 
 def test_law_frame_and_map_are_inverses():
-    s, d, heading = (
-        RNG.uniform(0.0, 560.0, 2000),
-        RNG.uniform(-8.0, 8.0, 2000),
-        RNG.uniform(-1.0, 1.0, 2000),
-    )
+    s, d, heading = RNG.uniform(*LIMITS, (2000, 3)).T
     back = frame_places(PIECES, *map_places(PIECES, s, d, heading))
     for found, given in zip(back, (s, d, heading), strict=True):
         assert np.abs(found - given).max() < 1e-9
@@ -493,11 +479,7 @@ def test_law_a_line_has_no_gap_no_kink_and_the_length_it_says():
 
 
 def test_a_straight_road_has_one_pair_of_numbers():
-    s, d, heading = (
-        RNG.uniform(0.0, 560.0, 50),
-        RNG.uniform(-8.0, 8.0, 50),
-        RNG.uniform(-1.0, 1.0, 50),
-    )
+    s, d, heading = RNG.uniform(*LIMITS, (50, 3)).T.copy()
     for there in (map_places((), s, d, heading), frame_places((), s, d, heading)):
         assert [it.tobytes() for it in there] == [s.tobytes(), d.tobytes(), heading.tobytes()]
 
@@ -553,64 +535,61 @@ def test_a_bent_road_as_opendrive_has_its_pieces():
 # -- in a scenario file ----------------------------------------------------------------------------
 
 
-def scenario(**road):
-    return {
-        **tomllib.loads("""
+def read(keys=""):
+    """The road of a scenario file by its keys."""
+    text = f"""
 name = "bent"
-parameter = [{ name = "ego_speed", unit = "m/s", low = 10.0, high = 20.0, step = 5.0 }]
-option = [{ name = "radius", unit = "m", default = 300.0 }, { name = "bend", unit = "m" }]
-ego = { speed = "ego_speed" }
-vehicle = [{ name = "lead", speed = 5.0, gap = 40.0 }]
-zone = { obstacle = "lead" }
-"""),
-        "road": {"length": 800.0, **road},
-    }
-
-
-def read(**road):
-    return scenario_from(scenario(**road), "the file", Path()).road
+parameter = [{{ name = "ego_speed", unit = "m/s", low = 10.0, high = 20.0, step = 5.0 }}]
+option = [{{ name = "radius", unit = "m", default = 300.0 }}, {{ name = "bend", unit = "m" }}]
+ego = {{ speed = "ego_speed" }}
+vehicle = [{{ name = "lead", speed = 5.0, gap = 40.0 }}]
+zone = {{ obstacle = "lead" }}
+[road]
+length = 800.0
+{keys}"""
+    return scenario_from(tomllib.loads(text), "the file", Path()).road
 
 
 def test_a_file_draws_a_road_piece_by_piece():
-    road = read(line=[
-        {"length": 100.0}, {"length": 50.0, "end_radius": "radius"},
-        {"length": 200.0, "radius": "radius"},
-        {"length": 40.0, "begin_radius": 300.0, "end_radius": -200.0},
-    ])  # fmt: skip
+    road = read("""line = [
+    { length = 100.0 }, { length = 50.0, end_radius = "radius" },
+    { length = 200.0, radius = "radius" },
+    { length = 40.0, begin_radius = 300.0, end_radius = -200.0 },
+]""")  # fmt: skip
     assert road.line == (
         Piece(100.0), Piece(50.0, 0.0, 1 / 300), Piece(200.0, 1 / 300, 1 / 300),
         Piece(40.0, 1 / 300, -1 / 200),
     )  # fmt: skip
     assert road.name.startswith("road_2x3.5m_600m_of_800m_right_200m_")
-    assert read(name="hill", line=[{"length": 90.0, "radius": "radius"}]).name == "hill_left_300m"
+    hill = read('name = "hill"\nline = [{ length = 90.0, radius = "radius" }]')
+    assert hill.name == "hill_left_300m"
 
 
 def test_a_line_without_curves_is_a_straight_road():
-    assert read(line=[{"length": 100.0}, {"length": 50.0, "radius": "bend"}]) == read()
+    assert read('line = [{ length = 100.0 }, { length = 50.0, radius = "bend" }]') == read()
 
 
 @pytest.mark.parametrize(
     "line, sentence",
     rows_of(
         r"""
-[{"length": 100.0, "radius": "radios"}] | `radios`.*Did you mean `radius`\?
-[{"length": 100.0, "radius": "ego_speed"}] | `radius` in the file must be in m, got `ego_speed`
-[{"length": 100.0, "radious": 100.0}] | line\[0\]\.radious` in the file\. Did you mean `radius`\?
-[{"length": 100.0, "radius": 0.0}] | must be a number other than 0 m
-[{"length": 100.0, "radius": 300.0, "end_radius": 100.0}] | either `radius` or `begin_radius`
-[{"length": 100.0}, {"length": 20.0, "radius": 6.0}]
+{ length = 100.0, radius = "radios" } | `radios`.*Did you mean `radius`\?
+{ length = 100.0, radius = "ego_speed" } | `radius` in the file must be in m, got `ego_speed`
+{ length = 100.0, radious = 100.0 } | line\[0\]\.radious` in the file\. Did you mean `radius`\?
+{ length = 100.0, radius = 0.0 } | must be a number other than 0 m
+{ length = 100.0, radius = 300.0, end_radius = 100.0 } | either `radius` or `begin_radius`
+{ length = 100.0 }, { length = 20.0, radius = 6.0 }
 | piece 2 .*so that the ego can drive its innermost
-[{"length": 801.0, "radius": 300.0}] | at most as long as the road \(800 m\), got 801
-[{"length": -1.0}] | length
-""",
-        json.loads,
+{ length = 801.0, radius = 300.0 } | at most as long as the road \(800 m\), got 801
+{ length = -1.0 } | length
+"""
     ),
 )
 def test_a_road_that_cannot_be_driven_is_refused(line, sentence):
     with refusal(sentence):
-        read(line=line)
+        read(f"line = [{line}]")
 
 
 def test_a_network_of_the_users_has_its_line_already():
     with refusal(r"`road\.line` of the file must not stand beside `network`: it shapes a road"):
-        read(network="town.net.xml", edges=["a"], line=[{"length": 9.0}])
+        read('network = "town.net.xml"\nedges = ["a"]\nline = [{ length = 9.0 }]')

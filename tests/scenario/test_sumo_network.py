@@ -156,9 +156,9 @@ LANE = (
 )
 
 
-def edge_of(path, *lanes):
+def edge_of(folder, *lanes, name="own"):
     """An edge of 286.4 m of lanes: (permissions, width, m)."""
-    y, rows = -9.9, []
+    path, y, rows = folder / f"{name}.net.xml", -9.9, []
     for k, (permissions, width) in enumerate(lanes):
         rows.append(LANE.format(k, permissions, width, f"{y + width / 2:.2f}"))
         y += width
@@ -176,16 +176,16 @@ NO_CARS = ['allow="pedestrian"', 'allow="bicycle pedestrian"', 'disallow="all"',
 @pytest.mark.parametrize("permissions", NO_CARS)
 def test_a_lane_without_cars_is_not_a_lane_of_the_road(tmp_path, permissions):
     road = read_road(
-        edge_of(tmp_path / "own.net.xml", (permissions, 2.0), CAR, ("", 3.2), (permissions, 1.5)),
+        edge_of(tmp_path, (permissions, 2.0), CAR, ("", 3.2), (permissions, 1.5)),
         ["m"],
         280.0,
     )
-    plain = read_road(edge_of(tmp_path / "bare.net.xml", CAR, CAR), ["m"], 280.0)
+    plain = read_road(edge_of(tmp_path, CAR, CAR, name="bare"), ["m"], 280.0)
     assert road.lanes == 2
     assert road.lane_width == 3.2
     assert road.run_out == pytest.approx(6.4)
     with refusal("must have a lane on which a car may drive"):
-        read_road(edge_of(tmp_path / "none.net.xml", (permissions, 2.0)), ["m"], 280.0)
+        read_road(edge_of(tmp_path, (permissions, 2.0), name="none"), ["m"], 280.0)
     if permissions != NO_CARS[0]:
         return
     drives = [simulate(replace(LED, road=one), "idm") for one in (road, plain)]
@@ -219,7 +219,7 @@ def test_any_permissions_of_lanes_make_a_road_or_a_sentence(tmp_path, seed):
                 draw.choice([3.2, 3.2, 2.0]),
             )
         )
-    path = edge_of(tmp_path / "own.net.xml", *lanes)
+    path = edge_of(tmp_path, *lanes)
     with contextlib.suppress(InputError):
         assert 1 <= read_road(path, ["m"], 280.0).lanes <= len(lanes)
 
@@ -228,7 +228,7 @@ def test_any_permissions_of_lanes_make_a_road_or_a_sentence(tmp_path, seed):
     "index", ["nan", "1e308", "-1", "", "9" * 5_000], ids=lambda index: index[:9]
 )
 def test_a_lane_index_must_be_a_small_number(tmp_path, index):
-    path = edge_of(tmp_path / "own.net.xml", CAR, CAR)
+    path = edge_of(tmp_path, CAR, CAR)
     replace_in(path, 'index="1"', f'index="{index}"')
     with refusal("The index of lane 'm_1' must be a whole number of at most 3 digits, got"):
         read_road(path, ["m"], 280.0)
@@ -239,23 +239,22 @@ def test_lengths_of_a_network_must_be_numbers(tmp_path, network, text):
     replace_in(network, ' x="0.00"', f' x="{text}"')
     with refusal("x of a junction of the network must be a finite number"):
         laid_along_x(read_road(network, ["road"], 600.0).network)
-    path = edge_of(tmp_path / "own.net.xml", CAR, CAR)
+    path = edge_of(tmp_path, CAR, CAR)
     for old, new in (('width="3.2"', f'width="{text}"'), (' shape="0', f' shape="{text}')):
-        assert old in path.read_text()
-        wrong = tmp_path / "wrong.net.xml"
-        wrong.write_text(path.read_text().replace(old, new, 1))
+        replace_in(path, old, new, 1)
         with refusal("of the network must be a finite number"):
-            read_road(wrong, ["m"], 280.0)
+            read_road(path, ["m"], 280.0)
+        replace_in(path, new, old)
 
 
 def test_left_hand_traffic_is_refused(network):
-    network.write_text(network.read_text().replace("<net ", '<net lefthand="true" ', 1))
+    replace_in(network, "<net ", '<net lefthand="true" ', 1)
     with refusal("`lefthand` of network .* must be false: left-hand traffic is not supported"):
         read_road(network, ["road"], 600.0)
 
 
 def test_lanes_of_different_widths_are_listed(tmp_path):
-    path = edge_of(tmp_path / "own.net.xml", ('allow="pedestrian"', 2.0), ("", 3.2), ("", 3.5))
+    path = edge_of(tmp_path, ('allow="pedestrian"', 2.0), ("", 3.2), ("", 3.5))
     with refusal(r"must have one width, got m_1 3\.2 m, m_2 3\.5 m"):
         read_road(path, ["m"], 280.0)
 
@@ -299,7 +298,7 @@ def test_a_vehicle_at_the_end_of_the_network_leaves_it(tmp_path):
     (286.4 - 0.1 - 242.25) / 4 = 11.0 s: whatever drives the ego, the case goes on to its end, and
     says it.
     """
-    road = read_road(edge_of(tmp_path / "own.net.xml", CAR, CAR), ["m"], 280.0)
+    road = read_road(edge_of(tmp_path, CAR, CAR), ["m"], 280.0)
     case = replace(LED, road=road)
     brakes, played = (
         replace(case, actors=(replace(LED.actors[0], acts=(act,)),))
