@@ -1,5 +1,6 @@
 """Evaluations of a few points with a few drivers, in the process of the test."""
 
+import tomllib
 from collections.abc import Mapping
 
 from sumo_eval.settings import (
@@ -10,6 +11,17 @@ from sumo_eval.settings import (
     SamplingSettings,
     ScenarioSettings,
 )
+from sumo_eval.settings.config import settings_from
+
+
+def settings_of(**changes):
+    """Settings of an evaluation file with `idm` in `cut_in` and these keys."""
+    plain = tomllib.loads("""
+name = "x"
+scenario = [{ use = "cut_in" }]
+ads = [{ name = "a", controller = "idm" }]
+""")
+    return settings_from(plain | changes, "evaluation.toml")
 
 
 def small(

@@ -7,27 +7,32 @@ import tomllib
 
 import tomli_w
 
-BASE = {
-    "name": "mutant",
-    "seed": 3,
-    "scenario": [{"use": "front_vehicle_low_speed", "sampling": {"method": "grid", "levels": 2}}],
-    "ads": [{"name": "idm", "controller": "idm"}],
-    "drivers": {"count": 2, "source": "synthetic"},
-    "run": {
-        "workers": 2, "case_timeout": 20.0, "step_timeout": 1.0, "memory_limit": 4096.0,
-        "cases_per_child": 50,
-        "engine": "processes", "incomplete": "shown",
-    },
-    "simulation": {"step": 0.05, "time_limit": 60.0,
-        "vehicle": {"max_deceleration": 9.0, "wheelbase": 2.7}},
-    "method": tomllib.loads("""
+BASE = tomllib.loads("""
+name = "mutant"
+seed = 3
+scenario = [{ use = "front_vehicle_low_speed", sampling = { method = "grid", levels = 2 } }]
+ads = [{ name = "idm", controller = "idm" }]
+drivers = { count = 2, source = "synthetic" }
+[run]
+workers = 2
+case_timeout = 20.0
+step_timeout = 1.0
+memory_limit = 4096.0
+cases_per_child = 50
+engine = "processes"
+incomplete = "shown"
+[simulation]
+step = 0.05
+time_limit = 60.0
+vehicle = { max_deceleration = 9.0, wheelbase = 2.7 }
+[method]
 score = { a = 50.0, k5 = 1.0 }
 zones = { deceleration = 5.0, critical_inverse_ttc = 0.7 }
 anthropomorphic = { centre_deviation_floor = 0.15, field = { k1 = 0.5, k2 = 0.005 } }
 collision = { loss = "severity" }
-"""),
-    "report": {"reference": "careful_driver"},
-}  # fmt: skip
+[report]
+reference = "careful_driver"
+""")
 
 SCENARIO = tomllib.loads("""
 name = "own"

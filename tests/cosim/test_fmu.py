@@ -12,6 +12,7 @@ from types import SimpleNamespace
 from zipfile import ZipFile
 
 import pytest
+from evaluations import settings_of
 from loaded import ROOT
 from refusals import refusal, refused
 from road_scenes import HALF_SECOND, case, clips_of, lead
@@ -196,21 +197,16 @@ def test_a_mapping_that_does_not_fit_is_refused_before_anything_runs(fmus, locat
         simulate(case(), locator, folder=fmus)
 
 
-EVALUATION = {
-    "name": "x", "scenario": [{"use": "front_vehicle_low_speed"}],
-    "ads": [{"name": "mine", "controller": "fmu:Acc.fmu", "fmu": {
-        "inputs": {"v": "ego_speed", "gap": "lead_gap"}, "outputs": {"acceleration": "a_cmd"},
-        "parameters": {"headway": 1.25}}}],
-}  # fmt: skip
-
-
 def with_fmu(**fmu):
-    ads = [{**EVALUATION["ads"][0], "fmu": fmu}]
-    return settings_from({**EVALUATION, "ads": ads}, "evaluation.toml")
+    return settings_of(ads=[{"name": "mine", "controller": "fmu:Acc.fmu", "fmu": fmu}])
 
 
 def test_the_mapping_in_the_evaluation_file_is_the_one_of_the_locator(fmus):
-    settings = settings_from(EVALUATION, "evaluation.toml")
+    settings = with_fmu(
+        inputs={"v": "ego_speed", "gap": "lead_gap"},
+        outputs={"acceleration": "a_cmd"},
+        parameters={"headway": 1.25},
+    )
     constant = with_fmu(inputs={"whole_in": 12, "*": "start"})
     for it in (settings, constant):
         assert settings_from(to_plain(it), "again") == it

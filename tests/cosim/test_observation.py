@@ -8,6 +8,7 @@ from operator import attrgetter
 
 import numpy as np
 import pytest
+from evaluations import settings_of
 from refusals import refusal
 from road_scenes import HALF_SECOND, ROAD, case, clips_of, lead, under
 
@@ -18,7 +19,6 @@ from sumo_eval.cosim.doors.observation import Observation, Perception, signal_na
 from sumo_eval.scenario import Actor, Start, brake_to_stop
 from sumo_eval.scenario.touch import Body
 from sumo_eval.settings import ConditionSettings, SimulationSettings
-from sumo_eval.settings.config import settings_from
 
 EGO = Body(50.0, 0.0, 0.0, 20.0, 4.5, 1.8)
 
@@ -156,14 +156,7 @@ def test_conditions_that_cannot_be_are_refused_in_the_file_and_in_python(wrong):
     with refusal():
         ConditionSettings(**wrong)
     with refusal(r"simulation\.conditions"):
-        settings_from(
-            {
-                "name": "x", "scenario": [{"use": "cut_in"}],
-                "ads": [{"name": "a", "controller": "idm"}],
-                "simulation": {"conditions": wrong},
-            },
-            "evaluation.toml",
-        )  # fmt: skip
+        settings_of(simulation={"conditions": wrong})
 
 
 def test_every_seen_vehicle_has_its_place_in_the_world_beside_the_relative_values():

@@ -101,11 +101,11 @@ num_timesteps | what that training printed
 """Blocks that this test only reads, by a text in them, and what runs them or why nothing here
 can."""
 
-BASE_EVALUATION = {
-    "name": "base",
-    "scenario": [{"use": "front_vehicle_low_speed"}],
-    "ads": [{"name": "idm", "controller": "idm"}],
-}
+BASE_EVALUATION = tomllib.loads("""
+name = "base"
+scenario = [{ use = "front_vehicle_low_speed" }]
+ads = [{ name = "idm", controller = "idm" }]
+""")
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 
 import pytest
+from evaluations import settings_of
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refusal
@@ -208,12 +209,6 @@ def test_a_wrong_answer_names_the_case(folder):
 
 @pytest.mark.parametrize("name", CHOICES)
 def test_every_choice_survives_the_evaluation_file(name):
-    content = {
-        "name": "x",
-        "scenario": [{"use": "cut_in"}],
-        "ads": [{"name": "a", "controller": "idm"}],
-        "method": {"collision": {"severity": name, "age": 60.0}},
-    }
-    read = settings_from(content, "file")
+    read = settings_of(method={"collision": {"severity": name, "age": 60.0}})
     assert read.method.collision.severity == name
     assert settings_from(to_plain(read), "file") == read

@@ -255,24 +255,25 @@ def test_of_several_recordings_the_only_one_with_the_ego_is_taken(tmp_path):
 
 
 def test_one_who_follows_late_must_do_nothing_after_it_and_departed_needs_a_recorded_ego():
-    follow = {"do": "follow", "model": "IDM", "when": "departed > far"}
-    content = {
-        **tomllib.loads("""
+    follow = """
 name = "t"
 parameter = [{ name = "far", unit = "m", values = [1.0, 2.0] }]
 zone = "none"
 ego = { speed = 20.0, recorded = [[50.0, 0.0], [52.0, 0.0]] }
-"""),
-        "vehicle": [{"name": "a", "gap": 30.0, "speed": 20.0, "manoeuvre": [follow]}],
-    }
-    assert scenario_of(content).concrete(far=1.0).reacts
-    content["vehicle"][0]["manoeuvre"] = [follow, {"do": "brake", "deceleration": 2.0}]
+[[vehicle]]
+name = "a"
+gap = 30.0
+speed = 20.0
+[[vehicle.manoeuvre]]
+do = "follow"
+model = "IDM"
+when = "departed > far"
+"""
+    assert scenario_of(follow).concrete(far=1.0).reacts
     with refusal("must do nothing after it does `follow`"):
-        scenario_of(content)
-    content["vehicle"][0]["manoeuvre"] = [follow]
-    del content["ego"]["recorded"]
+        scenario_of(f'{follow}[[vehicle.manoeuvre]]\ndo = "brake"\ndeceleration = 2.0')
     with refusal("has `recorded` places"):
-        scenario_of(content)
+        scenario_of(follow.replace(", recorded = [[50.0, 0.0], [52.0, 0.0]]", ""))
 
 
 def test_law_others_are_handed_over_on_a_curve_as_on_a_straight(scene):

@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import pytest
+from evaluations import settings_of
 
 from sumo_eval.report.citation import citation, digest
-from sumo_eval.settings.config import settings_from, suite_of
+from sumo_eval.settings.config import suite_of
 
 
 def test_citation_names_run_versions_seed_digest_and_command(evaluation):
@@ -37,11 +38,6 @@ def test_digest_follows_every_score_and_no_order(evaluation):
 
 @pytest.mark.parametrize("changes", [{}, {"seed": 99}])
 def test_suite_is_named_only_as_it_is(evaluation, changes):
-    content = {
-        "name": "mine",
-        "scenario": [{"use": "suite:2026.1"}],
-        "ads": [{"name": "a", "controller": "idm"}],
-    }
-    settings = replace(settings_from(content, "a test"), **changes)
+    settings = replace(settings_of(scenario=[{"use": "suite:2026.1"}]), **changes)
     assert suite_of(settings) == ("" if changes else "2026.1")
     assert ("suite 2026.1" in citation(replace(evaluation, settings=settings))) == (not changes)

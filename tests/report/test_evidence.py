@@ -5,6 +5,7 @@ import json
 import platform
 import shutil
 import sys
+import tomllib
 from dataclasses import replace
 from decimal import ROUND_CEILING, ROUND_FLOOR
 from importlib.metadata import version
@@ -66,14 +67,14 @@ def qualification(folder, passed=(True, True), **versions):
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("evidence")
     (folder / "approach.toml").write_text(SCENE)
-    evaluate(
-        {"name": "claims", "scenario": [{"use": str(folder / "approach.toml")}],
-            "drivers": {"count": 2},
-         "ads": [{"name": "nothing", "controller": "no_reaction"},
-             {"name": "ideal", "controller": "ideal_braking"}],
-         "run": {"engine": "serial", "qualification": str(qualification(folder))}},
-        folder / "run", workers=1,
-    )  # fmt: skip
+    content = tomllib.loads(f"""
+name = "claims"
+scenario = [{{ use = "{folder}/approach.toml" }}]
+drivers = {{ count = 2 }}
+ads = [{{ name = "nothing", controller = "no_reaction" }}, {{ name = "ideal", controller = "ideal_braking" }}]
+run = {{ engine = "serial", qualification = "{qualification(folder)}" }}
+""")
+    evaluate(content, folder / "run", workers=1)
     return folder / "run"
 
 
@@ -222,10 +223,12 @@ def test_a_qualification_that_does_not_hold_is_said_to(tmp_path, passed, version
 def test_a_wrong_qualification_is_refused_before_any_drive(tmp_path, text, sentence):
     if text is not None:
         (tmp_path / "q.json").write_text(text)
-    content = {
-        "name": "n", "scenario": [{"use": "cut_in"}], "ads": [{"name": "idm", "controller": "idm"}],
-        "run": {"qualification": str(tmp_path / "q.json")},
-    }  # fmt: skip
+    content = tomllib.loads(f"""
+name = "n"
+scenario = [{{ use = "cut_in" }}]
+ads = [{{ name = "idm", controller = "idm" }}]
+run = {{ qualification = "{tmp_path}/q.json" }}
+""")
     with refusal(sentence):
         evaluate(content, tmp_path / "run")
     assert not (tmp_path / "run").exists()
