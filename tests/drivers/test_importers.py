@@ -556,22 +556,27 @@ def test_any_table_on_a_map_is_straightened_and_says_what_it_assumed_and_left_ou
     assert "1 samples with a time that their vehicle already had" in said
 
 
+def on_a_map(folder, *tracks):
+    """What is imported of vehicles on a map: t, x and y of each."""
+    rows = [
+        pd.DataFrame(dict(zip("txy", track, strict=True))).assign(vehicle=i)
+        for i, track in enumerate(tracks)
+    ]
+    pd.concat(rows).to_csv(folder / "a.csv", index=False)
+    return import_recordings("map", [folder / "a.csv"])
+
+
 def test_lanes_are_found_when_the_axis_changes_lanes(tmp_path):
     t = np.arange(0.0, 30.0, 0.1)
-    cars = [
-        pd.DataFrame({"vehicle": i, "t": t, "x": 15.0 * t, "y": 3.5 * (i % 2)}) for i in range(8)
-    ]
-    cars[0] = cars[0].assign(x=16.5 * t, y=np.interp(t, [10, 14], [0, 3.5]))
-    pd.concat(cars).to_csv(tmp_path / "a.csv", index=False)
-    table = import_recordings("map", [tmp_path / "a.csv"]).table.query("vehicle != '0'")
+    changes = t, 16.5 * t, np.interp(t, [10, 14], [0, 3.5])
+    cars = [(t, 15.0 * t, 3.5 * (i % 2) + 0.0 * t) for i in range(1, 8)]
+    table = on_a_map(tmp_path, changes, *cars).table.query("vehicle != '0'")
     assert table["lane"].eq(table["vehicle"].astype(int) % 2).all()
 
 
 def test_two_cars_in_few_samples_are_each_in_a_lane(tmp_path):
     t = np.arange(0.0, 12.0, 0.1)
-    cars = [pd.DataFrame({"vehicle": i, "t": t, "x": 15.0 * t, "y": 3.5 * i}) for i in (0, 1)]
-    pd.concat(cars).to_csv(tmp_path / "a.csv", index=False)
-    table = import_recordings("map", [tmp_path / "a.csv"]).table
+    table = on_a_map(tmp_path, *((t, 15.0 * t, 3.5 * i + 0.0 * t) for i in (0, 1))).table
     assert table["lane"].eq(table["vehicle"].astype(int)).all()
     assert table["y"].to_numpy() == pytest.approx(3.5 * table["lane"].to_numpy(), abs=1e-6)
 
@@ -579,9 +584,7 @@ def test_two_cars_in_few_samples_are_each_in_a_lane(tmp_path):
 def test_law_places_do_not_jump_from_lap_to_lap(tmp_path):
     angle = np.arange(0.0, 14.0, 0.013)  # 1.3 m a sample, over two laps of 628 m
     x, y = 100.0 * np.sin(angle), 100.0 * np.cos(angle)
-    laps = pd.DataFrame({"vehicle": "v", "t": 10.0 * angle, "x": x, "y": y})
-    laps.to_csv(tmp_path / "a.csv", index=False)
-    table, notes = import_recordings("map", [tmp_path / "a.csv"])
+    table, notes = on_a_map(tmp_path, (10.0 * angle, x, y))
     assert "a-1: 1 vehicles along one path, in one lane." in notes
     assert np.diff(table["x"]) == pytest.approx(10.0 * np.diff(table["t"]), rel=0.02)
     assert np.ptp(table["x"]) > 400.0

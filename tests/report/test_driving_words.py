@@ -83,19 +83,22 @@ def test_an_extreme_at_the_start_is_at_0_s(case):
 
 def test_standing_and_crawling_name_the_references(case):
     """At 20 m/s the asked way ends 5 m short of 200 m; a stop from 20 m/s in 4 s takes 40 m."""
-    logical, reference = catalogue.load(case.scenario), drive(20, x=0.0)
+    logical = catalogue.load(case.scenario)
     begin = logical.placed(case.values).ego.x
     reference = drive(20, x=begin)
     stops = scene(
         replace(case, task_share=0.2), drive([(0, 20), (4, 0), (10, 0)], x=begin), reference
     )
-    ((sentence, _),) = words.task_words(stops, logical, 0.5)
-    assert sentence == "Stood after 40 m of 195 m, from 4.0 s on; 1 driver drove on."
+
+    def said(driven):
+        ((sentence, _),) = words.task_words(driven, logical, 0.5)
+        return sentence
+
+    assert said(stops) == "Stood after 40 m of 195 m, from 4.0 s on; 1 driver drove on."
     excused = stops._replace(case=replace(stops.case, excused=True))
-    ((sentence, _),) = words.task_words(excused, logical, 0.5)
-    assert sentence == "Needed 4.0 s for 40 m; the slowest of 1 driver needed 2.0 s."
+    assert said(excused) == "Needed 4.0 s for 40 m; the slowest of 1 driver needed 2.0 s."
     crawls = scene(replace(case, task_share=0.5), drive(10, 30.0, x=begin), reference)
-    ((sentence, _),) = words.task_words(crawls, logical, 0.5)
+    sentence = said(crawls)
     assert sentence == "Needed 19.5 s for 195 m; the slowest of 1 driver needed 9.8 s."
     away = drive(20, 5.0, x=begin, y=-3.0)  # no reference: it left the road
     assert [*words.task_words(crawls._replace(drivers=(reference, away),
@@ -104,8 +107,7 @@ def test_standing_and_crawling_name_the_references(case):
     ]  # fmt: skip
     hurries = [(0, 20), (1, 5), (3, 5), (5, 60), (10, 60)]
     last = scene(replace(case, task_share=0.8), drive(hurries, x=begin), reference)
-    ((sentence, _),) = words.task_words(last, logical, 0.5)
-    own, theirs = map(float, re.findall(r"([\d.]+) s\b", sentence))
+    own, theirs = map(float, re.findall(r"([\d.]+) s\b", said(last)))
     assert own > theirs, "late on the way, although first at its end"
 
 

@@ -16,6 +16,7 @@ from scipy.integrate import cumulative_trapezoid
 from tables import rows_of, values_of
 
 from sumo_eval.cosim import Command, simulate
+from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario import reading
 from sumo_eval.extras.openscenario.collections import uses_of
 from sumo_eval.extras.openscenario.conformity import ROWS
@@ -268,7 +269,7 @@ def test_who_is_synchronized_is_there_on_time_with_the_final_speed(
 
 @pytest.mark.parametrize("distance, time", [(50.0, 0.0), (0.0, 2.0)])
 def test_no_room_to_be_there_on_time_is_refused(distance, time):
-    with refusal("leave no room"):
+    with pytest.raises(InputError, match="leave no room"):
         synchronized(distance, time, 10.0, 10.0, 0.0)
 
 
@@ -907,13 +908,18 @@ def test_events_that_follow_each_other_end_none_half_way(tmp_path):
     assert kinds == [played.COSINE, played.SPEED] * 2
 
 
+def begins_of(folder, *events):
+    """When the moves of events that run in parallel begin, s."""
+    acts = acts_of(folder, ("overwrite", "parallel"), events="".join(events))
+    return [act.begin for act in acts]
+
+
 def test_a_distance_of_a_lateral_move_counts_until_it_ends(tmp_path):
     """30 m with 15 m/s from 1 s on; the ego's lane is left again from 10 to 15 s, with a brake."""
     back = ACROSS.replace('"0"/>', '"1"/>').replace('"rate"', '"time"').replace('"2"', '"5"')
     first = ACROSS.replace('"rate"', '"distance"').replace('value="2"', 'value="30"')
-    events = timed(first, 1) + timed(back, 10, n=2) + timed(BRAKE, 12, n=3)
-    acts = acts_of(tmp_path, ("overwrite", "parallel"), events=events)
-    assert [act.begin for act in acts] == [1.0, 10.0, 12.0]
+    moves = timed(first, 1), timed(back, 10, n=2), timed(BRAKE, 12, n=3)
+    assert begins_of(tmp_path, *moves) == [1.0, 10.0, 12.0]
 
 
 def test_a_lateral_move_by_0_m_needs_no_steady_speed(tmp_path):
@@ -923,9 +929,7 @@ def test_a_lateral_move_by_0_m_needs_no_steady_speed(tmp_path):
         "<LaneChangeAction>", '<LaneChangeAction targetLaneOffset="0.25">'
     )
     gentle = timed(BRAKE.replace('value="0"', 'value="12"'), 2, n=2)
-    events = timed(stay, 1) + gentle + timed(BRAKE, 4, n=3)
-    acts = acts_of(tmp_path, ("overwrite", "parallel"), events=events)
-    assert [act.begin for act in acts] == [2.0, 4.0]
+    assert begins_of(tmp_path, timed(stay, 1), gentle, timed(BRAKE, 4, n=3)) == [2.0, 4.0]
 
 
 @pytest.mark.parametrize("reads, value, moves, refused", [
@@ -982,7 +986,7 @@ def test_an_event_without_effect_waits_for_its_trigger(tmp_path, kind, name):
     events += """</Maneuver></ManeuverGroup></Act><Act name="b"><ManeuverGroup name="h"><Actors>
     <EntityRef entityRef="Other"/></Actors><Maneuver name="n">"""
     events += timed(BRAKE, when, n=2, delay=1)
-    assert [act.begin for act in acts_of(tmp_path, events=events)] == [5.0]
+    assert begins_of(tmp_path, events) == [5.0]
 
 
 @pytest.mark.parametrize("until, begins", [(3, []), (5, [4.0])])

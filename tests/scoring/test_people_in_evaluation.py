@@ -181,41 +181,36 @@ tolerance = { ego_speed = 2.5, lead_speed = 2.5 }
 """
 
 
-def test_a_scenario_file_names_its_own_event(runs):
+def said_of(runs, name, scenario, status=0):
+    """What `check` says of an evaluation of a scenario file."""
     folder = runs["fill"][0].parent
-    (folder / "slow.toml").write_text(NOBODY)
-    text = EVALUATION.replace("TOO_THIN", "fill").replace("front_vehicle_low_speed", "SPACE.toml")
-    text = text.replace("steps = { ego_speed = 10.0, lead_speed = 15.0 }", "levels = 2").replace(
-        '[scenario.exposure]\nkind = "recorded"\n', ""
-    )
-    (folder / "slow_evaluation.toml").write_text(text.replace("SPACE", "slow"))
-    result = sumo_eval("check", folder / "slow_evaluation.toml")
-    assert "recorded people of slow: 12 events like it" in result.said
-    assert "WARN  recorded people of slow: none count at any of its 4 safe points" in result.said
+    (folder / f"{name}.toml").write_text(scenario.replace('"slow"', f'"{name}"'))
+    text = EVALUATION.replace("TOO_THIN", "fill")
+    for old, new in (
+        ("front_vehicle_low_speed", f"{name}.toml"),
+        ("steps = { ego_speed = 10.0, lead_speed = 15.0 }", "levels = 2"),
+        ('[scenario.exposure]\nkind = "recorded"\n', ""),
+    ):
+        text = text.replace(old, new)
+    (folder / f"{name}_evaluation.toml").write_text(text)
+    return sumo_eval("check", folder / f"{name}_evaluation.toml", status=status).said
+
+
+def test_a_scenario_file_names_its_own_event(runs):
+    said = said_of(runs, "slow", NOBODY)
+    assert "recorded people of slow: 12 events like it" in said
+    assert "WARN  recorded people of slow: none count at any of its 4 safe points" in said
     # The same file at the speeds of the recording has its people.
-    fast = NOBODY.replace('"slow"', '"fast"').replace(
-        "low = 8.0\nhigh = 12.0", "low = 28.0\nhigh = 32.0"
-    )
-    (folder / "fast.toml").write_text(
-        fast.replace("low = 2.0\nhigh = 6.0", "low = 13.0\nhigh = 17.0")
-    )
-    (folder / "fast_evaluation.toml").write_text(text.replace("SPACE", "fast"))
-    result = sumo_eval("check", folder / "fast_evaluation.toml")
-    assert "recorded people of fast: 12 events like it" in result.said
-    assert "WARN" not in result.said
+    fast = NOBODY.replace("low = 8.0\nhigh = 12.0", "low = 28.0\nhigh = 32.0")
+    said = said_of(runs, "fast", fast.replace("low = 2.0\nhigh = 6.0", "low = 13.0\nhigh = 17.0"))
+    assert "recorded people of fast: 12 events like it" in said
+    assert "WARN" not in said
 
 
 def test_an_event_s_column_that_does_not_exist_is_refused(runs):
-    folder = runs["fill"][0].parent
-    (folder / "odd.toml").write_text(
-        NOBODY.replace('"slow"', '"odd"') + 'columns = { lead_speed = "leed_speed" }\n'
-    )
-    text = EVALUATION.replace("TOO_THIN", "fill").replace("front_vehicle_low_speed", "odd.toml")
-    text = text.replace("steps = { ego_speed = 10.0, lead_speed = 15.0 }", "levels = 2")
-    (folder / "odd_evaluation.toml").write_text(text)
-    result = sumo_eval("check", folder / "odd_evaluation.toml", status=2)
-    assert "leed_speed" in result.said
-    assert "lead_speed" in result.said
+    said = said_of(runs, "odd", f'{NOBODY}columns = {{ lead_speed = "leed_speed" }}\n', status=2)
+    assert "leed_speed" in said
+    assert "lead_speed" in said
 
 
 def test_the_band_of_the_drivers_and_the_manoeuvre_stand_beside_every_index(runs):
