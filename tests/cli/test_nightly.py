@@ -54,16 +54,16 @@ def week(tmp_path_factory):
     """Four nights that keep two folders: good, good, worse, and one in which a case could not be
     evaluated."""
     folder = tmp_path_factory.mktemp("week")
-    file, outputs = evaluation(folder), []
+    file, history, outputs = evaluation(folder), folder / "history", []
     for fault, status in (("", 0), ("", 0), ("30, 0:sleeps", 1), ("20, 0:raises", 1)):
         plant(folder, fault)
-        outputs.append(nightly(file, folder / "history", "--keep", "2", status=status).stdout)
-    return folder, outputs
+        outputs.append(nightly(file, history, "--keep", "2", status=status).stdout)
+    return file, history, outputs
 
 
 def test_each_night_is_compared_with_the_last_good_one(week):
-    folder, outputs = week
-    found = nights(folder / "history")
+    _, history, outputs = week
+    found = nights(history)
     assert [night.exit_status for night in found] == [0, 0, 1, 1]
     assert [night.base for night in found] == [None, found[0].night, found[1].night, found[1].night]
     assert outputs[0].startswith("FIRST: there is no earlier good run to compare with")
@@ -74,24 +74,24 @@ def test_each_night_is_compared_with_the_last_good_one(week):
     assert "ego_speed=30, lead_speed=0: ok -> contact with U 30.0 m/s" in outputs[2]
     assert "  collision_probability: 0.0000 -> 0.1667" in outputs[2], "the last line of the changes"
     assert "1 case gave up, not so in the base (new)" in outputs[3]
-    worse = (folder / "history" / found[2].folder / "report.html").read_text()
+    worse = (history / found[2].folder / "report.html").read_text()
     assert "ego_speed=30, lead_speed=0</a>, collision at" in worse, "its levers are drawn"
     assert worse.count('class="whisker lever"') >= 8
     assert "no plan here" in outputs[3]
 
 
 def test_the_first_good_night_pins_itself_and_keeps_its_folder(week):
-    folder, _ = week
-    with open_history(folder / "history") as lines:
+    _, history, _ = week
+    with open_history(history) as lines:
         (pin,) = lines.accepted()
         first = lines.nights()[0]
     assert (pin.night, pin.itself, pin.reason) == (first.night, True, "the first good night")
-    assert (folder / "history" / first.folder).is_dir()
+    assert (history / first.folder).is_dir()
 
 
 def test_a_night_leaves_what_people_and_machines_read(week):
-    folder, _ = week
-    last = folder / "history" / nights(folder / "history")[-1].folder
+    _, history, _ = week
+    last = history / nights(history)[-1].folder
     for name in ("report.html", "junit.xml", "scores.json", "cases.csv", "facts.sqlite"):
         assert (last / name).is_file()
     assert junitparser.JUnitXml.fromfile(str(last / "junit.xml")).errors >= 1
@@ -105,24 +105,24 @@ def test_a_night_leaves_what_people_and_machines_read(week):
     case = read_json(last / "night.json")["failed"][0]["cases"][0]
     assert f'data-opening="{case["case"]}"' in top, "the picture is of the worst new failure"
     assert case["run"] == f"sumo-eval run {last} --only {case['case']}"
-    told = read_json(folder / "history" / "chat.json")["text"]
+    told = read_json(history / "chat.json")["text"]
     assert "1 case gave up, not so in the base" in told
-    trend = (folder / "history" / "trend.html").read_text()
+    trend = (history / "trend.html").read_text()
     assert trend.count("<svg data-chart") >= 5
-    assert f'href="{nights(folder / "history")[-1].folder}/report.html"' in trend
+    assert f'href="{nights(history)[-1].folder}/report.html"' in trend
 
 
 def test_the_newest_nights_and_the_last_good_one_keep_their_folders(week):
     """Two folders are kept, the third and the fourth; the second is the last good one, the first is
     accepted."""
-    folder, _ = week
-    found = nights(folder / "history")
-    assert [(folder / "history" / night.folder).is_dir() for night in found] == [True] * 4
+    _, history, _ = week
+    found = nights(history)
+    assert [(history / night.folder).is_dir() for night in found] == [True] * 4
 
 
 def test_the_history_cannot_be_changed(week, tmp_path):
     copy = tmp_path / "history.sqlite"
-    shutil.copy(week[0] / "history" / "history.sqlite", copy)
+    shutil.copy(week[1] / "history.sqlite", copy)
     connection = sqlite3.connect(copy)
     for table in ("nights", "quantities", "gates", "begun", "accepted"):
         for change in (f"UPDATE {table} SET night = 'x'", f"DELETE FROM {table}"):
@@ -132,24 +132,36 @@ def test_the_history_cannot_be_changed(week, tmp_path):
 
 
 def test_a_second_night_is_refused_while_one_is_running(week):
-    folder, _ = week
-    before = len(nights(folder / "history"))
-    with (folder / "history" / "lock").open("a+") as lock:
+    file, history, _ = week
+    before = len(nights(history))
+    with (history / "lock").open("a+") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        done = nightly(folder / "evaluation.toml", folder / "history", status=2)
+        done = nightly(file, history, status=2)
     assert "Another night is running" in done.stderr
-    assert len(nights(folder / "history")) == before
+    assert len(nights(history)) == before
 
 
-def copy_of(week, tmp_path, part=""):
-    """The folder of the week, and a copy of its history or of a part of it."""
-    history = tmp_path / "history"
-    shutil.copytree(week[0] / "history" / part, history / part)
-    return week[0], history
+@pytest.fixture
+def file(week):
+    """The evaluation of the week, whose ADS has no fault any more."""
+    plant(week[0].parent, "")
+    return week[0]
 
 
-def test_what_a_killed_night_left_is_removed_and_said(week, tmp_path):
-    folder, history = copy_of(week, tmp_path)
+@pytest.fixture
+def history(week, tmp_path):
+    """A copy of the week's history, to continue it."""
+    return Path(shutil.copytree(week[1], tmp_path / "history"))
+
+
+@pytest.fixture
+def lost(history):
+    """The nights of such a copy without the history itself."""
+    (history / "history.sqlite").unlink()
+    return history
+
+
+def test_what_a_killed_night_left_is_removed_and_said(file, history):
     left = history / "nights" / "2026-01-01T00-00-00Z"
     left.mkdir()
     (left / "facts.sqlite").write_bytes(b"half a night")
@@ -157,8 +169,7 @@ def test_what_a_killed_night_left_is_removed_and_said(week, tmp_path):
     foreign.mkdir()
     with open_history(history, create=True) as lines:
         lines.begin(left.name)
-    plant(folder, "")
-    result = run(folder / "evaluation.toml", history, keep=5)
+    result = run(file, history, keep=5)
     assert not left.exists()
     assert any("2026-01-01T00-00-00Z was stopped before its end" in note for note in result.notes)
     assert foreign.is_dir()
@@ -253,10 +264,8 @@ def test_a_night_of_another_evaluation_is_not_continued(tmp_path):
     ],
 )
 def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
-    fault, week, tmp_path, monkeypatch
+    file, history, fault, monkeypatch
 ):
-    folder, history = copy_of(week, tmp_path)
-    plant(folder, "")
 
     def broken(*_):
         raise fault
@@ -265,16 +274,15 @@ def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
     with pytest.raises(
         (InputError, StoppedError), match="The same command with --resume continues"
     ):
-        run(folder / "evaluation.toml", history)
+        run(file, history)
     monkeypatch.undo()
     before = len(nights(history))
-    result = run(folder / "evaluation.toml", history, resume=True)
+    result = run(file, history, resume=True)
     assert any("before its end and continued" in note for note in result.notes)
     assert len(nights(history)) == before + 1
 
 
-def test_a_full_disk_leaves_earlier_nights_alone(week, tmp_path, monkeypatch):
-    folder, history = copy_of(week, tmp_path)
+def test_a_full_disk_leaves_earlier_nights_alone(file, history, monkeypatch):
     before = nights(history)
 
     def full(*_):
@@ -283,17 +291,16 @@ def test_a_full_disk_leaves_earlier_nights_alone(week, tmp_path, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr("sumo_eval.nightly.night.write_junit", full)
         with refusal("No space left on device"):
-            run(folder / "evaluation.toml", history)
+            run(file, history)
     assert nights(history) == before
     assert nights_of(history) == {night.night for night in before}
     monkeypatch.setattr("shutil.disk_usage", lambda _: shutil._ntuple_diskusage(100, 90, 10))
     with refusal("The night was not begun: it may need"):
-        run(folder / "evaluation.toml", history)
+        run(file, history)
 
 
-def test_a_disk_full_of_recorded_cases_is_freed(week, tmp_path, monkeypatch):
+def test_a_disk_full_of_recorded_cases_is_freed(file, history, monkeypatch):
     """SQLite, not the operating system, reports a disk that fills up while cases are recorded."""
-    folder, history = copy_of(week, tmp_path)
     before = nights(history)
 
     def full(_, run, **__):
@@ -304,32 +311,29 @@ def test_a_disk_full_of_recorded_cases_is_freed(week, tmp_path, monkeypatch):
 
     monkeypatch.setattr("sumo_eval.nightly.night.record_rounds", full)
     with refusal("The night could not be finished: OperationalError: database or disk is full"):
-        run(folder / "evaluation.toml", history)
+        run(file, history)
     assert nights_of(history) == {it.night for it in before}
 
 
-def test_a_damaged_accepted_night_fails_until_another_is(week, tmp_path):
+def test_a_damaged_accepted_night_fails_until_another_is(file, history):
     """Without it a slow drift passes night by night, and a note alone wakes no user."""
-    folder, history = copy_of(week, tmp_path)
-    plant(folder, "")
     first = nights(history)[0]
     (history / first.folder / "facts.sqlite").write_bytes(b"damaged")
-    result = run(folder / "evaluation.toml", history)
+    result = run(file, history)
     assert result.night.exit_status == 1
     (failed,) = read_json(result.report.parent / "night.json")["failed"]
     assert failed["sentence"].startswith("the accepted night cannot be compared with, so slow")
     assert any(first.night in note for note in result.notes)
 
     sumo_eval("accept", history, "--reason", "the accepted one was damaged")
-    assert run(folder / "evaluation.toml", history).night.verdict.startswith("THE SAME as")
+    assert run(file, history).night.verdict.startswith("THE SAME as")
 
 
-def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):
+def test_lost_pairs_fail_until_they_are_accepted(history, tmp_path):
     """Two levels of three: the middle ones are gone, three of six cases, more than a tenth.
 
     Both corners are judged.
     """
-    _, history = copy_of(week, tmp_path)
     file = evaluation(tmp_path, "2")
     result = run(file, history)
     assert result.night.exit_status == 1
@@ -360,8 +364,8 @@ def test_a_mistake_in_the_file_is_said_before_anything_is_touched(tmp_path):
 
 
 def test_older_runs_are_imported_as_nights_without_a_verdict(week, tmp_path):
-    folder, _ = week
-    run = folder / "history" / nights(folder / "history")[1].folder
+    _, history, _ = week
+    run = history / nights(history)[1].folder
     sumo_eval("trend", tmp_path / "history", "--import", run)
     (imported,) = nights(tmp_path / "history")
     assert imported.imported
@@ -371,10 +375,6 @@ def test_older_runs_are_imported_as_nights_without_a_verdict(week, tmp_path):
     partly = ("trend", tmp_path / "partly", "--import", run, "--import", tmp_path)
     assert "Added" in sumo_eval(*partly, status=2).stdout
     sumo_eval("trend", tmp_path, status=2)
-
-
-def nothing(path):
-    path.unlink()
 
 
 def empty(path):
@@ -417,7 +417,7 @@ def a_folder(path):
 @pytest.mark.parametrize(
     "spoil, words",
     [
-        (nothing, "is missing or empty"),
+        (Path.unlink, "is missing or empty"),
         (empty, "is missing or empty"),
         (cut_off, "malformed"),
         (text, "file is not a database"),
@@ -427,24 +427,21 @@ def a_folder(path):
         (a_folder, "unable to open"),
     ],
 )
-def test_a_history_that_cannot_be_read_removes_no_night(week, tmp_path, spoil, words):
-    folder, history = copy_of(week, tmp_path)
+def test_a_history_that_cannot_be_read_removes_no_night(file, history, spoil, words):
     before = sorted(path.relative_to(history) for path in (history / "nights").rglob("*"))
     spoil(history / "history.sqlite")
-    done = nightly(folder / "evaluation.toml", history, "--keep", "1", status=2)
+    done = nightly(file, history, "--keep", "1", status=2)
     assert words in done.stderr
     assert done.stderr.startswith("sumo-eval: ")
     assert sorted(path.relative_to(history) for path in (history / "nights").rglob("*")) == before
 
 
-def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(week, tmp_path):
-    folder, history = copy_of(week, tmp_path, "nights")
-    before = nights_of(history)
-    with open_history(history, create=True):
+def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(file, lost):
+    before = nights_of(lost)
+    with open_history(lost, create=True):
         pass
-    plant(folder, "")
-    result = run(folder / "evaluation.toml", history, keep=1)
-    assert nights_of(history) == {*before, result.night.night}
+    result = run(file, lost, keep=1)
+    assert nights_of(lost) == {*before, result.night.night}
     assert sum(
         "is not in the history; it was left as it is" in note for note in result.notes
     ) == len(before)
@@ -457,19 +454,18 @@ def add(lines, name, place):
 
 
 @pytest.mark.parametrize("known_lines", [0, 1], ids=["no line", "the oldest line"])
-def test_old_history_put_back_keeps_complete_nights(week, tmp_path, known_lines):
-    _, history = copy_of(week, tmp_path, "nights")
-    complete = sorted(nights_of(history))
-    unfinished = history / "nights" / "2020-01-01T00-00-00Z"
-    shutil.copytree(history / "nights" / complete[0], unfinished)
+def test_old_history_put_back_keeps_complete_nights(lost, known_lines):
+    complete = sorted(nights_of(lost))
+    unfinished = lost / "nights" / "2020-01-01T00-00-00Z"
+    shutil.copytree(lost / "nights" / complete[0], unfinished)
     unfinish(unfinished)
-    with open_history(history, create=True) as lines:
+    with open_history(lost, create=True) as lines:
         for name in (*complete, unfinished.name):
             lines.begin(name)
         for name in complete[:known_lines]:
             add(lines, name, f"nights/{name}")
-        notes = _clear_away(history, lines, None)
-    assert nights_of(history) == set(complete)
+        notes = _clear_away(lost, lines, None)
+    assert nights_of(lost) == set(complete)
     assert (
         sum("is a complete run without a line in the history" in note for note in notes)
         == len(complete) - known_lines
@@ -486,7 +482,7 @@ def test_old_history_put_back_keeps_complete_nights(week, tmp_path, known_lines)
 def test_no_history_removes_a_complete_night(week, tmp_path, seeds):
     """A fuzz of histories: any begun, finished and lost lines, beside complete, stopped and damaged
     nights."""
-    source = sorted((week[0] / "history" / "nights").iterdir())[0]
+    source = min((week[1] / "nights").iterdir())
     for seed in seeds:
         draw, history = random.Random(seed), tmp_path / str(seed)
         kinds = {
