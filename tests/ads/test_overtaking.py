@@ -54,12 +54,12 @@ class Ego:
         return path_y(self.memory.path, x)
 
 
-def decide(*others, speed=20.0, habits=WILLING, road=BRIEFING.road, free=0.3):
+def decide(*others, speed=20.0, habits=WILLING, road=BRIEFING.road):
     """What is decided in the first step of an ego at x = 0 on the right lane that drives at
     `speed`."""
     briefing = type(BRIEFING)("test", road, BRIEFING.vehicle, BRIEFING.step)
     overtaking, me = Ego(habits, briefing), mover("ego", 0.0, along=speed)
-    return overtaking, overtaking.acceleration(me, others, speed, free)
+    return overtaking, overtaking.acceleration(me, others, speed, 0.3)
 
 
 def ahead(gap, speed, y=0.0, name="lead"):

@@ -48,11 +48,11 @@ def moving(name, s, d, speed, kind=CAR, length=4.6):
     )
 
 
-def ground_truths(seconds=8.0):
+def ground_truths():
     """Two cars in two lanes, at 25 and 30 m/s, a semitrailer and a dog, 10 times a second from t =
-    5 s on."""
+    5 s to 13 s."""
     found = []
-    for k in range(round(seconds * 10)):
+    for k in range(80):
         t = k / 10
         stamp = field(1, 5 + k // 10) + field(2, (k % 10) * 100_000_000)
         objects = [

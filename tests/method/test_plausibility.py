@@ -46,8 +46,8 @@ def drive(speeds, y=0.0, *, x=0.0, interval=0.1):
     return Trajectory(time, xs, np.broadcast_to(y, time.shape), np.zeros(time.size), speeds)
 
 
-def extremes_of(ego, actors, hit=None):
-    return module.extremes_of(course_of(ego, actors, hit, ROAD))
+def extremes_of(ego, actors):
+    return module.extremes_of(course_of(ego, actors, None, ROAD))
 
 
 def of_people(extremes):

@@ -96,7 +96,9 @@ def stale(folder):
         return find_stale(store, folder / "source")
 
 
-def copy_of(whole, tmp_path):
+@pytest.fixture
+def folder(whole, tmp_path):
+    """A copy of it to change."""
     return Path(shutil.copytree(whole, tmp_path / "copy", symlinks=True))
 
 
@@ -121,8 +123,7 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("kind", CHANGES)
-def test_case_depends_on_what_its_ads_had_read(whole, tmp_path, kind):
-    folder = copy_of(whole, tmp_path)
+def test_case_depends_on_what_its_ads_had_read(folder, kind):
     name, change = CHANGES[kind]
     assert stale(folder) == ()
     change(folder / "source" / name)
@@ -130,8 +131,7 @@ def test_case_depends_on_what_its_ads_had_read(whole, tmp_path, kind):
     assert said.startswith(f"3 recorded cases of ADS `mine` cannot be reused: {name} changed")
 
 
-def test_touched_and_written_files_change_nothing(whole, tmp_path):
-    folder = copy_of(whole, tmp_path)
+def test_touched_and_written_files_change_nothing(folder):
     os.utime(folder / "source" / "weights" / "again.txt")
     (folder / "source" / "log.txt").write_text("emptied")
     (folder / "source" / "only_looked_at.txt").write_text("never opened")
@@ -139,8 +139,7 @@ def test_touched_and_written_files_change_nothing(whole, tmp_path):
     assert stale(folder) == ()
 
 
-def test_an_edited_planner_is_rerun_and_reported(whole, tmp_path):
-    folder = copy_of(whole, tmp_path)
+def test_an_edited_planner_is_rerun_and_reported(whole, folder, tmp_path):
     (folder / "source" / "lazy" / "planner.py").write_text(ROLLS)
     run = sumo_eval_cli(
         "run", folder / "source" / "evaluation.toml", "--out", folder / "run", "--resume"
@@ -170,8 +169,7 @@ def test_a_name_without_a_file_is_not_the_same(tmp_path, path):
     assert reads.changed([("mine", path, "a hash")], tmp_path) == {"mine": [path]}
 
 
-def test_a_damaged_list_is_rerun(whole, tmp_path):
-    folder = copy_of(whole, tmp_path)
+def test_a_damaged_list_is_rerun(folder):
     with closing(sqlite3.connect(folder / "run" / "facts.sqlite")) as facts, facts:
         facts.execute("UPDATE files_read SET hash = 'x'")
     assert "3 recorded cases" in stale(folder)[0]
