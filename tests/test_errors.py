@@ -8,6 +8,7 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+from tables import values_of
 
 from sumo_eval.errors import (
     ControllerError,
@@ -65,9 +66,11 @@ def test_of_what_a_name_is_unknown_stands_behind_the_name(kind, sentence):
 @pytest.mark.parametrize(
     "name, known, sentence",
     [
-        ("idn", ["idm", "lane_changer"], "Unknown ADS `idn`. Did you mean `idm`?"),
-        ("zzz", ["idm", "lane_changer"], "Unknown ADS `zzz`. Known: idm, lane_changer."),
-        ("zzz", [], "Unknown ADS `zzz`."),
+        *values_of("""
+    "idn", ["idm", "lane_changer"], "Unknown ADS `idn`. Did you mean `idm`?"
+    "zzz", ["idm", "lane_changer"], "Unknown ADS `zzz`. Known: idm, lane_changer."
+    "zzz", [], "Unknown ADS `zzz`."
+    """),
         (
             "lane_changr",
             iter(["idm", "lane_changer"]),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from refusals import refused
 from road_scenes import HALF_SECOND, ROAD, assert_whole, at_values, case, lead, under
-from tables import rows_of
+from tables import rows_of, values_of
 
 from sumo_eval import Command
 from sumo_eval.cosim import simulate
@@ -211,12 +211,12 @@ def test_every_case_has_a_program_of_its_own():
 
 @pytest.mark.parametrize(
     "locator, sentence",
-    [
-        ("exec:", "must be a program and its arguments"),
-        ("exec:no_such_program_here --fast", "there is no program `no_such_program_here`"),
-        ("exec:./not_here", "there is no program `./not_here`"),
-        ("exec:sh -c 'x", "one that a shell could split"),
-    ],
+    values_of("""
+    "exec:", "must be a program and its arguments"
+    "exec:no_such_program_here --fast", "there is no program `no_such_program_here`"
+    "exec:./not_here", "there is no program `./not_here`"
+    "exec:sh -c 'x", "one that a shell could split"
+    """),
 )
 def test_a_command_that_cannot_be_run_is_refused_before_anything_runs(locator, sentence):
     with refused(sentence):

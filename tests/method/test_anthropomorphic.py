@@ -315,10 +315,12 @@ def test_drivers_that_ended_earlier_hold_their_last_position():
 @pytest.mark.parametrize(
     "start, length, expected",
     [
-        (0.0, 1.5, [0.0, 0.5, 1.0, 1.5]),
-        (2.0, 1.2, [2.0, 2.5, 3.0, 3.2]),  # the last interval is shorter: the end itself
-        (0.0, 0.3, [0.0, 0.3]),
-        (7.0, 0.0, [7.0]),
+        *values_of("""
+    0.0, 1.5, [0.0, 0.5, 1.0, 1.5]
+    2.0, 1.2, [2.0, 2.5, 3.0, 3.2]  # the last interval is shorter: the end itself
+    0.0, 0.3, [0.0, 0.3]
+    7.0, 0.0, [7.0]
+    """),
         (0.0, 1.0 - 1e-9, [0.0, 0.5, 1.0]),  # rounding is no interval
         (0.0, 1.0 + 1e-9, [0.0, 0.5, 1.0]),
         (0.0, 540.0, np.arange(1081) / 2.0),

@@ -11,7 +11,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from loaded import ROOT
 from refusals import refusal
-from tables import rows_of
+from tables import rows_of, values_of
 from twins.criticality import braked
 
 from sumo_eval.method.criticality import (
@@ -93,9 +93,11 @@ def test_max_inverse_ttc_by_hand():
 @pytest.mark.parametrize(
     "ego, lead, gap, expected",
     [
-        (10, 10, 5, 0.0),  # as fast as the lead
-        (5, 10, 5, 0.0),  # slower
-        (5, 10, 0, 0.0),  # touching, but slower
+        *values_of("""
+    10, 10, 5, 0.0  # as fast as the lead
+    5, 10, 5, 0.0  # slower
+    5, 10, 0, 0.0  # touching, but slower
+    """),
         (20, 0, 40, math.inf),  # c = 40 - 400/10 = 0: touches just as it stops
         (20, 0, 39, math.inf),
         (20, 0, 0, math.inf),

@@ -63,9 +63,11 @@ def facts(outcomes):
         ("Exits", "crashed", True),
         ("Hangs", "ads_timeout", False),
         pytest.param("HangsInC", "timeout", True, marks=pytest.mark.campaign),
-        ("Raises", "ads_error", False),
-        ("Interrupts", "ads_error", False),
-        ("FillsMemory", "ads_error", False),
+        *values_of("""
+    "Raises", "ads_error", False
+    "Interrupts", "ads_error", False
+    "FillsMemory", "ads_error", False
+    """),
     ],
 )
 def test_faulty_case_fails_alone_and_its_log_names_the_batch(fault, status, breaks):

@@ -10,6 +10,7 @@ import builders
 import numpy as np
 import pytest
 from report_cases import findings, with_case, with_losses
+from tables import values_of
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.method.collision_avoidance import collision_avoidance_index
@@ -143,12 +144,14 @@ def test_every_kind_of_note_has_a_sentence_with_its_numbers(kind):
 @pytest.mark.parametrize(
     "share, text",
     [
-        (0.0, "0 %"),
-        (0.0365, "3.65 %"),
-        (0.5, "50 %"),
-        (0.9996, "99.96 %"),
-        (1.0, "100 %"),
-        (0.00012345, "0.0123 %"),
+        *values_of("""
+    0.0, "0 %"
+    0.0365, "3.65 %"
+    0.5, "50 %"
+    0.9996, "99.96 %"
+    1.0, "100 %"
+    0.00012345, "0.0123 %"
+    """),
         (np.nan, "not known"),
     ],
 )

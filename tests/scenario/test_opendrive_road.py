@@ -85,8 +85,12 @@ def test_law_content_without_shape_changes_no_road(tmp_path, old, new):
 @needs_catalogues
 @pytest.mark.parametrize(
     "name, radius",
-    [("left_radius_250m", 250.0), ("right_radius_250m", -250.0), ("left_radius_1000m", 1000.0),
-     ("right_radius_1000m", -1000.0)],
+    values_of("""
+    "left_radius_250m", 250.0
+    "right_radius_250m", -250.0
+    "left_radius_1000m", 1000.0
+    "right_radius_1000m", -1000.0
+    """),
 )  # fmt: skip
 def test_the_curves_of_the_alks_catalogue(name, radius):
     """Driving lanes begin 2.75 m to the right; the third one's centre is 2.75 + 2.5 * 3.5 = 11.5 m
@@ -275,9 +279,11 @@ road = { opendrive = "road.xodr" }
     [
         ({"more": NEXT.format(x="14.07", shape="poly3")}, "a line, an arc"),
         ({"more": NEXT.format(x="20", shape="line")}, "within 0.01 m and rad"),
-        ({"b": 0.1}, "The width of lane -2 .* must be constant"),
-        ({"a": 3.0}, "of one width"),
-        ({"a": 0.0, "width": 0.0}, "of one width above 0 m"),
+        *values_of("""
+    {"b": 0.1}, "The width of lane -2 .* must be constant"
+    {"a": 3.0}, "of one width"
+    {"a": 0.0, "width": 0.0}, "of one width above 0 m"
+    """),
         ({"profile": SLOPE}, "<elevation> .* must be constant"),
         ({"profile": CAMBER}, "<shape> .* must be 0"),
         ({"more": NEXT.format(x="oops", shape="line")}, "`x` of <geometry>"),

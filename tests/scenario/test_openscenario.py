@@ -618,13 +618,15 @@ CAMBER = '<lateralProfile><{} s="0" a="0" b="0.1" c="0" d="0"/></lateralProfile>
         ("</right>", WIDER, "lanes of another width"),
         ("</planView>", "</planView>" + CAMBER.format("crossfall"), "elevation"),
         ("</planView>", "</planView>" + CAMBER.format("shape"), "elevation"),
-        ("</planView>", "</planView><objects><object/></objects>", "objects"),
-        ("</planView>", "</planView><signals><signal/></signals>", "signals"),
-        ("</planView>", "</planView><surface><CRG/></surface>", "road surface"),
-        ("<planView>", '<type s="0"><speed max="20"/></type><planView>', "speed limits"),
-        ("</lane></left>", '<height inner="0.1"/></lane></left>', "heights of lanes"),
-        ("</lane></left>", '<access rule="deny"/></lane></left>', "rules of lanes"),
-        ('length="1000" junction', 'length="900" junction', "a road length other than"),
+        *values_of("""
+    "</planView>", "</planView><objects><object/></objects>", "objects"
+    "</planView>", "</planView><signals><signal/></signals>", "signals"
+    "</planView>", "</planView><surface><CRG/></surface>", "road surface"
+    "<planView>", '<type s="0"><speed max="20"/></type><planView>', "speed limits"
+    "</lane></left>", '<height inner="0.1"/></lane></left>', "heights of lanes"
+    "</lane></left>", '<access rule="deny"/></lane></left>', "rules of lanes"
+    'length="1000" junction', 'length="900" junction', "a road length other than"
+    """),
     ],
 )
 def test_what_a_road_file_says_in_vain_is_noted(tmp_path, old, new, kind):

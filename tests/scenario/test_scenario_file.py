@@ -220,9 +220,11 @@ each = | columns = ["truck_speed"]\neach = | got `truck_speed` twice
 each = { truck_speed = [10.0, 15.0] } | columns = ["ego_speed"]
 | Parameter `truck_speed` of sample `own`
 """),
-        ("truck_speed < ego_speed", " ", "of scenario file"),
-        (", deceleration = 4.0", "", "`brake` of vehicle `truck` in scenario file"),
-        ("step = 5.0", "", "`step` of parameter `ego_speed`"),
+        *values_of("""
+    "truck_speed < ego_speed", " ", "of scenario file"
+    ", deceleration = 4.0", "", "`brake` of vehicle `truck` in scenario file"
+    "step = 5.0", "", "`step` of parameter `ego_speed`"
+    """),
         ("truck_speed < ego_speed", f"not {900 * '-'}ego_speed", "nested more than 50 deep"),
         ('"ego_speed"', '"\u00b5"', "in the form NFKC"),
         ("[[sample]]", f"{SAMPLE}[[sample]]", "a name of its own, got `own` twice"),

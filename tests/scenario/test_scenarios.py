@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from refusals import refusal, refused
 from road_scenes import at_values
 from scipy.integrate import cumulative_trapezoid
-from tables import rows_of
+from tables import rows_of, values_of
 
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import (
@@ -83,12 +83,14 @@ def test_a_scenario_may_be_a_module_or_a_file_of_the_users(tmp_path):
 @pytest.mark.parametrize(
     "name, point, placed",
     [
-        # 3.5 * 20 = 70 m from bumper to bumper: centres 70 + 4.5 m apart
-        ("front_vehicle_low_speed", (20.0, 5.0), [(74.5, 5.0)]),
-        # the lead: 1 s * 20 m/s = 20 m ahead, since there is room: 70 - 4.5 - 1.3*10 = 52.5 m
-        ("front_vehicle_cut_out", (20.0, 10.0, 70.0), [(24.5, 20.0), (74.5, 10.0)]),
-        # 40 - 4.5 - 1.3*(20 - 0) = 9.5 m, less than 1 s of 20 m/s
-        ("front_vehicle_cut_out", (20.0, 0.0, 40.0), [(14.0, 20.0), (44.5, 0.0)]),
+        *values_of("""
+    # 3.5 * 20 = 70 m from bumper to bumper: centres 70 + 4.5 m apart
+    "front_vehicle_low_speed", (20.0, 5.0), [(74.5, 5.0)]
+    # the lead: 1 s * 20 m/s = 20 m ahead, since there is room: 70 - 4.5 - 1.3*10 = 52.5 m
+    "front_vehicle_cut_out", (20.0, 10.0, 70.0), [(24.5, 20.0), (74.5, 10.0)]
+    # 40 - 4.5 - 1.3*(20 - 0) = 9.5 m, less than 1 s of 20 m/s
+    "front_vehicle_cut_out", (20.0, 0.0, 40.0), [(14.0, 20.0), (44.5, 0.0)]
+    """),
         ("front_vehicle_braking", (20.0, 2.0, 5.0), [(40.0 + 4.3, 20.0)]),
         ("r157_cut_out", (20.0, 30.0, 1.0), [(40.0 + 4.3, 20.0), (40.0 + 4.3 + 34.3, 0.0)]),
     ],

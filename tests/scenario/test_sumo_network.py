@@ -15,7 +15,7 @@ from laid import replace_in
 from lxml import etree
 from refusals import refusal, refused
 from road_scenes import at_values
-from tables import rows_of
+from tables import rows_of, values_of
 
 from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.cosim.sumo.session import session
@@ -534,7 +534,12 @@ def test_the_outermost_lanes_of_a_network_begin_and_end_where_its_edges_meet(tmp
 
 @pytest.mark.parametrize(
     "ahead, lane",
-    [(0.0, "road0_0"), (430.0, "road1_1"), (560.0, "road2_1"), (700.0, "road3_0")],
+    values_of("""
+    0.0, "road0_0"
+    430.0, "road1_1"
+    560.0, "road2_1"
+    700.0, "road3_0"
+    """),
 )
 def test_a_vehicle_starts_in_the_lane_of_its_edge_where_the_right_hand_one_is_not_yet(
     tmp_path, ahead, lane
