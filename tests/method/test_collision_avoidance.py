@@ -33,10 +33,10 @@ def ring():
     """A zone around a safe middle, most dangerous at (50, 15): the ray from there to (50, 85)
     leaves and comes back."""
 
-    def gap(values):
-        return 25.0 + np.abs(np.hypot(values["x"] - 50, values["y"] - 50) - 35) + 0.05 * values["y"]
+    def gap(x, y):
+        return 25.0 + np.abs(np.hypot(x - 50, y - 50) - 35) + 0.05 * y
 
-    return partition(space([("x", 0.0, 100.0, 10.0), ("y", 0.0, 100.0, 10.0)], gap), QUICK)
+    return partition(space("x 0 100 10, y 0 100 10", gap), QUICK)
 
 
 def star_of(zones, index=0):
@@ -92,9 +92,9 @@ def test_a_ray_that_crosses_a_constraint_ends_there():
     # hazardous everywhere, worst at (0, 0); the ray through (2, 1) leaves x + 2y <= 8 at (4, 2): r
     # = 1/2
     cut = space(
-        [("x", 0.0, 10.0, 2.0), ("y", 0.0, 10.0, 2.0)],
-        lambda values: 10 + values["x"] + values["y"],
-        constraints=[lambda values: values["x"] + 2 * values["y"] <= 8],
+        "x 0 10 2, y 0 10 2",
+        lambda x, y: 10 + x + y,
+        constraints=[lambda x, y: x + 2 * y <= 8],
     )
     zones = partition(cut, QUICK)
     assert zones.most_dangerous == ({"x": 0.0, "y": 0.0},)

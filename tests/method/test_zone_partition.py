@@ -1,7 +1,7 @@
 """Eqs. 7-8: zones against closed forms, laws, and a textbook Gaussian process."""
 
-import contextlib
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -113,7 +113,7 @@ def test_low_speed_has_no_hazardous_zone_at_all(given):
         "A zone boundary needs safe and hazardous training points; all 25 are safe, so the whole "
         "space counts as such. If it has a boundary, make `step` smaller or ranges wider.",
     )
-    stands = space([("x", 0.0, 1.0, 0.5)], lambda values: 9.0, ego_speed=0.0)
+    stands = space("x 0 1 0.5", 9.0, ego_speed=0.0)
     assert (
         "let the obstacle come into the ego's path: the ego closes on it at no point"
         in partition(stands).notes[0]
@@ -129,7 +129,7 @@ def test_a_scenario_without_zones_reports_it_and_no_gp():
 
 
 def test_a_space_that_is_hazardous_everywhere_is_one_zone_without_a_boundary():
-    everywhere = space([("x", 10.0, 40.0, 10.0)], lambda values: values["x"])
+    everywhere = space("x 10 40 10", lambda x: x)
     zones = partition(everywhere, QUICK)
     points = scattered(everywhere, 100)
     assert zones.zones == 1
@@ -179,12 +179,7 @@ def test_the_partition_does_not_depend_on_sample_order():
 
 
 def test_the_default_training_points_are_the_own_steps_of_the_space(cut_out):
-    own = np.stack(
-        np.meshgrid(
-            np.arange(10, 31, 5), np.arange(0, 21, 5), np.arange(20, 121, 10), indexing="ij"
-        ),
-        axis=-1,
-    ).reshape(-1, 3)
+    own = np.mgrid[10:31:5, 0:21:5, 20:121:10].reshape(3, -1).T
     assert np.array_equal(cut_out.training_points, own)
     by_hand = max_inverse_ttc(own[:, 0], own[:, 1], own[:, 2], delay=1.0)
     assert np.array_equal(criticality(CUT_OUT, own, ZoneSettings()).inverse, by_hand)
@@ -256,21 +251,18 @@ def test_two_zones_are_distinguished_and_ordered_by_size(hill):
     assert hill.zone_shares[0] > hill.zone_shares[1]
     assert hill.hazardous([[30, 40], [80, 70], [55, 95]]).tolist() == [True, True, False]
     assert hill.nearest_zone([[30, 40], [80, 70], [80, 95], [5, 95]]).tolist() == [0, 1, 1, 0]
-    assert [(round(point["x"]), round(point["y"])) for point in hill.most_dangerous] == [
-        (30, 40),
-        (80, 70),
-    ]
+    found = [tuple(map(round, point.values())) for point in hill.most_dangerous]
+    assert found == [(30, 40), (80, 70)]
 
 
 def test_law_a_region_hazardous_for_the_gp_alone_is_not_a_zone():
     # Hazardous is x <= 12 alone. From 60 to 80 the gap is 0.02 m more than the critical one, with a
     # slope on both sides, which the GP rounds to a hazardous hollow. With its worst point on its
     # own edge, it once gave points near it weights of 10^9.
-    def gap(values):
-        hollow = np.maximum(np.abs(values["x"] - 70.0) - 10.0, 0.02)
-        return 45.102 + np.minimum(values["x"] - 12.0, hollow)
+    def gap(x):
+        return 45.102 + np.minimum(x - 12.0, np.maximum(np.abs(x - 70.0) - 10.0, 0.02))
 
-    line = space([("x", 0.0, 100.0, 10.0)], gap)
+    line = space("x 0 100 10", gap)
     zones = partition(line, QUICK, points=np.arange(0.0, 101.0, 10.0)[:, None])
     assert zones.hazardous([[70.0]])[0]
     assert zones.zones == 1
@@ -281,11 +273,7 @@ def test_law_a_region_hazardous_for_the_gp_alone_is_not_a_zone():
 
 
 def test_a_constraint_can_cut_a_zone_in_two():
-    both = space(
-        [("x", 0.0, 100.0, 5.0)],
-        lambda values: np.full_like(values["x"], 30.0),
-        constraints=[lambda values: np.abs(values["x"] - 40) >= 10],
-    )
+    both = space("x 0 100 5", 30.0, constraints=[lambda x: np.abs(x - 40) >= 10])
     zones = partition(both, QUICK)
     assert zones.zones == 2
     assert zones.zone_shares[0] == pytest.approx(50 / 80, abs=0.01)
@@ -298,9 +286,9 @@ def test_equal_impact_speed_and_ittc_are_decided_by_the_smaller_gap():
     # the delay of 1 s at 30 m/s takes all gaps up to 30 m: impact at 30 m/s for each of them; the
     # gap is 105 - x
     box = space(
-        [("speed", 10.0, 30.0, 5.0), ("x", 0.0, 100.0, 10.0)],
-        lambda values: 105 - values["x"],
-        ego_speed=lambda values: values["speed"],
+        "speed 10 30 5, x 0 100 10",
+        lambda speed, x: 105 - x,
+        ego_speed=lambda speed, x: speed,
         delay=1.0,
     )
     assert partition(box, QUICK).most_dangerous == ({"speed": 30.0, "x": 100.0},)
@@ -310,9 +298,9 @@ def test_without_any_impact_the_largest_inverse_ttc_decides():
     # gap = v^2/10 + c leaves c = 4 - 0.3 x, ITTC sqrt(5/(2c)): the largest is at x = 10, where the
     # gap is longest
     box = space(
-        [("x", 0.0, 10.0, 1.0)],
-        lambda values: (10 + values["x"]) ** 2 / 10 + 4 - 0.3 * values["x"],
-        ego_speed=lambda values: 10 + values["x"],
+        "x 0 10 1",
+        lambda x: (10 + x) ** 2 / 10 + 4 - 0.3 * x,
+        ego_speed=lambda x: 10 + x,
     )
     assert partition(box, QUICK).most_dangerous == ({"x": 10.0},)
 
@@ -320,12 +308,9 @@ def test_without_any_impact_the_largest_inverse_ttc_decides():
 def test_the_worst_point_is_found_in_a_corner_that_no_grid_holds():
     cut = 2.0**0.5
     corner = space(
-        [("x", 0.0, 10.0, 1.0), ("y", 0.0, 10.0, 1.0)],
-        lambda values: 20 + 5 * values["x"] + 4 * values["y"],
-        constraints=[
-            lambda values: values["x"] + cut * values["y"] >= 2.7,
-            lambda values: values["y"] <= 1.3,
-        ],
+        "x 0 10 1, y 0 10 1",
+        lambda x, y: 20 + 5 * x + 4 * y,
+        constraints=[lambda x, y: x + cut * y >= 2.7, lambda x, y: y <= 1.3],
     )
     # along the edge 5x + 4y falls with y up to its limit: y = 1.3, x = 2.7 - 1.3*sqrt(2)
     point = partition(corner, QUICK).most_dangerous[0]
@@ -361,8 +346,8 @@ def test_boundary_distance_is_the_least_of_all_distances_to_the_surface(cut_out)
 
 def test_boundary_distance_of_a_plane():
     # 20 m/s: hazardous up to 45.102 m, in a box of 0..100 m: the distance is (gap - 45.102) / 100
-    plane = space([("d", 0.0, 100.0, 5.0), ("other", 0.0, 1.0, 0.25)], lambda values: values["d"])
-    zones = partition(plane, ZoneSettings(restarts=1, grid_points=5_000))
+    plane = space("d 0 100 5, other 0 1 0.25", lambda d, other: d)
+    zones = partition(plane, QUICK)
     points = scattered(plane, 50)
     assert zones.boundary_distance(points) == pytest.approx(
         (points[:, 0] - 45.102) / 100, abs=0.005
@@ -373,7 +358,7 @@ def test_boundary_distance_of_a_plane():
 
 
 def test_a_parameter_without_influence_is_noted():
-    plane = space([("d", 0.0, 100.0, 10.0), ("other", 0.0, 1.0, 0.25)], lambda values: values["d"])
+    plane = space("d 0 100 10, other 0 1 0.25", lambda d, other: d)
     zones = partition(plane, QUICK)
     assert (
         "The GP's length scale of `other` reached its upper bound: the zones hardly depend on it."
@@ -404,9 +389,8 @@ def test_hazard_between_training_points_that_are_all_safe_is_noted():
 
 
 def test_a_large_grid_of_own_steps_is_thinned_and_reported():
-    fine = space(
-        [(name, 0.0, 10.0, 1.0) for name in "abcd"], lambda values: 30 + sum(values.values())
-    )
+    axes = ", ".join(f"{name} 0 10 1" for name in "abcd")
+    fine = space(axes, lambda **values: 30 + sum(values.values()))
     zones = partition(fine, ZoneSettings(restarts=0, grid_points=3_000))
     assert (
         "The zones were learnt from a grid of 1296 points, coarser than the scenario's own of "
@@ -418,19 +402,13 @@ def test_a_large_grid_of_own_steps_is_thinned_and_reported():
 
 @pytest.mark.parametrize("many", [10, 11])
 def test_a_grid_has_room_for_ten_parameters_and_not_for_eleven(many):
-    axes = [(name, 0.0, 1.0, 0.5) for name in "abcdefghijk"[:many]]
-    logical = space(axes, lambda values: 300.0)
-    with (
-        refusal("at most 10 parameters, .* got 11: give") if many > 10 else contextlib.nullcontext()
-    ):
+    logical = space(", ".join(f"{name} 0 1 0.5" for name in "abcdefghijk"[:many]), 300.0)
+    with refusal("at most 10 parameters, .* got 11: give") if many > 10 else nullcontext():
         assert len(partition(logical, ZoneSettings(restarts=0)).training_points) == 2**10
 
 
 def test_steps_are_exact_decimals_and_the_last_point_is_high():
-    fine = space(
-        [("x", 0.0, 0.3, 0.1), ("y", 10.0, 25.0, 10.0)],
-        lambda values: 100 * values["x"] + values["y"],
-    )
+    fine = space("x 0 0.3 0.1, y 10 25 10", lambda x, y: 100 * x + y)
     points = partition(fine, QUICK).training_points
     assert sorted(set(points[:, 0])) == [0.0, 0.1, 0.2, 0.3]
     assert sorted(set(points[:, 1])) == [10.0, 20.0, 25.0]
@@ -451,14 +429,9 @@ def test_steps_are_exact_decimals_and_the_last_point_is_high():
     ],
 )
 def test_points_outside_the_space_are_refused(cut_out, points, sentence):
-    for method in (
-        cut_out.hazardous,
-        cut_out.predicted,
-        cut_out.boundary_distance,
-        cut_out.nearest_zone,
-    ):
+    for method in ("hazardous", "predicted", "boundary_distance", "nearest_zone"):
         with refusal(sentence):
-            method(points)
+            getattr(cut_out, method)(points)
 
 
 @pytest.mark.parametrize(
@@ -485,9 +458,9 @@ def test_training_points_that_cannot_serve_are_refused(points, sentence):
 
 
 def test_a_space_without_points_and_an_error_over_no_points_are_refused():
-    gap, never = (lambda values: values["x"]), (lambda values: values["x"] > 9)
+    never = space("x 0 5 1", lambda x: x, constraints=[lambda x: x > 9])
     with refusal("must have points that satisfy its constraints"):
-        partition(space([("x", 0.0, 5.0, 1.0)], gap, constraints=[never]), QUICK)
+        partition(never, QUICK)
     with refusal("`n` of `boundary_error` must be at least 1"):
         boundary_error(partition(LOW_SPEED), 0)
 

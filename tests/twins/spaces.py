@@ -5,23 +5,32 @@ import numpy as np
 from sumo_eval.scenario import Approach, Constraint, LogicalScenario, Parameter, Road
 
 
-def space(parameters, gap, ego_speed=20.0, delay=0.0, constraints=()):
-    """A scenario over (name, low, high, step) whose obstacle stands `gap(values)` m ahead; speeds
-    may be functions."""
+def space(axes, gap, ego_speed=20.0, delay=0.0, constraints=()):
+    """A scenario whose obstacle stands `gap` m ahead; gap, speed and constraints may be functions
+    of its parameters.
+
+    axes: their names, lows, highs and steps, as `x 0 100 10, y 0 1 0.5`.
+    """
 
     def approach(values):
         shape = np.shape(next(iter(values.values())))
-        speed = ego_speed(values) if callable(ego_speed) else np.full(shape, ego_speed)
-        return Approach(speed, np.zeros(shape), np.broadcast_to(gap(values), shape), delay)
+        gaps, speeds = (
+            np.broadcast_to(it(**values) if callable(it) else it, shape) for it in (gap, ego_speed)
+        )
+        return Approach(speeds, np.zeros(shape), gaps, delay)
 
     return LogicalScenario(
         name="toy",
         about="",
         source="",
         parameters=tuple(
-            Parameter(name, low, high, step, "m", "") for name, low, high, step in parameters
+            Parameter(name, *map(float, numbers), "m", "")
+            for name, *numbers in map(str.split, axes.split(","))
         ),
-        constraints=tuple(Constraint("one that exists", holds) for holds in constraints),
+        constraints=tuple(
+            Constraint("one that exists", lambda values, holds=holds: holds(**values))
+            for holds in constraints
+        ),
         road=Road("none", 100.0, 1, 3.5, 0.0),
         place=lambda values: None,
         approach=approach,
@@ -31,8 +40,7 @@ def space(parameters, gap, ego_speed=20.0, delay=0.0, constraints=()):
 def two_hills():
     """The gap is short around (30, 40) and around (80, 70), where the second is the smaller zone."""
 
-    def gap(values):
-        first = np.hypot(values["x"] - 30, values["y"] - 40) - 25
-        return 45.102 + np.minimum(first, np.hypot(values["x"] - 80, values["y"] - 70) - 10)
+    def gap(x, y):
+        return 45.102 + np.minimum(np.hypot(x - 30, y - 40) - 25, np.hypot(x - 80, y - 70) - 10)
 
-    return space([("x", 0.0, 100.0, 10.0), ("y", 0.0, 100.0, 10.0)], gap)
+    return space("x 0 100 10, y 0 100 10", gap)
