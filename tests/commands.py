@@ -87,12 +87,17 @@ def in_a_process(*arguments, cwd=None, **options):
     return subprocess.run(words, cwd=cwd, text=True, timeout=300, check=False, **pipes)
 
 
+def program(*words, status=0, **options):
+    """Run a program to its end, which must have that status; what it printed is text."""
+    words = list(map(str, words))
+    done = subprocess.run(words, capture_output=True, text=True, check=False, **options)
+    assert done.returncode == status, done.stdout + done.stderr
+    return done
+
+
 def python(code, *arguments, **options):
     """Run code in a Python process of its own, which must end with status 0."""
-    words = [sys.executable, "-c", code, *map(str, arguments)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False, **options)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done
+    return program(sys.executable, "-c", code, *arguments, **options)
 
 
 @contextlib.contextmanager

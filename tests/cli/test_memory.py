@@ -1,10 +1,9 @@
 """What a command holds of memory that it has let go of."""
 
 import platform
-import subprocess
-import sys
 
 import pytest
+from commands import python
 
 HELD = """
 import numpy as np
@@ -30,8 +29,7 @@ def test_released_arrays_are_given_back():
     """
 
     def held(first):
-        words = [sys.executable, "-c", HELD.format(first=first)]
-        return int(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
+        return int(python(HELD.format(first=first)).stdout)
 
     given_back = held("from sumo_eval.cli import _give_memory_back; _give_memory_back()")
     assert given_back < 20e6 < 40e6 < held("")

@@ -2,11 +2,10 @@
 have."""
 
 import runpy
-import subprocess
 import sys
 
 import pytest
-from commands import sumo_eval
+from commands import program, sumo_eval
 from doc_blocks import ROOT, blocks
 from laid import read_json
 
@@ -41,11 +40,6 @@ def test_the_tutorials_example_runs_from_the_public_recording_to_the_count_of_pe
 
 @pytest.mark.parametrize("given", [[], ["recordings"], ["recordings", "all"]])
 def test_the_sample_says_what_to_name(given):
-    told = subprocess.run(
-        [sys.executable, ROOT / "docs" / "examples" / "dlr_sample.py", *given],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert told.returncode == 1
+    sample = ROOT / "docs" / "examples" / "dlr_sample.py"
+    told = program(sys.executable, sample, *given, status=1)
     assert told.stderr.startswith("Name the folder to write to and how many seconds")

@@ -3,11 +3,10 @@ system libraries."""
 
 import os
 import re
-import subprocess
-import sys
 import tomllib
 
 import yaml
+from commands import in_a_process
 from loaded import ROOT
 
 from sumo_eval.cosim.sumo.insides import SYSTEM_LIBRARIES
@@ -67,11 +66,8 @@ def test_a_missing_system_library_names_its_install_command(tmp_path):
     (tmp_path / "evaluation.toml").write_text(
         'name = "x"\n[[scenario]]\nuse = "cut_in"\n[[ads]]\nname = "idm"\ncontroller = "idm"\n'
     )
-    done = subprocess.run(
-        [sys.executable, "-m", "sumo_eval", "run", "evaluation.toml", "--out", "run"],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}"},
-    )  # fmt: skip
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}"}
+    done = in_a_process("run", "evaluation.toml", "--out", "run", cwd=tmp_path, env=environment)
     assert done.returncode == 2
     assert done.stderr.splitlines() == [
         f"sumo-eval: SUMO's library cannot be loaded: {words}. It needs system libraries that a "

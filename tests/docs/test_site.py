@@ -4,7 +4,6 @@ somewhere, examples run."""
 import dataclasses
 import json
 import re
-import subprocess
 import sys
 import tomllib
 from importlib.resources import files
@@ -13,7 +12,7 @@ from typing import get_args, get_type_hints
 
 import click
 import pytest
-from commands import ROOT, python
+from commands import ROOT, program, python
 from laid import read_json
 from loaded import load
 
@@ -188,13 +187,7 @@ def test_a_moving_picture_shows_what_the_code_drives(name):
 
 def test_figures_of_the_formulas_are_what_their_functions_give():
     """Where this fails: python tools/draw_method.py"""
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "tools" / "draw_method.py"), "--check"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    program(sys.executable, ROOT / "tools" / "draw_method.py", "--check")
     shown = re.findall(r"\]\(pictures/(method_\w+\.svg)\)", (DOCS / "formulas.md").read_text())
     assert sorted(shown) == sorted(path.name for path in (DOCS / "pictures").glob("method_*.svg"))
 

@@ -2,12 +2,12 @@
 nothing."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
+from commands import program
 from loaded import ROOT
 from lxml import html
 
@@ -18,12 +18,8 @@ pytestmark = pytest.mark.campaign
 
 @pytest.fixture(scope="module")
 def site():
-    done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(SITE)],
-        cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True,
-        check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    words = (sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", SITE)
+    program(*words, cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"})
     return SITE
 
 

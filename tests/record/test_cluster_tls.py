@@ -4,12 +4,12 @@ talks to nobody else."""
 import os
 import re
 import shutil
-import subprocess
 import sys
 
 import pytest
+from commands import in_a_process, program
 from loaded import ROOT
-from record.runs import command, digest, write_evaluation
+from record.runs import digest, write_evaluation
 from record.test_cluster import started
 
 pytest.importorskip("distributed")
@@ -35,17 +35,8 @@ def block(begins):
 
 def with_certificates(folder):
     """Certificates made as the page says, and the environment that it asks for."""
-    made = subprocess.run(
-        ["bash", "-ec", block("openssl")], cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert made.returncode == 0, made.stderr
-    shown = subprocess.run(
-        ["bash", "-ec", block("export") + "\nenv -0"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    program("bash", "-ec", block("openssl"), cwd=folder)
+    shown = program("bash", "-ec", block("export") + "\nenv -0", cwd=folder)
     return dict(pair.split("=", 1) for pair in shown.stdout.split("\0") if "=" in pair)
 
 
@@ -55,10 +46,7 @@ def test_a_cluster_with_the_certificates_of_the_page_runs_cases_and_refuses_who_
     path = write_evaluation(tmp_path, levels=2)
 
     def run(out, env, *options):
-        line = command("run", path, "--out", tmp_path / out, *options)
-        return subprocess.run(
-            line, env=env, capture_output=True, text=True, timeout=300, check=False
-        )
+        return in_a_process("run", path, "--out", tmp_path / out, *options, env=env)
 
     with started(tmp_path, "--protocol", "tls", env=environment) as cluster:
         scheduler = cluster.listen()

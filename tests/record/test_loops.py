@@ -3,10 +3,10 @@ counts as done."""
 
 import os
 import signal
-import subprocess
 import sys
 
 import pytest
+from commands import program
 from loaded import ROOT
 
 from sumo_eval import kernels
@@ -77,12 +77,8 @@ def test_children_take_no_module_from_the_folder_in_which_a_run_is_started(tmp_p
         '2\n[[ads]]\nname = "mine"\n'
         'controller = "mine.py:acc"\n[drivers]\ncount = 2\n'
     )
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "sumo_eval", "run", "evaluation.toml", "--out", "run"],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    words = (sys.executable, "-P", "-m", "sumo_eval", "run", "evaluation.toml", "--out", "run")
+    done = program(*words, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)})
     assert "working folder" not in done.stderr
     assert "failed" not in done.stderr
 

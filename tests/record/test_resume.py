@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
-from commands import ROOT, in_a_shell, python
+from commands import ROOT, in_a_process, in_a_shell, python
 from evaluations import small
 from laid import read_json
 from record.edited_store import edit
@@ -235,10 +235,7 @@ def test_a_run_whose_disk_fills_up_stops_and_continues_later(whole, tmp_path, pa
     def small_files():
         resource.setrlimit(resource.RLIMIT_FSIZE, (110_000, 110_000))
 
-    done = subprocess.run(
-        command("run", path, "--out", tmp_path / "run"),
-        capture_output=True, text=True, timeout=120, check=False, preexec_fn=small_files,
-    )  # fmt: skip
+    done = in_a_process("run", path, "--out", tmp_path / "run", preexec_fn=small_files)
     assert done.returncode == 2, done.stderr
     assert "cannot be written" in done.stderr
     assert "Traceback" not in done.stderr

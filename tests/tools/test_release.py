@@ -9,6 +9,7 @@ import tomllib
 import zipfile
 
 import pytest
+from commands import program
 from laid import lay
 from loaded import ROOT, load
 
@@ -33,9 +34,7 @@ CONDA = '{% set version = "0.2.0" %}\n\npackage:\n  version: {{ version }}\n'
 
 
 def git(root, *arguments):
-    return subprocess.run(
-        ["git", *arguments], cwd=root, capture_output=True, text=True, check=True
-    ).stdout
+    return program("git", *arguments, cwd=root).stdout
 
 
 @pytest.fixture
