@@ -1,7 +1,13 @@
-"""Tables of cases as text."""
+"""Cases of tests: tables as text, and those of campaigns alone."""
 
 from ast import literal_eval
+from functools import partial
 from itertools import chain, repeat
+
+import pytest
+
+in_campaign = partial(pytest.param, marks=pytest.mark.campaign)
+"""A case that only campaigns run."""
 
 
 def rows_of(text, *kinds):

@@ -15,6 +15,7 @@ from laid import read_json
 from record.edited_store import edit
 from refusals import refusal
 from standard_run import SCENARIOS
+from tables import in_campaign
 
 import sumo_eval
 from sumo_eval.evaluation import zone_partitions
@@ -38,8 +39,8 @@ def done(tmp_path_factory, _standard_run):
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param("curve_cut_in", marks=pytest.mark.campaign),
-        pytest.param("cut_in", marks=pytest.mark.campaign),
+        in_campaign("curve_cut_in"),
+        in_campaign("cut_in"),
         "r157_cut_out",
     ],
 )

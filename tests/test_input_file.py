@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from refusals import refusal
+from tables import in_campaign
 
 from sumo_eval.cosim.doors.controller import find_controller
 from sumo_eval.cosim.doors.fmu import FmuPlant
@@ -112,9 +113,7 @@ def test_a_loop_of_links_is_refused(what, tmp_path):
         READERS[what](given)
 
 
-@pytest.mark.parametrize(
-    "seeds", [range(60), pytest.param(range(60, 3_000), marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("seeds", [range(60), in_campaign(range(60, 3_000))])
 def test_a_special_file_behind_links_is_refused(seeds, tmp_path):
     """A fuzz of what stands in the place of a file that any reader is given."""
     for seed in seeds:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from commands import python
 from road_scenes import points
+from tables import in_campaign
 
 import sumo_eval
 from sumo_eval import kernels
@@ -136,7 +137,7 @@ needs_numba = pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compile
 @pytest.mark.skipif(kernels.INTERPRETED, reason="this is the interpreted run")
 @pytest.mark.parametrize(
     "sparse, drivers",
-    [(8192, ("lane_changer", "people")), pytest.param(4, ADS, marks=pytest.mark.campaign)],
+    [(8192, ("lane_changer", "people")), in_campaign(4, ADS)],
 )
 def test_interpreted_and_compiled_rules_drive_alike_to_the_bit(sparse, drivers):
     script = (
@@ -307,9 +308,7 @@ def spoil(path, how, draw):
 
 
 @needs_numba
-@pytest.mark.parametrize(
-    "seeds", [range(1), pytest.param(range(1, 10), marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("seeds", [range(1), in_campaign(range(1, 10))])
 def test_whatever_becomes_of_machine_code_is_compiled_again(tmp_path, monkeypatch, seeds):
     """A fuzz of the compile cache."""
     monkeypatch.setattr(kernels, "cache_folder", lambda: tmp_path)

@@ -11,7 +11,7 @@ from commands import ROOT, in_a_shell, typed
 from doc_blocks import code_of
 from example_files import ADS, CASES, EVALUATION, GATE, RATINGS, SMALL, write_needs, write_policy
 from laid import lay
-from tables import rows_of
+from tables import in_campaign, rows_of
 
 from cli.test_help import all_commands
 
@@ -54,7 +54,7 @@ runs."""
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=pytest.mark.campaign) if name in OF_THE_DOCS else name
+        in_campaign(name) if name in OF_THE_DOCS else name
         for name in EXAMPLES
         if name not in (*NOT_RUN, "run", "replay")
     ],
@@ -164,7 +164,7 @@ IN_ANOTHER_TEST = {
 
 @pytest.mark.parametrize(
     "locator",
-    [pytest.param(it, marks=pytest.mark.campaign) if it in IN_ANOTHER_TEST else it for it in HERE],
+    [in_campaign(it) if it in IN_ANOTHER_TEST else it for it in HERE],
 )
 def test_a_locator_of_each_scheme_drives_as_typed(locator, tmp_path):
     doors(tmp_path)

@@ -21,6 +21,7 @@ from laid import read_json, replace_in
 from record.edited_store import edit
 from record.runs import rows
 from refusals import refusal
+from tables import in_campaign
 
 from cli.nights import evaluation, plant
 from sumo_eval import open_run
@@ -260,7 +261,7 @@ def test_a_night_of_another_evaluation_is_not_continued(tmp_path):
     "fault",
     [
         OSError(errno.EIO, "Input/output error"),
-        pytest.param(KeyboardInterrupt(), marks=pytest.mark.campaign),
+        in_campaign(KeyboardInterrupt()),
     ],
 )
 def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
@@ -476,9 +477,7 @@ def test_old_history_put_back_keeps_complete_nights(lost, known_lines):
     )
 
 
-@pytest.mark.parametrize(
-    "seeds", [range(8), pytest.param(range(8, 300), marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("seeds", [range(8), in_campaign(range(8, 300))])
 def test_no_history_removes_a_complete_night(week, tmp_path, seeds):
     """A fuzz of histories: any begun, finished and lost lines, beside complete, stopped and damaged
     nights."""

@@ -19,6 +19,7 @@ import numba
 import numpy as np
 import pytest
 from road_scenes import assert_as_alone, case, lead, once
+from tables import in_campaign
 
 from sumo_eval import Command, kernels
 from sumo_eval.cosim import simulate, simulate_many, world
@@ -544,7 +545,7 @@ class AsksAll:
 
 @pytest.mark.parametrize(
     "counts, least",
-    [((3, 2, 2), 5_000), pytest.param((256, 64, 64), 400_000, marks=pytest.mark.campaign)],
+    [((3, 2, 2), 5_000), in_campaign((256, 64, 64), 400_000)],
 )
 def test_every_getter_answers_a_row_as_it_does_alone(counts, least, tmp_path, monkeypatch):
     """Of the ego and of one, two or three others, of a pedestrian and of those that react."""

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from refusals import refusal
 from road_scenes import DECIDED, ROAD, assert_as_alone, at_values, case, lead, points
-from tables import values_of
+from tables import in_campaign, values_of
 
 from sumo_eval import Command
 from sumo_eval.ads.r157_careful_driver import CarefulDriver
@@ -76,8 +76,8 @@ def changed(cases, rng):
 @pytest.mark.parametrize(
     "share, scenarios",
     [
-        pytest.param(1, ["cut_in", "r157_cut_out", "front_vehicle_braking", "curve_cut_in",
-            "stop_and_go_stream"], id="whole", marks=pytest.mark.campaign),
+        in_campaign(1, ["cut_in", "r157_cut_out", "front_vehicle_braking", "curve_cut_in",
+            "stop_and_go_stream"], id="whole"),
         pytest.param(6, ["cut_in"], id="some"),
     ],
 )  # fmt: skip
@@ -450,7 +450,7 @@ SWAYS = [
     [
         ("front_vehicle_cut_out", 31),
         *(
-            pytest.param(name, every, marks=pytest.mark.campaign)
+            in_campaign(name, every)
             for name, every in values_of("""
     "front_vehicle_low_speed", 5
     "cut_in", 331

@@ -5,6 +5,7 @@ import sys
 import pytest
 from refusals import refusal
 from road_scenes import HALF_SECOND, assert_whole, at_values, case, clips_of, lead
+from tables import in_campaign
 
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.controller import load_controller
@@ -151,10 +152,7 @@ def test_without_sumo_the_sentence_names_the_extra(monkeypatch):
     [
         "setTau",
         "setMinGap",
-        *(
-            pytest.param(it, marks=pytest.mark.campaign)
-            for it in ("setMaxSpeed", "setAccel", "setDecel", "setSpeedFactor")
-        ),
+        *(in_campaign(it) for it in ("setMaxSpeed", "setAccel", "setDecel", "setSpeedFactor")),
     ],
 )
 def test_a_client_that_sets_a_wrong_number_is_noticed(tmp_path, setter):
@@ -212,7 +210,7 @@ OPENINGS = (
     "opening",
     [
         *OPENINGS[:3],
-        *(pytest.param(opening, marks=pytest.mark.campaign) for opening in OPENINGS[3:]),
+        *(in_campaign(opening) for opening in OPENINGS[3:]),
     ],
 )
 def test_a_script_of_a_simulation_of_its_own_drives_as_it_is(tmp_path, own_path, opening):

@@ -3,6 +3,7 @@ Eq. 16's rays."""
 
 import numpy as np
 import pytest
+from tables import in_campaign
 
 from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.criticality import critical_gap
@@ -32,7 +33,7 @@ def approached(count):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("count", [2, 3, pytest.param(4, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("count", [2, 3, in_campaign(4)])
 def test_a_partition_is_the_closed_forms(count):
     logical = approached(count)
     zones = partition(logical, ZoneSettings(restarts=1, grid_points=10_000))

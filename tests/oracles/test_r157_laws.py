@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from r157_cases import EGO_X, LANE, SETTINGS, cut_in
+from tables import in_campaign
 
 from sumo_eval.cosim import simulate, simulate_many
 
 CONTROLLERS = ["careful_driver", "reg157"]
-ONE_IN_THE_SUITE = [CONTROLLERS[0], pytest.param(CONTROLLERS[1], marks=pytest.mark.campaign)]
+ONE_IN_THE_SUITE = [CONTROLLERS[0], in_campaign(CONTROLLERS[1])]
 Point = tuple[float, float, float, float]
 
 
@@ -60,7 +61,7 @@ def test_shifting_the_world_along_the_road_moves_nothing(controller):
 @pytest.mark.parametrize(
     "slides",
     [
-        pytest.param(True, id="sliding", marks=pytest.mark.campaign),
+        in_campaign(True, id="sliding"),
         pytest.param(False, id="turning"),
     ],
 )

@@ -16,6 +16,7 @@ from rates.planted import RANGES, RANK_CORRELATION, TOGETHER, planted, recording
 from refusals import refusal
 from road_scenes import scenario_of
 from scipy.integrate import cumulative_trapezoid
+from tables import in_campaign
 
 from sumo_eval.drivers.recorded.importing import import_recordings
 from sumo_eval.drivers.recorded.recordings import Recordings
@@ -226,9 +227,9 @@ def test_kolmogorov_distance_by_hand():
     assert kolmogorov(np.array([0.5, 0.2])) == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize("weighted", [pytest.param(False, marks=pytest.mark.campaign), True])
+@pytest.mark.parametrize("weighted", [in_campaign(False), True])
 @pytest.mark.parametrize("narrow", [False, True])
-@pytest.mark.parametrize("bandwidth", [0.2, pytest.param(0.85, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("bandwidth", [0.2, in_campaign(0.85)])
 @pytest.mark.parametrize("kind", ["kde", "copula"])
 def test_a_narrow_joint_density_varies_as_much_as_its_events_any_other_more_and_both_are_drawn_as_they_say(
     kind, bandwidth, narrow, weighted

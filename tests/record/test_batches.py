@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from evaluations import small
-from tables import values_of
+from tables import in_campaign, values_of
 
 import sumo_eval
 from sumo_eval.record.batches import LEAST, Batches
@@ -62,7 +62,7 @@ def facts(outcomes):
     [
         ("Exits", "crashed", True),
         ("Hangs", "ads_timeout", False),
-        pytest.param("HangsInC", "timeout", True, marks=pytest.mark.campaign),
+        in_campaign("HangsInC", "timeout", True),
         *values_of("""
     "Raises", "ads_error", False
     "Interrupts", "ads_error", False

@@ -17,6 +17,7 @@ from commands import python
 from record import hostile_ads
 from record.runs import CONCRETE, SPACE, cases_of, command, each_once, limited, write_evaluation
 from refusals import refusal
+from tables import in_campaign
 
 from sumo_eval.record import hygiene
 from sumo_eval.record.cases import Case
@@ -295,9 +296,7 @@ def test_the_process_that_makes_children_leaves_what_its_owner_says_to_the_owner
     assert python(script).stderr.strip() == "ValueError: ended"
 
 
-@pytest.mark.parametrize(
-    "number", [pytest.param(signal.SIGTERM, marks=pytest.mark.campaign), signal.SIGKILL]
-)
+@pytest.mark.parametrize("number", [in_campaign(signal.SIGTERM), signal.SIGKILL])
 def test_a_signal_ends_a_run_whatever_its_children_do(tmp_path, number):
     ads = (
         "import os, time\nfrom sumo_eval import Command\n\n"

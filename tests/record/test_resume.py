@@ -17,6 +17,7 @@ from laid import read_json
 from record.edited_store import edit
 from record.runs import MY_ADS, command, digest, rows, sumo_eval_cli, write_evaluation
 from refusals import refusal
+from tables import in_campaign
 
 import sumo_eval
 from sumo_eval.errors import InputError, StoppedError
@@ -201,7 +202,7 @@ def children_of_fork_servers(root):
     return found - {root}
 
 
-@pytest.mark.parametrize("how", ["killed", pytest.param("twice", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("how", ["killed", in_campaign("twice")])
 def test_hanging_children_are_gone_after_ctrl_c_twice_and_after_kill_9(how, tmp_path):
     path = write_evaluation(tmp_path, HANGS, case_timeout=300.0)
     process = started(tmp_path / "run", path, at_rows=1)

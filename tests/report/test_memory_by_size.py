@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import pytest
 from loaded import load
+from tables import in_campaign
 
 from sumo_eval import case_table as tables
 from sumo_eval.scoring.confidence import resamples
@@ -19,7 +20,7 @@ SMALL, LARGE = 3 * POINTS_AT_ONCE, 7 * POINTS_AT_ONCE
 LONG = ("cases.csv", "junit.xml", "ledgers", "terminal")
 OF_ROWS_ALONE = (
     "scores", "intervals of 20 replicates", "preventability", "people", "why", "found cases",
-    *(pytest.param(name, marks=pytest.mark.campaign) for name in LONG),
+    *(in_campaign(name) for name in LONG),
 )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from browser import Page, needs_chromium, needs_node, node, plain
 from packed_pages import unpacked, with_packed
 from page_checks import CONTRAST, WRITTEN_IN_CELLS, press, size
 from report_cases import pick
+from tables import in_campaign
 
 from sumo_eval import Trajectory
 from sumo_eval.method.trajectory_field import trajectory_field
@@ -67,10 +68,7 @@ def coarse():
     "k1, k2",
     [
         (0.73, 0.01),
-        *(
-            pytest.param(*it, marks=pytest.mark.campaign)
-            for it in [(0.5, 0.005), (1.0, 0.05), (2.0, 0.0)]
-        ),
+        *(in_campaign(*it) for it in [(0.5, 0.005), (1.0, 0.05), (2.0, 0.0)]),
     ],
 )
 @pytest.mark.parametrize("superposition", ["magnitude", "vector"])
@@ -213,7 +211,7 @@ def test_hostile_names_stay_text_in_the_charts(opened):
 
 
 @needs_chromium
-@pytest.mark.parametrize("most", [3, pytest.param(99, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("most", [3, in_campaign(99)])
 def test_a_case_of_every_kind_can_be_shown(opened, evaluation, most):
     kinds = {(case.status, case.zone): case.case for case in evaluation.cases}
     for key in [*kinds.values()][:most]:
@@ -646,7 +644,7 @@ def test_the_terms_of_c_are_the_numbers_of_the_table(opened, evaluation):
 
 
 @needs_chromium
-@pytest.mark.parametrize("width", [390, 1400, pytest.param(2560, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("width", [390, 1400, in_campaign(2560)])
 def test_no_page_is_wider_than_its_window(opened, width):
     size(opened, width, 800)
     # charts follow the window a little later

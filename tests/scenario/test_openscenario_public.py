@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from laid import read_json
 from loaded import ROOT
+from tables import in_campaign
 
 from sumo_eval.cosim import simulate
 from sumo_eval.errors import InputError
@@ -121,10 +122,7 @@ def compared(file, read):
     "repository, folders, compares",
     [
         (ASAM, ("exampleFilesVersion1_2",), 6),
-        *(
-            pytest.param(it, (*PLAYS,), None, marks=pytest.mark.campaign)
-            for it in (ASAM, ESMINI, CARLA, NCAP)
-        ),
+        *(in_campaign(it, (*PLAYS,), None) for it in (ASAM, ESMINI, CARLA, NCAP)),
     ],
     ids=["few", "asam", "esmini", "carla", "ncap"],
 )

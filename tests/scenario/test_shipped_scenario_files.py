@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from commands import python
 from refusals import refused
-from tables import rows_of
+from tables import in_campaign, rows_of
 
 from sumo_eval.scenario import catalogue, played
 from sumo_eval.scenario.file import check_file
@@ -257,10 +257,7 @@ def test_no_shipped_scenario_declares_an_exposure(name):
 
 @pytest.mark.parametrize(
     "name",
-    [
-        it if place % 5 == 0 else pytest.param(it, marks=pytest.mark.campaign)
-        for place, it in enumerate(NAMES)
-    ],
+    [it if place % 5 == 0 else in_campaign(it) for place, it in enumerate(NAMES)],
 )
 def test_the_check_of_a_shipped_file_counts_its_points(name):
     chosen = sample(catalogue.load(name))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from refusals import refusal
 from scenario.test_samplers import axis, space
+from tables import in_campaign
 
 from sumo_eval.extras.studies.straddle import POOL, BoundarySearch
 from sumo_eval.scenario import Constraint, Parameter
@@ -55,9 +56,7 @@ def grid_of(logical, side=100):
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize(
-    "truth", [pytest.param(slanting_interval, marks=pytest.mark.campaign), two_pieces]
-)
+@pytest.mark.parametrize("truth", [in_campaign(slanting_interval), two_pieces])
 def test_160_trials_class_99_per_cent_of_10000_points_rightly_whatever_the_shape(truth):
     logical = square("a", "b")
     search, points = run(logical, truth, 160), grid_of(logical)
