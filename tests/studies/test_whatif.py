@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import tomllib
 from dataclasses import replace
 from shutil import copytree
 
@@ -47,14 +48,18 @@ def night(tmp_path_factory):
     (folder / "late.py").write_text(LATE.format(begin=1.5))
     (folder / "too_late.py").write_text(LATE.format(begin=3.4))
     (folder / "hook.py").write_text(HOOK)
-    low_speed = {"use": "front_vehicle_low_speed", "sampling": {"levels": 3}}
-    evaluation = {
-        "name": "night", "seed": 1, "scenario": [low_speed], "drivers": {"count": 2},
-        "ads": [{"name": name, "controller": f"{folder / name}.py:Brakes"}
-            for name in ("late", "too_late")]
-            + [{"name": "hook", "controller": f"{folder}/hook.py:drives"}],
-        "run": {"workers": 1},
-    }  # fmt: skip
+    evaluation = tomllib.loads(f"""
+name = "night"
+seed = 1
+scenario = [{{ use = "front_vehicle_low_speed", sampling = {{ levels = 3 }} }}]
+drivers = {{ count = 2 }}
+run = {{ workers = 1 }}
+ads = [
+    {{ name = "late", controller = "{folder}/late.py:Brakes" }},
+    {{ name = "too_late", controller = "{folder}/too_late.py:Brakes" }},
+    {{ name = "hook", controller = "{folder}/hook.py:drives" }},
+]
+""")
     done = sumo_eval.evaluate(evaluation, folder / "run")
     fastest = max(done.cases_of("late", "front_vehicle_low_speed"),
         key=lambda case: case.values["ego_speed"] - case.values["lead_speed"])  # fmt: skip
