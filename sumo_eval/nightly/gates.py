@@ -14,7 +14,7 @@ import numpy as np
 
 from sumo_eval.nightly.rule_limits import EVERYWHERE, WORDS, end_change, judge_rule
 from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult, in_order
-from sumo_eval.report.score_words import REASON_WITHOUT_T, not_computed, reason_without
+from sumo_eval.report.score_words import not_computed, reason_without
 from sumo_eval.report.words import count, number
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
@@ -197,11 +197,9 @@ def _moved(quantity: str, change: QuantityChange, unit: str, confidence: float) 
 
 def _why_missing(quantity: str, score: ScenarioResult) -> str:
     """Reason, in words, why a score was not computed."""
-    if quantity == "T" or (quantity == "S+" and score.task_share is None):
-        return not_computed(REASON_WITHOUT_T)
-    name = {"S": "D"}.get(quantity, quantity)
-    reason = reason_without(name, score) if name in ("D", "H") else ""
-    return not_computed(reason) or "no case could be evaluated"
+    # the term that is missing in the sum
+    name = {"S": "D", "S+": "T" if score.task_share is None else ""}.get(quantity, quantity)
+    return not_computed(reason_without(name, score)) or "no case could be evaluated"
 
 
 def _worst(

@@ -272,10 +272,11 @@ def parts_of_total(ranking: Ranking) -> str:
 
 
 def reason_without(name: str, score: ScenarioResult) -> str:
-    """Reason why there is no D, or no H, without the words `not computed`."""
-    note, what = {"D": (score.d_reason, "D_i"), "H": (score.h_reason, "human-likeness")}[name]
+    """Reason why there is no C, D, H or T, without the words `not computed`; "" for other names."""
+    notes = {"D": (score.d_reason, "D_i"), "H": (score.h_reason, "human-likeness")}
+    note, what = notes.get(name, (None, ""))
     if note is None:
-        return ""
+        return {"C": REASON_WITHOUT_C, "T": REASON_WITHOUT_T}.get(name, "")
     return {
         "collisions": f"{count(note.collisions, 'collision')} in the safe zone",
         "no_safe_case": "no case lies in the safe zone",

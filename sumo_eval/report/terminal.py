@@ -1,4 +1,4 @@
-"""Lines on a terminal or in a log: at the end of a run, of the ledger, of the nearest cases.
+"""Lines on a terminal or in a log: the end of a run, the ledger, the nearest cases.
 
 Users: `cli/`, `report/`.
 """
@@ -18,7 +18,6 @@ from sumo_eval.report.notes import GIVEN_UP, score_note, why_missing
 from sumo_eval.report.people import people_sentence
 from sumo_eval.report.qualification import qualification_sentence
 from sumo_eval.report.score_words import (
-    REASON_WITHOUT_C,
     REASON_WITHOUT_T,
     WITHOUT_REFERENCE_CAR,
     missing_term,
@@ -72,7 +71,7 @@ def _lines_without(name: str, scores: Sequence[ScenarioResult]) -> Iterator[str]
     for score in scores:
         if getattr(score, SCORES[name][0]) is not None or (name != "C" and score.nobody_compared):
             continue
-        if reason := REASON_WITHOUT_C if name == "C" else reason_without(name, score):
+        if reason := reason_without(name, score):
             line = missing_term(f"{name} of {score.ads} in {score.scenario}", reason)
             # H counts in S+ alone: `0 points.` becomes `0 points of S+.`
             yield f"{line[:-1]} of S+." if name == "H" else line
@@ -86,9 +85,9 @@ def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
     """Cases that could not be evaluated: the first of each of `MOST_LISTED` kinds, and how many
     more there are.
 
-    Cases of one kind have the same ADS, status and place in the ADS's code (without one: reason).
-    Of cases that were driven to their end, numbers in the reason may differ. Only the first case of
-    a kind is kept in memory: a million may be missing.
+    Cases of one kind have the same ADS, status and place in the ADS's code; without a place, the
+    same reason. Numbers in the reason may differ between cases that were driven to their end. Only
+    the first case of a kind is kept in memory: a million may be missing.
     """
     first: dict[tuple[str, str, str], CaseResult] = {}
     # by listed kind; None: of all other kinds
@@ -150,13 +149,13 @@ def _space_lines(evaluation: Evaluation) -> Iterator[str]:
 
 
 def ranking_lines(ranking: Ranking | None) -> list[str]:
-    """ADSs in order of S+, each with its difference to the first of its place, and the first of a
-    place with that to the first of the place above. No lines for one ADS.
+    """ADSs in order of S+, each with its difference to the first ADS of its place. The first ADS of
+    a place has the difference to the first of the place above. No lines for one ADS.
     """
     if ranking is None or len(ranking.ads) < 2:
         return []
     lines = [_ranking_title(ranking)]
-    first = ""  # in the current place
+    first = ""  # ADS of the current place
     for ads in ranking.ads:
         if ads.place is None or ads.s_plus is None:
             lines.append(f"  not ranked: {one_line(ads.ads)} has no S+ in some scenario")
@@ -206,7 +205,7 @@ def ledger_lines(evaluation: Evaluation) -> list[str]:
     return [
         line
         for findings in findings_of(evaluation)
-        # made in turn, never both in memory: each holds what every case adds to every line
+        # in turn, never both in memory: each has every case's part of every line
         for make in (ledger_plus, ledger)
         for line in _ledger_lines(make(findings))
     ]
@@ -216,18 +215,15 @@ def cause_of(line: LedgerLine, score: ScenarioResult) -> str:
     """Reason why a line of the ledger gained or lost its points."""
     if line.cause != NOT_COMPUTED:
         return line.cause
-    cause = f"{line.term} {line.cause}"
-    if line.term == "T":
-        return f"{cause}: {REASON_WITHOUT_T}"
-    reason = reason_without(line.term, score) if line.term in ("H", "D") else ""
-    return f"{cause}: {reason}" if reason else cause
+    reason = reason_without(line.term, score)
+    return f"{line.term} {line.cause}{': ' if reason else ''}{reason}"
 
 
 def ledger_sentences(account: Ledger) -> list[str]:
     """The lines that cost points, the costliest first: `H lost 6.1 of 100 points: plausibility in
     14 cases.`
     """
-    # all points that a term can give: in the ledger of S its line without cases, in that of S+ FULL
+    # most points of a term: in the ledger of S those of its line without cases, in that of S+ FULL
     whole = {
         line.term: line.points for line in account.lines if line.index > 0.0 and not line.entries
     }

@@ -15,7 +15,7 @@ from tables import rows_of, values_of
 from sumo_eval.nightly import gates
 from sumo_eval.nightly.gates import judge
 from sumo_eval.report.gate_result import failed
-from sumo_eval.report.score_words import REASON_WITHOUT_T
+from sumo_eval.report.score_words import REASON_WITHOUT_C, REASON_WITHOUT_T
 from sumo_eval.results import NotComputed
 from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.gate_settings import (
@@ -184,6 +184,7 @@ def test_an_index_that_is_not_computed_any_more_fails(evaluation):
         ("S+", {"task_share": None}, f"not computed: {REASON_WITHOUT_T}"),
         ("H", {"human_likeness": None}, "not computed: no case lies in the safe zone"),
         ("A", {"ideal_severity": None}, "no case could be evaluated"),
+        ("C", {"ideal_severity": None}, f"not computed: {REASON_WITHOUT_C}"),
     ],
 )
 def test_why_a_score_is_not_computed_any_more(evaluation, quantity, lost, why):
