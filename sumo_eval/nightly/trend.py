@@ -84,18 +84,14 @@ class TrendChart(NamedTuple):
     """One quantity in one logical scenario.
 
     gates: for each gate of a night, its limit as a point, and the colour of its ADS.
-    half: half the width of a limit's stroke, in units of the SVG.
     ticks: y and label of each value on the vertical axis.
-    dates: x and label of some nights.
     """
 
     title: str
     unit: str
     lines: tuple[TrendLine, ...]
     gates: tuple[tuple[Point, str], ...]
-    half: float
     ticks: tuple[tuple[float, str], ...]
-    dates: tuple[tuple[float, str], ...]
 
 
 def write_trend(folder: Path, database: History) -> Path:
@@ -110,12 +106,16 @@ def write_trend(folder: Path, database: History) -> Path:
     }
     page = template("trend.html.j2").render(
         failed=failed_nights(nights),
-        nights=list(reversed(nights)),
+        nights=nights[::-1],
         dates={night.night: _date(night.night) for night in nights},
         reports=reports,
         accepted={acceptance.night: acceptance.words for acceptance in database.accepted()},
         builds=database.builds(),
         groups=[(scenario, charts(scenario, nights, values, gates)) for scenario in scenarios],
+        labels=_dates(nights),
+        # half the width of a gate's stroke, nearly half of a night's part of the axis: strokes of
+        # neighbours do not touch
+        half=round(0.42 * _step(nights), 2),
         width=WIDTH, height=HEIGHT, left=LEFT, right=WIDTH - RIGHT, top=TOP, bottom=HEIGHT - BOTTOM
     )  # fmt: skip
     return write_page(folder / TREND, page, "The trend page")
@@ -160,7 +160,7 @@ def charts(
             and (gated != "regret" or gate.night in nights_of_chart)
         ]
         if series:
-            drawn.append(_drawn(title, unit, names, nights, series, limits))
+            drawn.append(_chart(title, unit, names, nights, series, limits))
     return drawn
 
 
@@ -173,12 +173,44 @@ def _step(nights: Sequence[Night]) -> float:
     return _AXIS / max(len(nights), 1)
 
 
-def _place(number: int, nights: Sequence[Night]) -> float:
-    """x of the night of this number: the middle of its part of the axis."""
-    return round(LEFT + _step(nights) * (number + 0.5), 2)
+def _middles(nights: Sequence[Night]) -> dict[str, float]:
+    """x by night: the middle of its part of the axis."""
+    return {it.night: round(LEFT + _step(nights) * (k + 0.5), 2) for k, it in enumerate(nights)}
 
 
-def _drawn(
+class _Axes(NamedTuple):
+    """Axes of a chart.
+
+    nights: x of each night, in order.
+    ticks: values on the vertical axis, from below.
+    """
+
+    nights: Mapping[str, float]
+    ticks: list[float]
+    unit: str
+
+    def y(self, value: float) -> float:
+        """y of a value."""
+        share = (value - self.ticks[0]) / (self.ticks[-1] - self.ticks[0])
+        return round(HEIGHT - BOTTOM - share * (HEIGHT - TOP - BOTTOM), 2)
+
+    def point(self, night: str, name: str, value: float) -> Point:
+        """Point of a series by its name."""
+        # z: no minus before a 0
+        words = f"{name}, {_date(night)}: {value:z.6g} {self.unit}".rstrip()
+        return Point(self.nights[night], self.y(value), words, (night, name, value))
+
+    def parts(self, ads: str, series: Series) -> tuple[tuple[Point, ...], ...]:
+        """Runs of nights in which an ADS has a value."""
+        runs = groupby(self.nights, key=lambda night: (night, ads) in series)
+        return tuple(
+            tuple(self.point(night, ads, series[night, ads]) for night in run)
+            for computed, run in runs
+            if computed
+        )
+
+
+def _chart(
     title: str,
     unit: str,
     names: Sequence[str],
@@ -193,45 +225,22 @@ def _drawn(
     """
     values = [*series.values(), *(bound for _, _, bound in limits)]
     ticks = _ticks(min(values), max(values), least=1.0 if unit == "cases" else 0.0)
-    at = {night.night: _place(index, nights) for index, night in enumerate(nights)}  # x by night
-    colours, dashes = dict(zip(names, cycle(COLOURS))), dict(zip(names, cycle(DASHES)))
-
-    def y_of(value: float) -> float:
-        share = (value - ticks[0]) / (ticks[-1] - ticks[0])
-        return round(HEIGHT - BOTTOM - share * (HEIGHT - TOP - BOTTOM), 2)
-
-    def point(night: str, name: str, value: float) -> Point:
-        # z: no minus before a 0
-        words = f"{name}, {_date(night)}: {value:z.6g} {unit}".rstrip()
-        return Point(at[night], y_of(value), words, (night, name, value))
-
-    def line(ads: str) -> TrendLine:
-        # runs of nights with and without a value; `at` holds the nights in order
-        parts = groupby(at, key=lambda night: (night, ads) in series)
-        points = (
-            tuple(point(night, ads, series[night, ads]) for night in part)
-            for computed, part in parts
-            if computed
-        )
-        latest = series.get((nights[-1].night, ads))
-        last = "not computed" if latest is None else f"{latest:z.4g}"
-        return TrendLine(ads, colours[ads], dashes[ads], tuple(points), last)
-
+    axes = _Axes(_middles(nights), ticks, unit)
+    colours = dict(zip(names, cycle(COLOURS)))
+    latest = {
+        ads: f"{value:z.4g}" for (night, ads), value in series.items() if night == nights[-1].night
+    }
+    lines = (
+        TrendLine(ads, colour, dash, axes.parts(ads, series), latest.get(ads, "not computed"))
+        for (ads, colour), dash in zip(colours.items(), cycle(DASHES))
+    )
     gates = (
-        (point(night, f"gate of {ads}", limit), colours[ads])
+        (axes.point(night, f"gate of {ads}", limit), colours[ads])
         for night, ads, limit in limits
         if ads in colours
     )
-    return TrendChart(
-        title,
-        unit,
-        tuple(map(line, names)),
-        tuple(gates),
-        # nearly half of a night's part of the axis: strokes of neighbours do not touch
-        half=round(0.42 * _step(nights), 2),
-        ticks=tuple((y_of(tick), f"{tick:g}") for tick in ticks),
-        dates=_dates(nights),
-    )
+    labels = tuple((axes.y(tick), f"{tick:g}") for tick in ticks)
+    return TrendChart(title, unit, tuple(lines), tuple(gates), labels)
 
 
 def _dates(nights: Sequence[Night]) -> tuple[tuple[float, str], ...]:
@@ -239,12 +248,10 @@ def _dates(nights: Sequence[Night]) -> tuple[tuple[float, str], ...]:
 
     A label is the day; where two nights began on one day, it is month, day and time.
     """
-    every = math.ceil(len(nights) / MOST_LABELS)
+    every = math.ceil(len(nights) / MOST_LABELS) or 1
     repeated = len({night.night[:10] for night in nights}) < len(nights)
-    labels = [_date(night.night)[5:] if repeated else night.night[:10] for night in nights]
-    return tuple(
-        (_place(number, nights), labels[number]) for number in range(len(nights) - 1, -1, -every)
-    )
+    middles = _middles(nights).items()
+    return tuple((x, _date(it)[5:] if repeated else it[:10]) for it, x in middles)[::-every]
 
 
 def _ticks(low: float, high: float, least: float) -> list[float]:
@@ -256,14 +263,8 @@ def _ticks(low: float, high: float, least: float) -> list[float]:
         low, high = low - pad, high + pad
     rough = (high - low) / (TICKS - 1)  # between two ticks, before it is made a round number
     magnitude = 10.0 ** math.floor(math.log10(rough))
-    step = max(
-        least,
-        next(
-            factor * magnitude
-            for factor in (1.0, 2.0, 2.5, 5.0, 10.0)
-            if factor * magnitude >= rough * 0.999  # less 0.1 %, against rounding
-        ),
-    )
+    steps = magnitude * np.array([1.0, 2.0, 2.5, 5.0, 10.0])
+    step = max(least, steps[steps >= rough * 0.999][0])  # less 0.1 %, against rounding
     first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
     return [round(float(value), 12) for value in np.arange(first, last + 1) * step]
 
