@@ -4,10 +4,12 @@
 `onnx:policy.onnx?features=table.toml` names a different one, `output=NAME` an output other than the
 first. Needs the extra `onnx`.
 
-A network's last bits may depend on how many rows it is given at once. So every model is given
-blocks of `BLOCK` rows (or as many as it is made for), filled up with zeros, on one thread, and a
-case's answer does not depend on the other rows as far as the runtime treats the rows of a block
+A network's last bits may depend on the number of rows that it receives at once. So every model
+receives blocks of `BLOCK` rows (or as many as it is made for), filled up with zeros, on one thread.
+A case's answer then does not depend on the other rows, if the runtime treats the rows of a block
 alike; tests check this for dense networks.
+
+`cosim/doors/controller.py` finds `from_locator` by name.
 """
 
 from __future__ import annotations
@@ -54,44 +56,42 @@ class OnnxPolicy:
         """Refuse a model that fails, or that answers a row differently among other rows."""
         rows = np.random.default_rng(1).uniform(0.0, 10.0, (BLOCK, len(self.interface.features)))
         try:
-            among = self._answers(rows)[0]
-            alone = self._answers(rows[:1])[0]
-            if not np.allclose(among, alone, 1e-3, 1e-4, equal_nan=True):  # more than rounding
-                raise ControllerError(
-                    f"The model {self._name} must answer a row the same alone and among other "
-                    f"rows (exported for evaluation, not for training), got {alone} and {among}"
-                )
+            among, alone = self._answers(rows)[0], self._answers(rows[:1])[0]
         except ControllerError as error:  # refused before the run
             raise InputError(f"{error}.") from error
+        if not np.allclose(among, alone, 1e-3, 1e-4, equal_nan=True):  # more than rounding
+            raise InputError(
+                f"The model {self._name} must answer a row the same alone and among other rows "
+                f"(exported for evaluation, not for training), got {alone} and {among}."
+            )
 
     def _checked_input(self) -> tuple[str, Any, int]:
         owner = f"model {self._name}"
-        given = self._session.get_inputs()
-        if len(given) != 1:
-            names = ", ".join(it.name for it in given)
+        inputs = self._session.get_inputs()
+        if len(inputs) != 1:
+            names = ", ".join(it.name for it in inputs)
             raise must_be("The inputs", owner, "one array (rows, features)", names or "none")
-        (it,) = given
-        what = f"The input `{it.name}`"
-        shape = it.shape
-        if it.type not in _DTYPES:
-            raise must_be(what, owner, "of float or double numbers", it.type)
-        wanted = len(self.interface.features)
-        if len(shape) != 2 or (isinstance(shape[1], int) and shape[1] != wanted):
-            must = f"of shape (rows, {wanted}), as its table has {wanted} features"
+        name, kind, shape = inputs[0].name, inputs[0].type, inputs[0].shape
+        what = f"The input `{name}`"
+        if kind not in _DTYPES:
+            raise must_be(what, owner, "of float or double numbers", kind)
+        columns = len(self.interface.features)
+        if len(shape) != 2 or (isinstance(shape[1], int) and shape[1] != columns):
+            must = f"of shape (rows, {columns}), as its table has {columns} features"
             raise must_be(what, owner, must, tuple(shape))
         rows = shape[0] or BLOCK
-        return it.name, _DTYPES[it.type], rows if isinstance(rows, int) else BLOCK
+        return name, _DTYPES[kind], rows if isinstance(rows, int) else BLOCK
 
     def _checked_output(self, output: str | None) -> str:
         owner = f"model {self._name}"
-        given = {it.name: it for it in self._session.get_outputs()}
-        output = next(iter(given), "") if output is None else output
-        check_known(f"output of {owner}", given, output)
-        it = given[output]
+        kinds = {it.name: it.type for it in self._session.get_outputs()}
+        output = next(iter(kinds), "") if output is None else output
+        check_known(f"output of {owner}", kinds, output)
+        kind = kinds[output]
         # whether it names one of the discrete choices, by number
-        self._chosen = it.type == "tensor(int64)" and self.interface.choices is not None
-        if it.type not in _DTYPES and not self._chosen:
-            raise must_be(f"The output `{output}`", owner, "of float or double numbers", it.type)
+        self._chosen = kind == "tensor(int64)" and self.interface.choices is not None
+        if kind not in _DTYPES and not self._chosen:
+            raise must_be(f"The output `{output}`", owner, "of float or double numbers", kind)
         return output
 
     def reset(self, briefing: Briefing) -> None:
@@ -110,32 +110,33 @@ class OnnxPolicy:
 
     def _answers(self, features: NDArray[Any]) -> NDArray[Any]:
         """Outputs of the model for rows of features, (n, `Interface.width`)."""
-        n = len(features)
-        rows = self._rows
-        wanted = self.interface.width
+        n, rows = len(features), self._rows
         padded = np.zeros((n + rows, features.shape[1]), self._dtype)
-        padded[:n], answers = features, np.empty((n + rows, wanted))
-        for begin in range(0, n, rows):
-            block = slice(begin, begin + rows)
-            try:
-                (answer,) = self._session.run([self._output], {self._input: padded[block]})
-            except Exception as error:
-                raise ControllerError(f"The model {self._name} failed: {_words(error)}") from error
-            answer = np.asarray(answer)
-            if self._chosen and answer.size == rows:
-                if not ((answer >= 0) & (answer < wanted)).all():
-                    raise ControllerError(
-                        f"The output `{self._output}` of {self._name} must name choices "
-                        f"0..{wanted - 1}, got {answer.min()}..{answer.max()}"
-                    )
-                answer = np.eye(wanted)[answer.reshape(rows)]
-            if answer.shape != (rows, wanted) and not (wanted == 1 and answer.shape == (rows,)):
+        padded[:n] = features
+        blocks = [self._run(padded[begin : begin + rows]) for begin in range(0, n, rows)]
+        return np.concatenate(blocks)[:n].astype(float)
+
+    def _run(self, block: NDArray[Any]) -> Any:
+        """Checked output of the model for one block, (rows, `Interface.width`)."""
+        rows, width = self._rows, self.interface.width
+        try:
+            (answer,) = self._session.run([self._output], {self._input: block})
+        except Exception as error:
+            raise ControllerError(f"The model {self._name} failed: {_words(error)}") from error
+        answer = np.asarray(answer)
+        if self._chosen and answer.size == rows:
+            if not ((answer >= 0) & (answer < width)).all():
                 raise ControllerError(
-                    f"The output `{self._output}` of {self._name} must have the shape ({rows}, "
-                    f"{wanted}) for {rows} rows, by the actions of its table, got {answer.shape}"
+                    f"The output `{self._output}` of {self._name} must name choices "
+                    f"0..{width - 1}, got {answer.min()}..{answer.max()}"
                 )
-            answers[block] = answer.reshape(rows, wanted)
-        return answers[:n]
+            answer = np.eye(width)[answer.reshape(rows)]
+        if answer.shape != (rows, width) and not (width == 1 and answer.shape == (rows,)):
+            raise ControllerError(
+                f"The output `{self._output}` of {self._name} must have the shape ({rows}, "
+                f"{width}) for {rows} rows, by the actions of its table, got {answer.shape}"
+            )
+        return answer.reshape(rows, width)
 
 
 def from_locator(text: str, folder: Path) -> PolicyController:
@@ -156,7 +157,6 @@ def _session(model: Path) -> Any:
         raise needs_extra("`onnx:`", "onnx") from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
     options.use_deterministic_compute = True
     options.log_severity_level = 3
     try:
@@ -176,7 +176,7 @@ def _external_data(model: Path) -> set[Path]:
     """Files that a model's weights lie in, as its protobuf message names them: the key `location`,
     the length of the name in one byte, the name.
     """
-    # looked at, not passed over: the next key may be as near
     message = read_input(model, "model", 2**31)  # the most that protobuf allows
-    found = re.findall(rb"(?s)\n\x08location\x12(.)(?=(.{0,127}))", message)
-    return {model.parent / os.fsdecode(name[: ord(length)]) for length, name in found}
+    # the name in a lookahead: the next key may begin within its 127 bytes
+    names = re.findall(rb"(?s)\n\x08location\x12(.)(?=(.{0,127}))", message)
+    return {model.parent / os.fsdecode(name[: ord(length)]) for length, name in names}
