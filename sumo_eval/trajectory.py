@@ -47,7 +47,7 @@ CHANNELS = ("time", "x", "y", "heading", "speed", "acceleration", "steering_whee
 class Trajectory:
     """One vehicle's motion: every channel is an (n,) array, `time` strictly increasing.
 
-    Heading, speed and acceleration that are not given are derived by central differences.
+    Missing heading, speed and acceleration are derived by central differences.
 
     time: s.
     x, y: of the vehicle's centre, m.
@@ -100,7 +100,7 @@ class Trajectory:
             times, xs, ys, headings, speeds, _channel("acceleration", accelerations, n),
             _channel("steering_wheel_angle", angles, n, nan_allowed=True)
         ]  # fmt: skip
-        self._hold(np.array(channels), length, width)
+        self._set_fields(np.array(channels), length, width)
 
     @classmethod
     def of_block(cls, block: FloatArray, *, length: float, width: float) -> Trajectory:
@@ -114,14 +114,13 @@ class Trajectory:
                 f"A block of a Trajectory must have shape ({len(CHANNELS)}, n), got {block.shape}."
             )
         times = block[0]
-        increasing = (times[1:] > times[:-1]).all()
-        if not times.size or not increasing or not np.isfinite(block[:-1]).all():
-            return cls(*block, length=length, width=width)  # raises an error that names the fault
-        trajectory = object.__new__(cls)
-        trajectory._hold(block, length, width)
-        return trajectory
+        if times.size and (times[1:] > times[:-1]).all() and np.isfinite(block[:-1]).all():
+            trajectory = object.__new__(cls)
+            trajectory._set_fields(block, length, width)
+            return trajectory
+        return cls(*block, length=length, width=width)  # raises an error that names the fault
 
-    def _hold(self, block: FloatArray, length: float, width: float) -> None:
+    def _set_fields(self, block: FloatArray, length: float, width: float) -> None:
         """Set all fields; the channels are views of the block."""
         block.setflags(write=False)
         for name, values in zip(CHANNELS, block, strict=True):
@@ -163,8 +162,8 @@ def _rate(values: FloatArray, time: FloatArray) -> FloatArray:
 def _course(x: FloatArray, y: FloatArray, time: FloatArray) -> FloatArray:
     """Direction of motion, rad.
 
-    A standing vehicle keeps the last direction in which it moved; before its first motion it has
-    the direction of that motion; 0 if it never moves.
+    A standing vehicle keeps the direction of its last motion. Before its first motion it has the
+    direction of that one. A vehicle that never moves has 0.
     """
     vx, vy = _rate(x, time), _rate(y, time)
     moving = np.hypot(vx, vy) > _STANDING
@@ -208,12 +207,12 @@ class Collision:
 
 
 NO_RETURN = "no_return"
-"""`Clip.what` of the note that `cosim/no_return.py` leaves on a contact; the fields of
-that `Clip` (below) then mean:
+"""`Clip.what` of the note that `cosim/no_return.py` adds to a drive with a contact. The fields of
+that `Clip` (below) mean:
 
 first_time: the point of no return, s: the last time from which full braking avoids the contact.
-    `NEVER`: full braking from the start on does not avoid it. `UNKNOWN`: not searched for, as a
-    replay of the drive does not end in this contact.
+    `NEVER`: full braking from the start does not avoid it. `UNKNOWN`: there was no search, because
+    a replay of the drive does not end in this contact.
 requested: when the ADS first braked, s; `NEVER`: it did not.
 applied: time of the contact, s.
 """
@@ -222,7 +221,7 @@ NEVER, UNKNOWN = -1.0, -2.0
 
 @frozen
 class Clip:
-    """Note on a drive: requests that were changed by a limit, or another event to be known.
+    """Note on a drive: requests that a limit changed, or another event that a reader must know.
 
     what: name of the limit or event.
     count: how often it occurred.
@@ -327,10 +326,10 @@ class Recording:
     error_place: where in the user's code an exception came from, as `my_ads.py:42 in act`.
     batched: "batched" if its ADS asks SUMO and was driven in a batch; "compared" if the case was
         driven alone as well and was the same; else empty.
-    commands: what moved the ego in each step, (steps, 2): acceleration (m/s2) and steering wheel
-        angle (rad). Where something other than the vehicle model may move it, (steps, 6): x, y (m),
-        heading (rad) on the map, speed (m/s), acceleration, angle. None without a contact, as only
-        contacts are replayed.
+    commands: of each step, (steps, 2): acceleration (m/s2) and steering wheel angle (rad). Where
+        something other than the vehicle model may move the ego, (steps, 6): x, y (m), heading (rad)
+        on the map, speed (m/s), acceleration, angle. None without a contact, as only contacts are
+        replayed.
     """
 
     ego: Trajectory

@@ -22,8 +22,8 @@ SEARCHED_WINDOW = 1e-3
 
 
 def exists(logical: LogicalScenario, unit: FloatArray) -> BoolArray:
-    """Whether each unit point (..., k) satisfies the constraints, itself or after a step of `EDGE`
-    up or down along any of the axes.
+    """Whether each unit point (..., k), or one of its neighbours at `EDGE` along any of the axes,
+    satisfies the constraints.
     """
     holds = np.asarray(logical.feasible(logical.from_unit(unit)))
     if not holds.all():
@@ -55,9 +55,9 @@ def crossings(
         for _ in range(5):
             crossing = x0 + (y0 / (y0 - y1))[:, None] * (x1 - x0)
             value = surface.value(crossing)
-            replaces_0 = (value <= 0.0) == (y0 <= 0.0)
-            x0, y0 = np.where(replaces_0[:, None], crossing, x0), np.where(replaces_0, value, y0)
-            x1, y1 = np.where(replaces_0[:, None], x1, crossing), np.where(replaces_0, y1, value)
+            first = (value <= 0.0) == (y0 <= 0.0)  # which end the crossing replaces
+            x0[first], y0[first] = crossing[first], value[first]
+            x1[~first], y1[~first] = crossing[~first], value[~first]
         parts.append(crossing)
     points = np.concatenate(parts)
     return points[exists(logical, points)]
@@ -91,10 +91,10 @@ def most_dangerous_point(
     candidates: points at which the search may begin, (n, k).
     cell: half of the first window's width, unit box.
 
-    The search begins at the worst candidate in the zone. It looks around that point in a window,
-    moves to a worse point of the zone or else shrinks the window, and so on. The windows find
-    corners between a constraint and the box, where no grid point lies. At last the point is rounded
-    if it stays in the zone.
+    The search begins at the worst candidate in the zone. In each round it looks around its point in
+    a window: it moves to the worst point of the zone there, or shrinks the window if there is no
+    worse point. The windows find corners between a constraint and the box, where no grid point
+    lies. At last the point is rounded.
     """
     logical = zones.logical
     searched = zones.logical.search is not None
@@ -112,26 +112,32 @@ def most_dangerous_point(
         # `best` is row 0. Its place in `order` is argmin(order); the rows before it are worse. Only
         # these are looked up in the zone, because the GP takes most of the time.
         worse = zones.members(number, rows[order[: np.argmin(order)]])
-        if not len(worse):
-            half_width *= 0.4
-        else:
+        if len(worse):
             best = worse[0]
+        else:
+            half_width *= 0.4
         if half_width < (SEARCHED_WINDOW if searched else 1e-12):
             break
-    # the fewest digits with which the point moves by less than `tolerance` and stays in the zone
-    tolerance = SEARCHED_WINDOW if searched else 1e-7  # unit-box length
+    rounded = _rounded(zones, number, best, SEARCHED_WINDOW if searched else 1e-7)
+    return dict(zip(logical.names, rounded.tolist(), strict=True))
+
+
+def _rounded(zones: Any, number: int, point: FloatArray, tolerance: float) -> FloatArray:
+    """The point with the fewest digits with which it moves by less than a tolerance, in unit-box
+    length, and stays in its zone.
+    """
+    logical = zones.logical
     for digits in range(10):  # at 10 digits and more, the point stays as it is
-        rounded = np.clip(np.round(best, digits), logical.low, logical.high)
-        near = np.all(np.abs(logical.to_unit(rounded) - logical.to_unit(best)) < tolerance)
+        rounded = np.clip(np.round(point, digits), logical.low, logical.high)
+        near = np.all(np.abs(logical.to_unit(rounded) - logical.to_unit(point)) < tolerance)
         if near and len(zones.members(number, rounded[None, :])):
-            best = rounded
-            break
-    return dict(zip(logical.names, best.tolist(), strict=True))
+            return rounded
+    return point
 
 
 def _by_danger(zones: Any, points: FloatArray) -> IntArray:
-    """Indices of points (n, k), the most dangerous first: by impact speed, then by max ITTC, then
-    by the smaller gap, then by the smaller parameters.
+    """Indices of points (n, k), the most dangerous first: by largest impact speed, largest ITTC,
+    smallest gap, smallest parameters, in this order.
     """
     danger = criticality(zones.logical, points, zones.settings)
     # rounded, so that the last digit does not decide between points of equal danger

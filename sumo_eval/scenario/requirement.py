@@ -1,17 +1,19 @@
 """Requirements of a scenario: conditions on the whole drive, such as `min(gap) > 2 and
 max(abs(offset)) <= 0.15`.
 
-Tables of scenario files become them here; `scoring.requirements` evaluates them in recorded drives.
+Tables of scenario files become requirements here; `scoring.requirements` evaluates them in recorded
+drives.
 
-`min`, `max` and `at_end` of one value are taken over the drive of the ego. The value may combine
-the quantities of each moment, below, with parameters and definitions. The rest is the language of
-scenario files (`scenario.expression`).
+A value over time is `min`, `max` or `at_end` of one value over the ego's drive. This value may
+combine the quantities of each moment, below, with parameters and definitions. The rest is the
+language of scenario files (`scenario.expression`).
 
 Users: `scenario/file_tables.py`, `scenario/logical.py`.
 """
 
 import ast
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -45,7 +47,7 @@ OUTCOMES = {
     "reached_end": "1 if it came to the end of the scenario's road, else 0",
 }
 """Quantities of the whole drive that it may use."""
-OF_OTHERS = ("x", "y", "speed", "lateral_speed")
+OF_ACTORS = ("x", "y", "speed", "lateral_speed")
 """Quantities of an actor at each moment that it may use, as `x(lead)`; x and speed are along the
 road, y and lateral_speed across it, to the left of the right lane's centre line."""
 _OVER_TIME: dict[str, Callable[[FloatArray], Any]] = {
@@ -64,7 +66,7 @@ class Requirement:
     outer: its condition, with a placeholder for each value over time: `over_time_0 > 2`.
     parts: of each value over time: its placeholder, function of `_OVER_TIME`, and argument:
         (`over_time_0`, `min`, `x_of_lead - x`).
-    asks: of each quantity of an actor in these arguments: placeholder, name in `OF_OTHERS`, actor:
+    asks: of each quantity of an actor in these arguments: placeholder, name in `OF_ACTORS`, actor:
         (`x_of_lead`, `x`, `lead`).
     """
 
@@ -136,50 +138,41 @@ def requirement(
                 "it."
             )
     tree = parsed(text, f"Requirement `{text[:200]}` of {owner}")
+    place = f"requirement `{name}` of {owner}"
     replaced = _Parts(text, owner, vehicles, known)
     outer = condition(ast.unparse(replaced.visit(tree)), owner)
     moments = [*SERIES, *(ask[0] for ask in replaced.asks)]
     for _, _, inner in replaced.parts:
         checked_names(inner, [*names, *moments], owner)
         if not inner.names & set(moments):
-            raise must_be(
-                f"`{inner.text}`",
-                f"requirement `{name}` of {owner}",
-                f"of {', '.join(SERIES)}",
-                inner.text,
-            )
+            raise must_be(f"`{inner.text}`", place, f"of {', '.join(SERIES)}", inner.text)
     for asked in sorted(outer.names - {part[0] for part in replaced.parts}):
         if asked in SERIES:
-            raise must_be(
-                f"`{asked}`",
-                f"requirement `{name}` of {owner}",
-                "within min(), max() or at_end()",
-                text,
-            )
-        check_known(f"name in requirement `{name}` of {owner}:", [*names, *SERIES], asked)
+            raise must_be(f"`{asked}`", place, "within min(), max() or at_end()", text)
+        check_known(f"name in {place}:", [*names, *SERIES], asked)
     return Requirement(name, text, about, outer, tuple(replaced.parts), tuple(replaced.asks))
 
 
+@dataclass
 class _Parts(ast.NodeTransformer):
-    """Replaces values over time by placeholders, and within these the quantities of actors.
+    """Replaces values over time by placeholders, and quantities of actors within these values.
 
     text, owner, vehicles, known: as in `requirement`.
     parts, asks: what the placeholders stand for, as in `Requirement`.
     within: whether the node visited is the argument of a value over time.
     """
 
-    def __init__(
-        self, text: str, owner: str, vehicles: Sequence[str], known: Collection[str]
-    ) -> None:
-        self.text, self.owner = text, owner
-        self.vehicles, self.known = vehicles, known
-        self.parts: list[tuple[str, str, Expression]] = []
-        self.asks: list[tuple[str, str, str]] = []
-        self.within = False
+    text: str
+    owner: str
+    vehicles: Sequence[str]
+    known: Collection[str]
+    parts: list[tuple[str, str, Expression]] = field(default_factory=list)
+    asks: list[tuple[str, str, str]] = field(default_factory=list)
+    within: bool = False
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
         if self.within:
-            return self._of_other(node)
+            return self._of_actor(node)
         if (
             isinstance(node.func, ast.Name)
             and node.func.id in _OVER_TIME
@@ -200,11 +193,11 @@ class _Parts(ast.NodeTransformer):
             name += "_"
         return name
 
-    def _of_other(self, node: ast.Call) -> ast.AST:
+    def _of_actor(self, node: ast.Call) -> ast.AST:
         """A placeholder for `x(lead)`; any other call is a function of the language, and stays."""
         match node:
             case ast.Call(func=ast.Name(id=function), args=[ast.Name(id=vehicle)], keywords=[]) if (
-                function in OF_OTHERS
+                function in OF_ACTORS
             ):
                 check_known(
                     f"vehicle in requirement `{self.text}` of {self.owner}:", self.vehicles, vehicle

@@ -4,12 +4,11 @@ Between two samples every pose moves linearly. Conservative advancement finds th
 without skipping a graze:
 
 1. Find the axis along which the gap between the bodies is widest.
-2. No two points of them close along it faster than `closing`.
-3. So they do not touch before gap / closing: go there, and begin again.
+2. Along it, no two points of the bodies approach faster than `closing`.
+3. So the bodies do not touch before gap / closing: go to that time, and begin again.
 
-Users: the loop, in every step (`step_rules` and others of `cosim/`); `ads/foresight.py`, for
-contact before a case begins; `method/conflict.py`, for contact on conflicting ways; `scenario/`;
-`extras/gym/episodes.py`.
+Users: `cosim/`, in every step of the loop; `ads/foresight.py`, for contact before a case begins;
+`method/conflict.py`, for contact on conflicting paths; `scenario/`; `extras/gym/episodes.py`.
 """
 
 import math
@@ -54,9 +53,9 @@ class Body(NamedTuple):
 def body_of(at: Any, moving: Any, body: Any) -> Body:
     """The `Body` of a vehicle.
 
-    at: its place, on the map or in the frame, now or before the step.
-    moving: has its speeds at that time.
-    body: has its size.
+    at: its position, on the map or in the frame, now or before the step.
+    moving: record with its speeds at that time.
+    body: record with its size.
     """
     return Body(at.x, at.y, at.heading, moving.speed, body.length, body.width, moving.across)
 
@@ -84,10 +83,10 @@ def radius(body: Body) -> float:
 
 @kernel
 def widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
-    """(gap m, axis x, axis y): the axis of either box along which they are furthest apart, pointing
-    from a to b.
+    """(gap m, axis x, axis y): the axis of either box along which the boxes are furthest apart,
+    pointing from a to b.
 
-    The gap is at most the distance of the boxes; negative: they overlap by as much.
+    The gap is at most the distance of the boxes. A negative gap is the depth of their overlap.
     """
     dx, dy = b.x - a.x, b.y - a.y
     ca, sa = math.cos(a.heading), math.sin(a.heading)
@@ -95,10 +94,10 @@ def widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
     cos_between, sin_between = abs(ca * cb + sa * sb), abs(ca * sb - sa * cb)
     la, wa = 0.5 * a.length, 0.5 * a.width
     lb, wb = 0.5 * b.length, 0.5 * b.width
-    # from a's centre to b's, along and across each body
+    # vector from a's centre to b's, along and across each body
     along_a, across_a = dx * ca + dy * sa, dy * ca - dx * sa
     along_b, across_b = dx * cb + dy * sb, dy * cb - dx * sb
-    # half the extents of b along a's length and along a's width; then of a along b's
+    # half the extents of b along a's length and a's width; then of a along b's length and width
     reach_b, span_b = lb * cos_between + wb * sin_between, lb * sin_between + wb * cos_between
     reach_a, span_a = la * cos_between + wa * sin_between, la * sin_between + wa * cos_between
     gap, offset = abs(along_a) - la - reach_b, along_a
@@ -115,7 +114,6 @@ def widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
     if candidate > gap:
         gap, offset = candidate, across_b
         x, y = -sb, cb
-    # from a to b
     return (gap, x, y) if offset >= 0.0 else (gap, -x, -y)
 
 
@@ -147,14 +145,14 @@ def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body)
     )
     if abs(b_before.x - a_before.x) > reach or abs(b_before.y - a_before.y) > reach:
         return -1.0
-    # m that a corner moves at most by turning, of both bodies
+    # most that a corner of each body moves by turning, added up, m
     turning = abs(within_a_turn(a_after.heading - a_before.heading)) * radius(a_after)
     turning += abs(within_a_turn(b_after.heading - b_before.heading)) * radius(b_after)
     share = 0.0
     gap, x, y = widest_gap(a_before, b_before)
     while gap > TOUCH:
-        # m, most that the gap closes in the whole step: (x, y) points from a to b, so b's shift
-        # along it opens the gap
+        # most that the gap closes in the whole step, m; b's shift along (x, y) opens it, as this
+        # axis points from a to b
         closing = turning - (shift_x * x + shift_y * y)
         if gap > closing * (1.0 - share):
             return -1.0
@@ -165,18 +163,18 @@ def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body)
 
 @kernel
 def keeps_apart(ego: Body, other: Body) -> bool:
-    """Whether two bodies that continue straight along the road at their speeds surely never touch.
+    """Whether two bodies never touch if they continue straight along the road at their speeds.
 
-    False: they touch, or it is not sure.
+    False: they touch, or the other body does not move straight along the road.
 
     ego: its heading counts as 0.
     """
     if other.heading != 0.0 or other.across != 0.0:
         return False
-    ahead = other.x - ego.x
-    touching = 0.5 * ego.length + 0.5 * other.length
     if abs(other.y - ego.y) >= 0.5 * ego.width + 0.5 * other.width:
         return True
+    ahead = other.x - ego.x
+    touching = 0.5 * ego.length + 0.5 * other.length
     return (ahead >= touching and other.speed >= ego.speed) or (
         -ahead >= touching and other.speed <= ego.speed
     )

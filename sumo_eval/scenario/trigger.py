@@ -1,12 +1,12 @@
 """Conditions on what happens, such as `ttc(ego, child) < 2 and y(child) > 1`, as steps for a kernel
 (`played.holds_from`).
 
-`scenario/vehicle_tables.py` reads the key `when` of a manoeuvre by it. A condition may have numbers
-of the point (parameters, definitions, options), which are evaluated once for a case, and numbers of
-the moment: `time`, s since the start; `departed`, m between the ego and the recorded ego at that
-time; and the functions below.
+A condition may have numbers of the point and of the moment. Numbers of the point (parameters,
+definitions, options) are evaluated once for a case. Numbers of the moment are `time`, s since the
+start; `departed`, m between the ego and the recorded ego at that time; and the functions below.
 
-Users: `extras/openscenario/written.py`, `scenario/vehicle_tables.py`.
+Users: `scenario/vehicle_tables.py`, for the key `when` of a manoeuvre;
+`extras/openscenario/written.py`.
 """
 
 import ast
@@ -52,10 +52,8 @@ _NUMBERS = "of numbers, names, + - * /, min, max, abs, `time` and " + ", ".join(
 EGO_NAME = "ego"
 
 Step = tuple[int, int, int, Expression | None]
-"""An operation of `Act.program` without its value: (op, one, two, expression or None).
-
-The expression gives the value at a point.
-"""
+"""An operation of `Act.program`: (op, one, two, expression), with the expression of its value at a
+point, or None."""
 
 
 def trigger(text: str, owner: str, names: Names, *, departs: bool) -> list[Step]:
@@ -84,7 +82,7 @@ class _Writer:
         """Steps that leave one value on the stack: whether a condition holds, or a number.
 
         condition: whether the node must be a condition.
-        depth: of the node in the text; at most as many values wait on the stack meanwhile.
+        depth: of the node in the text; at most as many values are on the stack before its own.
         """
         if depth >= played.DEEPEST - 2:
             raise InputError(f"Condition {self._place} is nested too deep.")
@@ -108,7 +106,7 @@ class _Writer:
             parts = parts[::-1]
         joins = name in ("And", "Or")  # conditions; all other operations take numbers
         steps, *further = [self.steps(it, condition=joins, depth=depth + 1) for it in parts]
-        # a, op of one value; a, b, op of two; a, b, op, c, op of three
+        # one value: a, op; two: a, b, op; three: a, b, op, c, op
         for more in further or [[]]:
             steps += [*more, (op, 0, 0, None)]
         return steps
@@ -129,7 +127,7 @@ class _Writer:
     ) -> Step:
         """Step of a function of vehicles."""
         words = [arg.id for arg in args if isinstance(arg, ast.Name)]
-        match words if len(words) == len(args) else []:  # anything but names is an error below
+        match words if len(words) == len(args) else []:  # other arguments are an error below
             case [vehicle, move] if condition and name == "ended":
                 index = self._vehicle(vehicle)
                 if index == played.EGO:
@@ -143,7 +141,7 @@ class _Writer:
                 if one == two:
                     raise self._wrong(node, "of two vehicles")
                 return OF_TWO[name], self._vehicle(one), self._vehicle(two), None
-        # no function of vehicles: the error says what must stand here
+        # not a function of vehicles: the error says what must be in its place
         if isinstance(node, ast.Compare):
             raise self._wrong(node, "compared with <, <=, > or >=")
         if condition:
@@ -159,7 +157,7 @@ class _Writer:
 
     def _of_the_moment(self, node: ast.expr) -> bool:
         """Whether a node holds `time`, `departed` or a function of vehicles."""
-        # a parameter of that name comes first
+        # a parameter may have one of these names, and hides it
         moment = {"time", "departed"}.difference(self.names.known)
         return any(
             part.id in moment

@@ -3,8 +3,8 @@
 `cosim/simulation.py` opens `sharing()` around the drive of such a batch.
 
 The roads of all cases are at one place, so positions, times and speeds are those of the case alone.
-Names in SUMO end with the row's suffix: the arguments of a call get it, and its answer loses it. A
-call about more than the row takes the row out of its batch: `Guard.leave` raises.
+Names in SUMO end with the row's suffix. The arguments of a call get the suffix, its answer loses
+it. A call about more than the row takes the row out of its batch: `Guard.leave` raises.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ _OF_MODELS = {
     "getParameter",
     "getParameterWithKey",
 }
-"""Calls that SUMO's driver models answer. In a batch only the ego's is active: `cosim` moves the
-others."""
+"""Calls that SUMO's driver models answer. In a batch only the ego's model is active: `cosim` moves
+the actors."""
 
 
 def _reading(read: _Call) -> Any:
@@ -74,9 +74,9 @@ def _reading(read: _Call) -> Any:
 
 
 def _reading_by_name(read: Callable[[str], Any], usual: _Call) -> Any:
-    """A call that reads from the row and takes only a name: half the time of `_reading`.
+    """A call that reads from the row and takes only a name, in half the time of `_reading`.
 
-    usual: that of `_reading`, for a name that is a keyword.
+    usual: the call of `_reading`, for a name that is given by keyword.
     """
 
     def reading(name: Any = None, **kwargs: Any) -> Any:
@@ -104,7 +104,7 @@ def _of_ego(reading: _Call) -> Any:
 
 
 def _kept_speed(reading: _Call) -> Any:
-    """`getSpeed`, answered by what was read after the last step while that is valid."""
+    """`getSpeed`, answered by the speed that was read after the last step, while it is valid."""
 
     def speed(vehID: Any) -> Any:  # noqa: N803 - TraCI's name
         try:
@@ -116,7 +116,7 @@ def _kept_speed(reading: _Call) -> Any:
 
 
 def _kept_position(reading: _Call) -> Any:
-    """`getPosition`, answered as by `_kept_speed`."""
+    """`getPosition`, answered in the same way."""
 
     def position(vehID: Any, includeZ: Any = False) -> Any:  # noqa: N803 - TraCI's names
         name = GUARD.names[vehID]
@@ -154,7 +154,7 @@ def _listing(read: Callable[[], Any]) -> Any:
 
     def listing() -> Any:
         names = GUARD.names
-        # `read` lists the names of all rows; this row's suffix stands in no name of another
+        # `read` lists the names of all rows; no name of another row has this row's suffix
         return tuple(sorted(names.outside(it) for it in read() if names.suffix in it))
 
     return listing
@@ -191,8 +191,8 @@ def _view() -> list[tuple[Any, str, Any]]:
 
 
 class _NoLibsumo(ModuleType):
-    """Stand-in of libsumo in a batch: any use of it takes the row out. A hook that has kept it uses
-    the real one after the batch.
+    """Stand-in of libsumo in a batch: any use of it takes the row out. After the batch, a hook that
+    has kept it uses libsumo itself.
     """
 
     def __getattr__(self, name: str) -> Any:
@@ -202,10 +202,10 @@ class _NoLibsumo(ModuleType):
 
 
 class _Console(io.TextIOBase):
-    """Output stream of a hook in a batch: a case that prints leaves, as what it prints is kept with
-    the case.
+    """Output stream of a hook in a batch: a case that prints leaves, as its output is kept with the
+    case.
 
-    What has kept it, as `logging` does, writes to the process's stream after the batch.
+    After the batch, code that has kept it, as `logging` does, writes to the process's stream.
 
     stream: stdout or stderr.
     """
@@ -225,8 +225,8 @@ _NO_LIBSUMO = _NoLibsumo("libsumo")
 
 @contextmanager
 def sharing() -> Iterator[None]:
-    """`import traci` gives the guarded one within this block, which answers for the row whose names
-    `GUARD.names` has; `import libsumo` gives a stand-in that takes the row out.
+    """Within this block, `import traci` gives the guarded `traci`, which answers for the row with
+    the names `GUARD.names`. `import libsumo` gives a stand-in that takes the row out.
     """
     for domain, call, seen in _view():
         setattr(domain, call, seen)

@@ -2,8 +2,7 @@
 scenarios, for `scoring.comparison`.
 
 A replicate draws concrete scenarios with replacement and takes the cases of both runs there, so
-their common part cancels. Whether D exists is a fact of the whole run (step 3 of the method) and is
-not drawn again.
+their common part cancels. A replicate has a D if the whole run has one (step 3 of the method).
 
 More than `MOST_DRAWN` scenarios are put together in `BLOCKS` random blocks, and blocks are drawn: a
 mean has the same variance.
@@ -43,17 +42,16 @@ def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> Score
         for total, table in zip(sums, tables, strict=True):
             total += part.counts @ table[part.places]
 
-    # from sums that are known, the scores need no cases
+    # the scores of known sums need no cases
     before, after = (
         _scores(run, slice(0, 0), KnownSums(total.T)) for total, run in zip(sums, runs, strict=True)
     )
     whole = [point_values(*run) for run in runs]
-    moved = {
-        name: after[score] - before[score]
+    return {
+        name: (change := after[score] - before[score])[np.isfinite(change)]
         for name, score in COMPARED.items()
         if all(values[score] is not None for values in whole)
     }
-    return {name: values[np.isfinite(values)] for name, values in moved.items()}
 
 
 def _terms(run: Run, seed: int) -> FloatArray:
