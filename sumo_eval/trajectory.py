@@ -38,7 +38,7 @@ EndReason = Literal[
 ]
 Side = Literal["front", "rear", "left", "right"]
 
-_STANDING = 0.01  # m/s; the direction of a slower motion is noise of positions
+_STANDSTILL_SPEED = 0.01  # m/s; the direction of a slower motion is noise of positions
 CHANNELS = ("time", "x", "y", "heading", "speed", "acceleration", "steering_wheel_angle")
 """Channels of a `Trajectory`, in the order of its block (7, n)."""
 
@@ -166,7 +166,7 @@ def _course(x: FloatArray, y: FloatArray, time: FloatArray) -> FloatArray:
     direction of that one. A vehicle that never moves has 0.
     """
     vx, vy = _rate(x, time), _rate(y, time)
-    moving = np.hypot(vx, vy) > _STANDING
+    moving = np.hypot(vx, vy) > _STANDSTILL_SPEED
     if not moving.any():
         return np.zeros(x.size)
     course = np.arctan2(vy, vx)

@@ -18,8 +18,8 @@ from sumo_eval.scenario.formats import format_of
 
 # a quoted text, which may name a file, and endings of files in which such texts are looked for
 _QUOTED = re.compile(r"""["']([^"'\n]{1,300})["']""")
-_WITH_NAMES = (".toml", ".xosc", ".py", ".json", ".xml")
-_LARGEST = 8 << 20  # bytes of a file whose text may name others
+_NAMING_SUFFIXES = (".toml", ".xosc", ".py", ".json", ".xml")
+_TEXT_SIZE = 8 << 20  # bytes of a file whose text may name others
 
 
 def hashes_of_scenario(use: str, source: Path) -> dict[str, str]:
@@ -91,7 +91,11 @@ def _named_in(file: Path) -> Iterator[Path]:
     """Files that a file's text names in quotes, by a path from its folder; in OpenSCENARIO it may
     also name a folder, for all files in it.
     """
-    if file.suffix not in _WITH_NAMES or not file.is_file() or file.stat().st_size > _LARGEST:
+    if (
+        file.suffix not in _NAMING_SUFFIXES
+        or not file.is_file()
+        or file.stat().st_size > _TEXT_SIZE
+    ):
         return
     for name in _QUOTED.findall(file.read_text(encoding="utf-8", errors="replace")):
         with suppress(OSError, ValueError):  # most texts are not names of files

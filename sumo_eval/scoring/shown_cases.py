@@ -17,7 +17,7 @@ from sumo_eval.trajectory import FloatArray, IntArray
 MOST_SHOWN = 5_000  # of all ADSs and scenarios together: with more the page would be over 10 MB
 # weights in the choice: of a named case, of a case that was not evaluated, and the least weight of
 # an incident (its largest is HIT + 1); any other case weighs at most 1
-_NAMED, _LOST, HIT = 5.0, 4.0, 2.0
+_NAMED_WEIGHT, _UNEVALUATED_WEIGHT, HIT = 5.0, 4.0, 2.0
 
 
 def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str, IntArray]:
@@ -61,5 +61,5 @@ def case_weights(cases: CaseTable, named: Collection[str] = ()) -> FloatArray:
     severity = np.nan_to_num(cases.incident_severity)
     harm = HIT + severity / max(float(severity.max(initial=0.0)), 1.0)
     weights = np.where(cases.incident, harm, np.nan_to_num(1.0 - cases.human_likeness))
-    weights = np.where(cases.evaluated, weights, _LOST)
-    return np.where(np.isin(cases.case, list(named)), _NAMED, weights)
+    weights = np.where(cases.evaluated, weights, _UNEVALUATED_WEIGHT)
+    return np.where(np.isin(cases.case, list(named)), _NAMED_WEIGHT, weights)

@@ -27,7 +27,7 @@ _LONG = r"\"{3}(?:\\.|[^\\])*?\"{3,5}|'{3}.*?'{3,5}"
 # any text, or a comment
 _QUOTED = re.compile(rf"(?s:{_LONG})|\"(?:\\.|[^\"\\\n])*\"|'[^'\n]*'|#[^\n]*")
 
-_LARGEST = 50_000_000  # bytes of a file
+_FILE_SIZE = 50_000_000  # bytes of a file
 
 DEEPEST = 50
 """Greatest depth to which tables and lists may be nested in a file."""
@@ -44,7 +44,7 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
     Raises InputError.
     """
     try:
-        text = read_input_text(path, what, _LARGEST)
+        text = read_input_text(path, what, _FILE_SIZE)
     except InputError as error:
         raise InputError(f"{error}{_folder_hint(path)}") from None
     return toml_from(text, named(path, what))
