@@ -145,22 +145,27 @@ def safe_gap(speed: float, lead_speed: float, deceleration: float, response: flo
 
 
 @kernel
-def is_visible(me: Any, others: Any, index: int, hiding_share: float) -> bool:
+def is_visible(me: Any, others: Any, index: int, hiding_share: float, aside: bool = False) -> bool:
     """Whether a vehicle is seen by lines of sight that all run along the road: no single nearer
     vehicle covers more than `hiding_share` of its width.
 
     Seen from far away, a vehicle hides what lies straight behind it. With a share of 0 a vehicle is
     seen once nothing covers any of it (a sensor that needs the whole contour), with 0.5 once half
     of it shows.
+
+    aside: lines of sight instead meet in the ego.
     """
     other = others[index]
     if isnan(other.x):
         return False
-    allowed = 2.0 * other.half_width * hiding_share  # width that may be covered, m
+    eye_y, share = 0.0, 1.0  # of lines along the road, any y will do
     for j in range(len(others)):
         nearer = others[j]
-        if me.x < nearer.x < other.x and lateral_overlap(nearer, other) > allowed:
-            return False
+        if me.x < nearer.x < other.x:
+            if aside:
+                eye_y, share = me.y, (nearer.x - me.x) / (other.x - me.x)
+            if covers(nearer, eye_y, other, share, hiding_share):
+                return False
     return True
 
 
@@ -173,15 +178,8 @@ def is_in_sight(me: Any, others: Any, index: int, hiding_share: float) -> bool:
     at the side hide what stands between them.
     """
     other = others[index]
-    if isnan(other.x) or other.x <= me.x or lateral_overlap(me, other) > 0.0:
-        return is_visible(me, others, index, hiding_share)
-    for j in range(len(others)):
-        nearer = others[j]
-        if me.x < nearer.x < other.x:
-            share = (nearer.x - me.x) / (other.x - me.x)
-            if covers(nearer, me.y, other, share, hiding_share):
-                return False
-    return True
+    aside = other.x > me.x and lateral_overlap(me, other) <= 0.0
+    return is_visible(me, others, index, hiding_share, aside)
 
 
 @kernel

@@ -68,8 +68,6 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import traceback_of
 from sumo_eval.trajectory import Alone, Recording
 
-__all__ = ["probable_end", "simulate", "simulate_many", "simulate_together"]
-
 _LOG = logging.getLogger(__name__)
 
 # cases that are sorted into batches at once: their recordings stay in memory until all of them are

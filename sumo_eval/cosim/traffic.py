@@ -68,10 +68,6 @@ class Traffic(Stage):
         self._has_shadow = np.array(self._shadow_of) != ""
         super().keep(world)
 
-    def _number(self, row: Any, actor: Any) -> Any:
-        """Index of an actor, or of several, in flat order (row by row, the ego first)."""
-        return row * self._width + 1 + actor
-
     def _ground_of_lane(self, x: Any, y: Any) -> Any:
         """Metres that a vehicle drives at the offset y for each metre of its lane: 1 - curvature y.
 
@@ -84,7 +80,7 @@ class Traffic(Stage):
         present = (world.others["present"] == 1) & (world.egos["live"] == 1)[:, None]
         models = world.players.plays["model"]
         for row, j in np.argwhere((models == HANDED_OVER) & present).tolist():
-            number = self._number(row, j)
+            number = row * self._width + 1 + j
             if self._flat[number] not in self._handed:
                 self._reacting = np.nonzero(models)
                 self._hand_over_one(number, world.others[row, j])
@@ -283,7 +279,7 @@ class Traffic(Stage):
         present = (world.egos["live"][rows] == 1) & (others["present"][rows, columns] == 1)
         rows = rows[present]
         columns = columns[present]
-        names = [self._flat[number] for number in self._number(rows, columns).tolist()]
+        names = [self._flat[number] for number in (rows * self._width + 1 + columns).tolist()]
         if not names:
             return
         try:

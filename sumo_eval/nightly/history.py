@@ -235,8 +235,8 @@ class History:
     def builds(self) -> dict[str, dict[str, str]]:
         """Build of each ADS by night."""
         builds: dict[str, dict[str, str]] = {}
-        for line in self._read("builds", Build):
-            builds.setdefault(line.night, {})[line.ads] = line.build
+        for night, ads, build in self._read("builds", Build):
+            builds.setdefault(night, {})[ads] = build
         return builds
 
     def _read(self, table: str, kind: Any) -> list[Any]:

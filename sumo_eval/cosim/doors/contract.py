@@ -64,7 +64,7 @@ _UNMOVED = (
     "return a command, or move it with TraCI; SUMO's car-following model drives it only after "
     "traci.vehicle.setSpeed(ego, -1)"
 )
-_WALL_CLOCK = ("late_command",)  # clips that differ from run to run by their nature
+_WALL_CLOCK = "late_command"  # clip that differs from run to run by its nature
 
 
 class Finding(NamedTuple):
@@ -314,7 +314,7 @@ def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
     n = min(len(one.ego), len(two.ego))
     rows = [np.column_stack([getattr(r.ego, name)[:n] for name in CHANNELS]) for r in (one, two)]
     differ = np.flatnonzero(~np.isclose(rows[0], rows[1], 0.0, 0.0, equal_nan=True).all(axis=1))
-    clips = [tuple(clip for clip in r.clips if clip.what not in _WALL_CLOCK) for r in (one, two)]
+    clips = [tuple(clip for clip in r.clips if clip.what != _WALL_CLOCK) for r in (one, two)]
     if (
         not differ.size
         and len(one.ego) == len(two.ego)

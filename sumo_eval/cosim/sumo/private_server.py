@@ -24,8 +24,9 @@ import struct
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from typing import IO
 
 LOOPBACK = "127.0.0.1"
@@ -56,7 +57,7 @@ class PrivateServer:
         with ours, theirs:
             self.process = subprocess.Popen(
                 list(command), stdin=subprocess.DEVNULL, stdout=output, stderr=output,
-                preexec_fn=_into_own_network(theirs) if isolated else None,
+                preexec_fn=partial(_enter_own_network, theirs) if isolated else None,
             )  # fmt: skip
             theirs.close()  # else `recv_fds` would wait for a child that sends nothing
             word = b""
@@ -135,31 +136,27 @@ class Relay:
                         opposite[side].sendall(data)
 
 
-def _into_own_network(report: socket.socket) -> Callable[[], None]:
-    """A function that a child calls before it becomes the server: it takes a network of its own and
-    sends sockets of that network to `report`.
+def _enter_own_network(report: socket.socket) -> None:
+    """What a child does before it becomes the server: it takes a network of its own and sends
+    sockets of that network to `report`.
     """
+    import fcntl
 
-    def prepare() -> None:
-        import fcntl
-
-        # where a namespace is not allowed, `PrivateServer` receives no sockets and makes its own
-        with suppress(OSError):
-            user = os.geteuid()
-            group = os.getegid()
-            if ctypes.CDLL(None, use_errno=True).unshare(_NEW_USERS | _NEW_NETWORK) != 0:
-                return
-            for name, text in {  # the child keeps its user and group
-                "uid_map": f"{user} {user} 1",
-                "setgroups": "deny",
-                "gid_map": f"{group} {group} 1",
-            }.items():
-                with suppress(OSError), open(f"/proc/self/{name}", "w") as file:
-                    file.write(text)
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
-                request = struct.pack("16sh14x", b"lo", _UP_AND_RUNNING)
-                fcntl.ioctl(any_socket, _SET_FLAGS, request)
-            sockets = [socket.socket() for _ in range(CLIENTS)]
-            socket.send_fds(report, [_WORD], [connection.fileno() for connection in sockets])
-
-    return prepare
+    # where a namespace is not allowed, `PrivateServer` receives no sockets and makes its own
+    with suppress(OSError):
+        user = os.geteuid()
+        group = os.getegid()
+        if ctypes.CDLL(None, use_errno=True).unshare(_NEW_USERS | _NEW_NETWORK) != 0:
+            return
+        for name, text in {  # the child keeps its user and group
+            "uid_map": f"{user} {user} 1",
+            "setgroups": "deny",
+            "gid_map": f"{group} {group} 1",
+        }.items():
+            with suppress(OSError), open(f"/proc/self/{name}", "w") as file:
+                file.write(text)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+            request = struct.pack("16sh14x", b"lo", _UP_AND_RUNNING)
+            fcntl.ioctl(any_socket, _SET_FLAGS, request)
+        sockets = [socket.socket() for _ in range(CLIENTS)]
+        socket.send_fds(report, [_WORD], [connection.fileno() for connection in sockets])
