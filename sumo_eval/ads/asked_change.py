@@ -68,14 +68,3 @@ def change_if_free(path: Any, way: Any, me: Any, others: Any, scenario: Any) -> 
     # the usual time, as far as the road allows
     path.length = max(min(CHANGE_TIME * speed, room), shortest)
     return True
-
-
-@kernel
-def lead_beside(way: Any, me: Any, others: Any, scenario: Any) -> int:
-    """Index of the ego's lead after the change; -1: none, one alongside, or too early to change."""
-    if me.x < way.begin:
-        return -1
-    ahead, _ = beside(way, me, others, scenario)
-    if ahead >= 0 and bumper_gap(me, others[ahead]) <= 0.0:  # alongside: there is no gap to keep
-        return -1
-    return ahead

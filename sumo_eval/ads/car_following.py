@@ -12,7 +12,7 @@ from dataclasses import asdict
 from math import inf, isfinite, isnan, nan, sqrt, tanh
 from typing import Any, ClassVar
 
-from sumo_eval.ads.asked_change import change_if_free, lead_beside
+from sumo_eval.ads.asked_change import beside, change_if_free
 from sumo_eval.ads.lane_change import (
     PATH,
     curvature_kept,
@@ -250,11 +250,10 @@ def change_as_asked(
     """
     changing = change_if_free(path, way, me, others, scenario)
     most = inf  # no limit yet
-    lead = lead_beside(way, me, others, scenario)
-    if lead >= 0:
-        most = idm_acceleration(
-            me.speed, desired_speed, bumper_gap(me, others[lead]), others[lead].along, idm
-        )
+    lead, _ = beside(way, me, others, scenario)
+    gap = bumper_gap(me, others[lead]) if lead >= 0 and me.x >= way.begin else 0.0
+    if gap > 0.0:  # not one alongside: there is no gap to keep
+        most = idm_acceleration(me.speed, desired_speed, gap, others[lead].along, idm)
         if not changing:
             most = max(most, -idm.deceleration)
     if way.ends and not changing:

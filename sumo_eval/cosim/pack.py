@@ -73,11 +73,6 @@ class Pack:
         """End the simulation, if there is one."""
         self._context.close()
 
-    @property
-    def step_length(self) -> float:
-        """Simulated time of a step, s."""
-        return self._settings.step
-
     def restart(self, row: int, concrete: ConcreteScenario) -> None:
         """Replace the case of a row by this one, at its start."""
         self._check(concrete)

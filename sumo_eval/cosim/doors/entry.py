@@ -160,7 +160,15 @@ def steps_between(period: float, step: float, owner: str) -> int:
 
 def made(kind: type, options: Options, described: str) -> Any:
     """An object of a user's class, made with its options after a `LOAD_ONCE` with the same ones."""
-    _load_once(kind, options, described)
+    load = getattr(kind, LOAD_ONCE, None)
+    if callable(load) and _loaded_with.get(kind) != options:
+        began = perf_counter()
+        with users_code(f"ADS `{described}`: `{LOAD_ONCE}` failed"):
+            load(**options)
+        _loaded_with[kind] = options
+        _unreported.append(
+            f"Loading {kind.__name__} took {perf_counter() - began:.2f} s, once in this process.\n"
+        )
     try:
         return kind(**options)
     except (KeyboardInterrupt, InputError):  # an adapter's own sentence
@@ -172,19 +180,6 @@ def made(kind: type, options: Options, described: str) -> Any:
 def _not_made(described: str, options: Options, error: BaseException) -> InputError:
     how = f"with the options {', '.join(options)}" if options else "without arguments"
     return InputError(f"ADS `{described}`: making one {how} failed: {said(error)}.")
-
-
-def _load_once(kind: type, options: Options, described: str) -> None:
-    load = getattr(kind, LOAD_ONCE, None)
-    if not callable(load) or _loaded_with.get(kind) == options:
-        return
-    began = perf_counter()
-    with users_code(f"ADS `{described}`: `{LOAD_ONCE}` failed"):
-        load(**options)
-    _loaded_with[kind] = options
-    _unreported.append(
-        f"Loading {kind.__name__} took {perf_counter() - began:.2f} s, once in this process.\n"
-    )
 
 
 def take_load_report() -> str:

@@ -13,14 +13,10 @@ from typing import Any
 from sumo_eval.cosim.sumo.insides import libsumo
 
 
-def _nothing(traci: Any, ego: str, time: float) -> None:
-    """No calls."""
-
-
 def bare_seconds(
     command_lines: Sequence[list[str]],
     steps: Sequence[int],
-    hook: Callable[[Any, str, float], None] = _nothing,
+    hook: Callable[[Any, str, float], None] = lambda *_: None,
 ) -> float:
     """Processor time of whole simulations, s, from start to close.
 

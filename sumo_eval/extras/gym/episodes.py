@@ -241,9 +241,9 @@ class Episodes:
         return Transition(
             seen=pack.observations(), command=commands, speed=egos["speed"],
             acceleration=egos["acceleration"],
-            jerk=(egos["acceleration"] - before) / pack.step_length,
+            jerk=(egos["acceleration"] - before) / pack.world.settings.step,
             start_speed=self._start_speeds, running=running, ended=ended, impact=impact,
-            step=pack.step_length,
+            step=pack.world.settings.step,
         )  # fmt: skip
 
     def _reward(self, transition: Transition) -> Floats:
