@@ -137,8 +137,8 @@ class Relay:
 
 
 def _enter_own_network(report: socket.socket) -> None:
-    """What a child does before it becomes the server: it takes a network of its own and sends
-    sockets of that network to `report`.
+    """Take a network of its own and send sockets of that network to `report`: for a child, before
+    it becomes the server.
     """
     import fcntl
 
