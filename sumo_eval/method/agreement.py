@@ -4,8 +4,6 @@ Kendall's coefficient of concordance. For studies and the fits of `rates`.
 Users: `extras/rates/intervals.py`, `extras/studies/opinion.py`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import NamedTuple

@@ -15,8 +15,6 @@ Readings of the paper (docs/method.md) that this file is built on:
   that of mixture mode.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache

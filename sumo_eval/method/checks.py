@@ -3,8 +3,6 @@
 Users: `method/`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

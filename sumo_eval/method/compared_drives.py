@@ -10,9 +10,7 @@ Readings of the paper (docs/method.md) that this file is built on:
 Users: `method/`, `scoring/drive_beside.py`, `extras/bench/costs.py`.
 """
 
-from __future__ import annotations
-
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,7 +53,7 @@ class ComparedDrive(NamedTuple):
     left_the_road: bool
 
     @classmethod
-    def of(cls, whole: Trajectory, road: Road, settings: AnthropomorphicSettings) -> ComparedDrive:
+    def of(cls, whole: Trajectory, road: Road, settings: AnthropomorphicSettings) -> Self:
         """Quantities of a recorded trajectory."""
         beyond = np.flatnonzero(whole.x >= road.length)
         on_road = whole

@@ -17,8 +17,6 @@ the angle). The area is that of upright rectangles, as wide and long as the turn
 along and across the road.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple

@@ -10,8 +10,6 @@ Users: `method.point_criticality` for the zones, `ads.foresight` for the ideal v
 `extras/studies/` to verify the equations.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial

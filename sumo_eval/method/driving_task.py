@@ -6,8 +6,6 @@ Both follow from recorded trajectories, so a run recorded earlier has them as we
 Users: `scoring/` (for every case), `drivers/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

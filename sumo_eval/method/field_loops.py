@@ -9,8 +9,6 @@ at first use. Contraction rounds a * b + c once instead of twice; nothing that r
 allowed, so each run gives the same bytes on the same machine.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import inf, sqrt
 from typing import Any, TypeVar, cast

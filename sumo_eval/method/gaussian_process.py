@@ -8,9 +8,7 @@ compare), in four times the time: it solves K X = I for the inverse and builds t
 for each hyperparameter.
 """
 
-from __future__ import annotations
-
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.linalg import lapack
@@ -33,7 +31,7 @@ class Hyperparameters(NamedTuple):
     noise: float
 
     @classmethod
-    def of_logarithms(cls, theta: FloatArray) -> Hyperparameters:
+    def of_logarithms(cls, theta: FloatArray) -> Self:
         """Hyperparameters from the vector that is optimised: log sf^2, log sl, log sn^2."""
         signal, *scales, noise = np.exp(theta).tolist()
         return cls(signal, tuple(scales), noise)

@@ -8,8 +8,6 @@ Users: `method/anthropomorphic.py`, `cases.py`, `case_table.py`, `record/human_r
 `report/notes.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 

@@ -12,8 +12,6 @@ was about to do.
 Users: `method/`, `report/notes.py`, `scoring/likeness.py`.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple

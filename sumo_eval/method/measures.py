@@ -7,8 +7,6 @@ centre is in front of the ego's. Of the vehicles ahead in the path the nearest c
 sample. nan: not defined in this case. inf: unbounded.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -11,8 +11,6 @@ Readings of the paper:
   paper's 10 degrees would count none there.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -13,8 +13,6 @@ the motorway scenarios are; a longer drive has more chances of an extreme.
 Users: `scoring/` (`drive_results` computes it of every case), `report/`.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence

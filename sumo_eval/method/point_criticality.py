@@ -5,8 +5,6 @@ Users: `method/`, which learns the zones from it, `record/`, `scoring/`, `report
 `cli/`, `extras/`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 Users: `extras/studies/calibration.py`, `extras/studies/qualification/table.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Literal, NamedTuple

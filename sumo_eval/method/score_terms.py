@@ -11,11 +11,9 @@ Users: `scoring/`, `report/`, `extras/`, `method/anthropomorphic.py`,
 `method/collision_avoidance.py`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -230,7 +228,7 @@ class Stakes(NamedTuple):
     @classmethod
     def of(
         cls, severity: ArrayLike, ideal: ArrayLike, unreacting: ArrayLike, weights: ArrayLike
-    ) -> Stakes:
+    ) -> Self:
         """Terms of each point, from the arguments of `avoided_share`."""
         lost, at_stake = excess(severity, ideal), excess(unreacting, ideal)
         known = np.isfinite(lost) & np.isfinite(at_stake) & np.isfinite(weights)

@@ -19,8 +19,6 @@ contact of `no_reaction` replaces U0_i. Without a contact V is 0, and L of Eq. 1
 Users: `cli/tools.py`, `evaluation.py`, `record/`, `scoring/`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 import sys

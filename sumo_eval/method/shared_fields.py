@@ -24,8 +24,6 @@ stretch), or saves nothing, the plain sum is used. Users: `anthropomorphic`; `re
 `prepare`.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Sequence

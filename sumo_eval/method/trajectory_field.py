@@ -14,8 +14,6 @@ while. Users: `shared_fields` for the fields behind D_i, `operations`, figures a
 `extras/`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Literal

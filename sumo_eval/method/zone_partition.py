@@ -11,8 +11,6 @@ Users: `record/` (`points.kept_zones` calls `partition`), `scoring/`, `report/`,
 `evaluation.py`; Eq. 16 (`collision_avoidance`).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache

@@ -3,8 +3,6 @@
 Users: `method/zone_partition.py`.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -10,10 +10,8 @@ the training points.
 Users: `method/`, `record/points.py`.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -182,10 +180,10 @@ def fit(
         noise_deviation=math.sqrt(rounded.noise),
         coordinates=to_x,
     )
-    return surface, notes + _bound_notes(logical, theta, bounds)
+    return surface, [*notes, *_bound_notes(logical, theta, bounds)]
 
 
-def _bound_notes(logical: LogicalScenario, theta: FloatArray, bounds: FloatArray) -> list[str]:
+def _bound_notes(logical: LogicalScenario, theta: FloatArray, bounds: FloatArray) -> Iterator[str]:
     """One sentence for each hyperparameter that the search left at a bound."""
     seen = (logical.zone_coordinates or logical).names
     names = ["signal deviation", *(f"length scale of `{name}`" for name in seen), "noise deviation"]
@@ -201,11 +199,9 @@ def _bound_notes(logical: LogicalScenario, theta: FloatArray, bounds: FloatArray
         ("signal", "lower"): "the training points are almost alike",
         ("signal", "upper"): "the surface may swing far between the training points; add points",
     }
-    notes = []
     for name, value, (low, high) in zip(names, theta, bounds, strict=True):
         reached = "lower" if value <= low + 1e-6 else "upper" if value >= high - 1e-6 else None
         if reached:
-            notes.append(
+            yield (
                 f"The GP's {name} reached its {reached} bound: {meaning[name.split()[0], reached]}."
             )
-    return notes

@@ -4,10 +4,8 @@ the rounds that add points where it is wrong.
 Users: `method/zone_partition.py`, `method/zone_search.py`.
 """
 
-from __future__ import annotations
-
 import itertools
-import math
+from math import ceil, prod
 from typing import NamedTuple
 
 import numpy as np
@@ -115,7 +113,7 @@ def own_axes(logical: LogicalScenario) -> tuple[list[list[float]], tuple[str, ..
     Raises InputError where two values of each parameter are too many.
     """
     counts = [_own_count(parameter) for parameter in logical.parameters]
-    own = math.prod(counts)
+    own = prod(counts)
     # parameters of which two values each still fit: 2**most points
     most = OWN_GRID_POINTS.bit_length() - 1
     if len(counts) > most:
@@ -125,13 +123,13 @@ def own_axes(logical: LogicalScenario) -> tuple[list[list[float]], tuple[str, ..
         )
     # Take a value from the longest axis until the grid is small enough. An axis that alone is too
     # long is cut at once.
-    while math.prod(counts) > OWN_GRID_POINTS:
+    while prod(counts) > OWN_GRID_POINTS:
         counts[counts.index(max(counts))] = min(max(counts) - 1, OWN_GRID_POINTS)
     axes = list(map(_axis, logical.parameters, counts))
-    if math.prod(counts) == own:
+    if prod(counts) == own:
         return axes, ()
     return axes, (
-        f"The zones were learnt from a grid of {math.prod(counts)} points, coarser than the "
+        f"The zones were learnt from a grid of {prod(counts)} points, coarser than the "
         f"scenario's own of {own}.",
     )
 
@@ -139,7 +137,7 @@ def own_axes(logical: LogicalScenario) -> tuple[list[list[float]], tuple[str, ..
 def _own_count(parameter: Parameter) -> int:
     """Number of values of a parameter: low, low + step, ... and high."""
     extent = decimal(parameter.high) - decimal(parameter.low)
-    return math.ceil(extent / decimal(parameter.step)) + 1
+    return ceil(extent / decimal(parameter.step)) + 1
 
 
 def _axis(parameter: Parameter, count: int) -> list[float]:
@@ -158,7 +156,7 @@ def _refine(axes: list[list[float]], most: int) -> list[list[float]]:
     floats where their values are equal.
     """
     parts = 1
-    while math.prod((len(axis) - 1) * (parts + 1) + 1 for axis in axes) <= most:
+    while prod((len(axis) - 1) * (parts + 1) + 1 for axis in axes) <= most:
         parts += 1
     return [
         [

@@ -4,8 +4,6 @@ harm. For `sumo-eval check`.
 Users: `cli/tools.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

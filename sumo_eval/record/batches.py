@@ -8,8 +8,6 @@ run alone, so that only the faulty one fails. Cases of one block, which a policy
 in one call, stay together.
 """
 
-from __future__ import annotations
-
 import math
 import pickle
 import zlib

@@ -5,12 +5,10 @@ Users: `nightly/repeats.py`, `record/`, `report/`, `scoring/`, `whatif/search.py
 `extras/bench/costs.py`, `extras/rates/command.py`, `extras/studies/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 from sumo_eval.frozen import frozen
 from sumo_eval.input_file import sha256
@@ -58,7 +56,7 @@ class Block:
     concretes: tuple[ConcreteScenario, ...] = field(repr=False, compare=False)
 
     @classmethod
-    def of(cls, first: int, concretes: Sequence[ConcreteScenario]) -> Block:
+    def of(cls, first: int, concretes: Sequence[ConcreteScenario]) -> Self:
         """The block of the points from `first` on."""
         return cls(first, sha256(repr(concretes)), tuple(concretes))
 

@@ -15,8 +15,6 @@ would otherwise load for another 2 s.
 Users: `cli/compare.py`, `cli/run.py`, `record/pool.py`, `record/spread.py`.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import multiprocessing.forkserver
 import multiprocessing.resource_tracker

@@ -4,8 +4,6 @@ back; and which cases may share a child.
 Users: `record/engines.py`, `record/estimate.py`, `record/recording.py`, `record/worker.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from operator import attrgetter

@@ -4,8 +4,6 @@ the cluster drives its batches in child processes, as the engine `processes` doe
 Users: `cli/run.py`.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import replace

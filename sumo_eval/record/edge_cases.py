@@ -4,8 +4,6 @@
 Users: `cli/tools.py`.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

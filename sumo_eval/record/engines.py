@@ -3,8 +3,6 @@
 Users: `record/`, `whatif/search.py`, `extras/studies/`.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing

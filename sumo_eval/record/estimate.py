@@ -3,9 +3,6 @@
 Users: `cli/run.py`.
 """
 
-from __future__ import annotations
-
-import time as clock
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -13,6 +10,7 @@ from itertools import chain, islice, zip_longest
 from math import ceil
 from pathlib import Path
 from statistics import fmean
+from time import perf_counter
 
 from sumo_eval.frozen import frozen
 from sumo_eval.method.zone_partition import refuse_impossible_zones
@@ -185,13 +183,13 @@ def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, flo
     """Wall time of a drive of each sort that was timed, s; number of timed drives; whether one of
     them was broken off.
     """
-    until = clock.perf_counter() + _TIMED_FOR
+    until = perf_counter() + _TIMED_FOR
     timed = 0
     broken_off = False
     took = defaultdict[str, list[float]](list)
     limits = replace(setup.run, case_timeout=min(setup.run.case_timeout, _LONGEST_DRIVE))
     for sort, cases in kinds:
-        if timed and clock.perf_counter() >= until:
+        if timed and perf_counter() >= until:
             break
         # the time of the first drive, with imports and compilation, counts if no other is timed
         seconds, in_time = _seconds_each(cases[:1], replace(setup, run=limits))
@@ -201,8 +199,8 @@ def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, flo
         number = _TIMED
         if affinity(cases[0], setup) != NO_USER_CODE:
             # a batch cannot be stopped: no more than there is time for
-            number = int(min(_KIND_FOR, until - clock.perf_counter()) / seconds)
-        if number > 0 and clock.perf_counter() < until:
+            number = int(min(_KIND_FOR, until - perf_counter()) / seconds)
+        if number > 0 and perf_counter() < until:
             seconds, _ = _seconds_each(cases[:number], setup)
             timed += len(cases[:number])
         took[sort].append(seconds)
@@ -211,7 +209,7 @@ def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, flo
 
 def _seconds_each(cases: Sequence[Case], setup: Setup) -> tuple[float, bool]:
     """Mean wall time of some drives, s, and whether all of them ended in time."""
-    began = clock.perf_counter()
+    began = perf_counter()
     outcomes = list(run_cases(cases, setup))
-    seconds = (clock.perf_counter() - began) / len(cases)
+    seconds = (perf_counter() - began) / len(cases)
     return seconds, all(outcome.status != "timeout" for outcome in outcomes)

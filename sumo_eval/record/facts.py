@@ -6,8 +6,6 @@ For `sumo_eval.evaluation`, the estimate of `run --dry-run`, the command line an
 Users: `cli/`, `evaluation.py`, `nightly/`, `record/estimate.py`.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence

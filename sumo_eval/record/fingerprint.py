@@ -5,8 +5,6 @@ Users: `evaluation.py`, `record/human_reference.py`, `report/assessed.py`,
 `scoring/drive_results.py`, `scoring/zones.py`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Mapping

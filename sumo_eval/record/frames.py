@@ -5,8 +5,6 @@ has the number of the item (of `record.pool`) that it answers, so that no other 
 checksum, so that only a whole frame is read. `FrameReader` takes the bytes as they arrive.
 """
 
-from __future__ import annotations
-
 import marshal
 import struct
 import zlib

@@ -7,8 +7,6 @@ only by the user's own process; the children only read it there.
 Users: `record/facts.py`.
 """
 
-from __future__ import annotations
-
 import inspect
 import sys
 from pathlib import Path

@@ -11,15 +11,13 @@ that was stopped continues where it was.
 Users: `evaluation.py`, `scoring/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from statistics import fmean
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from sumo_eval.coded import decoded, encoded
 from sumo_eval.frozen import frozen
@@ -84,7 +82,7 @@ class Varied:
     exchanged: float
 
     @classmethod
-    def of(cls, values: Sequence[float], drivers: int) -> Varied:
+    def of(cls, values: Sequence[float], drivers: int) -> Self:
         """From the values for the sets of `_left_out`."""
         first = 1 + drivers  # place of the first exchange
         # `or`: without exchanges, the mean of everyone alone

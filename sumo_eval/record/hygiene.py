@@ -10,8 +10,6 @@ ends.
 Users: `record/pool.py`, `record/reads.py`.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import select

@@ -4,8 +4,6 @@ reused. `record.recording` makes fingerprints of cases from them.
 Users: `record/`, `extras/studies/`.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import os

@@ -5,8 +5,6 @@ Made where the case ran, so that the process that collects handles only bytes.
 Users: `record/`, `extras/studies/trials.py`.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Mapping

@@ -9,8 +9,6 @@ content: a damaged one is an error, never a number.
 Users: `evaluation.py`, `record/`, `report/assessed.py`, `scoring/`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import sqlite3
 import weakref

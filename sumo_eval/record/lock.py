@@ -5,8 +5,6 @@ The lock ends with the process, however that ends.
 Users: runs (`run_folder`), studies (`extras.studies.trials`) and nights (`night`).
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import sys

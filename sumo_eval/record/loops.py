@@ -11,8 +11,6 @@ as there are cores, at most `_MOST`
 Users: `cli/tools.py`, `record/`, `extras/studies/trials.py`, `extras/wheel/command.py`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import itertools

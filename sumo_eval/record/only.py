@@ -3,8 +3,6 @@
 Users: `cli/tools.py`, `record/facts.py`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace

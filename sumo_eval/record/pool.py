@@ -21,7 +21,6 @@ import shutil
 import struct
 import sys
 import tempfile
-import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
@@ -29,6 +28,7 @@ from itertools import count
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as ready
 from pathlib import Path
+from time import monotonic, sleep
 from typing import Any, Generic, Literal, TypeVar
 
 from sumo_eval.errors import InputError
@@ -149,7 +149,7 @@ class Pool:
         self._items_per_child = items_per_child
         self._children: list[_Child] = []
         self._numbers = count(1)  # of items: a frame is accepted for its own item only
-        self._looked = clock.monotonic()  # end of the last wait for children, s
+        self._looked = monotonic()  # end of the last wait for children, s
 
     def __enter__(self) -> Pool:
         # a killed child leaves SUMO's files behind: they are in this folder, which the pool deletes
@@ -240,16 +240,16 @@ class Pool:
         The time between two calls, in which this process ends children and writes results, is added
         to all deadlines.
         """
-        away = clock.monotonic() - self._looked
+        away = monotonic() - self._looked
         watch = selectors.PollSelector()
         for child in busy:
             child.deadline += away
             for watched in child.watched():
                 watch.register(*watched)
-        wait = min(child.deadline for child in busy) - clock.monotonic()
+        wait = min(child.deadline for child in busy) - monotonic()
         for key, _ in watch.select(min(max(wait, 0.0), _LONGEST_WAIT)):
             key.data()  # the function that handles this pipe (`watched`)
-        self._looked = clock.monotonic()
+        self._looked = monotonic()
 
     def _drop(self, child: _Child) -> None:
         self._children.remove(child)
@@ -314,7 +314,7 @@ class _Child:
         self._item, self._reader, self._answer = item, FrameReader(number), None
         self._fault, self._to_send = "", memoryview(_LENGTH.pack(len(order)) + order)
         self.items += work.size(item)
-        self._begun, self._used = clock.monotonic(), processor_time(self._process.pid)
+        self._begun, self._used = monotonic(), processor_time(self._process.pid)
         self.deadline = self._begun + deadline
         self._send()
 
@@ -347,7 +347,7 @@ class _Child:
             return None
         how, why = end
         # share of the wall time since its item was given in which no processor worked on it
-        wall = max(clock.monotonic() - self._begun, 1e-9)
+        wall = max(monotonic() - self._begun, 1e-9)
         idle = min(max(1.0 - (processor_time(self._process.pid) - self._used) / wall, 0.0), 1.0)
         self.is_last = how != "done" or self._answer[0] or self._reported
         self._read_output()
@@ -373,7 +373,7 @@ class _Child:
             if self._last_report is not None and self._last_report.held:
                 return "overfull", f"{self._last_report.held:.0f}"
             return "died", (_CLOSED if self._last_report is None else self._last_report.words)
-        if self.deadline <= clock.monotonic():
+        if self.deadline <= monotonic():
             if begun:
                 return "garbled", "began a result and did not end it"
             # closed without a report: `died`, in these words; `overdue` needs none
@@ -521,7 +521,7 @@ def _left_processes(patience: float) -> tuple[bool, bool]:
 
     patience: time to wait for running ones, s.
     """
-    until = clock.monotonic() + patience
+    until = monotonic() + patience
     left = twice = False
     while True:
         try:
@@ -531,7 +531,7 @@ def _left_processes(patience: float) -> tuple[bool, bool]:
         left = True
         if pid:
             twice = twice or os.waitstatus_to_exitcode(status) == COPY
-        elif clock.monotonic() >= until:
+        elif monotonic() >= until:
             return left, twice
         else:
-            clock.sleep(0.002)
+            sleep(0.002)

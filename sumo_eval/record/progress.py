@@ -3,8 +3,6 @@
 Users: `evaluation.py`, `nightly/`, `record/`, `report/assessed.py`, `scoring/`, `whatif/search.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 Stopping = Callable[[], bool]

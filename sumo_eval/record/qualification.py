@@ -3,8 +3,6 @@
 Users: `cli/tools.py`, `record/facts.py`, `record/run_folder.py`.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

@@ -23,6 +23,7 @@ import threading
 import time as clock
 from collections.abc import Collection, Iterable
 from contextlib import suppress
+from os.path import abspath, dirname, exists, join, realpath
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -87,7 +88,7 @@ class _Watch:
 
         flags: of `os.open`.
         """
-        opened = os.path.abspath(os.fsdecode(path))
+        opened = abspath(os.fsdecode(path))
         place = _source(opened)
         if place is None or place.startswith(self._ignored_folders()):
             return
@@ -120,8 +121,8 @@ class _Watch:
         if digest is None:
             return
         if path.endswith(_PYTHON):
-            self._add_root(os.path.dirname(path))
-            self._add_root(os.path.dirname(os.path.realpath(path)))  # of a link to it
+            self._add_root(dirname(path))
+            self._add_root(dirname(realpath(path)))  # of a link to it
         # `state[0]`: time of the last change, ns
         self._note(path, digest if state is None or state[0] <= since * 1e9 else UNKNOWN)
 
@@ -140,7 +141,7 @@ class _Watch:
                 self.write(path)
         new = list(self._known)[self._reported :]
         self._reported = len(self._known)
-        inside = os.path.join(self.folder, "")
+        inside = join(self.folder, "")
         return [
             (os.path.relpath(path, self.folder) if path.startswith(inside) else path, digest)
             for path, digest in new
@@ -150,17 +151,17 @@ class _Watch:
         self._known.setdefault((path, digest))
 
     def _add_root(self, folder: str) -> None:
-        self._roots |= {os.path.join(root, "") for root in (folder, os.path.realpath(folder))}
+        self._roots |= {join(root, "") for root in (folder, realpath(folder))}
 
     def _is_below(self, path: str) -> bool:
         roots = tuple(self._roots)
-        return path.startswith(roots) or os.path.realpath(path).startswith(roots)
+        return path.startswith(roots) or realpath(path).startswith(roots)
 
     def _ignored_folders(self) -> tuple[str, ...]:
         """Folders of files that do not count: installed packages, caches, and the temporary files
         of a child of the pool, unless the evaluation is among these files.
         """
-        temporary = os.path.join(tempfile.tempdir or "", "")
+        temporary = join(tempfile.tempdir or "", "")
         of_pool = f"{os.sep}{SCRATCH_PREFIX}" in temporary
         ignored = of_pool and not self.folder.startswith(temporary)
         return (*_INSTALLED, temporary) if ignored else _INSTALLED
@@ -174,12 +175,12 @@ class _Watch:
         self._modules = len(sys.modules)
         for module in list(sys.modules.values()):
             name = getattr(module, "__dict__", {}).get("__file__")
-            path = os.path.abspath(name) if isinstance(name, str) else ""
+            path = abspath(name) if isinstance(name, str) else ""
             if (
                 path not in self._states
                 and path.endswith(_CODE)
                 and not path.startswith(self._ignored_folders())
-                and os.path.exists(path)  # else it lies in an archive
+                and exists(path)  # else it lies in an archive
             ):
                 self.read(path, _IMPORT_TIME)
 
@@ -199,7 +200,7 @@ def begin(folder: Path, files: Iterable[Path] = ()) -> None:
         _watch = _Watch(folder, _watch)
     _watch.active = True
     for file in files:
-        _watch.read(os.path.abspath(file))
+        _watch.read(abspath(file))
 
 
 def begin_run() -> None:
@@ -260,7 +261,7 @@ def _source(path: str) -> str | None:
         source = importlib.util.source_from_cache(path)
     except ValueError:  # it lies in no `__pycache__`
         return path
-    return source if os.path.exists(source) else path
+    return source if exists(source) else path
 
 
 def _installed_places() -> tuple[str, ...]:
@@ -271,8 +272,8 @@ def _installed_places() -> tuple[str, ...]:
     places.add(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
     if sys.prefix != sys.base_prefix:
         places.add(sys.prefix)
-    both = places | {os.path.realpath(path) for path in places}
-    return tuple(os.path.join(path, "") for path in sorted(both))
+    both = places | {realpath(path) for path in places}
+    return tuple(join(path, "") for path in sorted(both))
 
 
 _INSTALLED = _installed_places()
@@ -347,7 +348,7 @@ def changed(read: Iterable[FileOfAds], folder: Path) -> dict[str, list[str]]:
     differing: dict[str, list[str]] = {}
     for locator, path, digest in read:
         if path not in now:
-            file = os.path.join(folder, path)
+            file = join(folder, path)
             now[path] = content(file, _state(file)) or UNKNOWN
         if digest == UNKNOWN or digest not in (WRITTEN, now[path]):
             differing.setdefault(locator, []).append(path)

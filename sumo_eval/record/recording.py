@@ -4,8 +4,6 @@ one. `record.facts` records a whole run with it, `record.estimate` times parts o
 Users: `cli/tools.py`, `nightly/repeats.py`, `record/`, `extras/studies/trials.py`.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections import Counter
@@ -264,21 +262,88 @@ class RoleCases:
     total: int
 
 
-def stages(space: Space, plan: Planner) -> list[RoleCases]:
+def stages(space: Space, plan: Planner) -> Iterator[RoleCases]:
     """Stages of one logical scenario: ADSs, references, synthetic drivers."""
     settings = plan.run.settings
     points = len(space.numbers)
     name = space.logical.name
     # with `only`, the cases are made just to be counted: they are few
     total = sum(1 for _ in plan.ads(space)) if settings.run.only else points * len(settings.ads)
-    listed = [RoleCases(f"{name}: ADSs", name, "ads", plan.ads(space), total)]
+    yield RoleCases(f"{name}: ADSs", name, "ads", plan.ads(space), total)
     for role, words in REFERENCES.items():
         cases = plan.reference(space, role)
-        listed.append(RoleCases(f"{name}: {words}", name, role, cases, points))
+        yield RoleCases(f"{name}: {words}", name, role, cases, points)
     if settings.drivers.source == "synthetic":
         total = len(space.safe) * settings.drivers.count if space.logical.has_drivers else 0
-        listed.append(RoleCases(f"{name}: drivers", name, "human", plan.humans(space), total))
-    return listed
+        yield RoleCases(f"{name}: drivers", name, "human", plan.humans(space), total)
+
+
+@dataclass
+class Recorder:
+    """Runs cases and records their outcomes."""
+
+    store: Store
+    setup: Setup
+    progress: Progress
+    stopping: Stopping
+    versions: OneVersion
+
+    def do(self, stages: Sequence[RoleCases]) -> None:
+        """Drive the missing cases of all stages in one go, or raise StoppedError."""
+        names = {(stage.scenario, stage.role): stage.name for stage in stages}
+        totals = {stage.name: stage.total for stage in stages}
+        done, failed = Counter[str](), Counter[str]()
+
+        def missing() -> Iterator[Case]:
+            for stage in stages:
+                for case in stage.cases:
+                    if self.store.holds(case):
+                        done[stage.name] += 1
+                    else:
+                        yield case
+
+        def show(name: str) -> None:
+            self.progress(name, done[name], totals[name], failed[name])
+
+        with closing(run_batches(missing(), self.setup, self.stopping)) as batches:
+            for outcomes in batches:
+                self._note_files(outcomes)
+                ended = Counter[str]()
+                for outcome in outcomes:
+                    case = outcome.case
+                    name = names[case.concrete.scenario, case.role]
+                    keeps_state = outcome.alone is not None and outcome.alone.why == "keeps_state"
+                    # A case that was driven in a batch before its ADS was found to keep state is
+                    # recorded and counted already: this outcome replaces that one.
+                    replaces = keeps_state and self.store.holds(case)
+                    if replaces:
+                        self.store.remove([case.key])
+                    ended[name] += not replaces
+                    failed[name] += outcome.status not in EVALUATED
+                self.store.add(*outcomes)
+                done.update(ended)
+                for name in ended:
+                    show(name)
+        for name, total in totals.items():
+            if done[name] < total:
+                self.check()
+                raise RuntimeError(f"{name}: {total - done[name]} of {total} cases were lost")
+            show(name)
+
+    def _note_files(self, outcomes: Sequence[Outcome]) -> None:
+        """Record which files the processes of users' ADSs have read."""
+        for outcome in outcomes:
+            case = outcome.case
+            # no `reads`: the process of a user's ADS was lost; other cases have none to note
+            if outcome.reads is not None or affinity(case, self.setup) != NO_USER_CODE:
+                self.store.note_files(
+                    self.versions.add(case.driver, case.controller, outcome.reads)
+                )
+
+    def check(self) -> None:
+        """Raise StoppedError if the run shall stop."""
+        if self.stopping():
+            raise StoppedError("stopped")
 
 
 def _record_people(space: Space, plan: Planner, work: Recorder) -> None:
@@ -376,74 +441,6 @@ def refuse_to_lose_cases(
                     f"Run {run} holds cases that this evaluation does not choose, e.g. {case}: "
                     "a run keeps its cases. Give the changed evaluation a folder of its own."
                 )
-
-
-@dataclass
-class Recorder:
-    """Runs cases and records their outcomes."""
-
-    store: Store
-    setup: Setup
-    progress: Progress
-    stopping: Stopping
-    versions: OneVersion
-
-    def do(self, stages: Sequence[RoleCases]) -> None:
-        """Drive the missing cases of all stages in one go, or raise StoppedError."""
-        names = {(stage.scenario, stage.role): stage.name for stage in stages}
-        totals = {stage.name: stage.total for stage in stages}
-        done, failed = Counter[str](), Counter[str]()
-
-        def missing() -> Iterator[Case]:
-            for stage in stages:
-                for case in stage.cases:
-                    if self.store.holds(case):
-                        done[stage.name] += 1
-                    else:
-                        yield case
-
-        def show(name: str) -> None:
-            self.progress(name, done[name], totals[name], failed[name])
-
-        with closing(run_batches(missing(), self.setup, self.stopping)) as batches:
-            for outcomes in batches:
-                self._note_files(outcomes)
-                ended = Counter[str]()
-                for outcome in outcomes:
-                    case = outcome.case
-                    name = names[case.concrete.scenario, case.role]
-                    keeps_state = outcome.alone is not None and outcome.alone.why == "keeps_state"
-                    # A case that was driven in a batch before its ADS was found to keep state is
-                    # recorded and counted already: this outcome replaces that one.
-                    replaces = keeps_state and self.store.holds(case)
-                    if replaces:
-                        self.store.remove([case.key])
-                    ended[name] += not replaces
-                    failed[name] += outcome.status not in EVALUATED
-                self.store.add(*outcomes)
-                done.update(ended)
-                for name in ended:
-                    show(name)
-        for name, total in totals.items():
-            if done[name] < total:
-                self.check()
-                raise RuntimeError(f"{name}: {total - done[name]} of {total} cases were lost")
-            show(name)
-
-    def _note_files(self, outcomes: Sequence[Outcome]) -> None:
-        """Record which files the processes of users' ADSs have read."""
-        for outcome in outcomes:
-            case = outcome.case
-            # no `reads`: the process of a user's ADS was lost; other cases have none to note
-            if outcome.reads is not None or affinity(case, self.setup) != NO_USER_CODE:
-                self.store.note_files(
-                    self.versions.add(case.driver, case.controller, outcome.reads)
-                )
-
-    def check(self) -> None:
-        """Raise StoppedError if the run shall stop."""
-        if self.stopping():
-            raise StoppedError("stopped")
 
 
 def _own_drives(plan: Planner, number: int, concrete: ConcreteScenario) -> Iterator[Outcome]:

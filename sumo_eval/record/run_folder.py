@@ -6,8 +6,6 @@ Users: `cli/`, `evaluation.py`, `nightly/`, `record/`, `report/`, `scoring/compa
 `whatif/search.py`, `extras/`.
 """
 
-from __future__ import annotations
-
 import platform
 import re
 import shlex

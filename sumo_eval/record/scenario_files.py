@@ -3,8 +3,6 @@
 Users: `record/`, `scoring/steps.py`.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import tomllib

@@ -7,8 +7,6 @@ can also write a hash that fits.
 Users: `record/run_folder.py`, `record/store.py`.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

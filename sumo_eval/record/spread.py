@@ -3,28 +3,17 @@
 Users: `record/facts.py`, `record/human_reference.py`, `scoring/space.py`, `scoring/steps.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from typing import Protocol, TypeVar
+from typing import Any
 
 from sumo_eval.errors import InputError
 from sumo_eval.record.children import child_context, tie_to_owner
 
-Part = TypeVar("Part")
-Result = TypeVar("Result")
-
-
-class Spread(Protocol):
-    """`work` of every part, in order, wherever it is done; `map` does it here."""
-
-    def __call__(
-        self, work: Callable[[Part], Result], parts: Sequence[Part], /
-    ) -> Iterable[Result]:
-        """The results."""
+Spread = Callable[[Callable[[Any], Any], Sequence[Any]], Iterable[Any]]
+"""Function that gives `work` of every part, in order, wherever it is done; `map` does it here."""
 
 
 @contextmanager
@@ -60,7 +49,7 @@ def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]
         for _ in range(workers):
             pool.submit(prepare)
 
-        def results(work: Callable[[Part], Result], parts: Sequence[Part]) -> Iterator[Result]:
+        def results(work: Callable[[Any], Any], parts: Sequence[Any]) -> Iterator[Any]:
             """Raises InputError if a process of the pool was lost."""
             try:
                 yield from pool.map(work, parts)

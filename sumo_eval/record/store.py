@@ -672,22 +672,15 @@ def open_store(
     """
     store = Store(path, create=create)
     try:
-        if not checked and path.is_file():  # else in memory
-            _check_once(store, whole or create)
+        state = _state(path) if path.is_file() and not checked else None  # no file: in memory
+        if state and (state not in _checked or _is_written(path)):
+            store.unchecked = not (whole or create) and _vouched(path) == state[1:]
+            if not store.unchecked:
+                store.check()
+                _checked.add(state)
         yield store
     finally:
         store.close()
-
-
-def _check_once(store: Store, whole: bool) -> None:
-    state = _state(store.path)
-    if state in _checked and not _is_written(store.path):
-        return
-    if not whole and _vouched(store.path) == state[1:]:
-        store.unchecked = True
-        return
-    store.check()
-    _checked.add(state)
 
 
 def _state(path: Path) -> tuple[str, int, int]:

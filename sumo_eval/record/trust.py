@@ -10,8 +10,6 @@ is trusted in every run that this process opens.
 Users: `cli/options.py`, `record/facts.py`, `record/run_folder.py`.
 """
 
-from __future__ import annotations
-
 import os
 import shlex
 from contextlib import suppress

@@ -6,8 +6,6 @@ For `record/worker.py`, which drives cases in a child process or, with `serial`,
 Users: `record/apart.py`, `record/pool.py`, `record/worker.py`.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

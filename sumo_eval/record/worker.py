@@ -4,8 +4,6 @@
 Imports only what that needs: every child process loads this file.
 """
 
-from __future__ import annotations
-
 import random
 from collections.abc import Iterable, Sequence
 from dataclasses import replace

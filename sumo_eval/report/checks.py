@@ -3,8 +3,6 @@
 Users: `report/evidence.py`, `report/sections.py`, `report/tables.py`, `report/terminal.py`.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from heapq import nsmallest

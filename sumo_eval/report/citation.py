@@ -4,8 +4,6 @@ it again.
 Users: `cli/finish.py`, `report/html.py`, `report/notebook.py`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shlex

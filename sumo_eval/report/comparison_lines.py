@@ -3,8 +3,6 @@
 Users: `cli/compare.py`, `nightly/morning.py`, `report/`.
 """
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
@@ -50,17 +48,14 @@ def difference_lines(comparison: Comparison) -> list[str]:
     ]
 
 
-def change_lines(comparison: Comparison) -> list[str]:
+def change_lines(comparison: Comparison) -> Iterator[str]:
     """Changes between two runs: notes, then for each ADS flipped cases and quantities."""
-    lines = list(map(one_line, comparison_notes(comparison)))
+    yield from map(one_line, comparison_notes(comparison))
     for part in comparison.ads:
-        lines.append(
-            f"{one_line(part.ads)} in {part.scenario}: {count(part.pairs, 'case')} side by side"
-        )
-        lines += _changed_lines(part)
+        yield f"{one_line(part.ads)} in {part.scenario}: {count(part.pairs, 'case')} side by side"
+        yield from _changed_lines(part)
         for name, change in part.quantities.items():
-            lines.append(f"  {name}: {quantity_words(name, change, comparison.confidence)}")
-    return lines
+            yield f"  {name}: {quantity_words(name, change, comparison.confidence)}"
 
 
 def _changed_lines(part: AdsComparison) -> Iterator[str]:

@@ -4,8 +4,6 @@ each space.
 Users: `report/assessed.py`, `report/sections.py`.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 

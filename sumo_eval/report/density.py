@@ -3,8 +3,6 @@
 Users: `report/html.py`.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

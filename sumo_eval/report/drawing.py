@@ -4,8 +4,6 @@ matplotlib.
 Users: `extras/figures/style.py`, `report/notebook.py`.
 """
 
-from __future__ import annotations
-
 from io import BytesIO
 
 from matplotlib.figure import Figure

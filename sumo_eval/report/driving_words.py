@@ -4,8 +4,6 @@ picture.
 Users: `report/explain.py`.
 """
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator
 
@@ -62,9 +60,8 @@ def driving_words(
     ]
 
     if case.zone == "safe" and not case.incident:
-        remarks += likeness_words(
-            scene, plausible_people(logical, store, evaluation.settings.method.plausibility).people
-        )
+        settings = evaluation.settings.method.plausibility
+        remarks += likeness_words(scene, plausible_people(logical, store, settings)[0])
     calm = (
         "It drove as the drivers did, without harm."
         if scene.drivers

@@ -8,8 +8,6 @@ evaluated.
 Users: `cli/look.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context

@@ -4,8 +4,6 @@
 Users: `cli/`, `nightly/night.py`, `report/`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from itertools import chain
@@ -114,7 +112,7 @@ def _collision(
         f"{hit.relative_speed:z.3f} / {overlap:z.3f}{remark} = {hit.relative_speed / overlap:z.3f} "
         f"m/s, with `{hit.other}` at t = {hit.time:z.2f} s"
     )
-    settings = findings.settings.method.collision
+    settings = findings.method.collision
     if not settings.unit:  # a loss in 0..1
         yield f"`{settings.severity}` replaces U: {number(case.severity, 4)}"
     yield f"Eq. 14: L = {number(case.loss, 1)}"
@@ -133,7 +131,7 @@ def _collision(
     capped = ", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else ""
     yield f"Eq. 17: the ideal vehicle {best}: {ratio} = {part.value:z.4f}{capped}"
     yield from _weight(case, zones)
-    points = worth(findings.settings.method.score)  # of S that C = 1 and D = 1 are worth
+    points = worth(findings.method.score)  # of S that C = 1 and D = 1 are worth
     yield (
         f"Eq. 17: of 1 - C = {1.0 - (findings.score.c or 0.0):z.4f} this case took "
         f"r (1 - {ratio}) / sum r = {number(case.weight, 4)} x {1.0 - part.value:z.4f} / "
@@ -184,7 +182,7 @@ def _likeness(
         yield f"WARNING: the score has D_i = {case.index:z.6f}, which this arithmetic does not give"
     part = findings.part(case, findings.indexed, findings.cases.exposure, findings.cases.index)
     whole = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
-    points = worth(findings.settings.method.score)
+    points = worth(findings.method.score)
     yield (
         f"Eq. 13: share of {whole} p / sum p = {case.exposure:z.6g} / {part.total:z.6g} = "
         f"{part.share:z.5f} ({count(part.cases, 'case')}); of D = {number(findings.score.d, 4)} "
@@ -245,7 +243,7 @@ def _avoided(case: CaseResult, findings: Findings) -> Iterator[str]:
             "evaluated"
         )
         return
-    unit = findings.settings.method.collision.regret_unit
+    unit = findings.method.collision.regret_unit
     harm = findings.harm(case)
     if case.departed:
         yield (

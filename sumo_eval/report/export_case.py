@@ -3,8 +3,6 @@
 Users: `cli/look.py`, `extras/wheel/outcome.py`.
 """
 
-from __future__ import annotations
-
 import shlex
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path

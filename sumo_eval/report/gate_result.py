@@ -3,10 +3,8 @@
 Users: `cli/compare.py`, `nightly/`, `report/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.scoring.gate_settings import ENDS
@@ -34,7 +32,7 @@ class CaseChange(NamedTuple):
     @classmethod
     def of(
         cls, case: CaseResult, before: float | str | None, after: float | str, unit: str = ""
-    ) -> CaseChange:
+    ) -> Self:
         """The change of a row of the new run."""
         return cls(case.case, point_words(case.values), before, after, unit)
 

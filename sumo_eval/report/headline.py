@@ -4,8 +4,6 @@ must not be missed.
 Users: `cli/finish.py`, `report/notebook.py`, `report/summary.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Users: `report.assessed`, and `cli.compare` for a page of the comparison alone.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor

@@ -6,8 +6,6 @@ shape that Jenkins, GitLab and the usual GitHub actions read.
 Users: `cli/compare.py`, `cli/finish.py`, `nightly/night.py`.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from array import array

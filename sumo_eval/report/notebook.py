@@ -1,7 +1,5 @@
 """An evaluation as a notebook shows it: a table, and a picture of the scores."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from html import escape
 from typing import Any

@@ -3,8 +3,6 @@
 Users: `nightly/rule_limits.py`, `report/`.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -174,21 +172,17 @@ def score_note(note: ScoreNote) -> str:
                 hits=count(counted, "collision"),
                 of_points=count(of, "point"), of_hits=count(of, "collision")
             )  # fmt: skip
-        case PlausibleTo():
-            return _plausibility_note(note)
+        case PlausibleTo(scenario, people, drives, least, instead):
+            compared = (
+                f"{people} recorded drivers of the run ({drives} drives)"
+                if instead is None
+                else f"{instead} people on a motorway: the run has {people} recorded drivers in "
+                f"`{scenario}`, and a table needs {least}"
+            )
+            return f"Plausibility compares with {compared}."
         case RequirementMissed(name, text, cases, of):
             words = f"`{text}`" if name == text else f"{name} (`{text}`)"
             return f"{cases} of {count(of, 'case')} miss the requirement {words}."
-
-
-def _plausibility_note(note: PlausibleTo) -> str:
-    compared = (
-        f"{note.people} recorded drivers of the run ({note.drives} drives)"
-        if note.instead is None
-        else f"{note.instead} people on a motorway: the run has {note.people} recorded drivers in "
-        f"`{note.scenario}`, and a table needs {note.least}"
-    )
-    return f"Plausibility compares with {compared}."
 
 
 def _drives_note(note: DrivesLeftOut | ThinReferences | DrivenAlone | DrivenInBlocks) -> str:

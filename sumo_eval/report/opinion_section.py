@@ -4,8 +4,6 @@ run's folder.
 Users: `extras/studies/opinion.py`, `report/assessed.py`, `report/sections.py`.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

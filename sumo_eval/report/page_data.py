@@ -3,8 +3,6 @@
 Users: `extras/figures/of_scenes.py`, `extras/wheel/trip.py`, `report/html.py`, `report/replay.py`.
 """
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
@@ -32,6 +30,8 @@ from sumo_eval.scoring.zone_levels import lattice_points, map_points, zone_level
 from sumo_eval.trajectory import FloatArray, IntArray
 
 MOST_GROUPS = 12  # of failures of an ADS in a scenario
+EmbeddedCase = tuple[CaseResult, Json]
+"""A case that the page has, and what the page says of it in addition to its row."""
 
 
 def page_data(
@@ -62,10 +62,6 @@ def page_data(
         "embeddedDrivers": len(sent.embedded.with_drivers),
         "scenarios": scenarios,
     }
-
-
-EmbeddedCase = tuple[CaseResult, Json]
-"""A case that the page has, and what the page says of it in addition to its row."""
 
 
 def embedded_cases(
@@ -106,6 +102,7 @@ def _scenario(
     drawn = view._replace(fixed=telling or view.fixed)
     rows = [_case(case, logical.row(case.values)) | details for case, details in embedded]
     names_of_ads = [score.ads for score in evaluation.scores_in(logical.name)]
+    lattice = lattice_points(logical)
     return {
         "name": logical.name,
         "parameters": [
@@ -128,7 +125,8 @@ def _scenario(
         "maps": [
             zone_map(zones, drawn, panel) for panel in range(len(view.panels))
         ],
-        "lattice": lattice(zones),
+        # over the whole space: the page draws any slice from it
+        "lattice": lattice and {"size": lattice[0]} | _packed(zones, lattice[1]),
         **_groups(logical, cases, {row["key"] for row in rows}),
         "mostDangerous": [
             {"values": logical.row(values).tolist()} for values in zones.most_dangerous
@@ -219,14 +217,6 @@ def zone_map(zones: ZonePartition, view: View, panel: int) -> Json:
     """The zones at the corners of cells over x and y (y slowest)."""
     axes, points = map_points(zones.logical, view, panel)
     return axes | _packed(zones, points)
-
-
-def lattice(zones: ZonePartition) -> Json | None:
-    """The zones on a lattice over the whole space, from which the page draws any slice; None where
-    the space has no lattice.
-    """
-    points = lattice_points(zones.logical)
-    return points and {"size": points[0]} | _packed(zones, points[1])
 
 
 def _packed(zones: ZonePartition, points: FloatArray) -> Json:

@@ -4,8 +4,6 @@ each ADS, thin references, exposure, and the study that they took part in.
 Users: `extras/wheel/outcome.py`, `report/`.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 

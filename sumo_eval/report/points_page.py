@@ -4,8 +4,6 @@ pair of parameters.
 Users: `cli/space.py`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -4,8 +4,6 @@ this run.
 Users: `report/evidence.py`, `report/sections.py`, `report/terminal.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -4,8 +4,6 @@ and every setting with its unit and equation.
 Users: `report/sections.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, NamedTuple

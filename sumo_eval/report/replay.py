@@ -4,8 +4,6 @@ nothing.
 Users: `cli/look.py`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

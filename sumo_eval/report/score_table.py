@@ -4,9 +4,7 @@ tables below it.
 Users: `cli/finish.py`, `report/notebook.py`.
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 
 import click
@@ -103,9 +101,8 @@ def _first(rows: Sequence[Row], width: int) -> tuple[list[str], tuple[str, ...]]
         columns = [heading for heading in FIRST if heading in KEPT_LONGEST[:most]]
         if _least_width(rows, columns) <= width:
             break
-    return _fitting(rows, columns, width), tuple(
-        heading for heading in FIRST if heading not in columns
-    )
+    left_out = tuple(heading for heading in FIRST if heading not in columns)
+    return list(_fitting(rows, columns, width)), left_out
 
 
 def _parts(rows: Sequence[Row], headings: Sequence[str], width: int) -> list[list[str]]:
@@ -132,7 +129,7 @@ def _widths(rows: Sequence[Row], columns: Sequence[str]) -> list[int]:
     return list(map(max, headings, cells))
 
 
-def _fitting(rows: Sequence[Row], columns: Sequence[str], width: int) -> list[str]:
+def _fitting(rows: Sequence[Row], columns: Sequence[str], width: int) -> Iterator[str]:
     """A table of these columns: names whole and scenarios in a column of their own, as far as there
     is room.
 
@@ -145,18 +142,14 @@ def _fitting(rows: Sequence[Row], columns: Sequence[str], width: int) -> list[st
     whole = ads + len(GAP) + scenario <= room
     # one column of names: scenarios stand above their rows
     names = [ads, scenario] if whole else [min(ads, max(room, SHORTEST_NAME))]
-    lines = _heading(columns, widths, names)
-    if whole:
-        return lines + _body(rows, columns, widths, names)
-    for name, own in groupby(rows, key=lambda row: row[1]):
-        lines += [
-            click.style(_shortened(name, width), bold=True),
-            *_body(list(own), columns, widths, names),
-        ]
-    return lines
+    yield from _heading(columns, widths, names)
+    for name, own in groupby(rows, key=lambda row: "" if whole else row[1]):
+        if name:
+            yield click.style(_shortened(name, width), bold=True)
+        yield from _body(own, columns, widths, names)
 
 
-def _heading(columns: Sequence[str], widths: Sequence[int], names: Sequence[int]) -> list[str]:
+def _heading(columns: Sequence[str], widths: Sequence[int], names: Sequence[int]) -> Iterator[str]:
     """The lines above a table.
 
     widths: characters of its columns.
@@ -168,18 +161,14 @@ def _heading(columns: Sequence[str], widths: Sequence[int], names: Sequence[int]
         [""] * (depth - 1 - heading.count("\n")) + heading.split("\n")
         for heading in ("ADS", "scenario")[: len(names)] + tuple(columns)
     ]
-
-    lines = []
     for words in zip(*heads, strict=True):
         own = map(str.ljust, words, names)
-        lines.append(GAP.join((*own, *map(str.rjust, words[len(names) :], widths))).rstrip())
-    return lines
+        yield GAP.join((*own, *map(str.rjust, words[len(names) :], widths))).rstrip()
 
 
 def _body(
-    rows: Sequence[Row], columns: Sequence[str], widths: Sequence[int], names: Sequence[int]
-) -> list[str]:
-    lines = []
+    rows: Iterable[Row], columns: Sequence[str], widths: Sequence[int], names: Sequence[int]
+) -> Iterator[str]:
     for *named, cells in rows:
         own = [  # the ADS alone where `names` has no width for the scenario
             _shortened(str(name), size).ljust(size)
@@ -189,8 +178,7 @@ def _body(
             _styled(cells[heading], heading, size)
             for heading, size in zip(columns, widths, strict=True)
         ]
-        lines.append(GAP.join(own + shown))
-    return lines
+        yield GAP.join(own + shown)
 
 
 def _styled(cell: str, heading: str, size: int) -> str:

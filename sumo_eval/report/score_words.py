@@ -3,8 +3,6 @@
 Users: `nightly/gates.py`, `report/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
@@ -128,7 +126,7 @@ def explain_a(findings: Findings) -> str:
     sentence = collisions_sentence(score)
     if score.avoided_share is None:
         return f"{sentence} {missing_term('A', 'no case could be evaluated')}"
-    unit = findings.settings.method.collision.regret_unit
+    unit = findings.method.collision.regret_unit
     regret = "" if score.regret is None else f"; the regret is {number(score.regret, 3)}{unit}"
     if score.avoided_share == 1.0:
         return f"{sentence} A = A' = 1: no incident is harder than the ideal vehicle's{regret}."
@@ -171,7 +169,7 @@ def explain_h(findings: Findings) -> str:
 
 def explain_s_plus(findings: Findings) -> str:
     """Explanation of S+ from T, A' and H."""
-    score, points = findings.score, findings.settings.method.score
+    score, points = findings.score, findings.method.score
     if score.s_plus is None:
         reason = REASON_WITHOUT_T if score.task_share is None else REASON_WITHOUT_C
         return f"S+ is not computed: {reason}."
@@ -195,7 +193,7 @@ def explain_t(findings: Findings) -> str:
 
 def explain_c(findings: Findings) -> str:
     """Explanation of C."""
-    score, loss = findings.score, findings.settings.method.collision.loss
+    score, loss = findings.score, findings.method.collision.loss
     if score.c is None:
         return missing_term("C", REASON_WITHOUT_C)
     if score.collisions == 0:
@@ -294,7 +292,7 @@ def not_computed(reason: str) -> str:
 
 def explain_s(findings: Findings) -> str:
     """Sum of S, in words."""
-    score, terms = findings.score, findings.settings.method.score
+    score, terms = findings.score, findings.method.score
     if score.s is None:
         return "S is not computed: nothing could be evaluated."
     d_term = f"D gives {score.d_points:z.1f}" if score.d is not None else "D, not computed, gives 0"

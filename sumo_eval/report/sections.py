@@ -9,8 +9,6 @@ section only where it exists.
 Users: `cli/compare.py`, `nightly/night.py`, `report/assessed.py`, `report/html.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from itertools import islice
 from pathlib import Path

@@ -7,8 +7,6 @@ in a list. `decodeTrajectories` in templates/field.js is the other half.
 Users: `extras/wheel/trip.py`, `report/html.py`, `report/page_data.py`, `report/replay.py`.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence

@@ -4,8 +4,6 @@ Users: `report/points_page.py`, `extras/rates/` and `extras/studies/`. The templ
 of the classes and of their fields.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

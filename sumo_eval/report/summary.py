@@ -4,8 +4,6 @@ their order.
 Users: `nightly/night.py`, `report/sections.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

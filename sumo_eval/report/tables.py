@@ -3,8 +3,6 @@
 Users: `nightly/night.py`, `report/junit.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import asdict, fields

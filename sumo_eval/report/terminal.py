@@ -3,8 +3,6 @@
 Users: `cli/`, `report/`.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain

@@ -3,8 +3,6 @@
 Users: `cli/whatif.py`, `nightly/`, `report/`, `extras/figures/of_scenes.py`, `extras/rates/`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from functools import partial

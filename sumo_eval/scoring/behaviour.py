@@ -3,8 +3,6 @@
 Users: `report.headline`, `report.summary`, `scoring.shown_cases`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 

@@ -208,8 +208,7 @@ def missing_bounds(
     - S: as C and D. A missing safe case may have been a collision, after which there is no D.
     """
     missing = _missing(cases, terms, people=people)
-    worst = _at_worst(cases, terms, missing, method)
-    best = _at_best(terms, worst, missing, method)
+    worst, best = _worst_and_best(cases, terms, missing, method)
     extremes = [
         point_values(filled, method)
         for filled in (worst, _without_what_lifts(worst, missing.unsure, method), best)
@@ -273,16 +272,18 @@ def _missing(cases: CaseTable, terms: CaseTerms, *, people: bool) -> _Missing:
     )
 
 
-def _at_worst(
+def _worst_and_best(
     cases: CaseTable, terms: CaseTerms, missing: _Missing, method: MethodSettings
-) -> CaseTerms:
-    """The terms with what is missing at its worst, as `missing_bounds` says."""
+) -> tuple[CaseTerms, CaseTerms]:
+    """The terms with what is missing at its worst, and at its best, as `missing_bounds` says."""
     ideal = _filled(terms.ideal, 0.0)
-    idle = np.maximum(_filled(terms.unreacting, _hardest(terms)), ideal)
+    # U of the hardest known collision of doing nothing, m/s, or its class; 0 without one
+    hardest = float(np.nanmax(terms.unreacting, initial=0.0))
+    idle = np.maximum(_filled(terms.unreacting, hardest), ideal)
     severity = np.where(missing.lost, idle, terms.severity)
     # ratio of each case if the ideal vehicle avoids its collision; an unknown one is the severest
     ratio = ratios(np.where(missing.gone, _SEVEREST, cases.severity), np.zeros(len(cases)), method)
-    return replace(
+    worst = replace(
         _with_shares(terms, missing, missing.unlike, 0.0),
         severity=severity,
         ideal=ideal,
@@ -291,20 +292,14 @@ def _at_worst(
         evaluated=terms.evaluated | missing.gone,
         weight=np.where(missing.unrated, _filled(terms.weight, 1.0), terms.weight),
     )
-
-
-def _at_best(
-    terms: CaseTerms, worst: CaseTerms, missing: _Missing, method: MethodSettings
-) -> CaseTerms:
-    """The terms with what is missing at its best, as `missing_bounds` says."""
-    severity = np.where(missing.lost, worst.ideal, terms.severity)
+    severity = np.where(missing.lost, ideal, terms.severity)
     # whether a collision can have the ratio 1; a loss, which has no unit, may be 0
     may_touch = (terms.ideal != 0.0) | (not method.collision.unit)
-    return replace(
+    return worst, replace(
         _with_shares(terms, missing, missing.unlike & ~terms.incident, 1.0),
         severity=severity,
         ideal=_filled(terms.ideal, severity),
-        unreacting=_filled(terms.unreacting, np.maximum(_hardest(terms), severity)),
+        unreacting=_filled(terms.unreacting, np.maximum(hardest, severity)),
         ratio=np.where(missing.unrated & may_touch, 1.0, terms.ratio),
         evaluated=worst.evaluated,
         weight=worst.weight,
@@ -326,11 +321,6 @@ def _with_shares(terms: CaseTerms, missing: _Missing, unlike: BoolArray, value: 
 def _filled(values: FloatArray, instead: float | FloatArray) -> FloatArray:
     """The values, (n,), with others in place of nan."""
     return np.where(np.isnan(values), instead, values)
-
-
-def _hardest(terms: CaseTerms) -> float:
-    """U of the hardest known collision of doing nothing, m/s, or its class; 0 without one."""
-    return float(np.nanmax(terms.unreacting, initial=0.0))
 
 
 def _without_what_lifts(terms: CaseTerms, unsure: BoolArray, method: MethodSettings) -> CaseTerms:

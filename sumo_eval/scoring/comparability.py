@@ -4,8 +4,6 @@
 InputError unless the user accepts it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 

@@ -3,8 +3,6 @@
 Users: `report/`, `scoring/quantities.py`.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from sumo_eval.record.store import Fact

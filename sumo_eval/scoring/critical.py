@@ -4,8 +4,6 @@
 Users: `evaluation.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

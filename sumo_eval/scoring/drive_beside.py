@@ -3,12 +3,10 @@
 `report.driving_words` makes sentences and a picture of it, `report.explain` takes D_i from here.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -57,7 +55,7 @@ class CaseDrives(NamedTuple):
     references: Trajectories
 
     @classmethod
-    def of(cls, case: CaseResult, fact: Fact, store: Store, road: Road) -> CaseDrives:
+    def of(cls, case: CaseResult, fact: Fact, store: Store, road: Road) -> Self:
         """The drives as they were recorded."""
         vehicles = store.trajectories(case.case)
         drives = store.driven_at(case.scenario, fact.point, "human", "task_reference")

@@ -8,8 +8,6 @@ ones are computed, point by point, in the processes that compute D_i.
 Users: `report/page_data.py`, `scoring/quantities.py`, `scoring/steps.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence

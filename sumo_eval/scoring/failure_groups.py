@@ -8,8 +8,6 @@ all cases in these ranges that fail in this way.
 Users: `report/page_data.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

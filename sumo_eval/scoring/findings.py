@@ -7,11 +7,9 @@ them too.
 Users: `report/`, `scoring/`, `extras/figures/of_scores.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -27,7 +25,7 @@ from sumo_eval.method.score_terms import (
 )
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms
-from sumo_eval.settings import EvaluationSettings
+from sumo_eval.settings import MethodSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 FACTORS = {"length": "length_factor", "operations": "operation_factor", "similarity": "similarity"}
@@ -85,18 +83,18 @@ class Harm(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """One ADS in one scenario: its result, its cases, and the settings that they were scored
-    with.
+    """One ADS in one scenario: its result, its cases, and the settings of the method that they were
+    scored with.
     """
 
     score: ScenarioResult
     cases: CaseTable
-    settings: EvaluationSettings
+    method: MethodSettings
 
     @classmethod
-    def of(cls, evaluation: Evaluation, score: ScenarioResult) -> Findings:
+    def of(cls, evaluation: Evaluation, score: ScenarioResult) -> Self:
         """Findings of one result of a run."""
-        return cls(score, evaluation.cases_behind(score), evaluation.settings)
+        return cls(score, evaluation.cases_behind(score), evaluation.settings.method)
 
     @property
     def missing(self) -> BoolArray:
@@ -125,7 +123,7 @@ class Findings(NamedTuple):
     @property
     def terms(self) -> CaseTerms:
         """Contributions of each case to the scores."""
-        return case_terms(self.cases, self.settings.method)
+        return case_terms(self.cases, self.method)
 
     @property
     def beyond(self) -> FloatArray:

@@ -4,8 +4,6 @@
 `extras/` look up which scores are better when higher.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 

@@ -3,11 +3,10 @@
 Users: `evaluation.py`, `scoring/steps.py`.
 """
 
-from __future__ import annotations
-
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import is_dataclass
+from functools import partial
 
 from sumo_eval import results, score_notes
 from sumo_eval.case_table import COLUMNS, CaseTable, Chunk, encode_rows
@@ -61,22 +60,19 @@ def table_of(cache: KeptResults, key: bytes, chunks: Sequence[KeptChunk]) -> Cas
     """The rows of a scoring, each column read from the run's folder when it is asked for."""
     return CaseTable(
         (
-            Chunk(chunk.scenario, chunk.ads, chunk.rows, _reader(cache, key, chunk.place))
+            Chunk(chunk.scenario, chunk.ads, chunk.rows, partial(_columns, cache, key, chunk.place))
             for chunk in chunks
         ),
         key=key,
     )
 
 
-def _reader(cache: KeptResults, key: bytes, place: int) -> Callable[[slice], list[bytes]]:
-    def columns(places: slice) -> list[bytes]:
-        first = place * COLUMNS  # each chunk has a part for each column
-        data = cache.some("rows", key, first + (places.start or 0), first + places.stop)
-        if not data:
-            raise InputError(f"Rows of {cache.path} are missing: score the run again.")
-        return data
-
-    return columns
+def _columns(cache: KeptResults, key: bytes, place: int, places: slice) -> list[bytes]:
+    first = place * COLUMNS  # each chunk has a part for each column
+    data = cache.some("rows", key, first + (places.start or 0), first + places.stop)
+    if not data:
+        raise InputError(f"Rows of {cache.path} are missing: score the run again.")
+    return data
 
 
 class RowWriter:

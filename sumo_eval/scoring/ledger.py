@@ -12,8 +12,6 @@ D_i take their part. A case loses 1 minus the product of its factors. A factor's
 is its Shapley value (`score_terms.product_losses`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -92,7 +90,7 @@ _Lines = Iterable[LedgerLine]
 
 def ledger_plus(findings: Findings) -> Ledger:
     """100 points less what T, A' and (a + b H) / 100 take from S+ = T max(A', 0) (a + b H)."""
-    score, weights = findings.score, findings.settings.method.score
+    score, weights = findings.score, findings.method.score
     grade = max(score.avoidance_grade or 0.0, 0.0)
     manner = (weights.a + weights.b * (score.human_likeness or 0.0)) / FULL
     losses = product_losses(np.array([[score.task_share or 0.0, grade, manner]]))[0] * FULL
@@ -112,7 +110,7 @@ def ledger_plus(findings: Findings) -> Ledger:
 
 def ledger(findings: Findings) -> Ledger:
     """S, Eq. 18: C = 1 and D = 1, less what collisions and the factors of D_i take from them."""
-    points = worth(findings.settings.method.score)  # points of S for C = 1 and for D = 1
+    points = worth(findings.method.score)  # points of S for C = 1 and for D = 1
     lines = _scaled(points.c, _collision_lines(findings)) + _scaled(
         points.d, _likeness_lines(findings)
     )

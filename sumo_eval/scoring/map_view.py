@@ -3,8 +3,6 @@
 Users: `report/`, `scoring.zone_levels`, `extras/figures/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Users: `cli/look.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import numpy as np

@@ -3,10 +3,6 @@
 Users: `scoring.steps`, `report.driving_words`.
 """
 
-from __future__ import annotations
-
-from typing import NamedTuple
-
 import numpy as np
 
 from sumo_eval.method.measures import CLOCK, course_of
@@ -28,20 +24,11 @@ from sumo_eval.trajectory import Trajectory
 SYNTHETIC = "synthetic"  # what is recorded as the controller of a synthetic driver
 
 
-class PlausiblePeople(NamedTuple):
-    """Quantiles of the people that show which driving in a scenario is plausible.
-
-    notes: who they are; empty where the settings ask for "motorway".
-    """
-
-    people: Quantiles
-    notes: tuple[ScoreNote, ...]
-
-
 def plausible_people(
     logical: LogicalScenario, store: Store, settings: PlausibilitySettings
-) -> PlausiblePeople:
-    """The motorway people, or the run's recorded drivers in this scenario.
+) -> tuple[Quantiles, tuple[ScoreNote, ...]]:
+    """The motorway people, or the run's recorded drivers in this scenario, and notes on who they are;
+    none where the settings ask for "motorway".
 
     Recorded drives hold no other vehicles. Those of the concrete scenario take their place, as they
     move while the ego keeps its speed.
@@ -50,7 +37,7 @@ def plausible_people(
     5 %: the motorway people stand in.
     """
     if settings.table == "motorway":
-        return PlausiblePeople(MOTORWAY_PEOPLE, ())
+        return MOTORWAY_PEOPLE, ()
     drives, names = [], []
     for fact in store.facts("human", logical.name):
         if fact.status == "ok" and fact.controller != SYNTHETIC:
@@ -67,9 +54,7 @@ def plausible_people(
         people = quantiles_of(
             drives, names, source=f"recorded drivers of the run in {logical.name}"
         )
-    return PlausiblePeople(
-        people, (PlausibleTo(logical.name, persons, len(drives), LEAST_PEOPLE, stand_in),)
-    )
+    return people, (PlausibleTo(logical.name, persons, len(drives), LEAST_PEOPLE, stand_in),)
 
 
 def _undisturbed(concrete: ConcreteScenario, drive: Trajectory) -> dict[str, Trajectory]:

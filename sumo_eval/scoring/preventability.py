@@ -7,8 +7,6 @@ counts them. The reference is an ADS of the same run, `[report] reference`, or t
 where the run has none. Users: `report/`, `extras/figures/`.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Literal, get_args
 

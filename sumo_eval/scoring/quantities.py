@@ -4,8 +4,6 @@
 then `combine`; it and `cli/space.py` call `describe_zones`.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -4,8 +4,6 @@
 Users: `report/checks.py`, `scoring/quantities.py`, `scoring/steps.py`.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 

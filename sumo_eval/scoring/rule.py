@@ -7,11 +7,9 @@ tolerance, better if -d is.
 Users: `nightly/`, `scoring/behaviour.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from scipy.special import bdtr
@@ -154,7 +152,7 @@ class Ends(NamedTuple):
     severity: FloatArray
 
     @classmethod
-    def of(cls, cases: CaseTable) -> Ends:
+    def of(cls, cases: CaseTable) -> Self:
         """Ends of the cases of a table."""
         return cls(
             collided=cases.collided,
@@ -344,11 +342,6 @@ def got_worse(total: Tally, settings: GateSettings) -> bool:
         rule = settings.near_miss
         certain = total.chance < rule.chance or not total.better
         return total.number > total.better and (certain or total.least_kept <= rule.kept_margin)
-    return _shifted(total, settings)
-
-
-def _shifted(total: Tally, settings: GateSettings) -> bool:
-    """Part three of `got_worse`."""
     shift = settings.shift
     # 0.7 - 0.4 is below 0.3 by rounding
     task = total.measure.quantity == "task_share"

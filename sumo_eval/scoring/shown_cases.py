@@ -3,8 +3,6 @@
 Users: `report/html.py`, `report/sent_drives.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 import numpy as np

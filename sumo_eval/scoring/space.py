@@ -3,8 +3,6 @@
 Users: `scoring/`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ scores, ranking.
 Users: `evaluation.py`.
 """
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -165,14 +163,14 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
     zones = kept_zones(space.logical, method.zones, space.cache, key)
     # 2  the ADSs in every concrete scenario
     overview = survey(space, zones, key)
-    plausible = plausible_people(space.logical, space.store, method.plausibility)
+    people, people_notes = plausible_people(space.logical, space.store, method.plausibility)
     remarks = {ads.name: Remarks(Counter(), Counter()) for ads in space.settings.ads}
     struck = list(references_struck(space, overview))
     left_out: dict[str, tuple[LeftOut, Sequence[str]]] = {}
     for first in range(0, len(overview.weights), POINTS_AT_ONCE):
         part = range(first, min(first + POINTS_AT_ONCE, len(overview.weights)))
         # 3 to 5  D_i, losses and weights of the cases, Eqs. 9-12 and 14-16
-        compared = score_points(space, overview, part, plausible.people, remarks, rows)
+        compared = score_points(space, overview, part, people, remarks, rows)
         left_out |= compared.left_out
     tables = [rows.rows(ads.name, space.name) for ads in space.settings.ads]
     # 6  C, D and S, Eqs. 13, 17, 18; T, A', H, S+
@@ -180,7 +178,7 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
     for (name, remark), table in zip(remarks.items(), tables, strict=True):
         score = combine(
             name, space.name, table, method,
-            remark.notes(name, space, plausible.notes, struck, table),
+            remark.notes(name, space, people_notes, struck, table),
             people=overview.people, task_reference=space.car
         )  # fmt: skip
         scores.append(with_counts(score, table, space.logical))

@@ -4,8 +4,6 @@ the report's page.
 Users: `report/page_data.py`.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -3,8 +3,6 @@
 Users: `evaluation`, `scoring.steps`, `report.explain`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path

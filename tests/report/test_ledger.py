@@ -119,7 +119,7 @@ def test_a_case_struck_from_behind_is_a_cause_of_its_own_in_t(evaluation):
     found = Findings(
         combine(score.ads, score.scenario, rows, evaluation.settings.method),
         CaseTable.of(rows),
-        evaluation.settings,
+        evaluation.settings.method,
     )
     line = line_of(ledger_plus(found), "struck from behind")
     assert line.term == "T"

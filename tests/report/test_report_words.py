@@ -48,7 +48,7 @@ def test_without_any_weight_every_collision_counts_the_same(evaluation):
     rows = [
         replace(row, weight=0.0, ideal_severity=0.0) for row in evaluation.cases if row.collided
     ][:4]
-    found = Findings(evaluation.scores[0], CaseTable.of(rows), evaluation.settings)
+    found = Findings(evaluation.scores[0], CaseTable.of(rows), evaluation.settings.method)
     assert found.lost_of_c.tolist() == [0.25] * 4
 
 
@@ -99,7 +99,7 @@ def test_a_perfect_d_is_limited_by_nothing(evaluation):
         for row in found.cases
         if row.index is not None
     ]
-    perfect = Findings(replace(score, d=1.0), CaseTable.of(rows), evaluation.settings)
+    perfect = Findings(replace(score, d=1.0), CaseTable.of(rows), evaluation.settings.method)
     assert (
         explain_d(perfect) == f"D = 1.000: mean over {len(rows)} safe cases, no factor limits it."
     )

@@ -406,21 +406,20 @@ def add(store, concrete, index, drive):
 
 def test_the_default_is_the_people_of_the_motorway_and_says_nothing(tmp_path):
     found = people(tmp_path / "facts.sqlite", 3, PlausibilitySettings())
-    assert found.people == MOTORWAY_PEOPLE
-    assert found.notes == ()
+    assert found == (MOTORWAY_PEOPLE, ())
 
 
 def test_the_recorded_drivers_of_the_run_are_measured_among_its_other_vehicles(tmp_path):
-    found = people(tmp_path / "facts.sqlite", 40, RECORDED_TABLE)
-    assert tuple(map(score_note, found.notes)) == (
+    found, notes = people(tmp_path / "facts.sqlite", 40, RECORDED_TABLE)
+    assert tuple(map(score_note, notes)) == (
         "Plausibility compares with 40 recorded drivers of the run (40 drives).",
     )
-    assert found.people.people == 40
-    assert found.people.drives == 40
-    assert found.people.values["min_thw"][0] == pytest.approx(1.0, abs=0.01)
+    assert found.people == 40
+    assert found.drives == 40
+    assert found.values["min_thw"][0] == pytest.approx(1.0, abs=0.01)
     # ten of forty: 1.0 to 1.9 s
-    assert found.people.share("min_thw", 1.9) == pytest.approx(0.25, abs=0.01)
-    assert found.people.share("min_thw", 0.5) == 0.0
+    assert found.share("min_thw", 1.9) == pytest.approx(0.25, abs=0.01)
+    assert found.share("min_thw", 0.5) == 0.0
 
 
 def test_people_meet_an_actor_where_it_crosses(tmp_path):
@@ -431,14 +430,14 @@ def test_people_meet_an_actor_where_it_crosses(tmp_path):
     with open_store(tmp_path / "facts.sqlite", create=True) as store:
         for index in range(LEAST_PEOPLE):
             add(store, concrete, index, Trajectory(time, 290.0 - index + time, 0.0 * time))
-        found = plausible_people(logical, store, RECORDED_TABLE).people
+        found = plausible_people(logical, store, RECORDED_TABLE)[0]
     assert found.values["min_ttc"][0] == pytest.approx(1.25)
 
 
 def test_too_few_recorded_drivers_give_no_table_and_a_note(tmp_path):
-    found = people(tmp_path / "facts.sqlite", LEAST_PEOPLE - 1, RECORDED_TABLE)
-    assert found.people is MOTORWAY_PEOPLE
-    assert tuple(map(score_note, found.notes)) == (
+    found, notes = people(tmp_path / "facts.sqlite", LEAST_PEOPLE - 1, RECORDED_TABLE)
+    assert found is MOTORWAY_PEOPLE
+    assert tuple(map(score_note, notes)) == (
         "Plausibility compares with 213 people on a motorway: the run has 19 recorded drivers in "
         "`front_vehicle_low_speed`, and a table needs 20.",
     )

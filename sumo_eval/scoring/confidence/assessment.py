@@ -5,8 +5,6 @@ Users: `report/assessed.py`, `report/confidence_section.py`, `report/evidence.py
 `report/verdict.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Users: `report/confidence_section.py`, `scoring/confidence/assessment.py`.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from typing import NamedTuple

@@ -10,8 +10,6 @@ Users: `scoring/confidence/intervals.py`, `scoring/confidence/scored.py`, `scori
 `scoring/steps.py`.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence

@@ -2,8 +2,6 @@
 one more case narrows the interval of S most. `assessment` proposes them.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -29,10 +29,8 @@ compare with. `scoring.confidence.scored` puts them into the results.
 Users: `report/evidence.py`, `scoring/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from scipy.special import chdtri, ndtr, stdtrit
@@ -348,7 +346,7 @@ class UnseenCollisions(NamedTuple):
     terms: tuple[FloatArray, ...]
 
     @classmethod
-    def of(cls, ads: Judged, method: MethodSettings) -> UnseenCollisions:
+    def of(cls, ads: Judged, method: MethodSettings) -> Self:
         """Unseen collisions of an ADS, from all its cases."""
         terms = ads.terms
         comparable, stake = _stake(terms)

@@ -2,8 +2,6 @@
 next round takes from each cell, for `evaluation`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

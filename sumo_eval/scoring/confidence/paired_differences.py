@@ -8,8 +8,6 @@ More than `MOST_DRAWN` scenarios are put together in `BLOCKS` random blocks, and
 mean has the same variance.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from sumo_eval.method.score_terms import AskedTerms, Counts, KnownSums

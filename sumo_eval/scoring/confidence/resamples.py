@@ -12,12 +12,10 @@ proportion to the points, and no table of all points and replicates is in memory
 Users: `scoring/`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -173,7 +171,7 @@ class Balance(NamedTuple):
     scale: float
 
     @classmethod
-    def of(cls, groups: Strata, unit: FloatArray) -> Balance | None:
+    def of(cls, groups: Strata, unit: FloatArray) -> Self | None:
         """Balance of lists of points; None with fewer than 2 k degrees of freedom in the lists,
         where a trend cannot be told from chance.
 

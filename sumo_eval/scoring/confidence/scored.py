@@ -3,8 +3,6 @@
 `scoring.steps` calls it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
