@@ -1,6 +1,7 @@
 """Items by key.
 
-Users: `cli/`, `cosim/`, `drivers/`, `report/`, `scenario/`, `scoring/`, `settings/`, `extras/`.
+Users: `cli/`, `cosim/`, `drivers/`, `record/`, `report/`, `scenario/`, `scoring/`, `settings/`,
+`extras/`.
 """
 
 from __future__ import annotations

@@ -219,7 +219,7 @@ def conflict_criticality(
     until = np.minimum(standstills + waits + HORIZON, _LONGEST)
     motion = tracks(placed, [size] * len(placed), STEP, float(until.max()))
     others = motion.others
-    looks = np.arange(motion.others.shape[2])
+    looks = np.arange(others.shape[2])
     parts = np.arange(looks[-1] * _PARTS + 1) / _PARTS
     # A case ends at its own time: nothing may depend on the cases searched with it. From then on
     # its actors are out of reach, at x = inf.

@@ -84,23 +84,15 @@ def _steering_operations(trajectory: Trajectory, settings: AnthropomorphicSettin
             "of the ADS and of all drivers, and a trajectory has none; "
             '"manoeuvre" counts both alike without it.'
         )
-    turned = np.abs(trajectory.steering_wheel_angle[known]) > _wheel_threshold(
-        trajectory.speed[known], settings
-    )
-    return len(_operations(turned, trajectory.time[known], settings))
-
-
-def _wheel_threshold(speed: FloatArray, settings: AnthropomorphicSettings) -> FloatArray:
-    """Eq. 12: the steering wheel angle above which an operation begins at each speed, rad, (n,).
-
-    speed: m/s, (n,), of the trajectory.
-    settings: threshold, deg, or lateral acceleration, m/s2, with steering ratio and wheelbase, m.
-    """
+    # Eq. 12: steering wheel angle above which an operation begins, rad, at each speed
+    threshold: float | FloatArray = math.radians(settings.steering_threshold_deg)
     lateral = settings.steering_lateral_acceleration
-    if lateral is None:
-        return np.full(speed.shape, math.radians(settings.steering_threshold_deg))
-    curvature = quotient(lateral, speed**2, speed > 0.0)
-    return settings.steering_ratio * np.arctan(settings.wheelbase * curvature)
+    if lateral is not None:
+        speed = trajectory.speed[known]
+        curvature = quotient(lateral, speed**2, speed > 0.0)
+        threshold = settings.steering_ratio * np.arctan(settings.wheelbase * curvature)
+    turned = np.abs(trajectory.steering_wheel_angle[known]) > threshold
+    return len(_operations(turned, trajectory.time[known], settings))
 
 
 def _operations(

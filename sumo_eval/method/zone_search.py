@@ -95,7 +95,7 @@ def most_dangerous_point(
     lies. At last the point is rounded.
     """
     logical = zones.logical
-    searched = zones.logical.search is not None
+    searched = logical.search is not None
     k = len(logical.parameters)
     members = zones.members(number, candidates)
     best = members[_by_danger(zones, members)[0]]

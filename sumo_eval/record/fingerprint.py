@@ -76,15 +76,11 @@ def scores_key(
     return key_of("scores", COLUMNS, content, chosen, named, severity, exposures, sources())
 
 
-def space_key(entry: ScenarioSettings, source: Path) -> str:
+def space_key(entry: ScenarioSettings, source: Path) -> bytes:
     """A hash of the files that a user's scenario and its sample come from. A shipped scenario has
     none: `sources` covers it.
     """
-    digest = hashlib.blake2b()
-    sampling = entry.sampling
-    for locator in (options_of(entry.use)[0], sampling.method, sampling.file):
-        for file in files_of(locator, source) if locator else []:
-            # a missing file matches no earlier state
-            content = file.read_bytes() if file.is_file() else os.urandom(16)
-            digest.update(str(file).encode() + b"\0" + content)
-    return digest.hexdigest()
+    named = options_of(entry.use)[0], entry.sampling.method, entry.sampling.file
+    files = [file for locator in named if locator for file in files_of(locator, source)]
+    # a missing file matches no earlier state
+    return key_of([(it, it.read_bytes() if it.is_file() else os.urandom(16)) for it in files])

@@ -28,6 +28,7 @@ from sumo_eval.cosim.records import EGO, MOVER
 from sumo_eval.cosim.step_rules import stop_rows
 from sumo_eval.cosim.world import World, described
 from sumo_eval.drivers.synthetic.driver import human_controller
+from sumo_eval.groups import grouped
 from sumo_eval.kernels import INTERPRETED, cache_folder, warm
 from sumo_eval.method import shared_fields
 from sumo_eval.method.conflict import conflict_criticality
@@ -59,16 +60,11 @@ _TURNED = 0.01  # rad; an actor with a heading off the road's direction is `PLAY
 
 
 @functools.cache
-def _locators() -> dict[type[Compiled], list[str]]:
-    """Locators of the shipped rules, by class. Classes that share a loop are one piece: the first
-    of them holds the locators of all.
+def _locators() -> list[list[str]]:
+    """Locators of the shipped rules. Those that share a loop are one piece, which has the name of
+    the first of them.
     """
-    locators: dict[type[Compiled], list[str]] = {}
-    for locator in SHIPPED:
-        kind = type(_rule(locator))
-        first = next((other for other in locators if other.loop is kind.loop), kind)
-        locators.setdefault(first, []).append(locator)
-    return locators
+    return list(grouped((type(_rule(it)).loop, it) for it in SHIPPED).values())
 
 
 def _rule(locator: str) -> Compiled:
@@ -79,7 +75,7 @@ def _rule(locator: str) -> Compiled:
 
 def everything() -> list[str]:
     """All pieces."""
-    return [*_LOADS, *(locators[0] for locators in _locators().values())]
+    return [*_LOADS, *(locators[0] for locators in _locators())]
 
 
 def load(pieces: Iterable[str]) -> None:
@@ -183,7 +179,7 @@ def _rules(locators: Iterable[str]) -> set[str]:
     the process that drives it.
     """
     names = {split_entry(locator)[0] for locator in locators}
-    return {shipped[0] for shipped in _locators().values() if names.intersection(shipped)}
+    return {shipped[0] for shipped in _locators() if names.intersection(shipped)}
 
 
 def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:

@@ -27,8 +27,8 @@ SYNTHETIC = "synthetic"  # what is recorded as the controller of a synthetic dri
 def plausible_people(
     logical: LogicalScenario, store: Store, settings: PlausibilitySettings
 ) -> tuple[Quantiles, tuple[ScoreNote, ...]]:
-    """The motorway people, or the run's recorded drivers in this scenario, and notes on who they are;
-    none where the settings ask for "motorway".
+    """The motorway people, or the run's recorded drivers in this scenario; and notes on who they
+    are, none where the settings ask for "motorway".
 
     Recorded drives hold no other vehicles. Those of the concrete scenario take their place, as they
     move while the ego keeps its speed.
