@@ -19,14 +19,36 @@ from sumo_eval.extras.openscenario.places import Entity, Places
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.values import RULES
 from sumo_eval.frozen import frozen
-from sumo_eval.scenario import played
 from sumo_eval.scenario.bodies import half_sizes
-from sumo_eval.scenario.played import Act, Program, Step
+from sumo_eval.scenario.played import (
+    ABSOLUTE,
+    ADD,
+    ALONG,
+    AND,
+    AT_MOST,
+    BELOW,
+    COSINE,
+    ENDED,
+    GAP,
+    LARGER,
+    MULTIPLY,
+    OR,
+    SUBTRACT,
+    TIME,
+    VALUE,
+    Act,
+    Move,
+    Program,
+    Step,
+    X,
+    Y,
+    arithmetic,
+)
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import length_of, tightest
 from sumo_eval.text import shown
 
-Fact = float | played.Move
+Fact = float | Move
 """A time that has passed, s, or a move that has ended."""
 NEVER = math.inf
 AT_ONCE = 1e-6  # s: duration of a change that is a step
@@ -41,7 +63,7 @@ def operation(op: int) -> Step:
 
 def from_time(time: float) -> Program:
     """The program of a condition that holds from a time on, s."""
-    return (played.VALUE, 0, 0, time), operation(played.TIME), operation(played.AT_MOST)
+    return (VALUE, 0, 0, time), operation(TIME), operation(AT_MOST)
 
 
 def implied(program: Program) -> set[Fact]:
@@ -54,15 +76,15 @@ def implied(program: Program) -> set[Fact]:
     """
     stack: list[set[Fact]] = [set()]  # what an empty program implies: nothing
     for k, (op, one, two, _) in enumerate(program):
-        if op == played.ENDED:
+        if op == ENDED:
             stack.append({(one, two)})
-        elif op < played.ENDED:
+        elif op < ENDED:
             # of a number only `TIME` implies a fact: the step before it has the time (`from_time`)
-            stack.append({program[k - 1][3]} if op == played.TIME else set())
-        elif op != played.ABSOLUTE:
+            stack.append({program[k - 1][3]} if op == TIME else set())
+        elif op != ABSOLUTE:
             last = stack.pop()
             # BELOW implies no fact: it compares numbers, or "has ended" with 0.5 to negate it
-            if op in (played.OR, played.BELOW):
+            if op in (OR, BELOW):
                 stack[-1] &= last
             else:
                 stack[-1] |= last
@@ -83,14 +105,14 @@ class DriveNumber:
     def joined(self, op: int, other: DriveNumber) -> DriveNumber:
         """The result of an operation on both."""
         program = (*self.program, *other.program, operation(op))
-        return DriveNumber(program, played.arithmetic(op, self.start, other.start))
+        return DriveNumber(program, arithmetic(op, self.start, other.start))
 
-    __add__ = partialmethod(joined, played.ADD)
-    __sub__ = partialmethod(joined, played.SUBTRACT)
-    __mul__ = partialmethod(joined, played.MULTIPLY)
+    __add__ = partialmethod(joined, ADD)
+    __sub__ = partialmethod(joined, SUBTRACT)
+    __mul__ = partialmethod(joined, MULTIPLY)
 
     def __abs__(self) -> DriveNumber:
-        return DriveNumber((*self.program, operation(played.ABSOLUTE)), abs(self.start))
+        return DriveNumber((*self.program, operation(ABSOLUTE)), abs(self.start))
 
 
 Compared = tuple[DriveNumber, float]
@@ -99,7 +121,7 @@ Compared = tuple[DriveNumber, float]
 
 def constant(value: float) -> DriveNumber:
     """A number that does not change during the drive."""
-    return DriveNumber(((played.VALUE, 0, 0, value),), value)
+    return DriveNumber(((VALUE, 0, 0, value),), value)
 
 
 def of_vehicle(op: int, number: int, start: float = 0.0) -> DriveNumber:
@@ -159,7 +181,7 @@ class Span:
         unending = any(it.end == NEVER and not it.ended for it in parts)
         if unending or not any(it.ended for it in parts):
             return cls(begin, end)  # with `unending`, `end` is NEVER
-        return cls(begin, end, _joined([it.ended or from_time(it.end) for it in parts], played.AND))
+        return cls(begin, end, _joined([it.ended or from_time(it.end) for it in parts], AND))
 
 
 @dataclass(slots=True)
@@ -184,7 +206,7 @@ class Conditions:
         if not self.actors:  # their numbers are not known yet, so no move can wait for it
             return program
         actor = self.actors[0]
-        actor.acts.append(Act(played.COSINE, delay, AT_ONCE, program=program))
+        actor.acts.append(Act(COSINE, delay, AT_ONCE, program=program))
         return actor.ended()
 
     def note(self, element: Node, span: Span) -> Span:
@@ -238,7 +260,7 @@ class Conditions:
             )
         # 3. one condition on the drive, or several without a delay: one of them must hold
         else:
-            program = _joined([group.program for group in live], played.OR)
+            program = _joined([group.program for group in live], OR)
             begin = replace(live[0], program=program, past=all(group.past for group in live))
         return replace(self._later(after, begin, trigger), past=True)
 
@@ -273,7 +295,7 @@ class Conditions:
             else it.program or from_time(it.time)
             for it in sorted((one, two), key=lambda it: it.known)
         ]
-        return Moment(0.0, _joined(programs, played.AND))
+        return Moment(0.0, _joined(programs, AND))
 
     def group(self, group: Node) -> Moment:
         """When all conditions of a group hold."""
@@ -358,7 +380,7 @@ class Conditions:
         condition = element.child("EntityCondition").only()
         truths = [self._of_entity(condition, it) for it in entities]
         # if all must hold, it fails as soon as one does; if any may hold, it fails when all do
-        op, opposite = (played.AND, played.OR) if every else (played.OR, played.AND)
+        op, opposite = (AND, OR) if every else (OR, AND)
         holds = _joined([it.holds for it in truths], op)
         fails = _joined([it.fails for it in truths], opposite)
         start = (all if every else any)(it.start for it in truths)
@@ -367,7 +389,7 @@ class Conditions:
         if edge == "none" or not start:
             return holds
         # it holds at the start, so the edge comes only after it has failed once
-        return (*holds, *self.latch(fails, 0.0), operation(played.AND))
+        return (*holds, *self.latch(fails, 0.0), operation(AND))
 
     def _number(self, entity: Entity, element: Node) -> int:
         if entity.deleted:
@@ -394,7 +416,7 @@ class Conditions:
         sides = (number.program, constant(limit).program)
         # it holds where low < high (or <=), and fails where high <= low (or <)
         low, high = sides if rule.startswith("less") else sides[::-1]
-        strict, equal = operation(played.BELOW), operation(played.AT_MOST)
+        strict, equal = operation(BELOW), operation(AT_MOST)
         holds, fails = (strict, equal) if rule.endswith("Than") else (equal, strict)
         start = element.compared(number.start, limit, default)
         return Truth((*low, *high, holds), (*high, *low, fails), start)
@@ -424,7 +446,7 @@ class Conditions:
 
         axis: `played.X` or `played.Y`.
         """
-        k = axis - played.X  # 0 for x, 1 for y
+        k = axis - X  # 0 for x, 1 for y
         if isinstance(body, Pose):
             return constant(body[k])
         centre = of_vehicle(axis, self._number(body, element), body.frame[k])
@@ -444,13 +466,13 @@ class Conditions:
         """Distance of two bodies, or of their reference points, along one axis, m."""
         apart, free = abs(self._ahead(element, one, other, axis)), element.flag("freespace")
         bodies = constant(_half(one, axis) + _half(other, axis))
-        if free and axis == played.X and isinstance(other, Entity):
+        if free and axis == X and isinstance(other, Entity):
             # GAP takes the bodies' headings at that time; the larger of both gaps is that in front
             a, b = self._number(one, element), self._number(other, element)
-            gaps = (played.GAP, a, b, 0.0), (played.GAP, b, a, 0.0), operation(played.LARGER)
+            gaps = (GAP, a, b, 0.0), (GAP, b, a, 0.0), operation(LARGER)
             apart = DriveNumber(gaps, apart.start - bodies.start)
             free = False  # GAP is between the bodies already
-        scale = self._scale(element, one) if axis == played.X else 1.0
+        scale = self._scale(element, one) if axis == X else 1.0
         if scale != 1.0:
             apart *= constant(scale)
         return apart - bodies if free else apart
@@ -481,7 +503,7 @@ class Conditions:
         kind = element.one_of("relativeDistanceType", kinds, default)
         value, other = element.number("value"), self._target(element)
         if kind in ("longitudinal", "lateral"):
-            axis = played.X if kind == "longitudinal" else played.Y
+            axis = X if kind == "longitudinal" else Y
             return self._apart(element, entity, other, axis), value
         return self._straight(element, entity, other, value)
 
@@ -493,9 +515,9 @@ class Conditions:
         line = self.frame.line
         if line and abs(value) ** 3 / (24.0 * tightest(line) ** 2) > _BENT:
             raise element.fault("a distance across a curve of the road is not supported")
-        x, y = (self._apart(element, one, other, axis) for axis in (played.X, played.Y))
+        x, y = (self._apart(element, one, other, axis) for axis in (X, Y))
         if element.flag("freespace"):
-            x, y = (it.joined(played.LARGER, constant(0.0)) for it in (x, y))
+            x, y = (it.joined(LARGER, constant(0.0)) for it in (x, y))
         return x * x + y * y, value * abs(value)
 
     def _reach(self, element: Node, entity: Entity) -> Compared:
@@ -512,7 +534,7 @@ class Conditions:
         if got != "longitudinal":
             raise element.fault(f"`{name}` must be longitudinal to be supported, got {shown(got)}")
         at_start = body.speed * math.cos(body.frame.heading)
-        return of_vehicle(played.ALONG, self._number(body, element), at_start)
+        return of_vehicle(ALONG, self._number(body, element), at_start)
 
     def _own(self, element: Node, entity: Entity) -> DriveNumber:
         """The speed of a body in the direction in which it points, m/s."""
@@ -526,7 +548,7 @@ class Conditions:
         division by 0.
         """
         speed = self._own(element, entity)
-        gap = self._apart(element, entity, self._target(element), played.X)
+        gap = self._apart(element, entity, self._target(element), X)
         return gap - constant(element.number("value")) * speed, 0.0
 
     def _to_collision(self, element: Node, entity: Entity) -> Compared:
@@ -539,8 +561,8 @@ class Conditions:
         speed = self._along(element, entity)
         if isinstance(other, Entity):
             speed -= self._along(element, other)
-        ahead = self._ahead(element, entity, other, played.X)
-        gap = self._apart(element, entity, other, played.X)
+        ahead = self._ahead(element, entity, other, X)
+        gap = self._apart(element, entity, other, X)
         return gap * abs(ahead) - ahead * speed * value, 0.0
 
     def _speed(self, element: Node, entity: Entity) -> Compared:
@@ -554,7 +576,7 @@ class Conditions:
     def _travelled(self, element: Node, entity: Entity) -> Compared:
         if entity.on_map or abs(math.sin(entity.frame.heading)) > 1e-9:
             raise element.fault("a distance travelled across the road is not supported as a start")
-        x = of_vehicle(played.X, self._number(entity, element), entity.frame.x)
+        x = of_vehicle(X, self._number(entity, element), entity.frame.x)
         return abs(x - constant(x.start)), element.number("value")
 
 
@@ -568,4 +590,4 @@ def _half(body: Entity | Pose, axis: int) -> float:
     """Half the extent of a body along an axis of the road at the start, m; 0 for a place."""
     if isinstance(body, Pose):
         return 0.0
-    return half_sizes(body.frame.heading, body.length, body.width)[axis - played.X]
+    return half_sizes(body.frame.heading, body.length, body.width)[axis - X]

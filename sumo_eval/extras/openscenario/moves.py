@@ -38,8 +38,25 @@ from sumo_eval.extras.openscenario.moments import (
 from sumo_eval.extras.openscenario.network import ON, Lane, MapRoad, in_frame
 from sumo_eval.extras.openscenario.places import Entity, Places, UnplacedError
 from sumo_eval.extras.openscenario.reading import Node
-from sumo_eval.scenario import played
-from sumo_eval.scenario.played import Act, Move, Pairs
+from sumo_eval.scenario.played import (
+    ALONG,
+    AND,
+    BELOW,
+    BY_TIME,
+    CONSTANT,
+    COSINE,
+    EGO,
+    ENDED,
+    KEEP,
+    LARGER,
+    MATCH,
+    PATH,
+    SPEED,
+    Act,
+    Move,
+    Pairs,
+    X,
+)
 from sumo_eval.scenario.road.pose import Pose
 
 _PEAKS = {"linear": 1.0, "sinusoidal": 0.5 * math.pi, "cubic": 1.5}
@@ -49,9 +66,9 @@ _STRONGEST = {"sinusoidal": 0.5 * math.pi**2, "cubic": 6.0}
 _DIMENSIONS = ("rate", "time", "distance")
 _SHAPES = ("linear", "step", "cubic", "sinusoidal")
 # kinds of acts that change a speed, and of those that move across
-_SPEEDS, _ACROSS = (played.SPEED, played.BY_TIME, played.MATCH), (played.COSINE, played.CONSTANT)
+_SPEEDS, _ACROSS = (SPEED, BY_TIME, MATCH), (COSINE, CONSTANT)
 # a move (actor's number, act's index) that no act is, since the ego has none
-_NO_MOVE = played.EGO, 0
+_NO_MOVE = EGO, 0
 _SHARES = np.arange(1, 33) / 32  # knots of a curved change of speed, as shares of its time
 _THERE = 0.05  # m and m/s: a distance and a speed within this count as reached
 _MOST = 1e3  # m/s or m/s2: a limit that never acts, where the file has none
@@ -117,7 +134,7 @@ def _knots(*knots: tuple[float, float]) -> Pairs:
 
 def changes_nothing(act: Act) -> bool:
     """Whether a move only keeps a speed, or moves by 0 m to remember that a condition held."""
-    return act.kind == played.KEEP or (act.kind == played.COSINE and act.offset == 0.0)
+    return act.kind == KEEP or (act.kind == COSINE and act.offset == 0.0)
 
 
 def is_step(dynamics: Node) -> bool:
@@ -267,7 +284,7 @@ class Moves:
         if rate == 0.0:  # it never reaches the speed
             return Span(begin, NEVER)
         lasts = change / rate
-        act = Act(played.SPEED, speed=speed, acceleration=rate)
+        act = Act(SPEED, speed=speed, acceleration=rate)
         if shape in _STRONGEST and not step:
             # share of the change that is done after each share of the time: `cubic` 3 s^2 - 2 s^3
             shares = _SHARES * _SHARES * (3.0 - 2.0 * _SHARES)
@@ -275,7 +292,7 @@ class Moves:
                 shares = 0.5 * (1.0 - np.cos(math.pi * _SHARES))
             speeds = entity.pace + (speed - entity.pace) * shares
             table = np.column_stack([_SHARES * change / rate, speeds]).tolist()
-            act = Act(played.BY_TIME, table=tuple(map(tuple, table)))
+            act = Act(BY_TIME, table=tuple(map(tuple, table)))
         entity.before, entity.pace = first, speed
         entity.steady = begin.time + lasts if begin.known else 0.0
         # all but a step and a linear change by rate depend on the speed at which they begin
@@ -299,16 +316,16 @@ class Moves:
         """A change from whatever speed the entity then has, at once or at an even rate."""
         kind = dynamics.one_of("dynamicsDimension", _DIMENSIONS)
         if is_step(dynamics):
-            act = Act(played.BY_TIME, table=((AT_ONCE, speed),))
+            act = Act(BY_TIME, table=((AT_ONCE, speed),))
         elif dynamics.text("dynamicsShape") != "linear" or kind == "distance":
             raise dynamics.fault(f"the speed of `{entity.name}` when this begins is unknown")
         elif kind == "time":
-            act = Act(played.BY_TIME, table=((dynamics.above_zero("value"), speed),))
+            act = Act(BY_TIME, table=((dynamics.above_zero("value"), speed),))
         else:
             rate = abs(dynamics.number("value"))
             if rate == 0.0:  # it never reaches the speed
                 return Span(begin, NEVER)
-            act = Act(played.SPEED, speed=speed, acceleration=rate)
+            act = Act(SPEED, speed=speed, acceleration=rate)
         entity.pace = speed
         # unlike the span of `_add`: ends by a condition even where it begins at a time
         self._add(entity, begin, act, NEVER)
@@ -338,7 +355,7 @@ class Moves:
             raise entity.element.fault(
                 "a speed relative to another's is not supported of an oncoming vehicle on a curve"
             )
-        span = self._add(entity, begin, Act(played.MATCH, table=table), NEVER)
+        span = self._add(entity, begin, Act(MATCH, table=table), NEVER)
         # only acts with a condition are looked at after every step, so a time becomes a condition
         if begin.known:
             entity.acts[-1] = entity.acts[-1]._replace(begin=0.0, program=from_time(begin.time))
@@ -414,23 +431,21 @@ class Moves:
         apart, gap: as in `_apart`.
         """
         # a condition can read an act's end only: a move by 0 m shows that the action has begun
-        self._add(entity, begin, Act(played.COSINE, 0.0, AT_ONCE), 0.0)
+        self._add(entity, begin, Act(COSINE, 0.0, AT_ONCE), 0.0)
         has_begun = entity.ended()
 
-        x, target_x = (of_vehicle(played.X, it.number) for it in (entity, other))
-        speed, target = (of_vehicle(played.ALONG, it.number) for it in (entity, other))
+        x, target_x = (of_vehicle(X, it.number) for it in (entity, other))
+        speed, target = (of_vehicle(ALONG, it.number) for it in (entity, other))
         # m along the line that the time gap puts it behind, at the speed of the vehicle behind, as
         # `played` has it: over the ground where the entity drives
         behind = constant(gap / self.frame.ground(entity.frame)) * (target if gap < 0.0 else speed)
         # the larger of both differences must be below `_THERE`
-        off = abs(target_x + constant(apart) - behind - x).joined(
-            played.LARGER, abs(target - speed)
-        )
-        ends = (*off.program, *constant(_THERE).program, operation(played.BELOW))
-        has_arrived = (*has_begun, *ends, operation(played.AND))
-        entity.acts.append(Act(played.KEEP, program=has_arrived))
+        off = abs(target_x + constant(apart) - behind - x).joined(LARGER, abs(target - speed))
+        ends = (*off.program, *constant(_THERE).program, operation(BELOW))
+        has_arrived = (*has_begun, *ends, operation(AND))
+        entity.acts.append(Act(KEEP, program=has_arrived))
         # KEEP has no end that a condition could read: a second move remembers its begin
-        return self._add(entity, Moment(0.0, has_arrived), Act(played.COSINE, 0.0, AT_ONCE), NEVER)
+        return self._add(entity, Moment(0.0, has_arrived), Act(COSINE, 0.0, AT_ONCE), NEVER)
 
     # -- lateral moves -----------------------------------------------------------------------------
 
@@ -529,8 +544,8 @@ class Moves:
             if begin.known:
                 raise element.fault(f"where `{entity.name}` is across when this begins is unknown")
             # it begins once its own condition holds and the last lateral move has ended
-            ended = played.ENDED, *last, 0.0
-            begin = replace(begin, program=(*begin.program, ended, operation(played.AND)))
+            ended = ENDED, *last, 0.0
+            begin = replace(begin, program=(*begin.program, ended, operation(AND)))
         if abs(offset) <= ON:
             return Span(begin, begin.time)
         if begin.known and begin.time < entity.busy_until - SAME:
@@ -541,9 +556,9 @@ class Moves:
             offset = -offset
         entity.moved = to
         entity.busy_until = begin.time + lasts if begin.known else 0.0
-        act = Act(played.COSINE, 0.0, lasts, 0.0, offset)  # begin, duration, speed, offset
+        act = Act(COSINE, 0.0, lasts, 0.0, offset)  # begin, duration, speed, offset
         if shape == "linear":
-            act = Act(played.CONSTANT, 0.0, lasts, abs(offset) / lasts, offset)
+            act = Act(CONSTANT, 0.0, lasts, abs(offset) / lasts, offset)
         return self._add(entity, begin, act, lasts)
 
     # -- trajectories ------------------------------------------------------------------------------
@@ -570,13 +585,13 @@ class Moves:
             entity.path = start[:2], *course.rest(ahead + entity.centre)
             pose = start.moved(-entity.centre, -entity.offset)
             path = (Pose(*it, 0.0).seen_from(self.frame.origin)[:2] for it in entity.path[1:])
-            self._add(entity, begin, Act(played.PATH, table=tuple(path)), NEVER)
+            self._add(entity, begin, Act(PATH, table=tuple(path)), NEVER)
         entity.spot = replace(spot, pose=pose)
         entity.on_map = bool(self.frame.line)  # on a curved road it leaves the road's coordinates
         entity.frame = in_frame(self.frame.pose_on_map(entity), ORIGIN, self.frame.line)
         # 3. its speeds, where the trajectory has times
         if not course.times:
-            return self._add(entity, begin, Act(played.KEEP), NEVER)
+            return self._add(entity, begin, Act(KEEP), NEVER)
         # without <Timing>: the element itself, which has none of its attributes
         timing = element.find("TimeReference/Timing") or element
         times = np.array(course.times) * timing.number("scale", 1.0) + timing.number("offset", 0.0)
@@ -591,7 +606,7 @@ class Moves:
         at = np.column_stack([times[:-1] + AT_ONCE, times[1:]]).ravel().tolist()
         knots = tuple(zip(at, np.repeat(speeds, 2).tolist(), strict=True))
         entity.pace = knots[-1][1]
-        return self._add(entity, begin, Act(played.BY_TIME, table=knots), knots[-1][0])
+        return self._add(entity, begin, Act(BY_TIME, table=knots), knots[-1][0])
 
     def _synchronize(self, element: Node, entity: Entity, begin: Moment) -> Span:
         master = self.places.entity(element.text("masterEntityRef"), element)
@@ -623,7 +638,7 @@ class Moves:
                 f"`{entity.name}` cannot be there when the ego is: {error}"
             ) from None
         entity.pace = final
-        return self._add(entity, begin, Act(played.BY_TIME, table=knots), lasts)
+        return self._add(entity, begin, Act(BY_TIME, table=knots), lasts)
 
     def _final_speed(self, element: Node, master: Entity, entity: Entity) -> tuple[float, float]:
         """The final speed of a SynchronizeAction, m/s, and the length of its steady part, m.

@@ -20,6 +20,7 @@ from math import exp, inf, log1p, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 from scipy.special import gammaincinv, stdtrit
 
 from sumo_eval.extras.rates.intervals import LEVEL, Limits
@@ -55,7 +56,7 @@ class Mixture(NamedTuple):
     centres: FloatArray
     root: FloatArray
 
-    def draw(self, count: int, stream: np.random.Generator) -> FloatArray:
+    def draw(self, count: int, stream: Generator) -> FloatArray:
         """Draw points (count, k) in the coordinates of the unit box, some of them outside it."""
         chosen = self.centres[stream.integers(len(self.centres), size=count)]
         return chosen + stream.standard_normal(chosen.shape) @ self.root.T
@@ -144,7 +145,7 @@ class RareEvents:
         self.drawn += draw.drawn
         self._search.tell(draw.points, collided)
 
-    def _explore(self, size: int, stream: np.random.Generator) -> Draw:
+    def _explore(self, size: int, stream: Generator) -> Draw:
         """Draw at most `size` points that explore.
 
         Every score of a point is divided by the density that the pool was drawn with, so that it
@@ -174,7 +175,7 @@ class RareEvents:
         """Whether some drives collided and others did not."""
         return bool(self.collided.any() and not self.collided.all())
 
-    def _pool(self, stream: np.random.Generator) -> Pool:
+    def _pool(self, stream: Generator) -> Pool:
         """Draw points to choose from: a third each by exposure, spread wider, and evenly."""
         logical = self.met.logical
         base = self.met.base(POOL, stream)
@@ -194,7 +195,7 @@ class RareEvents:
         ) / 3.0
         return points, density, drawn_with
 
-    def _count(self, size: int, stream: np.random.Generator) -> Draw:
+    def _count(self, size: int, stream: Generator) -> Draw:
         """Draw `size` points that count; impossible ones have no drive."""
         logical, mixtures = self.met.logical, self._mixtures(stream)
         defensive = DEFENSIVE if mixtures else 1.0
@@ -219,7 +220,7 @@ class RareEvents:
             proposal += part * mixture.density(logical.to_unit(rows)) / volume
         return Draw(rows, density / proposal, drawn)
 
-    def _mixtures(self, stream: np.random.Generator) -> list[Mixture]:
+    def _mixtures(self, stream: Generator) -> list[Mixture]:
         """Mixtures over exposed points where a collision is likely, and where it is nearly sure.
 
         Far from all drives the classifier's probability is 0.5. The second mixture keeps such
@@ -240,7 +241,7 @@ class RareEvents:
             mixtures = [_fitted(self.met.logical.to_unit(points), density / drawn_with, stream)]
         return [mixture for mixture in mixtures if mixture is not None]
 
-    def _polished(self, pool: Pool, least: float, stream: np.random.Generator) -> Mixture | None:
+    def _polished(self, pool: Pool, least: float, stream: Generator) -> Mixture | None:
         """A mixture over exposed points that collide with a probability above `least`.
 
         It is fitted to the pool, then to draws from itself, of which more lie at such points.
@@ -278,9 +279,7 @@ class RareEvents:
         )
 
 
-def _pick(
-    points: FloatArray, weight: FloatArray, count: int, stream: np.random.Generator
-) -> FloatArray:
+def _pick(points: FloatArray, weight: FloatArray, count: int, stream: Generator) -> FloatArray:
     """Draw `count` different points in proportion to their weights, or all that have a weight."""
     possible = np.flatnonzero(weight > 0.0)
     if not len(possible):
@@ -290,7 +289,7 @@ def _pick(
     return np.asarray(points[rows])
 
 
-def _fitted(unit: FloatArray, weight: FloatArray, stream: np.random.Generator) -> Mixture | None:
+def _fitted(unit: FloatArray, weight: FloatArray, stream: Generator) -> Mixture | None:
     """A mixture over weighted points (n, k) of the unit box.
 
     weight: (n,). None is returned where fewer than two are above 0.
