@@ -95,10 +95,10 @@ def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | 
     end: of its route, up to which a straight road is lengthened.
     """
     spot = ego.placed()
-    road, lane = spot.road, spot.lane
+    road, lane, way = spot.road, spot.lane, spot.way
     if not (road and lane):
         raise ego.element.fault(f"the ego must be placed in a driving lane{spot.reason}")
-    if spot.way == 0:
+    if way == 0:
         raise ego.element.fault("the ego must start along its lane")
     # a lane wider than WIDEST is an area without marks: it becomes a lane of the usual width around
     # the ego's line, and one to its left
@@ -106,19 +106,19 @@ def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | 
     width = lane.width if marked else MARKED
     if course:
         return _turning(ego, road, width, network.path.stem, course)
-    centre, lanes = _lanes(ego, road, lane, spot.way) if marked else (lane.centre, 2)
-    begin, reference = (road.begin, road.line) if spot.way > 0 else road.begin.backward(road.line)
-    origin = begin.moved(0.0, spot.way * centre)
+    centre, lanes = _lanes(ego, road, lane, way) if marked else (lane.centre, 2)
+    begin, reference = (road.begin, road.line) if way > 0 else road.begin.backward(road.line)
+    origin = begin.moved(0.0, way * centre)
     name = f"{network.path.stem}_{road.name}_{lanes}x{width:g}m_at_{centre:g}m"
-    name += "_back" if spot.way < 0 else ""
+    name += "_back" if way < 0 else ""
     line: Line = ()
     length = road.length
     if road.bent:
-        line = _beside(reference, spot.way * centre, f"road `{road.name}` of {network.path.name}")
+        line = _beside(reference, way * centre, f"road `{road.name}` of {network.path.name}")
         length = length_of(line)
     elif end:
         length = max(length, end.seen_from(origin).x)
-    return Frame(origin, line, lanes, width, length, name, centre, road.name, spot.way)
+    return Frame(origin, line, lanes, width, length, name, centre, road.name, way)
 
 
 def _lanes(ego: Entity, road: MapRoad, own: Lane, way: int) -> tuple[float, int]:
@@ -173,6 +173,7 @@ def _turning(ego: Entity, road: MapRoad, width: float, network: str, course: Map
 def framed(entity: Entity, frame: Frame) -> Pose:
     """The centre of an entity's body along and across the road, and its heading there."""
     spot = entity.placed()
+    road, way = spot.road, spot.way
     # 1. a path that is straight on the map
     if entity.on_map:
         return in_frame(frame.pose_on_map(entity), ORIGIN, frame.line)
@@ -181,18 +182,17 @@ def framed(entity: Entity, frame: Frame) -> Pose:
     if frame.turns:
         return pose.seen_from(frame.origin)._replace(y=0.0)
     # 3. on a straight road: along the ego's road, in its direction, the heading is exactly 0
-    along = spot.road and spot.road.name == frame.road
+    along = road and road.name == frame.road
     if not frame.line:
         at = pose.seen_from(frame.origin)
-        return at._replace(heading=0.0) if along and spot.way == frame.way else at
+        return at._replace(heading=0.0) if along and way == frame.way else at
     # 4. on a curved road: the body of an entity that points along it lies ahead along the curve
-    assert spot.road is not None
-    if spot.way:
-        s, t = spot.s + spot.way * entity.centre, spot.t + spot.way * entity.offset
-        pose = spot.road.pose(s, t)
+    assert road is not None
+    if way:
+        pose = road.pose(spot.s + way * entity.centre, spot.t + way * entity.offset)
     # x, roughly: where the search for the foot of the perpendicular on the line begins
-    near = spot.s + entity.centre if frame.way > 0 else spot.road.length - spot.s
+    near = spot.s + entity.centre if frame.way > 0 else road.length - spot.s
     x, y, heading = in_frame(pose, frame.origin, frame.line, near)
-    if spot.way:
-        heading = 0.0 if spot.way == frame.way else math.pi
+    if way:
+        heading = 0.0 if way == frame.way else math.pi
     return Pose(x, 0.0 if abs(y) < ON else y, heading)

@@ -246,51 +246,49 @@ class _Player:
     def scene(self) -> FileCase:
         """The case. Each step needs the ones before it."""
         # 1. starts: places and speeds on the map
-        story, entities = self.root.child("Storyboard"), self.places.entities
+        story, entities, ego = self.root.child("Storyboard"), self.places.entities, self.ego
         self._init(story.child("Init").child("Actions"))
         for name, entity in list(entities.items()):
-            if not entity.spot and entity.deleted and entity is not self.ego:
+            if not entity.spot and entity.deleted and entity is not ego:
                 del entities[name]
         # 2. the road, and all entities in its frame
         for entity in entities.values():
             road = entity.placed().road
             self.ignored |= dict.fromkeys((*(road.left_out if road else ()), *entity.left_out))
-        self.frame = frame_of(self.ego, self.places.network, self.turning, self.route_end)
-        self.actors: list[Entity] = []  # filled in step 3; `moves` and `conditions` share the list
-        self.moves = Moves(self.places, self.frame, self.ego, self.actors)
+        self.frame = frame = frame_of(ego, self.places.network, self.turning, self.route_end)
+        self.actors = actors = list[Entity]()  # filled in step 3; others share the list
+        self.moves = Moves(self.places, frame, ego, actors)
         for entity in entities.values():
             road = entity.placed().road
-            beside = not road or road.name != self.frame.road
-            entity.on_map = entity is not self.ego and (
-                self.frame.turns or (beside and bool(self.frame.line))  # beside a curved road
+            beside = not road or road.name != frame.road
+            entity.on_map = entity is not ego and (
+                frame.turns or (beside and bool(frame.line))  # beside a curved road
             )
-            entity.frame = framed(entity, self.frame)
+            entity.frame = framed(entity, frame)
         for distance, entity in self.distances:
             if not distance.find("DynamicConstraints"):
                 self.moves.place_apart(distance, entity)
-            self.begun.append((distance, entity))
 
         # 3. the actors by number: all but the ego and those that are deleted at the start
-        self.conditions = Conditions(self.places, self.frame, self.actors)
+        self.conditions = Conditions(self.places, frame, actors)
         self._delete_at_once(story)
-        self.actors += [it for it in entities.values() if it is not self.ego and not it.deleted]
-        for number, entity in enumerate(self.actors):
+        actors += [it for it in entities.values() if it is not ego and not it.deleted]
+        for number, entity in enumerate(actors):
             entity.number = number
         # 4. the story: stops, moves from the start on, acts in the order of the file
-        self.awaited = _awaited(self.root) if self.actors else set[str]()
+        self.awaited = _awaited(self.root) if actors else set[str]()
         self._stop(story)
-        for element, entity in self.begun:
+        for element, entity in self.begun + self.distances:
             self.moves.begin(element, entity, Moment(0.0))
         for act in self._acts(story):
             self._act(act)
         # 5. names as SUMO can have them: `ego` is the ADS's
-        names = distinct((re.sub(r"[^\w.-]", "_", it.name) for it in self.actors), "ego")
-        ego = self.ego
+        names = distinct((re.sub(r"[^\w.-]", "_", it.name) for it in actors), "ego")
         return FileCase(
-            self.frame,
+            frame,
             Start(ego.frame.x, ego.frame.y, ego.speed),
             EgoBody(ego.length, ego.width),
-            tuple(map(self._actor, names, self.actors)),
+            tuple(map(self._actor, names, actors)),
             self.limit,
             tuple(self.ignored),
             ego.name,
@@ -346,21 +344,23 @@ class _Player:
     def _private_at_start(self, element: Node, entity: Entity) -> None:
         if element.tag in ("LongitudinalAction", "RoutingAction"):
             element = element.only()
-        if element.tag in ("TeleportAction", "AddEntityAction"):
-            along = EGO_ALONG if entity is self.ego else ALONG
-            entity.spot = self.places.located(self.places.spot(element.child("Position")), along)
-        elif element.tag == "SpeedAction":
-            self._speed_at_start(element, entity)
-        elif element.tag == "LongitudinalDistanceAction":
-            self.distances.append((element, entity))
-        elif element.tag == "AssignRouteAction":
-            _, end = self.places.route(element)
-            if entity is self.ego:
-                self.route_end = end.pose
-        elif element.tag == "FollowTrajectoryAction":
-            self._follow_from_start(element, entity)
-        else:
-            self._ignore(element)
+        match element.tag:
+            case "TeleportAction" | "AddEntityAction":
+                along = EGO_ALONG if entity is self.ego else ALONG
+                spot = self.places.spot(element.child("Position"))
+                entity.spot = self.places.located(spot, along)
+            case "SpeedAction":
+                self._speed_at_start(element, entity)
+            case "LongitudinalDistanceAction":
+                self.distances.append((element, entity))
+            case "AssignRouteAction":
+                _, end = self.places.route(element)
+                if entity is self.ego:
+                    self.route_end = end.pose
+            case "FollowTrajectoryAction":
+                self._follow_from_start(element, entity)
+            case _:
+                self._ignore(element)
 
     def _speed_at_start(self, element: Node, entity: Entity) -> None:
         """Set a first speed; a gradual change or continuous relative target is a move from 0 s."""

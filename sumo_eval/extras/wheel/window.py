@@ -118,8 +118,7 @@ class Window:
             return _response(
                 HTTPStatus.MISDIRECTED_REQUEST, "This server answers to its own address only.\n"
             )
-        # earlier versions of websockets refuse other methods themselves
-        if getattr(request, "method", "GET") != "GET":
+        if request.method != "GET":
             return _response(HTTPStatus.METHOD_NOT_ALLOWED, "This server answers GET only.\n")
         if request.path == "/wheel":
             if request.headers.get_all("Origin") == [f"http://{host[0]}"]:
@@ -204,25 +203,26 @@ class Window:
         """Act on a message; between drives only answers have an effect."""
         ((kind, value),) = message.items()  # a message has exactly one key
         desk = self._desk
-        if kind == "answers":
-            if self._answers.full():
-                raise MessageError(f"More than {MOST_ANSWERS} answers came without a question.")
-            self._answers.put_nowait(value)
-        elif kind == "telling":
-            if len(self._tellings) >= MOST_TELLINGS:
-                raise MessageError(
-                    f"A window may send its figures at most {MOST_TELLINGS} times in a drive."
-                )
-            self._tellings.append(value)
-        elif kind == "pause":
-            desk.hold(value)
-        elif kind == "quit":
-            desk.end(OWN_WISH)
-        elif kind == "input":
-            desk.newest = value
-        elif kind == "ready":
-            desk.due = clock.perf_counter() + self._countdown
-            desk.on_hold = ""
+        match kind:
+            case "answers":
+                if self._answers.full():
+                    raise MessageError(f"More than {MOST_ANSWERS} answers came without a question.")
+                self._answers.put_nowait(value)
+            case "telling":
+                if len(self._tellings) >= MOST_TELLINGS:
+                    raise MessageError(
+                        f"A window may send its figures at most {MOST_TELLINGS} times in a drive."
+                    )
+                self._tellings.append(value)
+            case "pause":
+                desk.hold(value)
+            case "quit":
+                desk.end(OWN_WISH)
+            case "input":
+                desk.newest = value
+            case "ready":
+                desk.due = clock.perf_counter() + self._countdown
+                desk.on_hold = ""
 
     def _post(self, key: str, value: Any) -> None:
         """Put a message of the drive into the outbox."""
