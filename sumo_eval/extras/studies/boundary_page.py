@@ -6,7 +6,7 @@ Users: `extras/figures/of_studies.py`, `extras/studies/boundary_command.py`.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -116,33 +116,32 @@ def chances_on(boundary: FailureBoundary, share: float) -> FloatArray:
     return np.column_stack([rows, chances])
 
 
-def sentences(content: Json) -> list[str]:
+def sentences(content: Json) -> Iterator[str]:
     """The result of the search in words, from its `summary`."""
     change = content["expected_change"]
-    lines = [
+    yield (
         f"{content['scenario']}: {content['ads']} collides in "
         f"{content['collision_share_of_space']:z.1%} of the space "
         f"({content['collision_share_of_exposure']:z.1%} of the exposure), from "
         f"{content['simulations']} simulations."
-    ]
+    )
     ended = f"The search ended ({content['stopped']})."
     if content["stopped"] == "settled":
-        lines.append(f"The next round is expected to move {change:z.2%} of the space: settled.")
+        yield f"The next round is expected to move {change:z.2%} of the space: settled."
     elif change < 1.0:  # 1 stands for unknown
-        lines.append(f"{ended} A further round may move {change:z.2%} of the space.")
+        yield f"{ended} A further round may move {change:z.2%} of the space."
     else:
-        lines.append(
+        yield (
             f"{ended} The change by a further round is unknown: too few rounds saw both outcomes, "
             "or the boundary still contradicts some trials."
         )
     if content["held"]:
-        lines.append(f"Held fixed: {point_words(content['held'])}.")
+        yield f"Held fixed: {point_words(content['held'])}."
     not_evaluated = content["not_evaluated"]
     if content["collisions"] in (0, content["simulations"] - sum(not_evaluated.values())):
-        lines.append("Every trial ended alike: these simulations could not find a boundary.")
+        yield "Every trial ended alike: these simulations could not find a boundary."
     for status, number in not_evaluated.items():
-        lines.append(f"Not evaluated: {number} ({status}). The search continued without them.")
-    return lines
+        yield f"Not evaluated: {number} ({status}). The search continued without them."
 
 
 def edge_panels(folder: Path) -> tuple[str, list[Panel]]:

@@ -7,7 +7,7 @@ Users: `extras/rates/people_command.py`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,10 +75,10 @@ def _scale(means: Mapping[str, float], by: Any) -> float | None:
     return None
 
 
-def calibration_lines(calibration: Calibration) -> list[str]:
+def calibration_lines(calibration: Calibration) -> Iterator[str]:
     """k5 and k6 as sentences, and the command that scores with them."""
     it, by = calibration, calibration.by
-    lines = list(it.left_out)
+    yield from it.left_out
     options = []
     for name, index, scale, values in (("k5", "C", it.k5, it.c), ("k6", "D", it.k6, it.d)):
         among = ", ".join(f"{ads} {value:z.3f}" for ads, value in values.items()) or "none"
@@ -87,7 +87,6 @@ def calibration_lines(calibration: Calibration) -> list[str]:
         else:
             words = f"= {scale:z.4f}: the {by} ADS gets half of the points of {index}"
             options.append(f"--set method.score.{name}={scale:z.6g}")
-        lines.append(f"{name} {words} ({among}).")
+        yield f"{name} {words} ({among})."
     if options:
-        lines.append(f"Score with them: sumo-eval score RUN {' '.join(options)}")
-    return lines
+        yield f"Score with them: sumo-eval score RUN {' '.join(options)}"

@@ -7,7 +7,7 @@ Users: `extras/figures/of_studies.py`, `extras/rates/people_command.py`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -115,7 +115,7 @@ def _known(agreement: Agreement) -> Agreement | None:
     return None if np.isnan(agreement.value) else agreement
 
 
-def opinion_lines(opinion: Opinion) -> list[str]:
+def opinion_lines(opinion: Opinion) -> Iterator[str]:
     """The comparison as a table and sentences for a terminal."""
     table = [("ADS", "scenario", "opinion", "raters", *INDEXES)]
     for row in opinion.rows:
@@ -123,7 +123,7 @@ def opinion_lines(opinion: Opinion) -> list[str]:
         scores = ("-" if value is None else f"{value:z.3f}" for value in values)
         mean = f"{row.opinion:z.2f} +/- {row.deviation:z.2f}"
         table.append((row.ads, row.scenario, mean, str(row.raters), *scores))
-    lines = aligned(table)
+    yield from aligned(table)
     for name, rho in opinion.correlations.items():
         words = "fewer than 3 rated scores, or all alike: no correlation."
         if rho is not None:
@@ -133,7 +133,7 @@ def opinion_lines(opinion: Opinion) -> list[str]:
                 f"Spearman's rho {rho.value:z.3f}{within} over {rho.n} rated scores "
                 f"(p = {rho.p_value:z.3g})."
             )
-        lines.append(f"{name}: {words}")
+        yield f"{name}: {words}"
     between = opinion.concordance
     words = "fewer than two rated everything, or each gave one score to all: no concordance."
     if between is not None:
@@ -141,7 +141,7 @@ def opinion_lines(opinion: Opinion) -> list[str]:
             f"Kendall's W {between.value:z.3f} of {between.n} who rated everything "
             f"(p = {between.p_value:z.3g})."
         )
-    return [*lines, f"Raters: {words}"]
+    yield f"Raters: {words}"
 
 
 def opinion_json(opinion: Opinion) -> Json:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -203,13 +204,12 @@ def _drive(
     return DiscardedDrive(person.code, case.key, path.name, why)
 
 
-def _unfinished(person: Participant) -> list[DiscardedDrive]:
+def _unfinished(person: Participant) -> Iterator[DiscardedDrive]:
     """Drives on tapes that no step of the journal names.
 
     Their driver ended them, or they broke off.
     """
     named = {entry.get("tape") for entry in person.done.values()} | {"journal.jsonl"}
-    left = []
     for path in sorted(person.folder.glob("*.jsonl")):
         if path.name not in named:
             case = path.stem.rpartition("-")[0]  # a tape is named CASE-NUMBER by `trip.new_tape`
@@ -221,8 +221,7 @@ def _unfinished(person: Participant) -> list[DiscardedDrive]:
                     why = "ended" + ", and rerun" * rerun
             except InputError as error:
                 why = said(error)
-            left.append(DiscardedDrive(person.code, case, path.name, why))
-    return left
+            yield DiscardedDrive(person.code, case, path.name, why)
 
 
 def evaluation_of(plan: StudyPlan, people: int) -> str:

@@ -9,7 +9,7 @@ Users: `extras/wheel/outcome.py`, `extras/wheel/plan.py`, `extras/wheel/trip.py`
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,24 +91,22 @@ class Quality:
     stepped_down: int | None
     drawn: str | None
 
-    def sentences(self) -> list[str]:
+    def sentences(self) -> Iterator[str]:
         """The quality in words, for the driver."""
-        words = []
         if self.reaction is not None:
-            words.append(f"You answered the first event after {self.reaction:.2f} s.")
+            yield f"You answered the first event after {self.reaction:.2f} s."
         if self.latency_ms is not None:
-            words.append(f"From input to picture: 95 % within {self.latency_ms:.0f} ms.")
+            yield f"From input to picture: 95 % within {self.latency_ms:.0f} ms."
         if self.dropped:
-            words.append(f"{100.0 * self.dropped:.0f} % of the pictures came late.")
+            yield f"{100.0 * self.dropped:.0f} % of the pictures came late."
         if self.stepped_down:
-            words.append(
+            yield (
                 "The road was drawn more cheaply from some moment on, because pictures came too "
                 "late."
             )
         if self.pauses:
             often = "once" if self.pauses == 1 else f"{self.pauses} times"
-            words.append(f"The drive was held {often}, for {self.paused:.1f} s.")
-        return words
+            yield f"The drive was held {often}, for {self.paused:.1f} s."
 
     def against(self, rule: QualitySettings) -> tuple[str, ...]:
         """Reasons why the drive does not count, one for each broken bound; empty: it counts."""

@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
-from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.errors import SumoEvalError
 from sumo_eval.extras.studies.qualification.table import Answer, Check
+from sumo_eval.groups import grouped
 from sumo_eval.record.run_folder import versions_and_machine
 from sumo_eval.report.page import Json, template, write_json, write_page
 
@@ -101,12 +101,9 @@ class Qualification(NamedTuple):
         return tuple(finding for finding in self.findings if not finding.passed)
 
     @property
-    def kinds(self) -> list[tuple[str, list[CheckResult]]]:
+    def kinds(self) -> dict[str, list[CheckResult]]:
         """The kinds of checks in order, each with its results."""
-        return [
-            (kind, list(group))
-            for kind, group in groupby(self.findings, key=lambda finding: finding.check.kind)
-        ]
+        return grouped((finding.check.kind, finding) for finding in self.findings)
 
     def plain(self) -> Json:
         """The content of `qualification.json`."""
@@ -153,7 +150,7 @@ def shown(value: Answer | None) -> str:
 
 def lines(qualification: Qualification) -> Iterator[str]:
     """The results for a terminal of 80 columns: a table for each kind, then why checks failed."""
-    for kind, results in qualification.kinds:
+    for kind, results in qualification.kinds.items():
         yield kind
         yield _HEAD
         for result in results:
