@@ -353,18 +353,19 @@ class Conditions:
 
     def _state(self, element: Node) -> Moment:
         span = self._span(element)
+        begin = span.begin
         state = element.text("state")
         if state in ("startTransition", "runningState"):
             # until its end, where both are times; otherwise the begin alone counts
-            lasts = span.begin.known and span.end > span.begin.time
-            return replace(span.begin, until=span.end) if lasts else span.begin
+            lasts = begin.known and span.end > begin.time
+            return replace(begin, until=span.end) if lasts else begin
         if state not in ("completeState", "endTransition"):
             raise element.fault(f"the state `{state}` is not supported")
         if span.ended:
             return Moment(0.0, span.ended, past=True)  # what has ended stays so
         # an element that takes no time ends as it begins, which may be by a condition
-        at_once = not span.begin.known and span.end < NEVER
-        return span.begin if at_once else Moment(span.end)
+        at_once = not begin.known and span.end < NEVER
+        return begin if at_once else Moment(span.end)
 
     def _by_entity(self, element: Node, edge: str) -> Program:
         """The program of a condition on entities.

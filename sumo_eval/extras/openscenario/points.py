@@ -231,22 +231,23 @@ def _stochastic(element: Node, owner: str, count: int | None, seed: int) -> tupl
 
 def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
     """Values of a stochastic distribution."""
-    if kind.tag == "UniformDistribution":
+    tag = kind.tag
+    if tag == "UniformDistribution":
         return list(stream.uniform(*range_of(kind), runs).tolist())
-    if kind.tag in ("ProbabilityDistributionSet", "Histogram"):
+    if tag in ("ProbabilityDistributionSet", "Histogram"):
         parts = kind.all("Element") or kind.all("Bin")
         weights = np.array([part.number("weight", 1.0) for part in parts])
         if weights.min(initial=0.0) < 0.0 or not weights.sum() > 0.0:
             raise kind.fault("its weights must be above 0")
         picks = stream.choice(len(parts), runs, p=weights / weights.sum())
-        if kind.tag != "Histogram":
+        if tag != "Histogram":
             return [plain(parts[pick].attribute("value")) for pick in picks]
         low, high = np.array([range_of(part) for part in parts])[picks].T  # of each draw's bin
         return list((low + stream.uniform(size=runs) * (high - low)).tolist())
-    if kind.tag not in ("NormalDistribution", "LogNormalDistribution", "PoissonDistribution"):
+    if tag not in ("NormalDistribution", "LogNormalDistribution", "PoissonDistribution"):
         raise kind.unsupported()
     low, high = range_of(kind) if kind.find("Range") else (-math.inf, math.inf)
-    normal, variance = kind.tag == "NormalDistribution", kind.not_negative("variance", 0.0)
+    normal, variance = tag == "NormalDistribution", kind.not_negative("variance", 0.0)
     mean = kind.number("expectedValue") if normal else kind.above_zero("expectedValue")
     drawn: list[Value] = []
     # Draw until `runs` values lie within the Range; refuse it if 1000 times `runs` draws do not
@@ -254,7 +255,7 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
     for _ in range(1000):
         if normal:
             values = stream.normal(mean, math.sqrt(variance), runs)
-        elif kind.tag == "PoissonDistribution":
+        elif tag == "PoissonDistribution":
             values = stream.poisson(mean, runs).astype(float)
         else:  # mean and variance are those of the value, `spread` is the variance of its logarithm
             spread = math.log1p(variance / mean**2)

@@ -198,19 +198,20 @@ class _Player:
     def __init__(self, root: Node, given: Mapping[str, Value], options: FileOptions) -> None:
         if not root.find("Storyboard"):
             raise root.fault("it must hold a <Storyboard>")
-        self.root, _ = root.declared(given)
-        self.catalogs = Catalogs(self.root)
-        network = read_network(_map_of(self.root, options.map))
-        holder = self.root.child("Entities")
+        root, _ = root.declared(given)
+        self.root = root
+        self.catalogs = Catalogs(root)
+        network = read_network(_map_of(root, options.map))
+        holder = root.child("Entities")
         entities: dict[str, Entity] = {}
         for part in holder.all("ScenarioObject"):
             entity = entity_of(part, self.catalogs)
             if entities.setdefault(entity.name, entity) is not entity:
                 raise part.fault(f"there is another entity with the name `{entity.name}`")
         # scenario_runner reads these files with CARLA's axes, in which y points to the right
-        about = str(self.root.child("FileHeader").get("description"))
+        about = str(root.child("FileHeader").get("description"))
         side = -1.0 if about.startswith("CARLA:") else 1.0
-        signals = self.root.all("RoadNetwork/TrafficSignals/*")
+        signals = root.all("RoadNetwork/TrafficSignals/*")
         self.ignored: dict[str, None] = dict.fromkeys(it.tag for it in signals)
         self.places = Places(network, self.catalogs, entities, side, self.ignored)
         ego = self._only_controlled() if options.ego is None else options.ego

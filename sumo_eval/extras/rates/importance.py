@@ -177,20 +177,21 @@ class RareEvents:
 
     def _pool(self, stream: Generator) -> Pool:
         """Draw points to choose from: a third each by exposure, spread wider, and evenly."""
-        logical = self.met.logical
-        base = self.met.base(POOL, stream)
+        met = self.met
+        logical = met.logical
+        base = met.base(POOL, stream)
         middle = np.median(base, axis=0)
-        wide = middle + STRETCHED * (self.met.base(POOL, stream) - middle)
+        wide = middle + STRETCHED * (met.base(POOL, stream) - middle)
         points = np.concatenate([base, wide, evenly(logical, POOL, stream)])
-        density = self.met.density(points)
+        density = met.density(points)
         points, density = points[density > 0.0], density[density > 0.0]
 
         # mean density of the three thirds; stretching divides the density of `base` by STRETCHED in
         # each direction
         unstretched = middle + (points - middle) / STRETCHED
         drawn_with = (
-            self.met.base_density(points)
-            + self.met.base_density(unstretched) / STRETCHED ** len(middle)
+            met.base_density(points)
+            + met.base_density(unstretched) / STRETCHED ** len(middle)
             + 1.0 / np.prod(logical.high - logical.low)
         ) / 3.0
         return points, density, drawn_with

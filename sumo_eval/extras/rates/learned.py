@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, get_args
 
 import numpy as np
 import tomli_w
-from lxml import etree
+from lxml.etree import Element, SubElement, tostring
 
 from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.errors import InputError
@@ -268,7 +268,7 @@ def value_sets(names: Sequence[str], rate: Limits, rows: FloatArray, file: Path)
     rows: parameters of the events, (n, k).
     file: the scenario file.
     """
-    root = etree.Element("OpenSCENARIO")
+    root = Element("OpenSCENARIO")
     value, low, high = rate
     about = (
         f"{PREFIX}{file.stem}: {len(rows)} recorded events, {value:.4g} ({low:.4g} to {high:.4g}) "
@@ -277,18 +277,18 @@ def value_sets(names: Sequence[str], rate: Limits, rows: FloatArray, file: Path)
     header = {
         "revMajor": "1", "revMinor": "1", "date": DATE, "author": "sumo_eval", "description": about,
     }  # fmt: skip
-    etree.SubElement(root, "FileHeader", header)
-    element = etree.SubElement(root, "ParameterValueDistribution")
-    etree.SubElement(element, "ScenarioFile", filepath=file.name)
+    SubElement(root, "FileHeader", header)
+    element = SubElement(root, "ParameterValueDistribution")
+    SubElement(element, "ScenarioFile", filepath=file.name)
     # each within the one before
     for tag in ("Deterministic", "DeterministicMultiParameterDistribution", "ValueSetDistribution"):
-        element = etree.SubElement(element, tag)
+        element = SubElement(element, tag)
     for row in rows.tolist():
-        event = etree.SubElement(element, "ParameterValueSet")
+        event = SubElement(element, "ParameterValueSet")
         for name, number in zip(names, row, strict=True):
             text = repr(round(number, 9))
-            etree.SubElement(event, "ParameterAssignment", parameterRef=name, value=text)
-    content = etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+            SubElement(event, "ParameterAssignment", parameterRef=name, value=text)
+    content = tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
     file.with_suffix(".xosc").write_bytes(content)
 
 
