@@ -13,6 +13,7 @@ from pathlib import Path
 
 from sumo_eval.errors import did_you_mean
 from sumo_eval.extras.openscenario.reading import Node, read_openscenario, watch
+from sumo_eval.groups import grouped
 
 
 class Catalogs:
@@ -29,16 +30,14 @@ class Catalogs:
     @cached_property
     def _all(self) -> dict[str, list[Node]]:
         """The catalogs by name; files may share a name, and then all their entries count."""
-        catalogs: dict[str, list[Node]] = {}
         for _, at in self.folders:
             watch(at)  # adding a file changes the folder, and then scenes are read again
         # one folder may be named for several kinds of catalogs
-        for file in dict.fromkeys(
+        files = dict.fromkeys(
             Path(realpath(it)) for _, at in self.folders for it in sorted(at.glob("*.xosc"))
-        ):
-            for catalog in read_openscenario(file).all("Catalog"):
-                catalogs.setdefault(catalog.attribute("name"), []).append(catalog)
-        return catalogs
+        )
+        catalogs = (it for file in files for it in read_openscenario(file).all("Catalog"))
+        return grouped((it.attribute("name"), it) for it in catalogs)
 
     def entry(self, reference: Node) -> Node:
         """The entry that a <CatalogReference> names, with the values that the reference gives to

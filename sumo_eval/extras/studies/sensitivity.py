@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +21,7 @@ from sumo_eval.cli.sentences import aligned
 from sumo_eval.errors import check_known
 from sumo_eval.evaluation import score
 from sumo_eval.extras.panels import LOOKS, Marks, Panel, on_page
+from sumo_eval.groups import grouped
 from sumo_eval.method.score_terms import ordering_score, paper_score
 from sumo_eval.report.page import write_csv
 from sumo_eval.report.study_page import write_study
@@ -214,12 +215,8 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
 
     A chart has a panel for each score and constant, with the score of every ADS over its value.
     """
-    # caption of a chart -> title of a panel -> its rows
-    charts: dict[str, dict[str, list[SensitivityRow]]] = {}
-    for row in rows:
-        index = " and ".join(_TOTALS) if row.index in _TOTALS else row.index
-        chart = charts.setdefault(f"{row.scenario}: {index}", {})
-        chart.setdefault(f"{row.index} over {row.constant}", []).append(row)
+    both = dict.fromkeys(_TOTALS, " and ".join(_TOTALS))  # in one chart
+    charts = grouped((f"{row.scenario}: {both.get(row.index, row.index)}", row) for row in rows)
     write_study(
         path,
         kicker="Sensitivity",
@@ -234,10 +231,10 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
     )
 
 
-def _chart(chart: Mapping[str, Sequence[SensitivityRow]]) -> Any:
-    """One chart; chart: title of each panel -> its rows, by rising value of the constant."""
+def _chart(rows: Sequence[SensitivityRow]) -> Any:
+    """One chart; rows: of each panel by rising value of the constant."""
     panels = []
-    for title, part in chart.items():
+    for title, part in grouped((f"{it.index} over {it.constant}", it) for it in rows).items():
         values = [row.value for row in part]
         # for each ADS its scores at these values
         lines = zip(*(row.scores for row in part), strict=True)
