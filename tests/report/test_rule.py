@@ -54,8 +54,8 @@ Change = Callable[[CaseResult], CaseResult]
 def test_worsening_has_the_sign_of_the_quantity():
     """A gap that falls from 0.92 to 0.32 m is 0.60 m worse; a DRAC that rises from 3.5 to 4.1 is
     0.6 m/s2 worse."""
-    assert worsening(np.array([0.92]), np.array([0.32]), GAP) == pytest.approx([0.60])
-    assert worsening(np.array([3.5]), np.array([4.1]), DRAC) == pytest.approx([0.6])
+    assert worsening(0.92, 0.32, GAP) == pytest.approx(0.60)
+    assert worsening(3.5, 4.1, DRAC) == pytest.approx(0.6)
     assert replace(DRAC, higher_is_better=True).sign == 1.0
 
 
@@ -76,8 +76,8 @@ def test_sign_test_counts_coins():
 
 def test_kept_margin_is_a_ratio_towards_the_accident():
     """A gap of 0.32 of 0.92 m keeps 0.348; a DRAC of 7 after 3.5 m/s2 keeps half."""
-    assert kept_margin(np.array([0.92]), np.array([0.32]), GAP) == pytest.approx([0.32 / 0.92])
-    assert kept_margin(np.array([3.5]), np.array([7.0]), DRAC) == pytest.approx([0.5])
+    assert kept_margin(0.92, 0.32, GAP) == pytest.approx(0.32 / 0.92)
+    assert kept_margin(3.5, 7.0, DRAC) == pytest.approx(0.5)
 
 
 def test_floor_is_half_again_the_95th_percentile():

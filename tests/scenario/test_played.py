@@ -207,13 +207,13 @@ do = "follow", model = "IDM", when = "departed > 1" | has `recorded` places
 def test_every_mistake_names_the_nearest_word(change, sentence):
     braking = "" if change.startswith("do") else 'do = "brake", deceleration = 5.0, '
     with refused(sentence):
-        check_points(scene(braking + change), np.array([[20.0]]))
+        check_points(scene(braking + change), [[20.0]])
 
 
 def test_a_vehicle_that_starts_inside_another_is_refused():
     inside = scene('do = "accelerate", speed = 3.0, acceleration = 1.0', more="x = 52.0")
     with refusal("clear of `ego` at the start"):
-        check_points(inside, np.array([[20.0]]))
+        check_points(inside, [[20.0]])
 
 
 def test_a_parameter_that_nothing_depends_on_is_refused():
@@ -273,7 +273,7 @@ def test_a_condition_that_never_holds_is_refused_before_a_drive(when, held):
     brake = f'do = "brake", deceleration = 5.0, when = "{when}"'
     logical = scene('do = "keep_speed", name = "keep"', brake)
     with nullcontext() if held else refusal("can never hold, whatever the ego does"):
-        check_points(logical, np.array([[20.0]]))
+        check_points(logical, [[20.0]])
 
 
 def test_keep_speed_ends_a_brake_and_counts_in_conditions():

@@ -210,4 +210,4 @@ def test_a_shape_that_cannot_be_is_refused(changes, sentence):
     from sumo_eval.scenario.file import check_points
 
     with refused(sentence):
-        check_points(read(changes), np.array([[20.0]]))
+        check_points(read(changes), [[20.0]])
