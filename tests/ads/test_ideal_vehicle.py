@@ -227,7 +227,7 @@ def test_braking_that_begins_within_a_step_hits_as_fast_as_in_closed_form(step):
     recording = simulate(
         case(lead, speed=30.0), "ideal_braking", SimulationSettings(step=step, record_interval=0.1)
     )
-    expected = float(ideal_impact_speed(30.0, 0.0, 40.0, deceleration=9.0, build_up=0.15))
+    expected = ideal_impact_speed(30.0, 0.0, 40.0, deceleration=9.0, build_up=0.15)
     assert recording.collision.relative_speed == pytest.approx(expected, abs=0.01)
 
 

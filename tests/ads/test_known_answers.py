@@ -60,7 +60,7 @@ def test_ideal_braking_that_sees_through_hits_exactly_as_fast_as_the_closed_form
 def test_the_closed_form_holds_for_another_deceleration(gap):
     weak = SimulationSettings(vehicle=VehicleSettings(max_deceleration=6.0))
     recording = simulate(case(actor("lead", gap, 0.0), speed=25.0), IdealBraking(6.0), weak)
-    expected = float(ideal_impact_speed(25.0, 0.0, gap, deceleration=6.0, build_up=0.15))
+    expected = ideal_impact_speed(25.0, 0.0, gap, deceleration=6.0, build_up=0.15)
     assert recording.collision.relative_speed == pytest.approx(expected, abs=0.1)
 
 

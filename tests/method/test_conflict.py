@@ -52,7 +52,7 @@ def critical(concrete, delay=0.0):
 )
 def test_law_behind_a_vehicle_in_the_lane_it_is_the_closed_form(speed, lead, gap, delay):
     concrete = scene(speed, f"speed = {lead}, gap = {gap}")
-    wanted = float(max_inverse_ttc(speed, lead, gap, deceleration=5.0, delay=delay))
+    wanted = max_inverse_ttc(speed, lead, gap, deceleration=5.0, delay=delay)
     assert critical(concrete, delay)[0] == pytest.approx(wanted, rel=1e-2)
 
 
@@ -60,9 +60,7 @@ def test_law_ideal_braking_that_hits_hits_as_the_closed_form_says():
     inverse, impact, _ = critical(scene(20.0, "speed = 0.0, gap = 30.0"))
     assert inverse == np.inf
     # sqrt(400 - 2 * 5 * 30) = 10 m/s; found at most one look of 0.1 s (0.5 m/s) late
-    assert impact == pytest.approx(
-        float(ideal_impact_speed(20.0, 0.0, 30.0, deceleration=5.0)), abs=0.51
-    )
+    assert impact == pytest.approx(ideal_impact_speed(20.0, 0.0, 30.0, deceleration=5.0), abs=0.51)
 
 
 @pytest.mark.parametrize("apart", [1.6e-3, -1.6e-3])
@@ -89,7 +87,7 @@ def test_law_a_crossing_vehicle_counts_as_long_as_the_ego_would_find_it_in_its_w
     assert critical(concrete, 0.5)[0] == pytest.approx(float((v / d)[counts].max()), rel=0.05)
     if leaves == 4.0:  # it is there all the time: the closed form for a standing vehicle
         assert critical(concrete, 0.5)[0] == pytest.approx(
-            float(max_inverse_ttc(10.0, 0.0, 20.0, deceleration=5.0, delay=0.5)), rel=1e-2
+            max_inverse_ttc(10.0, 0.0, 20.0, deceleration=5.0, delay=0.5), rel=1e-2
         )
 
 
@@ -115,7 +113,7 @@ def test_law_a_merge_behind_a_slower_vehicle_is_the_approach_to_it():
     # of a vehicle in the own lane.
     slower = "speed = 15.0, gap = 50.0, y = 3.5"
     assert critical(scene(25.0, slower, road=RAMP, ego=MERGES))[0] == pytest.approx(
-        float(max_inverse_ttc(25.0, 15.0, 50.0, deceleration=5.0)), rel=1e-2
+        max_inverse_ttc(25.0, 15.0, 50.0, deceleration=5.0), rel=1e-2
     )
     # which stays on the ramp's lane
     assert critical(scene(25.0, slower, road=RAMP))[0] == 0.0

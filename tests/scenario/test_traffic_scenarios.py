@@ -28,8 +28,8 @@ def test_oracle_braking_as_un_r79_ends_1_s_behind(ego, faster):
     known = {(100, 30): 42.7, (80, 50): 59.9, (80, 20): 29.6}
     assert s == pytest.approx(known[round(ego * 3.6), round(faster * 3.6)], abs=0.06)
     point = {"ego_speed": np.array([ego]), "faster": np.array([faster]), "gap": np.array([50.0])}
-    margin = catalogue.load("lane_change_rear").margin
-    assert float(margin(point)[0]) == pytest.approx(50.0 - s)
+    margin = catalogue.load("lane_change_rear").margin(point)
+    assert margin == pytest.approx([50.0 - s])
     logical = scenario_of(f"""
 name = "t"
 parameter = [{{ name = "gap", unit = "m", low = 10.0, high = 90.0, step = 10.0 }}]
