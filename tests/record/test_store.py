@@ -49,6 +49,15 @@ def case(point=7, driver="idm"):
     return Case(point, concrete, "ads", driver, driver)
 
 
+def filled(path, order, log=""):
+    with open_store(path, create=True) as store:
+        for point in order:
+            took = Latency(0.1 * len(order), 0.2)
+            recording = Recording(drive(seed=point), {}, None, "road_end", (), None, "", took, 0.3)
+            store.add(Outcome(case(point), "ok", recording, None, log))
+        return store.digest()
+
+
 def test_a_packed_trajectory_comes_back_time_and_x_exact_the_rest_to_single_precision():
     before = drive()
     after = unpack(packed(before))
@@ -152,8 +161,7 @@ def test_a_file_that_is_not_a_facts_file_is_refused(path):
 def test_a_finished_store_is_one_file_that_can_be_read_where_nothing_can_be_written(tmp_path):
     folder = tmp_path / "archive"
     folder.mkdir()
-    with open_store(folder / "facts.sqlite", create=True) as store:
-        store.add(Outcome(case(), "ok", driven()))
+    filled(folder / "facts.sqlite", [7])
     assert [path.name for path in folder.iterdir()] == ["facts.sqlite"]
     connection = sqlite3.connect(f"file:{folder / 'facts.sqlite'}?immutable=1", uri=True)
     assert connection.execute("SELECT count(*) FROM facts").fetchone() == (1,)
@@ -161,19 +169,9 @@ def test_a_finished_store_is_one_file_that_can_be_read_where_nothing_can_be_writ
 
 
 def test_reading_a_store_cannot_change_it(path):
-    with open_store(path, create=True):
-        pass
+    filled(path, [])
     with open_store(path) as store, refusal("readonly"):
         store.add(Outcome(case(), "crashed", None, "late"))
-
-
-def filled(path, order, log=""):
-    with open_store(path, create=True) as store:
-        for point in order:
-            took = Latency(0.1 * len(order), 0.2)
-            recording = Recording(drive(seed=point), {}, None, "road_end", (), None, "", took, 0.3)
-            store.add(Outcome(case(point), "ok", recording, None, log))
-        return store.digest()
 
 
 def test_the_digest_depends_on_the_facts_alone(tmp_path):

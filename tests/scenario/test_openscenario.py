@@ -1255,7 +1255,7 @@ def test_the_scenario_file_that_was_understood_says_the_same(tmp_path, events):
     one."""
     read = read_file(written(tmp_path, events=events))
     write_scenario(scenario_content(read, {}), tmp_path / "again.toml")
-    theirs, again = read.logical.concrete(only=0.0), find("again.toml", tmp_path).concrete(only=0.0)
+    theirs, again = read.logical.concrete(only=0.0), only_case(tmp_path / "again.toml")
     assert again.ego == theirs.ego
     assert again.ego_body == theirs.ego_body
     assert again.road == theirs.road
@@ -1312,7 +1312,7 @@ def test_one_point_is_written_and_a_whole_space_is_not(tmp_path):
     path.write_text(VARIATION.format(file=scenario.name, parts=RANGE.format(name="kph")))
     read = read_file(path)
     write_scenario(scenario_content(read, {"kph": 54.0}), tmp_path / "again.toml")
-    again = find("again.toml", tmp_path).concrete(only=0.0)
+    again = only_case(tmp_path / "again.toml")
     assert (again.ego.speed, again.actors[0].start.speed) == pytest.approx((15.0, 10.0))
     same_case(again, read.logical.concrete(kph=54.0))
     result = sumo_eval("import", path, "--out", tmp_path / "space.toml", status=2)
@@ -1329,7 +1329,7 @@ def test_the_written_space_of_an_ego_that_turns_has_the_other_on_the_map(tmp_pat
     content = scenario_content(read, {})
     assert content["vehicle"][0]["on_map"] is True
     write_scenario(content, tmp_path / "again.toml")
-    same_case(find("again.toml", tmp_path).concrete(only=0.0), read.logical.concrete(only=0.0))
+    same_case(only_case(tmp_path / "again.toml"), read.logical.concrete(only=0.0))
     content["vehicle"][0] |= {"gap": 30.0}
     del content["vehicle"][0]["x"]
     write_scenario(content, tmp_path / "wrong.toml")
@@ -1351,7 +1351,7 @@ def test_a_written_point_is_the_case_of_the_file(tmp_path, name):
     points = [point for point, why in concrete_points(read) if why is None]
     for number, point in enumerate((points[0], points[-1])):
         write_scenario(scenario_content(read, point), tmp_path / f"{number}.toml")
-        same_case(find(f"{number}.toml", tmp_path).concrete(only=0.0), concrete(read, point))
+        same_case(only_case(tmp_path / f"{number}.toml"), concrete(read, point))
 
 
 def test_what_cannot_be_written_is_refused(tmp_path):
