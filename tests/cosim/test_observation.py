@@ -27,13 +27,13 @@ def car(x, y=0.0, speed=10.0, heading=0.0):
     return Body(x, y, heading, speed, 4.5, 1.8)
 
 
-def eyes(conditions=None):
-    return Perception([conditions or ConditionSettings()], ["1"])
+def eyes(**conditions):
+    return Perception([ConditionSettings(**conditions)], ["1"])
 
 
-def look(others, conditions=None, own=None, time=0.0):
-    bodies = np.reshape(list(others.values()), (1, -1, 7))
-    me, seen = (own or eyes(conditions)).look(time, np.array([EGO]), bodies)
+def look(*others, own=None, time=0.0, **conditions):
+    bodies = np.reshape(others, (1, -1, 7))
+    me, seen = (own or eyes(**conditions)).look(time, np.array([EGO]), bodies)
     shown, kinds = (me[0].tolist(), seen[0].tolist()), ["car"] * len(others)
     return Observation(time, ROAD, (*EGO, -1.0), shown, None, kinds)
 
@@ -52,7 +52,7 @@ def seen_by(ads, concrete, **conditions):
 def test_a_lead_and_its_neighbours_by_hand():
     # gaps: 84.5 - 50 - 4.5 = 30 m ahead; 50 - 30 - 4.5 = 15.5 m behind; 70 - 50 - 4.5 = 15.5 m
     # ahead in the left lane
-    seen = look({"lead": car(84.5), "left": car(70.0, 3.5, 25.0), "behind": car(30.0, 0.0, 20.0)})
+    seen = look(car(84.5), car(70.0, 3.5, 25.0), car(30.0, 0.0, 20.0))
     assert seen.lead.gap == 30.0
     assert seen.lead.relative_speed == -10.0
     assert seen.lead.offset == 0.0
@@ -69,18 +69,18 @@ def test_a_lead_and_its_neighbours_by_hand():
 
 
 def test_a_vehicle_out_of_the_strip_is_not_a_lead():
-    assert look({"lead": car(84.5, 1.79)}).lead is not None
-    assert look({"lead": car(84.5, 1.81)}).lead is None
+    assert look(car(84.5, 1.79)).lead is not None
+    assert look(car(84.5, 1.81)).lead is None
 
 
 def test_speeds_are_along_and_across_the_road():
-    seen = look({"lead": car(84.5, 0.0, 10.0, math.radians(30.0))}).lead
+    seen = look(car(84.5, 0.0, 10.0, math.radians(30.0))).lead
     speeds = seen.relative_speed + 20.0, seen.lateral_speed
     assert speeds == pytest.approx((8.660254, 5.0))
 
 
 def test_an_observation_is_frozen_and_worked_out_once_when_asked():
-    seen = look({"lead": car(84.5)})
+    seen = look(car(84.5))
     assert "lead" not in vars(seen)
     assert seen.lead is seen.lead
     with pytest.raises(FrozenInstanceError):
@@ -160,7 +160,7 @@ def test_conditions_that_cannot_be_are_refused_in_the_file_and_in_python(wrong):
 
 
 def test_every_seen_vehicle_has_its_place_in_the_world_beside_the_relative_values():
-    seen = look({"lead": car(84.5, 0.5, 10.0, 0.1), "left": car(70.0, 3.5, 25.0)})
+    seen = look(car(84.5, 0.5, 10.0, 0.1), car(70.0, 3.5, 25.0))
     assert [(v.x, v.y, v.heading, v.kind) for v in seen.vehicles] == [
         (70.0, 3.5, 0.0, "car"),
         (84.5, 0.5, 0.1, "car"),
@@ -208,13 +208,11 @@ def test_a_policy_over_arrays_receives_kinds_as_numbers():
 
 
 def test_the_second_lead_is_the_next_one_ahead_in_the_strip():
-    seen = look(
-        {"far": car(150.0), "beside": car(90.0, 3.5), "lead": car(84.5), "second": car(110.0)}
-    )
+    seen = look(car(150.0), car(90.0, 3.5), car(84.5), car(110.0))
     assert seen.lead.x == 84.5
     assert seen.second_lead.x == 110.0
-    assert look({"lead": car(84.5)}).second_lead is None
-    assert look({}).second_lead is None
+    assert look(car(84.5)).second_lead is None
+    assert look().second_lead is None
 
 
 def test_the_road_has_lane_lines_and_the_ads_receives_its_task():
@@ -247,15 +245,15 @@ def test_acceleration_is_the_rate_of_the_seen_speed(conditions):
 
 
 def test_under_conditions_the_places_in_the_world_are_the_noisy_ones():
-    noisy = look({"lead": car(84.5)}, ConditionSettings(position_noise=0.5)).lead
+    noisy = look(car(84.5), position_noise=0.5).lead
     assert noisy.x != 84.5
     assert noisy.gap == pytest.approx(noisy.x - 50.0 - 4.5)
     assert noisy.offset == noisy.y
 
 
 def test_acceleration_under_noise_is_that_of_the_noisy_speeds():
-    own = eyes(ConditionSettings(speed_noise=0.2))
-    looks = [look({"lead": car(84.5)}, own=own, time=0.05 * step).lead for step in range(3)]
+    own = eyes(speed_noise=0.2)
+    looks = [look(car(84.5), own=own, time=0.05 * step).lead for step in range(3)]
     rates = np.diff([lead.speed for lead in looks]) / 0.05
     assert [lead.acceleration for lead in looks] == pytest.approx([0.0, *rates])
 
@@ -272,32 +270,29 @@ def test_a_perception_delay_shows_the_world_as_it_was():
 
 
 def test_what_is_beyond_the_sensors_range_is_not_seen():
-    others = {"near": car(100.0), "far": car(101.0)}
-    assert [v.number for v in look(others, ConditionSettings(sensor_range=50.5)).vehicles] == [1]
+    near, far = car(100.0), car(101.0)
+    assert [v.number for v in look(near, far, sensor_range=50.5).vehicles] == [1]
 
 
 def test_what_is_outside_the_field_of_view_is_not_seen():
     # 60 deg: from the front bumper at 52.25 m, a body whose nearest corner lies within 30 deg of
     # straight ahead
-    others = {"ahead": car(80.0), "beside": car(53.0, 3.5), "behind": car(30.0)}
-    assert [v.number for v in look(others, ConditionSettings(field_of_view_deg=60.0)).vehicles] == [
-        1
-    ]
-    assert len(look(others, ConditionSettings(field_of_view_deg=360.0)).vehicles) == 3
+    ahead, beside, behind = car(80.0), car(53.0, 3.5), car(30.0)
+    seen = look(ahead, beside, behind, field_of_view_deg=60.0).vehicles
+    assert [v.number for v in seen] == [1]
+    assert len(look(ahead, beside, behind, field_of_view_deg=360.0).vehicles) == 3
 
 
 def test_a_vehicle_behind_a_nearer_one_is_hidden_until_a_fifth_of_it_shows():
-    hidden = ConditionSettings(occlusion=True)
     for y, seen in ((0.0, {1}), (0.35, {1}), (0.37, {1, 2})):
-        shown = look({"lead": car(70.0, y), "obstacle": car(100.0)}, hidden).vehicles
+        shown = look(car(70.0, y), car(100.0), occlusion=True).vehicles
         assert {v.number for v in shown} == seen
 
 
 def test_misses_and_noise_have_the_stated_size_and_leave_the_truth_alone():
-    conditions = ConditionSettings(dropout=0.3, position_noise=0.5, speed_noise=0.2)
-    own, gaps, speeds = eyes(conditions), [], []
+    own, gaps, speeds = eyes(dropout=0.3, position_noise=0.5, speed_noise=0.2), [], []
     for step in range(4000):
-        for vehicle in look({"lead": car(84.5)}, own=own, time=0.05 * step).vehicles:
+        for vehicle in look(car(84.5), own=own, time=0.05 * step).vehicles:
             gaps.append(vehicle.gap - 30.0)
             speeds.append(vehicle.speed - 10.0)
     deviation = lambda values: math.sqrt(sum(v * v for v in values) / len(values))  # noqa: E731
@@ -316,10 +311,9 @@ def test_one_seed_is_one_drive_and_another_seed_another():
 
 
 def test_noise_does_not_depend_on_what_the_ads_looks_at():
-    noisy = ConditionSettings(position_noise=1.0)
-    one, two = eyes(noisy), eyes(noisy)
+    one, two = eyes(position_noise=1.0), eyes(position_noise=1.0)
     for step in range(3):
-        mine, its = (look({"lead": car(84.5)}, own=it, time=0.05 * step) for it in (one, two))
+        mine, its = (look(car(84.5), own=it, time=0.05 * step) for it in (one, two))
         mine.plain()
     assert mine.lead.gap == its.lead.gap
 
@@ -374,8 +368,7 @@ def test_what_an_ads_tells_sumo_itself_cannot_be_held_back_and_that_is_on_record
 
 
 def test_the_flat_signals_and_the_plain_form_say_the_same():
-    others = {"lead": car(84.5), "left": car(70.0, 3.5, 25.0)}
-    seen = look(others)
+    seen = look(car(84.5), car(70.0, 3.5, 25.0))
     signals, plain = seen.signals(), seen.plain()
     assert signals["lead_gap"] == plain["lead"]["gap"] == 30.0
     assert signals["ego_speed"] == plain["ego"]["speed"] == 20.0
@@ -388,7 +381,7 @@ def test_the_flat_signals_and_the_plain_form_say_the_same():
     assert signals["second_lead_present"] == 0.0
     assert tuple(signals) == signal_names()
     assert math.isnan(signals["change_from"] + signals["change_by"])  # it may keep its lane
-    nobody = look({})
+    nobody = look()
     assert nobody.signals()["lead_present"] == 0.0
     assert nobody.signals()["lead_gap"] == 1000.0
     assert nobody.plain()["lead"] is None
