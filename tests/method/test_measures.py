@@ -47,7 +47,7 @@ def front_contact(time, ego_speed, other_speed, *, heading=0.0, other="lead", si
     )
 
 
-def measures(ego, actors, collision, road=ROAD):
+def measures(ego, actors, collision=None, road=ROAD):
     return module.measures(ego, actors, collision, course_of(ego, actors, collision, road))
 
 
@@ -56,7 +56,7 @@ def test_constant_speeds_by_hand():
     # s: 20 m are left, TTC = 20/20, THW = 20/30 s, DRAC = 20^2/(2 * 20) m/s2.
     # At t = 4 s the ego's front is 120 m from where it began. The lead's rear, 100 m from there at
     # t = 0, was at that place after (120 - 100)/10 = 2 s, so 2 s ago.
-    found = astuple(measures(constant(0.0, 30.0), {"lead": constant(104.5, 10.0)}, None))
+    found = astuple(measures(constant(0.0, 30.0), {"lead": constant(104.5, 10.0)}))
     assert found[:6] == pytest.approx((1.0, 1.0, 20.0 / 30.0, 20.0, 10.0, 2.0))
     assert found[6:8] == (0.0, 0.0)  # it neither brakes nor has a jerk
     assert math.isnan(found[8])  # nor a contact to change its speed
@@ -66,7 +66,7 @@ def test_a_car_across_the_road_is_in_the_way_as_it_lies():
     # 4.5 m x 1.8 m: its end is 3 - 4.5/2 = 0.75 m aside, within 0.9 m; its flank is 100 - 1.8/2 =
     # 99.1 m ahead, and 99.1 - 2.25 - 4 s * 10 m/s = 56.85 m are left.
     across = constant(100.0, 0.0, y=3.0, heading=math.pi / 2.0)
-    found = measures(constant(0.0, 10.0), {"car": across}, None)
+    found = measures(constant(0.0, 10.0), {"car": across})
     assert (found.min_gap, found.min_ttc) == pytest.approx((56.85, 5.685))
 
 
@@ -85,19 +85,19 @@ def test_equal_velocities_have_delta_v_0_and_the_struck_ego_is_slowed_or_pushed_
 def test_a_frontal_contact_at_an_angle_is_contact_although_the_boxes_along_the_road_are_apart():
     # beside its path by width, but a corner sticks out
     ego, lead = constant(0.0, 20.0), constant(94.6, 0.0, y=1.9)
-    assert math.isnan(measures(ego, {"lead": lead}, None).min_gap)
+    assert math.isnan(measures(ego, {"lead": lead}).min_gap)
     assert measures(ego, {"lead": lead}, front_contact(4.0, 20.0, 0.0)).min_gap == 0.0
 
 
 def test_who_is_beside_or_behind_does_not_count():
     # a contact at the side: the bodies touch, and rounding decides nothing
     beside, behind = constant(20.0, 5.0, y=math.nextafter(1.8, 0.0)), constant(-30.0, 9.0)
-    found = measures(constant(0.0, 10.0), {"beside": beside, "behind": behind}, None)
+    found = measures(constant(0.0, 10.0), {"beside": beside, "behind": behind})
     assert all(math.isnan(value) for value in astuple(found)[:5])
 
 
 def test_one_sample_has_no_jerk():
-    assert math.isnan(measures(constant(0.0, 10.0, time=np.zeros(1)), {}, None).max_jerk)
+    assert math.isnan(measures(constant(0.0, 10.0, time=np.zeros(1)), {}).max_jerk)
 
 
 def test_lateral_jerk_is_that_of_the_turn():
@@ -107,7 +107,7 @@ def test_lateral_jerk_is_that_of_the_turn():
     weave = 0.0075 * math.pi * np.cos(3.0 * math.pi * time)
     for heading, jerk in ((0.05 * time**2, 2.0), (weave, 42.0)):
         turn = replace(constant(0.0, 20.0, time=time), heading=heading)
-        assert measures(turn, {}, None).max_lateral_jerk == pytest.approx(jerk, rel=0.15)
+        assert measures(turn, {}).max_lateral_jerk == pytest.approx(jerk, rel=0.15)
 
 
 def scene(seed):
@@ -167,7 +167,7 @@ def test_on_a_curve_speeds_are_those_along_its_line():
     """20 m at 30 - 10 m/s over the ground, of which the line, 1.5 m aside, has 1 / 0.994."""
     bend = replace(ROAD, line=(arc(400.0, 250.0),))
     ego, lead = (constant(x, speed, y=1.5) for x, speed in ((0.0, 30.0), (104.5, 10.0)))
-    assert measures(ego, {"lead": lead}, None, bend).min_ttc == pytest.approx(0.994)
+    assert measures(ego, {"lead": lead}, road=bend).min_ttc == pytest.approx(0.994)
 
 
 def test_a_contact_from_behind_has_no_gap_ahead():

@@ -46,7 +46,7 @@ def drive(speeds, y=0.0, *, x=0.0, interval=0.1):
     return Trajectory(time, xs, np.broadcast_to(y, time.shape), np.zeros(time.size), speeds)
 
 
-def extremes_of(ego, actors):
+def extremes_of(ego, **actors):
     return module.extremes_of(course_of(ego, actors, None, ROAD))
 
 
@@ -56,7 +56,7 @@ def of_people(extremes):
 
 def test_the_extremes_of_a_steady_approach_by_hand():
     # 30 behind 20 m/s, 100 m apart at first, for 5 s: 50 m are left. TTC 50/10, THW 50/30.
-    found = extremes_of(drive(np.full(51, 30.0)), {"lead": drive(np.full(51, 20.0), x=104.5)})
+    found = extremes_of(drive(np.full(51, 30.0)), lead=drive(np.full(51, 20.0), x=104.5))
     assert found["min_ttc"] == pytest.approx(5.0)
     assert found["min_thw"] == pytest.approx(50.0 / 30.0)
     assert [found[name] for name in list(EXTREMES)[2:]] == pytest.approx([0.0] * 5, abs=1e-9)
@@ -75,14 +75,14 @@ def test_the_rate_of_the_recording_does_not_matter():
     time = np.arange(0.0, 10.001, 0.02)
     speed, y = 25.0 - 2.0 * smooth_step((time - 3.0) / 3.0), 3.5 * smooth_step((time - 2.0) / 6.0)
     fine, coarse = drive(speed, y, interval=0.02), drive(speed[::5], y[::5])
-    for name, value in extremes_of(coarse, {}).items():
-        assert extremes_of(fine, {})[name] == pytest.approx(value, abs=1e-3, nan_ok=True)
+    for name, value in extremes_of(coarse).items():
+        assert extremes_of(fine)[name] == pytest.approx(value, abs=1e-3, nan_ok=True)
 
 
 def test_noise_of_a_tracker_does_not_make_a_calm_drive_extreme():
     rng = np.random.default_rng(5)
     noisy = drive(25.0 + 0.05 * rng.standard_normal(200), 0.05 * rng.standard_normal(200))
-    assert of_people(extremes_of(noisy, {})) == 1.0
+    assert of_people(extremes_of(noisy)) == 1.0
     assert np.abs(np.gradient(np.gradient(noisy.y, 0.1), 0.1)).max() > 4.0, (
         "plain differences see a violent swerve"
     )
@@ -90,9 +90,9 @@ def test_noise_of_a_tracker_does_not_make_a_calm_drive_extreme():
 
 def test_stopping_is_not_a_jerk_a_short_drive_has_no_derivatives():
     stops = drive(np.maximum(10.0 - 1.5 * np.arange(0.0, 12.0, 0.1), 0.0))
-    assert extremes_of(stops, {})["max_jerk"] < 0.5
-    assert extremes_of(stops, {})["max_deceleration"] == pytest.approx(1.5)
-    short = extremes_of(drive(np.full(5, 10.0)), {})
+    assert extremes_of(stops)["max_jerk"] < 0.5
+    assert extremes_of(stops)["max_deceleration"] == pytest.approx(1.5)
+    short = extremes_of(drive(np.full(5, 10.0)))
     assert all(math.isnan(short[name]) for name in list(EXTREMES)[2:])
     assert of_people(short) == 1.0
 
@@ -116,14 +116,14 @@ def test_what_fields_cannot_see_has_no_plausibility():
     time = np.arange(0.0, 12.0, 0.1)
     lead = drive(np.full(120, 22.0), x=74.5)
     # 70 m, closing at 8 m/s: through after 8.75 s
-    through = extremes_of(drive(np.full(120, 30.0)), {"lead": lead})
+    through = extremes_of(drive(np.full(120, 30.0)), lead=lead)
     assert through["min_thw"] < 0.01
     assert of_people(through) == 0.0
     for begin, duration, expected in ((6.0, 2.0, 0.0), (0.5, 7.5, 1.0)):  # a swerve, a calm one
         change = drive(np.full(120, 30.0), 3.5 * smooth_step((time - begin) / duration))
-        assert of_people(extremes_of(change, {"lead": lead})) == expected
+        assert of_people(extremes_of(change, lead=lead)) == expected
     ahead = drive(np.full(120, 22.0), x=4.5 + 0.25 * 22.0)
-    assert of_people(extremes_of(drive(np.full(120, 22.0)), {"lead": ahead})) < 0.15
+    assert of_people(extremes_of(drive(np.full(120, 22.0)), lead=ahead)) < 0.15
 
 
 @given(st.sampled_from(list(EXTREMES)), st.floats(0.0, 12.0), st.floats(0.0, 3.0))
@@ -151,7 +151,7 @@ def test_an_oscillation_is_never_more_plausible_when_it_grows(frequency, least):
     time = np.arange(0.0, 12.0, 0.02)
     turns = 2.0 * np.pi * frequency
     oscillating = [
-        extremes_of(drive(30.0 + strength / turns * np.sin(turns * time), interval=0.02), {})
+        extremes_of(drive(30.0 + strength / turns * np.sin(turns * time), interval=0.02))
         for strength in np.linspace(0.0, 4.0, 17)
     ]
     found = [of_people(extremes) for extremes in oscillating]
@@ -171,7 +171,7 @@ def test_law_h_never_rises_with_an_oscillations_amplitude(frequency):
     for amplitude in np.linspace(0.0, 4.0, 41):
         swaying = drive(30.0 + amplitude / turns * np.sin(turns * 0.1 * np.arange(180)))
         tolerance = operation_tolerance(most_operations(swaying), [1, 2, 1, 2, 2, 1, 3, 1])
-        found.append(tolerance * of_people(extremes_of(swaying, {})))
+        found.append(tolerance * of_people(extremes_of(swaying)))
     assert found[0] == 1.0
     assert np.all(np.diff(found) <= 0.0)
 

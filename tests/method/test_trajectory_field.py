@@ -21,8 +21,8 @@ from sumo_eval.settings import FieldSettings
 STEP = 0.1
 
 
-def one_sample(speed, heading=0.0):
-    return Trajectory([0.0], [0.0], [0.0], heading=[heading], speed=[speed])
+def one_sample(speed):
+    return Trajectory([0.0], [0.0], [0.0], heading=[0.0], speed=[speed])
 
 
 def winding(seed, n=40, step=STEP):

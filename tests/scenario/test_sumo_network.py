@@ -74,13 +74,21 @@ def turned(path, *, bend=0.0, road=PLAIN):
     return path
 
 
+def town_road(path):
+    return read_road(path, ["road"], 600.0)
+
+
+def own_road(path):
+    return read_road(path, ["m"], 280.0)
+
+
 @pytest.fixture
 def network(tmp_path):
     return turned(tmp_path / "town.net.xml")
 
 
 def test_the_road_lies_along_x_with_its_own_lanes(network):
-    road = read_road(network, ["road"], 600.0)
+    road = town_road(network)
     assert road.lanes == 2
     assert road.lane_width == 3.5
     assert road.length == 600.0
@@ -101,7 +109,7 @@ def test_the_road_lies_along_x_with_its_own_lanes(network):
 
 def test_a_case_on_a_turned_network_is_the_same_case(network):
     concrete = at_values("front_vehicle_cut_out", ego_speed=25.0, obstacle_speed=5.0, gap=60.0)
-    there = replace(concrete, road=read_road(network, ["road"], 600.0))
+    there = replace(concrete, road=town_road(network))
     ours, theirs = simulate(concrete, "careful_driver"), simulate(there, "careful_driver")
     assert theirs.error is None
     assert theirs.end_reason == ours.end_reason
@@ -175,17 +183,13 @@ NO_CARS = ['allow="pedestrian"', 'allow="bicycle pedestrian"', 'disallow="all"',
 
 @pytest.mark.parametrize("permissions", NO_CARS)
 def test_a_lane_without_cars_is_not_a_lane_of_the_road(tmp_path, permissions):
-    road = read_road(
-        edge_of(tmp_path, (permissions, 2.0), CAR, ("", 3.2), (permissions, 1.5)),
-        ["m"],
-        280.0,
-    )
-    plain = read_road(edge_of(tmp_path, CAR, CAR, name="bare"), ["m"], 280.0)
+    road = own_road(edge_of(tmp_path, (permissions, 2.0), CAR, ("", 3.2), (permissions, 1.5)))
+    plain = own_road(edge_of(tmp_path, CAR, CAR, name="bare"))
     assert road.lanes == 2
     assert road.lane_width == 3.2
     assert road.run_out == pytest.approx(6.4)
     with refusal("must have a lane on which a car may drive"):
-        read_road(edge_of(tmp_path, (permissions, 2.0), name="none"), ["m"], 280.0)
+        own_road(edge_of(tmp_path, (permissions, 2.0), name="none"))
     if permissions != NO_CARS[0]:
         return
     drives = [simulate(replace(LED, road=one), "idm") for one in (road, plain)]
@@ -221,7 +225,7 @@ def test_any_permissions_of_lanes_make_a_road_or_a_sentence(tmp_path, seed):
         )
     path = edge_of(tmp_path, *lanes)
     with contextlib.suppress(InputError):
-        assert 1 <= read_road(path, ["m"], 280.0).lanes <= len(lanes)
+        assert 1 <= own_road(path).lanes <= len(lanes)
 
 
 @pytest.mark.parametrize(
@@ -231,32 +235,32 @@ def test_a_lane_index_must_be_a_small_number(tmp_path, index):
     path = edge_of(tmp_path, CAR, CAR)
     replace_in(path, 'index="1"', f'index="{index}"')
     with refusal("The index of lane 'm_1' must be a whole number of at most 3 digits, got"):
-        read_road(path, ["m"], 280.0)
+        own_road(path)
 
 
 @pytest.mark.parametrize("text", ["wide", "nan"])
 def test_lengths_of_a_network_must_be_numbers(tmp_path, network, text):
     replace_in(network, ' x="0.00"', f' x="{text}"')
     with refusal("x of a junction of the network must be a finite number"):
-        laid_along_x(read_road(network, ["road"], 600.0).network)
+        laid_along_x(town_road(network).network)
     path = edge_of(tmp_path, CAR, CAR)
     for old, new in (('width="3.2"', f'width="{text}"'), (' shape="0', f' shape="{text}')):
         replace_in(path, old, new, 1)
         with refusal("of the network must be a finite number"):
-            read_road(path, ["m"], 280.0)
+            own_road(path)
         replace_in(path, new, old)
 
 
 def test_left_hand_traffic_is_refused(network):
     replace_in(network, "<net ", '<net lefthand="true" ', 1)
     with refusal("`lefthand` of network .* must be false: left-hand traffic is not supported"):
-        read_road(network, ["road"], 600.0)
+        town_road(network)
 
 
 def test_lanes_of_different_widths_are_listed(tmp_path):
     path = edge_of(tmp_path, ('allow="pedestrian"', 2.0), ("", 3.2), ("", 3.5))
     with refusal(r"must have one width, got m_1 3\.2 m, m_2 3\.5 m"):
-        read_road(path, ["m"], 280.0)
+        own_road(path)
 
 
 LED = ConcreteScenario(
@@ -298,7 +302,7 @@ def test_a_vehicle_at_the_end_of_the_network_leaves_it(tmp_path):
     (286.4 - 0.1 - 242.25) / 4 = 11.0 s: whatever drives the ego, the case goes on to its end, and
     says it.
     """
-    road = read_road(edge_of(tmp_path, CAR, CAR), ["m"], 280.0)
+    road = own_road(edge_of(tmp_path, CAR, CAR))
     case = replace(LED, road=road)
     brakes, played = (
         replace(case, actors=(replace(LED.actors[0], acts=(act,)),))
@@ -423,7 +427,7 @@ def test_curved_edges_are_driven_in_their_order(bent):
 def test_corner_that_no_car_can_drive_is_refused(tmp_path):
     corner = turned(tmp_path / "corner.net.xml", bend=800.0)
     with refusal(r"must be at least 7.5 m, so that the ego can drive its innermost"):
-        read_road(corner, ["road"], 600.0)
+        town_road(corner)
 
 
 def test_traffic_reacts_on_a_straight_network_too(network, tmp_path):
@@ -479,7 +483,7 @@ def test_edges_of_one_network_are_roads_with_files_of_their_own(tmp_path):
 
 
 def test_a_network_that_changed_after_reading_is_refused(network):
-    road = read_road(network, ["road"], 600.0)
+    road = town_road(network)
     replace_in(network, "side_road", "other_road")
     with refusal("has changed since"):
         laid_along_x(road.network)
@@ -488,10 +492,10 @@ def test_a_network_that_changed_after_reading_is_refused(network):
 def test_a_file_that_is_not_a_network_is_refused(tmp_path):
     (tmp_path / "x.net.xml").write_text("<routes/>")
     with refusal("must be `net`"):
-        read_road(tmp_path / "x.net.xml", ["road"], 600.0)
+        town_road(tmp_path / "x.net.xml")
     (tmp_path / "x.net.xml").write_text("<net>")
     with refusal("is not XML"):
-        read_road(tmp_path / "x.net.xml", ["road"], 600.0)
+        town_road(tmp_path / "x.net.xml")
 
 
 SHAPED = replace(
