@@ -5,7 +5,7 @@ A vehicle is in the ego's way if, at the present speeds, the ego's path overlaps
 reaches it. That one rule serves for keeping the lane, for passing the old lead during a change, and
 for the lead behind which it ends.
 
-Users: `ads/foresight.py`, `ads/lane_changer.py`, `drivers/synthetic/driver.py`.
+Users: `ads/foresight.py`, `ads/lane_changer.py`, `drivers/synthetic/`.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from refusals import refusal
 
-from sumo_eval.drivers.synthetic.wander import SmoothNoise, noise_at
+from sumo_eval.drivers.synthetic.wander import noise_at, random_waves
 from sumo_eval.settings.random_streams import random_stream
 
 
@@ -26,21 +26,18 @@ def test_a_seed_is_a_whole_number(seed):
         random_stream(seed, "a")
 
 
-def value(noise, time):
-    return noise_at(noise.waves, noise.amplitude, time)[0]
+def value(waves, time):
+    return noise_at(waves, 0.25, time)[0]
 
 
-def at(noise, time):
-    found = noise_at(noise.waves, noise.amplitude, time)
+def at(waves, time):
+    found = noise_at(waves, 0.25, time)
     return SimpleNamespace(**dict(zip(("value", "rate", "bend"), found, strict=True)))
 
 
 def ensemble(time):
     return np.array(
-        [
-            value(SmoothNoise(random_stream(number, "noise"), 0.25, 2.2), time)
-            for number in range(4000)
-        ]
+        [value(random_waves(random_stream(number, "noise"), 2.2), time) for number in range(4000)]
     )
 
 
@@ -54,10 +51,10 @@ def test_the_noise_has_its_deviation_at_any_time_and_its_correlation():
 
 
 def test_rate_and_curvature_of_the_noise_are_its_derivatives():
-    noise = SmoothNoise(random_stream(5, "noise"), 0.25, 2.2)
+    waves = random_waves(random_stream(5, "noise"), 2.2)
     step = 1e-4
     for time in (0.0, 3.7, 41.0):
-        before, here, after = (at(noise, time + shift) for shift in (-step, 0.0, step))
-        assert here.value == pytest.approx(value(noise, time), abs=1e-15)
+        before, here, after = (at(waves, time + shift) for shift in (-step, 0.0, step))
+        assert here.value == pytest.approx(value(waves, time), abs=1e-15)
         assert here.rate == pytest.approx((after.value - before.value) / (2 * step), abs=1e-7)
         assert here.bend == pytest.approx((after.rate - before.rate) / (2 * step), abs=1e-7)

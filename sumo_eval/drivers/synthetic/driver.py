@@ -7,7 +7,7 @@ Users: `extras/bench/costs.py`, `record/loops.py`, `record/worker.py`.
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -19,13 +19,13 @@ from sumo_eval.ads.lane_change import (
     smooth_step_at,
     steering,
 )
-from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabits, overtake
+from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, overtake
 from sumo_eval.ads.perception import carry_on, is_visible, take
 from sumo_eval.cosim.compiled import Compiled, unseen
 from sumo_eval.cosim.records import MOVER
 from sumo_eval.cosim.step_rules import first_of
 from sumo_eval.drivers.synthetic.population import AS_RECORDED, Driver, draw_driver
-from sumo_eval.drivers.synthetic.wander import SmoothNoise, noise_at
+from sumo_eval.drivers.synthetic.wander import noise_at, random_waves
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import Records, fields, flags, kernel, rows
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -90,8 +90,7 @@ class Mind(NamedTuple):
     memories: `LOOKS`, (n, m).
     known: vehicles as the driver assumes them, `MOVER`, (n, m); x is nan: not known.
     watched: memory of `overtake` for each vehicle, (n, m).
-    waves: w_k and p_k of the 8 sines of `SmoothNoise`: of the wander, then of the pedals, (n, 2, 8,
-        2).
+    waves: `random_waves` of the wander, then of the pedals, (n, 2, 8, 2).
     """
 
     looks: Any
@@ -157,27 +156,16 @@ def attend(attention: Any, me: Any, others: Any, mind: Any, p: Any, time: float)
         carry_on(known[j], time - look.time)
 
 
-# clock: time of the wander, s; ease: share of its usual pace at which this clock runs, 0..1
-_MEMORY = np.dtype([*OVERTAKING, *ATTENTION, *fields("clock", "ease")])
-_PARAMETERS = np.dtype(
-    [
-        *fields("reaction_time", "alerted_reaction_time", "gain", "lane_offset",
-            "wander_amplitude", "pedal_amplitude"),
-        ("idm", PARAMETERS), ("habits", HABITS),
-    ]
-)  # fmt: skip
-
-
 @kernel
 def synthetic_driver(
-    ego: Any, others: Any, memory: Any, mind: Any, p: Any, scenario: Any, time: float
+    ego: Any, others: Any, memory: Any, mind: Any, scenario: Any, time: float
 ) -> tuple[float, float]:
     """A driver: acceleration, m/s2, and steering wheel angle, rad.
 
-    ego, others: records of the vehicles. memory: `_MEMORY`. p: `_PARAMETERS`.
+    ego, others: records of the vehicles. memory: a record of `SyntheticDriver.own_records`.
     time: since the start, s.
     """
-    me, waves = ego.seen, mind.waves
+    me, waves, p = ego.seen, mind.waves, memory.p
     if memory.began == 0:
         memory.ease = 1.0
     attend(memory, me, others, mind, p, time)
@@ -185,7 +173,7 @@ def synthetic_driver(
     # `overtake` keeps the speed of the first step as the cruising speed
     first_speed = memory.cruising_speed if memory.began else me.speed
     desired = first_speed * p.gain
-    pedal = noise_at(waves[1], p.pedal_amplitude, time)[0]
+    pedal = noise_at(waves[1], PEDAL_DEVIATION, time)[0]
     free = (desired - me.speed) / SPEED_RELAXATION + pedal
     memory.desired_speed, memory.free = desired, free * smooth_step(time / SETTLING_TIME)
     wanted = overtake(memory, me, mind.known, mind.watched, p, ego.way, scenario)
@@ -209,7 +197,7 @@ def _line(memory: Any, me: Any, waves: Any, p: Any, scenario: Any) -> tuple[floa
     pace = max(me.speed, WANDER_PACE) / max(memory.ease, 1e-3)
     memory.clock += scenario.step * me.speed / pace
     y, slope, curve = path_at(memory.path, rear_axle_next(me, scenario))
-    value, noise_rate, noise_bend = noise_at(waves[0], p.wander_amplitude, memory.clock)
+    value, noise_rate, noise_bend = noise_at(waves[0], WANDER_DEVIATION, memory.clock)
     shift = p.lane_offset + value
     # the shift grows smoothly: derivatives of blend * shift by the product rule
     blend, rate, bend = smooth_step_at(memory.clock / SETTLING_TIME)
@@ -228,7 +216,6 @@ def synthetic_driver_rows(
     seen: Records,
     memory: Records,
     mind: Mind,
-    parameters: Records,
     scenario: Records,
     time: float,
 ) -> None:
@@ -240,9 +227,8 @@ def synthetic_driver_rows(
                 mind.looks[i], mind.memories[i], mind.known[i], mind.watched[i], mind.waves[i]
             )
             command.acceleration, command.steering = synthetic_driver(
-                egos[i], seen[i], memory[i], own, parameters[i],
-                scenario[first_of(scenario, i)], time,
-            )  # fmt: skip
+                egos[i], seen[i], memory[i], own, scenario[first_of(scenario, i)], time
+            )
 
 
 class SyntheticDriver(Compiled):
@@ -251,58 +237,39 @@ class SyntheticDriver(Compiled):
     """
 
     loop = synthetic_driver_rows
+    # clock: time of the wander, s; ease: share of its usual pace at which this clock runs, 0..1
+    memory: ClassVar = [*OVERTAKING, *ATTENTION, *fields("clock", "ease")]
+    numbers: ClassVar = [
+        *fields("reaction_time", "alerted_reaction_time", "gain", "lane_offset"),
+        ("idm", PARAMETERS), ("habits", HABITS),
+    ]  # fmt: skip
 
     def __init__(self, driver: Driver, concrete: ConcreteScenario, seed: int) -> None:
         self.driver = driver
         point = (f"{name}={float(value)!r}" for name, value in sorted(concrete.values.items()))
         stream = random_stream(seed, "driving", driver.index, concrete.scenario, *point)
-        self.wander = SmoothNoise(stream, WANDER_DEVIATION, WANDER_CORRELATION_TIME)
-        self.pedal = SmoothNoise(stream, PEDAL_DEVIATION, PEDAL_CORRELATION_TIME)
-
-    @property
-    def habits(self) -> OvertakingHabits:
-        """Overtaking habits of the driver."""
-        driver = self.driver
-        return OvertakingHabits(
-            inclined=driver.overtakes,
-            onset_headway=driver.onset_headway,
-            onset_ttc=driver.onset_ttc,
-            duration=driver.lane_change_duration,
-        )
+        times = WANDER_CORRELATION_TIME, PEDAL_CORRELATION_TIME
+        self.waves = [random_waves(stream, each) for each in times]
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> Any:
-        """Memory, mind and parameters of drivers whose cases run together.
+        """Memory and mind of drivers whose cases run together.
 
         others: number of other vehicles in each case.
         """
         count = len(together)
-        step = scenario["step"][0]
-        longest = max(it.driver.reaction_time for it in together)
+        own = cls.own_records([it.driver for it in together])
         # The longest reaction time is the one without an alert. Looks are kept at each step within
         # it and at its ends, and two in reserve.
+        looks = math.ceil(own["p"]["reaction_time"].max() / scenario["step"][0]) + 3
         mind = Mind(
-            np.zeros((count, others, math.ceil(longest / step) + 3), LOOK),
+            np.zeros((count, others, looks), LOOK),
             np.zeros((count, others), LOOKS),
             np.zeros((count, others), MOVER),
             unseen(count, others, WATCHED),
-            np.array([(it.wander.waves, it.pedal.waves) for it in together]),
+            np.array([it.waves for it in together]),
         )
-        return np.zeros(count, _MEMORY), mind, parameters(together)
-
-
-def parameters(together: Sequence[SyntheticDriver]) -> Records:
-    """The drivers' parameters, a record of `_PARAMETERS` each."""
-    records = np.zeros(len(together), _PARAMETERS)
-    for i, each in enumerate(together):
-        driver, habits = each.driver, each.habits
-        records[i] = (
-            driver.reaction_time, driver.alerted_reaction_time, driver.gain, driver.lane_offset,
-            each.wander.amplitude,
-            each.pedal.amplitude, tuple(getattr(driver.idm, name) for name, _ in PARAMETERS),
-            tuple(getattr(habits, name) for name, _ in HABITS),
-        )  # fmt: skip
-    return records
+        return own, mind
 
 
 def human_controller(

@@ -20,6 +20,7 @@ import numpy as np
 
 from sumo_eval.ads.car_following import IdmParameters
 from sumo_eval.ads.lane_change import share_of_duration
+from sumo_eval.ads.overtaking import OvertakingHabits
 from sumo_eval.errors import must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.settings import PopulationSettings
@@ -117,6 +118,13 @@ class Driver:
     def lane_change_duration(self) -> float:
         """Whole duration of the driver's smooth step, s: its 10-90 % part is 0.506 of it."""
         return self.lane_change_10_90 / (1.0 - 2.0 * share_of_duration(0.1))
+
+    @property
+    def habits(self) -> OvertakingHabits:
+        """Conditions under which the driver overtakes."""
+        return OvertakingHabits(
+            self.overtakes, self.onset_headway, self.onset_ttc, self.lane_change_duration
+        )
 
     @property
     def alerted_reaction_time(self) -> float:
