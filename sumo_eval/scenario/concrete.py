@@ -551,8 +551,8 @@ def _changed(
     """`ConcreteScenario.simulation` of the parts of a case that it depends on."""
     for name, value in changes:
         group, setting = name.split(".")
-        changed = {group: replace(getattr(settings, group), **{setting: value})}
-        settings = replace(settings, **changed)
+        changed = replace(getattr(settings, group), **{setting: value})
+        settings = replace(settings, **{group: changed})
     own = body or settings.vehicle
     return replace(
         settings,

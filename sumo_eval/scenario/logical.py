@@ -408,20 +408,12 @@ class LogicalScenario:
 
         Its exposure is 1.
         """
-        ego, actors = self.place(point)
+        # parameters that are themselves settings of the drive
+        changes = tuple((name, point[name]) for name in self.names if name in CHANGES)
         return ConcreteScenario(
-            self.name,
-            point,
-            exposure=1.0,
-            road=self.road,
-            ego=ego,
-            actors=actors,
-            ego_body=self.ego_body,
-            time_limit=self.time_limit,
-            standstill_time=self.standstill_time,
-            # parameters that are themselves settings of the drive
-            changes=tuple((name, point[name]) for name in self.names if name in CHANGES),
-        )
+            self.name, point, 1.0, self.road, *self.place(point), self.ego_body, self.time_limit,
+            self.standstill_time, changes,
+        )  # fmt: skip
 
     def concretes(self, points: ArrayLike) -> list[ConcreteScenario]:
         """The concrete scenarios at `points`, (..., k) or an empty list."""

@@ -469,16 +469,16 @@ def _pushed(cast: Any, j: int, act: Any, step: Any, end: int, time: float) -> fl
 
 
 @kernel
-def _compare(stack: Any, k: int, margin_before: float, margin: float, equal: int) -> None:
+def _compare(stack: Any, k: int, margin_before: float, margin: float, equal: bool) -> None:
     """Write to row k of the stack whether a margin is positive at both ends of the step, and at
     which share of the step it became so.
 
     The margin changes linearly. Where it is infinite or undefined, the share is 1.
 
-    equal: 1 if a margin of 0 counts as well.
+    equal: whether a margin of 0 counts as well.
     """
-    held = margin_before > 0.0 or (equal != 0 and margin_before == 0.0)
-    holds = margin > 0.0 or (equal != 0 and margin == 0.0)
+    held = margin_before > 0.0 or (equal and margin_before == 0.0)
+    holds = margin > 0.0 or (equal and margin == 0.0)
     stack[k, BEFORE], stack[k, NOW] = 1.0 if held else 0.0, 1.0 if holds else 0.0
     stack[k, SHARE] = 0.0
     if holds and not held:
@@ -525,11 +525,11 @@ def holds_from(cast: Any, j: int, act: Any, now: float, before: float) -> float:
             k -= 1
         if op == ENDED:
             ended = cast.acts[step.one, step.two].end
-            _compare(stack, k, before - ended, now - ended, 1)
+            _compare(stack, k, before - ended, now - ended, True)
         elif op in (BELOW, AT_MOST):
             margin_before = stack[k + 1, BEFORE] - stack[k, BEFORE]
             margin = stack[k + 1, NOW] - stack[k, NOW]
-            _compare(stack, k, margin_before, margin, 1 if op == AT_MOST else 0)
+            _compare(stack, k, margin_before, margin, op == AT_MOST)
         elif reads_value:
             stack[k, BEFORE] = _pushed(cast, j, act, step, BEFORE, before)
             stack[k, NOW] = _pushed(cast, j, act, step, NOW, now)
@@ -760,8 +760,10 @@ def play_actor(cast: Any, i: int, j: int, time: float) -> None:
     """Move actor j of case i to where its script has it at a time, unless SUMO drives it."""
     play = cast.plays[i, j]
     if play.model == 0:
-        acts, pieces, table = cast.acts[i, j], cast.pieces[i, j], cast.table[i, j]
-        move(cast.others[i, j], play, acts, pieces, table, time, cast.line)
+        move(
+            cast.others[i, j], play, cast.acts[i, j], cast.pieces[i, j], cast.table[i, j], time,
+            cast.line,
+        )  # fmt: skip
 
 
 # -- rows ------------------------------------------------------------------------------------------

@@ -171,33 +171,18 @@ class _Parts(ast.NodeTransformer):
     within: bool = False
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
-        if self.within:
-            return self._of_actor(node)
-        if (
-            isinstance(node.func, ast.Name)
-            and node.func.id in _OVER_TIME
-            and len(node.args) == 1
-            and not node.keywords
-        ):
-            placeholder = self._new_name(f"over_time_{len(self.parts)}")
-            self.within = True
-            inner = ast.unparse(self.visit(node.args[0]))
-            self.within = False
-            self.parts.append((placeholder, node.func.id, Expression(inner)))
-            return ast.Name(placeholder, ast.Load())
-        return self.generic_visit(node)
-
-    def _new_name(self, name: str) -> str:
-        """The name of a placeholder, made longer where a parameter has it."""
-        while name in self.known:
-            name += "_"
-        return name
-
-    def _of_actor(self, node: ast.Call) -> ast.AST:
-        """A placeholder for `x(lead)`; any other call is a function of the language, and stays."""
         match node:
+            case ast.Call(func=ast.Name(id=function), args=[argument], keywords=[]) if (
+                function in _OVER_TIME and not self.within
+            ):
+                placeholder = self._new_name(f"over_time_{len(self.parts)}")
+                self.within = True
+                inner = ast.unparse(self.visit(argument))
+                self.within = False
+                self.parts.append((placeholder, function, Expression(inner)))
+                return ast.Name(placeholder, ast.Load())
             case ast.Call(func=ast.Name(id=function), args=[ast.Name(id=vehicle)], keywords=[]) if (
-                function in OF_ACTORS
+                function in OF_ACTORS and self.within
             ):
                 check_known(
                     f"vehicle in requirement `{self.text}` of {self.owner}:", self.vehicles, vehicle
@@ -206,4 +191,11 @@ class _Parts(ast.NodeTransformer):
                 if ask not in self.asks:
                     self.asks.append(ask)
                 return ast.Name(ask[0], ast.Load())
+        # any other call is a function of the language, and stays
         return self.generic_visit(node)
+
+    def _new_name(self, name: str) -> str:
+        """The name of a placeholder, made longer where a parameter has it."""
+        while name in self.known:
+            name += "_"
+        return name

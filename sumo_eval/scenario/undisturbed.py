@@ -163,7 +163,6 @@ def _advance(case: Any, now: float, before: float, deceleration: float) -> None:
     deceleration: as in `_brake`.
     """
     ego, others, plays = case.egos[0], case.others, case.plays
-    acts, pieces, table = case.acts, case.pieces, case.table
     _keep_before(ego)
     _brake(ego, now, deceleration)
     for j in range(len(others)):
@@ -175,7 +174,7 @@ def _advance(case: Any, now: float, before: float, deceleration: float) -> None:
             other.x += other.speed * (now - before)
             other.heading, other.across = 0.0, 0.0
         else:
-            move(other, play, acts[j], pieces[j], table[j], now, case.line)
+            move(other, play, case.acts[j], case.pieces[j], case.table[j], now, case.line)
     wake(case, now, before)
 
 

@@ -6,10 +6,9 @@ Users: `cosim/doors/fmu.py`, `scenario/file_tables.py`, `scenario/formulas.py`,
 """
 
 import functools
-import itertools
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -129,13 +128,11 @@ def _names_in(table: Any) -> Iterator[tuple[Any, str, str]]:
     Keys may hold tuples of texts or of tables, and tuples of these.
     """
     for field in fields(table):
-        value = getattr(table, field.name)
-        listed: Iterable[Any] = value if isinstance(value, tuple) else (value,)
-        flat = itertools.chain.from_iterable(
-            one if isinstance(one, tuple) else (one,) for one in listed
-        )
-        for one in flat:
-            if is_dataclass(one):
+        found = [getattr(table, field.name)]
+        for one in found:
+            if isinstance(one, tuple):
+                found += one  # looked at later in this loop
+            elif is_dataclass(one):
                 yield from _names_in(one)
             elif isinstance(one, str):
                 yield table, field.name, one.strip()

@@ -30,6 +30,7 @@ from sumo_eval.scenario.concrete import (
     brake_to_stop,
     constant_lateral,
     keeps_on,
+    lane_at,
     lane_change,
 )
 from sumo_eval.scenario.expression import Definitions
@@ -155,7 +156,7 @@ class EgoTable(Checked):
 
         Raises InputError for an impossible one.
         """
-        lane = min(max(round(y / road.lane_width), 0), road.lanes - 1)  # in which the ego starts
+        lane = lane_at(road, y)  # in which the ego starts
         if abs(lane - goal) != 1:
             raise must_be(
                 "`goal_lane`", owner, f"a lane beside lane {lane}, in which the ego starts", goal
@@ -261,7 +262,7 @@ class ManoeuvreTable(Checked):
         needed, allowed, _ = _MANOEUVRES[self.do]
         for item in fields(self)[4:]:  # after `do`, `name`, `begin`, `when`, which all may have
             key = item.name
-            absent = getattr(self, item.name) in (None, ())
+            absent = getattr(self, key) in (None, ())
             if absent and key in needed:
                 raise InputError(f"{owner} must have `{key}`.")
             if not absent and key not in (*needed, *allowed):
@@ -481,7 +482,7 @@ class Vehicle:
         """
         table = self.table
         numbers = self.numbers.at(values)
-        body = BODIES[self.table.body]
+        body = BODIES[table.body]
         length, width = table.length or body.length, table.width or body.width
         # from centre to centre, m, of two vehicles that touch bumper to bumper
         apart = ((ego_table.length or STANDARD_EGO.length) + length) / 2
@@ -510,18 +511,15 @@ class Vehicle:
             raise must_be("`heading`", owner, must, round(math.degrees(heading), 6))
 
         model = None
-        if self.moves and (name := self.moves[-1].table.model) is not None:
-            given = self.moves[-1].numbers.at(values)
-            program = self.moves[-1].program(values)
-            model = sumo_model(name, given.get("speed", speed), given)
+        last = self.moves[-1] if self.moves else None
+        if last and last.table.model is not None:
+            given = last.numbers.at(values)
+            model = sumo_model(last.table.model, given.get("speed", speed), given)
             # With `when`, SUMO takes over by an act; else it drives from the start. For `departed`
             # the act has the recorded ego's positions, and the time between two as its duration.
-            if program:
-                begin = given["begin"]
-                recorded = ego_table.recorded
-                acts.append(
-                    Act(played.FOLLOW, begin, RECORDED_EVERY, table=recorded, program=program)
-                )
+            if program := last.program(values):
+                follow = Act(played.FOLLOW, given["begin"], RECORDED_EVERY, program=program)
+                acts.append(follow._replace(table=ego_table.recorded))
         elif table.lively and all(act.timed for act in acts):
             # an `Actor` of acts with closed forms alone is not `lively`: one more act makes it so
             acts.append(keeps_on(acts))

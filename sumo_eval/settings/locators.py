@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from sumo_eval.errors import InputError, did_you_mean, said, users_code
+from sumo_eval.errors import InputError, did_you_mean, users_code
 from sumo_eval.gone import MODULES
 from sumo_eval.input_file import hash_of
 from sumo_eval.text import words_of
@@ -45,17 +45,14 @@ def load_object(locator: str, folder: Path | None, kind: str) -> Any:
 def _load_module(name: str, folder: Path | None, owner: str) -> ModuleType:
     _make_importable(folder)
     try:
-        return importlib.import_module(name)
+        with users_code(f"{owner}: importing `{name}` failed", ModuleNotFoundError):
+            return importlib.import_module(name)
     except ModuleNotFoundError as error:
         # the module itself is missing, or a package of it: not another one that it imports
         if error.name is not None and (name == error.name or name.startswith(error.name + ".")):
             instead = f" It was removed: {MODULES[name]}." if name in MODULES else ""
             raise InputError(f"{owner}: there is no module `{name}` to import.{instead}") from error
         raise InputError(f"{owner}: importing `{name}` failed: {words_of(error)}.") from error
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        raise InputError(f"{owner}: importing `{name}` failed: {said(error)}.") from error
 
 
 def _load_file(file: str, folder: Path | None, owner: str) -> ModuleType:
