@@ -13,9 +13,9 @@ Users: `ads/`, `cosim/`, `drivers/`, `method/`, `record/`, `report/`, `scenario/
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import asin, inf, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -211,7 +211,7 @@ class Start:
     @property
     def heading(self) -> float:
         """Direction of its motion, rad to the left of the road."""
-        return math.asin(self.lateral_speed / self.speed) if self.lateral_speed else 0.0
+        return asin(self.lateral_speed / self.speed) if self.lateral_speed else 0.0
 
 
 def departures(
@@ -250,9 +250,7 @@ def lane_change(begin: float, duration: float, offset: float, *, cosine: bool = 
     return Act(played.COSINE if cosine else played.SMOOTH, begin, duration, 0.0, offset)
 
 
-def constant_lateral(
-    begin: float, speed: float, offset: float, acceleration: float = math.inf
-) -> Act:
+def constant_lateral(begin: float, speed: float, offset: float, acceleration: float = inf) -> Act:
     """A lateral move at constant speed, as in UN R157.
 
     begin: s.
@@ -266,11 +264,11 @@ def constant_lateral(
     covered = 0.5 * speed * rise  # distance in that time, m
     duration = 0.5 * rise + abs(offset) / speed
     if abs(offset) < covered:  # the move ends before the speed is reached
-        duration = rise * math.sqrt(abs(offset) / covered)
+        duration = rise * sqrt(abs(offset) / covered)
     return Act(played.CONSTANT, begin, duration, speed, offset, acceleration)
 
 
-def brake_to_stop(begin: float, deceleration: float, jerk: float = math.inf) -> Act:
+def brake_to_stop(begin: float, deceleration: float, jerk: float = inf) -> Act:
     """Braking to a standstill.
 
     begin: s.
@@ -285,7 +283,7 @@ def brake_to_stop(begin: float, deceleration: float, jerk: float = math.inf) -> 
 def _check_above_zero(
     name: str, owner: str, unit: str, value: float, *, endless: bool = False
 ) -> None:
-    if not value > 0.0 or (value == math.inf and not endless):
+    if not value > 0.0 or (value == inf and not endless):
         finite = "" if endless else "finite and "
         raise must_be(f"`{name}`", owner, f"{finite}greater than 0 {unit}", value)
 
@@ -296,7 +294,7 @@ def keeps_on(acts: Sequence[Act]) -> Act:
 
     acts: the other acts of the vehicle; if there are any, this one never begins.
     """
-    return Act(played.KEEP, math.inf if acts else 0.0)
+    return Act(played.KEEP, inf if acts else 0.0)
 
 
 def braked_speed(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) -> FloatArray:
@@ -400,13 +398,13 @@ class Actor:
         """Time at which its braking to a standstill ends, s; -inf if it does not brake."""
         brake = self.braking
         if brake is None:
-            return -math.inf
+            return -inf
         return brake.begin + motion.time_to_stand(brake, self.start.speed)
 
     def __post_init__(self) -> None:
         stands = self._stands_from
         # `script_end` is the later of both ends: a lateral move would outlast the braking
-        if -math.inf < stands < self.script_end:
+        if -inf < stands < self.script_end:
             wanted = f"over when it stands, at {stands:.2f} s"
             raise must_be(
                 "The lane changes", f"vehicle `{self.name}`", wanted, round(self.script_end, 2)
@@ -511,9 +509,7 @@ class ConcreteScenario:
     def script_end(self) -> float:
         """Time at which the actors' last acts end, s; inf if it depends on the drive."""
         return (
-            math.inf
-            if self.lively
-            else max((actor.script_end for actor in self.actors), default=-math.inf)
+            inf if self.lively else max((actor.script_end for actor in self.actors), default=-inf)
         )
 
     @property
@@ -557,6 +553,6 @@ def _changed(
     return replace(
         settings,
         vehicle=replace(settings.vehicle, length=own.length, width=own.width),
-        time_limit=min(settings.time_limit, time_limit or math.inf),
+        time_limit=min(settings.time_limit, time_limit or inf),
         standstill_time=standstill_time or settings.standstill_time,
     )

@@ -6,10 +6,10 @@ Users: `drivers/`, `method/`, `record/`, `report/`, `results.py`, `scenario/`, `
 """
 
 import itertools
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import field, replace
 from html import escape
+from math import floor, inf, isfinite, log10
 from numbers import Real
 from typing import Annotated
 
@@ -62,9 +62,9 @@ class Parameter:
         ascending = all(a < b for a, b in itertools.pairwise(values))
         if values and not (ascending and values[0] == low and values[-1] == high):
             raise must_be("`values`", owner, "ascending, from low to high", values)
-        if not -math.inf < low < high < math.inf:
+        if not -inf < low < high < inf:
             raise must_be("The range", owner, "finite, low < high", f"{low}..{high}")
-        if not (math.isfinite(self.step) and self.step > 0):
+        if not (isfinite(self.step) and self.step > 0):
             raise must_be("`step`", owner, "greater than 0", self.step)
 
     def check(self, value: object, owner: str) -> None:
@@ -90,7 +90,7 @@ class Parameter:
 
     def rounded(self, values: FloatArray) -> FloatArray:
         """Values (n,) rounded as `DIGITS` says, and within the range."""
-        decimals = DIGITS - math.floor(math.log10(self.high - self.low))
+        decimals = DIGITS - floor(log10(self.high - self.low))
         return np.clip(np.round(values, decimals), self.low, self.high)
 
     @property
@@ -142,7 +142,7 @@ class Approach:
     delay: FloatArray | float
     obstacle_deceleration: FloatArray | float = 0.0
     conflict_begin: FloatArray | float = 0.0
-    passing_length: float = math.inf
+    passing_length: float = inf
 
     @property
     def has_closed_form(self) -> bool:

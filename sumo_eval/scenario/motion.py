@@ -6,7 +6,7 @@ fields. The `duration` of a move is above 0, the `begin` of a brake finite.
 Users: `ads/lane_change.py`, `method/conflict.py`, `scenario/concrete.py`, `scenario/played.py`.
 """
 
-import math
+from math import copysign, cos, floor, pi, sin, sqrt
 from typing import Any
 
 from sumo_eval.kernels import kernel
@@ -47,13 +47,13 @@ def swing(move: Any, time: float) -> tuple[float, float, float]:
     since = time - move.begin
     if not 0.0 < since < move.duration:
         return 0.0, 0.0, 0.0
-    rate = math.sqrt(2.0 * move.acceleration / abs(move.offset))
+    rate = sqrt(2.0 * move.acceleration / abs(move.offset))
     phase = rate * since
-    swings = math.floor(phase / (2.0 * math.pi))  # that are over
-    to_first_side = swings == 2.0 * math.floor(0.5 * swings)  # an even number of swings is over
+    swings = floor(phase / (2.0 * pi))  # that are over
+    to_first_side = swings == 2.0 * floor(0.5 * swings)  # an even number of swings is over
     half = 0.5 * (move.offset if to_first_side else -move.offset)
-    c = math.cos(phase)
-    return half * (1.0 - c), half * rate * math.sin(phase), half * rate * rate * c
+    c = cos(phase)
+    return half * (1.0 - c), half * rate * sin(phase), half * rate * rate * c
 
 
 @kernel
@@ -74,13 +74,13 @@ def lateral_motion(move: Any, time: float) -> tuple[float, float, float]:
 
     # A (1 - cos(pi s)) / 2. The angles `pi * s` and `w * since` are the same, but rounded in two
     # ways: recorded digits depend on which of them is used where.
-    half, w = 0.5 * move.offset, math.pi / move.duration
-    offset = half * (1.0 - math.cos(math.pi * s))
+    half, w = 0.5 * move.offset, pi / move.duration
+    offset = half * (1.0 - cos(pi * s))
     if not 0.0 <= since < move.duration:
         # rounded, sin(pi) > 0: this lateral speed would turn a standing vehicle by 90 degrees
         return offset, 0.0, 0.0
-    speed = 0.5 * math.pi * move.offset / move.duration * math.sin(math.pi * s)
-    return offset, speed, half * w * w * math.cos(w * since)
+    speed = 0.5 * pi * move.offset / move.duration * sin(pi * s)
+    return offset, speed, half * w * w * cos(w * since)
 
 
 @kernel
@@ -100,10 +100,10 @@ def _at_constant_speed(move: Any, since: float) -> tuple[float, float, float]:
         speed = move.speed
         acceleration = 0.0
     return (
-        math.copysign(min(covered, abs(move.offset)), move.offset),
-        math.copysign(speed, move.offset) if going else 0.0,
+        copysign(min(covered, abs(move.offset)), move.offset),
+        copysign(speed, move.offset) if going else 0.0,
         # not by copysign alone, which makes 0 negative
-        math.copysign(acceleration, move.offset) if going and t < rise else 0.0,
+        copysign(acceleration, move.offset) if going and t < rise else 0.0,
     )
 
 
@@ -113,7 +113,7 @@ def time_to_stand(brake: Any, speed: float) -> float:
     rise = brake.acceleration / brake.jerk
     if speed >= brake.acceleration * rise / 2.0:
         return float(speed / brake.acceleration + rise / 2.0)
-    return math.sqrt(2.0 * speed * rise / brake.acceleration)
+    return sqrt(2.0 * speed * rise / brake.acceleration)
 
 
 @kernel
@@ -144,4 +144,4 @@ def along_heading(along: float, across: float, forward: float, sideways: float) 
     """
     if across == 0.0:
         return forward
-    return (along * forward + across * sideways) / math.sqrt(along * along + across * across)
+    return (along * forward + across * sideways) / sqrt(along * along + across * across)

@@ -14,8 +14,8 @@ plays them without an ego. `cosim/` knows their records.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from math import atan2, cos, floor, inf, isinf, nan, pi, sin, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -140,8 +140,8 @@ class Act(NamedTuple):
     duration: float = 0.0
     speed: float = 0.0
     offset: float = 0.0
-    acceleration: float = math.inf
-    jerk: float = math.inf
+    acceleration: float = inf
+    jerk: float = inf
     table: Pairs = ()
     program: Program = ()
     name: str = ""
@@ -152,7 +152,7 @@ class Act(NamedTuple):
         `begin` that is known before the drive.
         """
         stops = self.kind == SPEED and self.speed == 0.0
-        known = self.begin < math.inf and not self.program
+        known = self.begin < inf and not self.program
         return known and (stops or self.kind in (SMOOTH, CONSTANT, COSINE))
 
 
@@ -274,7 +274,7 @@ def _speed_up(pieces: Any, v: float, act: Any) -> int:
     rise = act.acceleration / act.jerk  # time in which the acceleration builds up, s; may be 0
     in_rise = 0.5 * act.acceleration * rise  # change of speed meanwhile, m/s
     if change <= in_rise:
-        return _put(pieces, 0, math.sqrt(2.0 * change / act.jerk), 0.0, sign * act.jerk, act.speed)
+        return _put(pieces, 0, sqrt(2.0 * change / act.jerk), 0.0, sign * act.jerk, act.speed)
     k = _put(pieces, 0, rise, 0.0, sign * act.jerk, v + sign * in_rise)
     return _put(
         pieces, k, (change - in_rise) / act.acceleration, sign * act.acceleration, 0.0, act.speed
@@ -297,7 +297,7 @@ def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> in
         elif v + speed > 0.0:
             duration = 2.0 * apart / (v + speed)
         else:  # it stands, and never gets to the knot
-            return _put(pieces, k, math.inf, 0.0, 0.0, 0.0)
+            return _put(pieces, k, inf, 0.0, 0.0, 0.0)
         k = _put(pieces, k, duration, (speed - v) / duration, 0.0, speed)
         last, v = knot, speed
     return k
@@ -313,15 +313,15 @@ def on_line(play: Any, table: Any, s: float) -> tuple[float, float, float]:
     left = s - play.line_s
     for q in range(play.path, play.path + play.points):
         dx, dy = table[q].one - x, table[q].two - y
-        length = math.sqrt(dx * dx + dy * dy)
+        length = sqrt(dx * dx + dy * dy)
         if length == 0.0:
             continue
-        heading = math.atan2(dy, dx)
+        heading = atan2(dy, dx)
         if left < length:
             return x + dx * left / length, y + dy * left / length, heading
         left -= length
         x, y = table[q].one, table[q].two
-    return x + left * math.cos(heading), y + left * math.sin(heading), heading
+    return x + left * cos(heading), y + left * sin(heading), heading
 
 
 @kernel
@@ -355,16 +355,16 @@ def place(
     x, y, heading = on_line(play, table, s)
     aside, across, sideways = _across_line(play, acts, time)
     if aside != 0.0:
-        x, y = x - aside * math.sin(heading), y + aside * math.cos(heading)
+        x, y = x - aside * sin(heading), y + aside * cos(heading)
 
     last_x, last_heading = other.x, other.heading
     other.x, other.y = x, y
     other.heading, other.across = heading, across
     other.speed, other.acceleration = v, a
     if not play.slides and across != 0.0:
-        other.heading = heading + math.atan2(across, v)
+        other.heading = heading + atan2(across, v)
         other.across = 0.0
-        other.speed = math.sqrt(v * v + across * across)
+        other.speed = sqrt(v * v + across * across)
         other.acceleration = along_heading(v, across, a, sideways)
 
     if not len(line):
@@ -373,8 +373,8 @@ def place(
         at = to_frame(line, x, y, other.heading, last_x)
         other.x, other.y = at.x, at.y
         # whole turns to add, so that the heading stays the nearest to the last one
-        turns = math.floor((last_heading - at.heading) / (2.0 * math.pi) + 0.5)
-        other.heading = at.heading + 2.0 * math.pi * turns
+        turns = floor((last_heading - at.heading) / (2.0 * pi) + 0.5)
+        other.heading = at.heading + 2.0 * pi * turns
     else:
         _over_ground(other, line)
 
@@ -388,13 +388,13 @@ def _over_ground(other: Any, line: Any) -> None:
     direction.
     """
     inner = 1.0 - line_at(line, other.x).curvature * other.y
-    c, s = math.cos(other.heading) * inner, math.sin(other.heading)
-    stretched = math.sqrt(c * c + s * s)
+    c, s = cos(other.heading) * inner, sin(other.heading)
+    stretched = sqrt(c * c + s * s)
     c, s = c / stretched, s / stretched
-    along = inner * (other.speed * math.cos(other.heading) - other.across * math.sin(other.heading))
-    left = other.speed * math.sin(other.heading) + other.across * math.cos(other.heading)
+    along = inner * (other.speed * cos(other.heading) - other.across * sin(other.heading))
+    left = other.speed * sin(other.heading) + other.across * cos(other.heading)
     if other.heading != 0.0:  # 0 stays 0
-        other.heading = math.atan2(s, c)
+        other.heading = atan2(s, c)
     other.speed, other.across = along * c + left * s, left * c - along * s
     other.acceleration *= stretched
 
@@ -434,7 +434,7 @@ def _between(op: int, one: Body, two: Body) -> float:
     """`GAP` or `DISTANCE`, m, `TTC` or `THW`, s, of two bodies of which `one` follows `two`."""
     dx, dy = two.x - one.x, two.y - one.y
     if op == DISTANCE:
-        return math.sqrt(dx * dx + dy * dy)
+        return sqrt(dx * dx + dy * dy)
     gap = dx - half_sizes(one.heading, one.length, one.width)[0]
     gap -= half_sizes(two.heading, two.length, two.width)[0]
     if op == GAP:
@@ -442,7 +442,7 @@ def _between(op: int, one: Body, two: Body) -> float:
     speed = _component(ALONG, one)
     if op == TTC:
         speed -= _component(ALONG, two)
-    return gap / speed if gap > 0.0 and speed > 0.0 else math.inf
+    return gap / speed if gap > 0.0 and speed > 0.0 else inf
 
 
 @kernel
@@ -483,7 +483,7 @@ def _compare(stack: Any, k: int, margin_before: float, margin: float, equal: boo
     stack[k, SHARE] = 0.0
     if holds and not held:
         share = -margin_before / (margin - margin_before)
-        stack[k, SHARE] = share if 0.0 <= share <= 1.0 and margin < math.inf else 1.0
+        stack[k, SHARE] = share if 0.0 <= share <= 1.0 and margin < inf else 1.0
 
 
 @kernel
@@ -556,7 +556,7 @@ def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
     one, two = table[act.first + first], table[act.first + first + 1]
     dx = x - (one.one + share * (two.one - one.one))
     dy = y - (one.two + share * (two.two - one.two))
-    return math.sqrt(dx * dx + dy * dy)
+    return sqrt(dx * dx + dy * dy)
 
 
 @kernel
@@ -573,7 +573,7 @@ def arithmetic(op: int, a: float, b: float) -> float:
     if op == MULTIPLY:
         return a * b
     if op == DIVIDE:
-        return a / b if b != 0.0 else math.nan
+        return a / b if b != 0.0 else nan
     return min(a, b) if op in (SMALLER, AND) else max(a, b)
 
 
@@ -591,7 +591,7 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
         return
     if act.kind == FOLLOW:
         play.model = HANDED_OVER
-        act.end = math.inf
+        act.end = inf
         return
 
     s, v, _ = driven(play, pieces, act.begin)
@@ -599,16 +599,16 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
     if act.kind == PATH:
         aside = _across_line(play, acts, act.begin)[0]
         if aside != 0.0:
-            x, y = x - aside * math.sin(heading), y + aside * math.cos(heading)
+            x, y = x - aside * sin(heading), y + aside * cos(heading)
         play.x, play.y, play.heading = x, y, heading
         play.line_s, play.line_time = s, act.begin
         play.path, play.points = act.first, act.count
-        act.end = math.inf  # `_end_path` writes it: it depends on the speed
+        act.end = inf  # `_end_path` writes it: it depends on the speed
         return
     play.since, play.s, play.v = act.begin, s, v
     play.match = act.first + 1 if act.kind == MATCH else 0
     if act.kind in (KEEP, MATCH):  # for ever
-        play.pieces, act.end = 0, math.inf
+        play.pieces, act.end = 0, inf
         return
     if act.kind == SPEED:
         play.pieces = _speed_up(pieces, v, act)
@@ -645,13 +645,13 @@ def _end_path(play: Any, acts: Any, pieces: Any, table: Any, now: float, before:
     """Write when the vehicle came to the last point of its path, if it did in this step."""
     for q in range(play.acts):
         act = acts[q]
-        underway = act.kind == PATH and act.state == BEGUN and math.isinf(act.end)
+        underway = act.kind == PATH and act.state == BEGUN and isinf(act.end)
         if not underway or act.first != play.path:
             continue
         length, x, y = 0.0, play.x, play.y
         for p in range(play.path, play.path + play.points):
             dx, dy = table[p].one - x, table[p].two - y
-            length += math.sqrt(dx * dx + dy * dy)
+            length += sqrt(dx * dx + dy * dy)
             x, y = table[p].one, table[p].two
         s, last_s = driven(play, pieces, now)[0], driven(play, pieces, before)[0]
         if s - play.line_s >= length:
@@ -712,7 +712,7 @@ def _approach(
     # the fastest closing speed that ends in time, and does not pass the position in this step
     # (1e-9: not by 0)
     rate = rates.two if apart > 0.0 else rates.one
-    closing = min(math.sqrt(2.0 * rate * abs(apart)), abs(apart) / max(elapsed + behind, 1e-9))
+    closing = min(sqrt(2.0 * rate * abs(apart)), abs(apart) / max(elapsed + behind, 1e-9))
     wanted = min(speed + (closing if apart > 0.0 else -closing), top_speed)
     slowest, fastest = play.v - rates.two * elapsed, play.v + rates.one * elapsed
     return float(max(min(wanted, fastest), slowest, 0.0))
@@ -812,11 +812,11 @@ def _records_of(actor: Any) -> tuple[list[Any], list[Any], list[Any]]:
     table: list[Any] = []
     program: list[Any] = []
     for act in actor.acts:
-        begin, state = (math.inf, WAITS) if act.program else (act.begin, KNOWN)
+        begin, state = (inf, WAITS) if act.program else (act.begin, KNOWN)
         numbers = act.duration, act.speed, act.offset, act.acceleration, act.jerk
         rows = act.kind, len(table), len(act.table), len(program), len(act.program)
         # in the order of `ACT`; `begin` of a move with a condition is its delay
-        acts.append((begin, *numbers, act.begin, math.inf, *rows, state))
+        acts.append((begin, *numbers, act.begin, inf, *rows, state))
         table += act.table
         program += [(value, op, one, two) for op, one, two, value in act.program]
     return acts, table, program
@@ -827,7 +827,7 @@ def _play_of(actor: Any) -> tuple[Any, ...]:
     start = actor.start
     pose = (start.x, start.y, actor.heading) if actor.on_map is None else actor.on_map
     # line_s, line_time, since, s, v, first_begin
-    driven_so_far = 0.0, 0.0, 0.0, 0.0, start.speed, math.inf
+    driven_so_far = 0.0, 0.0, 0.0, 0.0, start.speed, inf
     model = AT_ONCE if actor.follows_at_once else 0
     # acts, pieces, path, points, slides, model, on_map, match
     counts = len(actor.acts), 0, 0, 0, actor.slides, model, actor.on_map is not None, 0

@@ -16,12 +16,12 @@ Users: `cosim/sumo/sumo_files.py`, `scenario/file_tables.py`.
 from __future__ import annotations
 
 import functools
-import itertools
-import math
 import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import accumulate, chain, pairwise
+from math import atan2, dist, inf, isnan
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -109,7 +109,7 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     lanes = [_checked_lanes(edge, owner) for edge in driven]  # of each edge
     _check_widths(lanes, edges, owner)
     _check_junctions(root, driven[1:], owner)
-    links = [_links(root, one, other, owner) for one, other in itertools.pairwise(edges)]
+    links = [_links(root, one, other, owner) for one, other in pairwise(edges)]
 
     straight = _along_x(lanes)
     what = f"the road along {', '.join(edges)} of {owner}"
@@ -171,7 +171,7 @@ def _checked_lanes(edge: Element, owner: str) -> list[_Lane]:
 
 def _check_widths(lanes: _Lanes, edges: Sequence[str], owner: str) -> None:
     """Refuse lanes of different widths."""
-    every = list(itertools.chain(*lanes))
+    every = list(chain(*lanes))
     if any(lane.width != every[0].width for lane in every):
         widths = ", ".join(f"{lane.id} {lane.width:g} m" for lane in every)
         raise InputError(
@@ -200,10 +200,10 @@ def _along_x(lanes: _Lanes) -> _Course | None:
     """
     first = lanes[0][0]
     # a ring, whose chord has no direction
-    if math.dist(first.shape[0], first.shape[-1]) < first.width:
+    if dist(first.shape[0], first.shape[-1]) < first.width:
         return None
     begins, places = _laid(lanes)
-    for lane in itertools.chain(*lanes):
+    for lane in chain(*lanes):
         off = onto_the_line(lane.shape, begins)[:, 1] - places[lane.id] * first.width
         if np.abs(off).max() > STRAIGHT:
             return None
@@ -219,10 +219,10 @@ def _laid(lanes: _Lanes) -> tuple[Pose, dict[str, int]]:
     # to the right of it that opens later (`lowest` below 0).
     first = lanes[0][0]
     (x0, y0), (x1, y1) = first.shape[0], first.shape[-1]
-    begins = Pose(x0, y0, math.atan2(y1 - y0, x1 - x0))
+    begins = Pose(x0, y0, atan2(y1 - y0, x1 - x0))
     places = {
         lane.id: round(onto_the_line(lane.shape, begins)[0, 1] / first.width)
-        for lane in itertools.chain(*lanes)
+        for lane in chain(*lanes)
     }
     lowest = min(places.values())
     axis = begins.moved(0.0, lowest * first.width)
@@ -249,8 +249,8 @@ def _spans(
                 f"Edge `{edges[min(gaps)]}` of {owner} must have the outermost lane that edges "
                 "before and behind it have."
             )
-        begin = along[2 * first] if first > 0 else -math.inf
-        end = along[2 * last + 1] if last + 1 < len(edges) else math.inf
+        begin = along[2 * first] if first > 0 else -inf
+        end = along[2 * last + 1] if last + 1 < len(edges) else inf
         spans.append(LaneSpan(lane, begin, end))
 
     throughout = set(range(count)) - {span.lane for span in spans}
@@ -296,7 +296,7 @@ def _numbered(lanes: _Lanes, links: Sequence[_Link]) -> list[dict[int, _Lane]]:
     """The lanes of each edge by their place on the road, 0 for its right-hand lane."""
     # An edge's shift plus SUMO's index of a lane is the index of the same lane on the first edge;
     # `lowest` is the smallest such sum.
-    shifts = list(itertools.accumulate((link.shift for link in links), initial=0))
+    shifts = list(accumulate((link.shift for link in links), initial=0))
     lowest = min(map(sum, zip(shifts, (of_edge[0].index for of_edge in lanes), strict=True)))
     return [
         {shift + lane.index - lowest: lane for lane in of_edge}
@@ -328,9 +328,9 @@ def _line_along(way: FloatArray, what: str) -> tuple[Line, Pose]:
     """
     kept = [way[0]]
     for place in way[1:]:
-        if math.dist(place, kept[-1]) > _ONE_PLACE:
+        if dist(place, kept[-1]) > _ONE_PLACE:
             kept.append(place)
-    if math.dist(kept[-1], way[-1]) > 0.0:
+    if dist(kept[-1], way[-1]) > 0.0:
         kept.append(way[-1])
     line, begins, off = fitted_line(np.array(kept))
     if off > WITHIN:
@@ -350,7 +350,7 @@ def _check_parallel(
 
     numbered: lanes of each edge by their place on the road.
     """
-    for place, lane in itertools.chain(*(of_edge.items() for of_edge in numbered)):
+    for place, lane in chain(*(of_edge.items() for of_edge in numbered)):
         _, across, _ = frame_places(line, *onto_the_line(lane.shape, begins).T)
         off = float(np.abs(across - lane.width * place).max())
         if off > PARALLEL:
@@ -365,7 +365,7 @@ def _edge_ends(path: Sequence[Sequence[Point]], line: Line, begins: Pose) -> lis
     """
     ends = [shape[end] for shape in path[::2] for end in (0, -1)]
     # length of the path up to each of these ends
-    driven = np.cumsum([0.0, *(sum(map(math.dist, part, part[1:])) for part in path)])
+    driven = np.cumsum([0.0, *(sum(map(dist, part, part[1:])) for part in path)])
     # a ring passes a place more than once: look for the place near that length, scaled to the line
     near = driven * (length_of(line) / driven[-1])
     x, y = onto_the_line(ends, begins).T
@@ -442,7 +442,7 @@ def laid_along_x(network: NetworkFile) -> str:
             if (name := lane.get("id")) in places:
                 _straighten([lane], places[name] * width, begin, end)
     for (one, other), (before, after) in zip(
-        itertools.pairwise(network.edges), itertools.pairwise(sections), strict=True
+        pairwise(network.edges), pairwise(sections), strict=True
     ):
         for it in root.xpath(_BETWEEN, one=one, other=other):
             # -1 on this side, None on the other: lanes that are not on the road are never equal
@@ -471,7 +471,7 @@ def _straighten(lanes: Sequence[Element], y: float, begin: float, end: float) ->
     begin, end: x at which the first one begins and the last one ends, m.
     """
     ends = np.linspace(begin, end, len(lanes) + 1).tolist()
-    for lane, x in zip(lanes, itertools.pairwise(ends), strict=True):
+    for lane, x in zip(lanes, pairwise(ends), strict=True):
         lane.attrib.update({
             "shape": _text([(it, y) for it in x]), "length": repr(x[1] - x[0]),
             "speed": f"{SPEED_LIMIT:g}",
@@ -536,7 +536,7 @@ def _points(text: str) -> tuple[Point, ...]:
 
 def _number(text: str, what: str) -> float:
     value = number_in(text)
-    if math.isnan(value):
+    if isnan(value):
         raise must_be(what, "the network", "a finite number", text)
     return value
 

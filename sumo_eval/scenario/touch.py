@@ -11,13 +11,13 @@ Users: `cosim/`, in every step of the loop; `ads/foresight.py`, for contact befo
 `method/conflict.py`, for contact on conflicting paths; `scenario/`; `extras/gym/episodes.py`.
 """
 
-import math
+from math import cos, floor, pi, sin, sqrt
 from typing import Any, NamedTuple
 
 from sumo_eval.kernels import kernel
 
 TOUCH = 1e-6  # m, bodies closer than this touch
-FULL_TURN = 2.0 * math.pi  # rad
+FULL_TURN = 2.0 * pi  # rad
 
 
 class Body(NamedTuple):
@@ -37,8 +37,8 @@ class Body(NamedTuple):
 
     def corners(self) -> tuple[tuple[float, float], ...]:
         """The four corners, m."""
-        c = math.cos(self.heading)
-        s = math.sin(self.heading)
+        c = cos(self.heading)
+        s = sin(self.heading)
         half_length, half_width = 0.5 * self.length, 0.5 * self.width
         return tuple(
             (
@@ -63,22 +63,22 @@ def body_of(at: Any, moving: Any, body: Any) -> Body:
 @kernel
 def velocity(body: Any) -> tuple[float, float]:
     """(vx, vy) of a `Body` or of a record with its fields, m/s."""
-    c, s = math.cos(body.heading), math.sin(body.heading)
+    c, s = cos(body.heading), sin(body.heading)
     return body.speed * c - body.across * s, body.speed * s + body.across * c
 
 
 @kernel
 def within_a_turn(angle: float) -> float:
     """The angle within -pi..pi that has the same direction, rad."""
-    if -math.pi <= angle <= math.pi:
+    if -pi <= angle <= pi:
         return angle
-    return angle - FULL_TURN * math.floor(angle / FULL_TURN + 0.5)
+    return angle - FULL_TURN * floor(angle / FULL_TURN + 0.5)
 
 
 @kernel
 def radius(body: Body) -> float:
     """Distance from a body's centre to a corner, m."""
-    return 0.5 * math.sqrt(body.length * body.length + body.width * body.width)
+    return 0.5 * sqrt(body.length * body.length + body.width * body.width)
 
 
 @kernel
@@ -89,8 +89,8 @@ def widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
     The gap is at most the distance of the boxes. A negative gap is the depth of their overlap.
     """
     dx, dy = b.x - a.x, b.y - a.y
-    ca, sa = math.cos(a.heading), math.sin(a.heading)
-    cb, sb = math.cos(b.heading), math.sin(b.heading)
+    ca, sa = cos(a.heading), sin(a.heading)
+    cb, sb = cos(b.heading), sin(b.heading)
     cos_between, sin_between = abs(ca * cb + sa * sb), abs(ca * sb - sa * cb)
     la, wa = 0.5 * a.length, 0.5 * a.width
     lb, wb = 0.5 * b.length, 0.5 * b.width

@@ -5,8 +5,8 @@ Users: `method.conflict` (zones), `ads.foresight`, `scenario.reachable`, `cosim.
 Actors with a SUMO model are assumed to keep their speed: only SUMO knows what its models would do.
 """
 
-import math
 from collections.abc import Sequence
+from math import cos, inf, isinf, sin, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -121,7 +121,7 @@ def _at_start(concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[floa
     for i, (concrete, body) in enumerate(zip(concretes, bodies, strict=True)):
         ego = concrete.ego
         pose = (ego.x, ego.y, ego.heading, ego.speed, 0.0)
-        egos[i] = (*pose, *body, pose, ego.x, ego.y, ego.speed, math.inf)  # as `_EGO`
+        egos[i] = (*pose, *body, pose, ego.x, ego.y, ego.speed, inf)  # as `_EGO`
         for j, actor in enumerate(concrete.actors):
             pose = (actor.start.x, actor.start.y, actor.heading, actor.start.speed, 0.0)
             others[i, j] = (*pose, actor.length, actor.width, pose, 0.0)
@@ -151,8 +151,8 @@ def _brake(ego: Any, now: float, deceleration: float) -> None:
     if ego.heading == 0.0:
         ego.x = ego.start_x + driven
     else:  # it starts with a heading, and keeps it
-        ego.x = ego.start_x + driven * math.cos(ego.heading)
-        ego.y = ego.start_y + driven * math.sin(ego.heading)
+        ego.x = ego.start_x + driven * cos(ego.heading)
+        ego.y = ego.start_y + driven * sin(ego.heading)
 
 
 @kernel
@@ -202,18 +202,18 @@ def _meet_rows(cast: Cast, braking: Braking, met: FloatArray) -> None:
     for i in range(len(cast.egos)):
         case = case_of(cast, i)
         ego, other = case.egos[0], case.others[obstacle]
-        met[i, 2] = math.inf
+        met[i, 2] = inf
         for k in range(braking.looks[i]):
             now = k * step
             # inf while the obstacle's first move is to come
-            if math.isinf(ego.brakes_from):
+            if isinf(ego.brakes_from):
                 play = case.plays[obstacle]
                 begin = 0.0 if play.acts == 0 else play.first_begin
                 ego.brakes_from = begin + braking.delays[i]
             _advance(case, now, max(k - 1, 0) * step, braking.deceleration)
             # c, s: of the obstacle's heading. Bodies overlap where their centres are less than
             # `long` m apart along the road and less than `wide` m across it.
-            c, s = math.cos(other.heading), math.sin(other.heading)
+            c, s = cos(other.heading), sin(other.heading)
             long = 0.5 * (ego.length + other.length * abs(c) + other.width * abs(s))
             wide = 0.5 * (ego.width + other.length * abs(s) + other.width * abs(c))
             ahead = other.x - ego.x
@@ -221,7 +221,7 @@ def _meet_rows(cast: Cast, braking: Braking, met: FloatArray) -> None:
             closing = ego.speed - along
             if abs(other.y - ego.y) < wide:
                 if abs(ahead) <= long:
-                    met[i, 0], met[i, 1] = math.inf, math.sqrt(closing * closing + across * across)
+                    met[i, 0], met[i, 1] = inf, sqrt(closing * closing + across * across)
                     break
                 gap = ahead - long
                 if gap > 0.0:

@@ -7,10 +7,10 @@ Users: `scenario/file_tables.py`, `scenario/resolved.py`, `scenario/zone_table.p
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, replace
 from functools import partial
+from math import atan2, degrees, isfinite, isinf, pi, radians, sqrt
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, MinLen, MultipleOf
@@ -165,7 +165,7 @@ class EgoTable(Checked):
         by = self.change_by
         if by is None:
             by = min(own.end, other.parted_from, other.end)
-        if math.isinf(by):
+        if isinf(by):
             raise InputError(
                 f"The ego of {owner} must have a `change_by`: neither its lane nor the other one "
                 "ends."
@@ -179,7 +179,7 @@ class EgoTable(Checked):
                 f"within {first:g}..{last:g} m and {LEAST_CHANGE:g} m apart, where both lanes are"
             )
             raise must_be("`change_from` and `change_by`", owner, within, f"{begin:g} and {by:g} m")
-        return Way(road.lane_width * (goal - lane), begin, by, ends=math.isfinite(own.end))
+        return Way(road.lane_width * (goal - lane), begin, by, ends=isfinite(own.end))
 
 
 @frozen
@@ -337,10 +337,10 @@ class Move:
         pairs = tuple((one.at(values), two.at(values)) for one, two in self.pairs)
         act = _MANOEUVRES[table.do][2](**numbers)
         if table.do == "sinus" and act.offset:
-            phase = 2.0 * math.pi * (table.cycles or 1.0)  # w t at the end of the last swing, rad
+            phase = 2.0 * pi * (table.cycles or 1.0)  # w t at the end of the last swing, rad
             # A swing by A (1 - cos wt) / 2 has the largest acceleration A w^2 / 2, the one that the
             # table gives. So w is sqrt(2 acceleration / A), and the duration phase / w.
-            act = act._replace(duration=phase / math.sqrt(2.0 * act.acceleration / abs(act.offset)))
+            act = act._replace(duration=phase / sqrt(2.0 * act.acceleration / abs(act.offset)))
         if table.do == "speed_profile":
             knots = [knot[0] for knot in pairs]
             what = "The places" if table.places else "The times"
@@ -487,10 +487,10 @@ class Vehicle:
         # from centre to centre, m, of two vehicles that touch bumper to bumper
         apart = ((ego_table.length or STANDARD_EGO.length) + length) / 2
         speed = numbers["speed"]
-        heading = math.radians(numbers.get("heading", 0.0))
+        heading = radians(numbers.get("heading", 0.0))
         if "lateral_speed" in numbers:
             across = numbers["lateral_speed"]
-            speed, heading = math.sqrt(speed * speed + across * across), math.atan2(across, speed)
+            speed, heading = sqrt(speed * speed + across * across), atan2(across, speed)
         if "gap" in numbers:
             x = ego.x + numbers["gap"] + apart
         elif "x" in numbers:
@@ -507,8 +507,8 @@ class Vehicle:
         acts = [move.act(values, table.name) for move in self.moves if move.table.do != "follow"]
         if abs(heading) > _AHEAD and any(act.kind == played.BY_PLACE for act in acts):
             owner = f"vehicle `{table.name}` with `places` of a `speed_profile`"
-            must = f"within {math.degrees(_AHEAD):.1f} deg of the road (use `times` otherwise)"
-            raise must_be("`heading`", owner, must, round(math.degrees(heading), 6))
+            must = f"within {degrees(_AHEAD):.1f} deg of the road (use `times` otherwise)"
+            raise must_be("`heading`", owner, must, round(degrees(heading), 6))
 
         model = None
         last = self.moves[-1] if self.moves else None

@@ -5,7 +5,7 @@ Users: `cli/`, `drivers/`, `evaluation.py`, `record/`, `report/`, `results.py`, 
 `scoring/`, `settings/`, `extras/`.
 """
 
-import json
+from json import dumps
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
@@ -190,12 +190,12 @@ class AdsSettings(Checked):
         `files` are not in it, but in the fingerprint of a drive. `build` is information only.
         """
         # defaults are left out; values are JSON, and plain text names variables
-        pairs = [] if self.period is None else [("period", json.dumps(self.period))]
+        pairs = [] if self.period is None else [("period", dumps(self.period))]
         pairs += [] if self.batch else [("batch", "false")]
-        pairs += [(f"options.{name}", json.dumps(value)) for name, value in self.options.items()]
+        pairs += [(f"options.{name}", dumps(value)) for name, value in self.options.items()]
         if self.fmu is not None:
             pairs += [
-                (f"{group}.{name}", value if isinstance(value, str) else json.dumps(value))
+                (f"{group}.{name}", value if isinstance(value, str) else dumps(value))
                 for group in ("inputs", "outputs", "parameters")
                 for name, value in getattr(self.fmu, group).items()
             ]

@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame, Series
 
 from sumo_eval.drivers.recorded.recordings import INTERVAL, MOTOR_CLASSES, Recordings, smooth
 from sumo_eval.input_file import writing
@@ -70,8 +70,8 @@ class Events(NamedTuple):
     ghosts: how many were dropped, by kind.
     """
 
-    tables: dict[str, pd.DataFrame]
-    lane_changes: pd.DataFrame
+    tables: dict[str, DataFrame]
+    lane_changes: DataFrame
     vehicles: int
     vehicles_in_events: int
     ghosts: dict[str, int]
@@ -100,7 +100,7 @@ class RecordedTraffic:
     gap, closing, ttc: to the lead; without one inf, 0 and inf.
     """
 
-    def __init__(self, table: pd.DataFrame) -> None:
+    def __init__(self, table: DataFrame) -> None:
         rows = table[table["class"].isin(MOTOR_CLASSES)].sort_values(
             ["vehicle", "t"], kind="stable", ignore_index=True
         )
@@ -115,7 +115,7 @@ class RecordedTraffic:
             for name, index in rows.groupby("vehicle", sort=False).indices.items()
         }
         self.lane = _settled_lanes(rows)
-        self.centres: dict[Any, float] = pd.Series(self.y).groupby(self.lane).median().to_dict()
+        self.centres: dict[Any, float] = Series(self.y).groupby(self.lane).median().to_dict()
         self.across = np.zeros(len(rows))
         for part in self.slices.values():  # 11 samples: 1 s
             self.across[part] = np.gradient(smooth(self.y[part], 11), INTERVAL)
@@ -152,7 +152,7 @@ class RecordedTraffic:
         return begin, change.onset if ready else np.nan
 
 
-def _settled_lanes(rows: pd.DataFrame) -> np.ndarray:
+def _settled_lanes(rows: DataFrame) -> np.ndarray:
     """Lane of each row, (n,).
 
     A visit shorter than `LANE_KEPT` counts as the lane before it, a vehicle's first as the lane
@@ -196,17 +196,17 @@ def extract_events(recordings: Recordings) -> Events:
     egos = {(event["recording"], event["ego"]) for group in kept.values() for event in group}
     return Events(
         {kind: _table(kind, group) for kind, group in kept.items()},
-        pd.DataFrame(changes, columns=[*RecordedLaneChange._fields, "recording"]),
+        DataFrame(changes, columns=[*RecordedLaneChange._fields, "recording"]),
         vehicles,
         len(egos),
         {kind: len(events[kind]) - len(kept[kind]) for kind in KINDS},
     )
 
 
-def _table(kind: str, events: Sequence[Event]) -> pd.DataFrame:
+def _table(kind: str, events: Sequence[Event]) -> DataFrame:
     """Events of a kind, numbered."""
     rows = [{"event": f"{kind}-{number:05d}", **event} for number, event in enumerate(events)]
-    table = pd.DataFrame(rows, columns=None if rows else ["event", "recording", "ego", "t"])
+    table = DataFrame(rows, columns=None if rows else ["event", "recording", "ego", "t"])
     return table.drop(columns="ghost", errors="ignore")
 
 
@@ -282,7 +282,7 @@ def encounters(
 def _stretches(traffic: RecordedTraffic) -> list[slice]:
     """The rows of every stretch in which a vehicle stays behind one lead in one lane."""
     led, names = traffic.lead >= 0, traffic.names
-    keys = pd.DataFrame(
+    keys = DataFrame(
         {"vehicle": names, "lead": np.where(led, names[traffic.lead], ""), "lane": traffic.lane}
     )
     edges = [*np.flatnonzero((keys != keys.shift()).any(axis=1)).tolist(), len(names)]

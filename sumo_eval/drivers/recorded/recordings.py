@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame, Series, concat
 
 from sumo_eval.drivers.recorded.importers.tables import (
     IDENTIFIERS,
@@ -69,7 +69,7 @@ class Recordings(NamedTuple):
     out or assumed.
     """
 
-    table: pd.DataFrame
+    table: DataFrame
     notes: tuple[str, ...] = ()
 
     @property
@@ -78,7 +78,7 @@ class Recordings(NamedTuple):
         return self.table.groupby(_TRACK).ngroups
 
 
-def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
+def canonical(table: DataFrame, notes: Sequence[str] = ()) -> Recordings:
     """A table of samples at any rate as a canonical one: one clock of 0.1 s, holes split, columns
     complete, sorted.
 
@@ -103,10 +103,10 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
             "The recording must hold at least one vehicle with two samples at most "
             f"{LONGEST_HOLE:g} s apart, got none: {' '.join(counts)}"
         )
-    return Recordings(pd.concat(parts, ignore_index=True)[list(COLUMNS)], (*notes, *counts))
+    return Recordings(concat(parts, ignore_index=True)[list(COLUMNS)], (*notes, *counts))
 
 
-def _goes_back(table: pd.DataFrame) -> pd.Series[bool]:
+def _goes_back(table: DataFrame) -> Series[bool]:
     """Whether the vehicle of each row ends far behind its first place.
 
     table: sorted.
@@ -115,7 +115,7 @@ def _goes_back(table: pd.DataFrame) -> pd.Series[bool]:
     return x.transform("first") - x.transform("last") > BACK
 
 
-def _even_tracks(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], int, int]:
+def _even_tracks(rows: DataFrame) -> tuple[list[DataFrame], int, int]:
     """Tracks on the clock, number of holes, and number of tracks too short for the clock."""
     vehicle = [rows[name] for name in _TRACK]
     hole = rows["t"].groupby(vehicle).diff() > LONGEST_HOLE + 1e-6
@@ -125,7 +125,7 @@ def _even_tracks(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], int, int]:
     return tracks, hole.sum(), pieces.ngroups - len(tracks)
 
 
-def _on_the_clock(track: pd.DataFrame) -> pd.DataFrame | None:
+def _on_the_clock(track: DataFrame) -> DataFrame | None:
     """A hole-free track at whole tenths of a second; None for one that spans fewer than two of
     them.
     """
@@ -135,7 +135,7 @@ def _on_the_clock(track: pd.DataFrame) -> pd.DataFrame | None:
     if last - first < 1:
         return None
     clock = np.round(np.arange(first, last + 1) * INTERVAL, 3)
-    even = pd.DataFrame({"t": clock})
+    even = DataFrame({"t": clock})
     for name in ("x", "y", "speed", "heading", "acceleration", "steering"):
         values = track[name].to_numpy(dtype=np.float64)
         steady = np.unwrap(values) if name == "heading" else values
@@ -198,7 +198,7 @@ def read_csv(path: Path) -> Recordings:
     return canonical(table, notes)
 
 
-def _checked(table: pd.DataFrame) -> pd.DataFrame:
+def _checked(table: DataFrame) -> DataFrame:
     """Refuse a vehicle without length and width, as gaps are from bumper to bumper, channels in
     another unit, and lanes that grow to the right; else the table with all columns.
 
@@ -221,7 +221,7 @@ def _checked(table: pd.DataFrame) -> pd.DataFrame:
             f"`lane` of recording `{recording}` must grow to the left, as y does, got lane {lane} "
             "to the right of the one before."
         )
-    unknown = pd.Series(np.nan, table.index)
+    unknown = Series(np.nan, table.index)
     channels = {name: table.get(name, unknown) for name in ("acceleration", "steering")}
     return table.assign(
         **channels,
@@ -230,12 +230,12 @@ def _checked(table: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def _texts(cells: pd.Series[Any], empty: str) -> pd.Series[str]:
+def _texts(cells: Series[Any], empty: str) -> Series[str]:
     """A column of texts; empty: what an empty cell means."""
     return cells.astype(object).where(cells.notna(), empty).astype(str).map(from_cell)
 
 
-def _is_canonical(table: pd.DataFrame) -> bool:
+def _is_canonical(table: DataFrame) -> bool:
     """Whether every track has several samples, all on the clock, without holes, and drives on."""
     frame = (table["t"] / INTERVAL).round()
     on_clock = (table["t"] - frame * INTERVAL).abs() < 1e-6

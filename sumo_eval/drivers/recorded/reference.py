@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame, Index, isna
 
 from sumo_eval.drivers.recorded.events import Events, extract_events
 from sumo_eval.drivers.recorded.importers.tables import (
@@ -53,9 +53,9 @@ class People(NamedTuple):
 
     recordings: Recordings | None = None
     events: Events | None = None
-    tracks: Mapping[tuple[str, str], pd.DataFrame] = {}
+    tracks: Mapping[tuple[str, str], DataFrame] = {}
     centres: Mapping[tuple[str, int], float] = {}
-    named: pd.DataFrame | None = None
+    named: DataFrame | None = None
     folder: Path = Path()
 
 
@@ -166,7 +166,7 @@ def reference(
     return Reference(tuple(drives.values()), tuple(drives), tuple(left_out))
 
 
-def matching_events(events: Events, scenario: str, recorded: Counterpart) -> pd.DataFrame:
+def matching_events(events: Events, scenario: str, recorded: Counterpart) -> DataFrame:
     """The complete events that correspond to a scenario, with a column for each parameter, under
     its name.
 
@@ -186,7 +186,7 @@ def matching_events(events: Events, scenario: str, recorded: Counterpart) -> pd.
     columns = {"start": recorded.start, **columns}
     names = ["event", "recording", "ego"]
     chosen = table.reindex(columns=[*names, *columns.values()])
-    chosen.columns = pd.Index([*names, *columns])
+    chosen.columns = Index([*names, *columns])
     try:
         return chosen.astype(dict.fromkeys(columns, float)).dropna().reset_index(drop=True)
     except (TypeError, ValueError) as error:
@@ -196,8 +196,8 @@ def matching_events(events: Events, scenario: str, recorded: Counterpart) -> pd.
 
 
 def _nearest(
-    events: pd.DataFrame, values: Mapping[str, float], tolerance: Mapping[str, float]
-) -> pd.DataFrame:
+    events: DataFrame, values: Mapping[str, float], tolerance: Mapping[str, float]
+) -> DataFrame:
     """Events whose parameters are within all tolerances of these values, the nearest first."""
     wanted = [values[name] for name in tolerance]
     away = ((events[list(tolerance)] - wanted).abs() / list(tolerance.values())).to_numpy()
@@ -206,7 +206,7 @@ def _nearest(
 
 
 def _aligned(
-    track: pd.DataFrame, start: float, concrete: ConcreteScenario, people: People
+    track: DataFrame, start: float, concrete: ConcreteScenario, people: People
 ) -> Trajectory:
     """A track from `start` s on, moved to where the ego starts, up to its first sample past the
     road's end.
@@ -228,7 +228,7 @@ def _aligned(
     return _trajectory(moved[kept], **body)
 
 
-def _trajectory(rows: pd.DataFrame, **body: float) -> Trajectory:
+def _trajectory(rows: DataFrame, **body: float) -> Trajectory:
     """A track as a trajectory, with those of its channels that are known.
 
     body: its length and width, m.
@@ -266,7 +266,7 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
 
 
 @functools.lru_cache(maxsize=256)
-def _table_of(path: Path, changed: int) -> pd.DataFrame:
+def _table_of(path: Path, changed: int) -> DataFrame:
     """A file of drives, read once for the notes and the drives; changed: as in `_recorded`."""
     table = read_table(path, _PLACES)
     checked_numbers(table, [*_PLACES, *table.filter(_KNOWN)], path, gaps=["steering"])
@@ -282,7 +282,7 @@ def _drives_in(path: Path, line: Line) -> Iterator[tuple[str, Trajectory]]:
     table = _table_of(path, changed_at(path))
     table = table.assign(driver=table.get("driver"))  # without such a column no driver is named
     for name, rows in table.groupby("driver", sort=False, dropna=False):
-        driver = path.stem if pd.isna(name) else str(name)
+        driver = path.stem if isna(name) else str(name)
         try:
             if len(rows) < 2:
                 raise InputError("a drive must have at least two samples, got one.")

@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame, Series, concat
 from scipy.spatial import cKDTree
 
 from sumo_eval.drivers.recorded.recordings import STANDARD_LANE, smooth
@@ -40,7 +40,7 @@ FEWEST_SAMPLES = 500  # fewer do not show lanes
 LANE_COVER = 0.5
 
 
-def straighten(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
+def straighten(table: DataFrame) -> tuple[DataFrame, tuple[str, ...]]:
     """Samples in map coordinates as samples in road coordinates with lanes; a recording may become
     several streams.
 
@@ -67,10 +67,10 @@ def straighten(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
             f"At least one vehicle must move {SHORTEST_AXIS:g} m as it is headed, got none that "
             "does."
         )
-    return pd.concat(parts, ignore_index=True), tuple(notes)
+    return concat(parts, ignore_index=True), tuple(notes)
 
 
-def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
+def _streams(rows: DataFrame) -> tuple[list[DataFrame], dict[str, int]]:
     """The streams of a recording, that of the longest track first; and numbers of what is left out,
     by reason.
     """
@@ -131,16 +131,16 @@ def _first_lap(line: FloatArray) -> FloatArray:
     return line[: back.min(initial=len(line))]
 
 
-def _stream(rows: pd.DataFrame, axis: FloatArray, longest: str) -> pd.DataFrame:
+def _stream(rows: DataFrame, axis: FloatArray, longest: str) -> DataFrame:
     """The samples along an axis, in road coordinates: of the longest track's vehicle and of all
     that drive along it for `MEMBER_SHARE` of their samples.
     """
     (s, d), course, beyond = _projected(rows[["x", "y"]].to_numpy(), axis)
     heading = (rows["heading"].to_numpy() - course + np.pi) % (2 * np.pi) - np.pi
     along = (np.abs(d) <= HALF_WIDTH) & (np.abs(heading) <= WRONG_WAY) & ~beyond
-    share = pd.Series(along, index=rows.index).groupby(rows["vehicle"]).transform("mean")
+    share = Series(along, index=rows.index).groupby(rows["vehicle"]).transform("mean")
     member = (share >= MEMBER_SHARE) | (rows["vehicle"] == longest)
-    stream: pd.DataFrame = rows.assign(x=s, y=d, heading=heading)[member.to_numpy() & along]
+    stream: DataFrame = rows.assign(x=s, y=d, heading=heading)[member.to_numpy() & along]
     # on another lap places jump back to the begin
     steps = stream.groupby("vehicle")[["x", "t"]].diff()
     jumps = steps["x"].abs() > 2.0 * (HALF_WIDTH + stream["speed"] * steps["t"])
@@ -229,7 +229,7 @@ def _projected(points: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatA
     return np.stack([s, d]), np.interp(s, along, course), beyond
 
 
-def _laned(stream: pd.DataFrame) -> tuple[pd.DataFrame, float | None]:
+def _laned(stream: DataFrame) -> tuple[DataFrame, float | None]:
     """A stream with y = 0 on the right lane's centre and lane numbers, and the lanes' width if they
     are visible.
     """
@@ -243,7 +243,7 @@ def _laned(stream: pd.DataFrame) -> tuple[pd.DataFrame, float | None]:
     # The right lane of the main road: the first that is driven on enough stretches of the road.
     # A stretch is a twentieth of it, or `SECTION` if that is longer.
     stretch = (x / max(np.ptp(s) / 20, SECTION)).astype(int)
-    driven = pd.Series(stretch).groupby(lane).nunique()
+    driven = Series(stretch).groupby(lane).nunique()
     enough = min(LANE_COVER * len(np.unique(stretch)), driven.max())
     right = int(driven.index[driven >= enough].min())
     y = d + aside - middle - right * spacing

@@ -13,10 +13,10 @@ Users: `extras/openscenario/frame.py`, `extras/openscenario/network.py`, `scenar
 """
 
 import itertools
-import math
 import re
 from collections.abc import Callable, Sequence
 from functools import partial
+from math import atan2, ceil, hypot, inf, isnan
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -153,7 +153,7 @@ def _number(owner: str, element: Element, name: str, default: float | None = Non
     if text is None and default is not None:
         return default
     value = number_in(text)
-    if math.isnan(value):
+    if isnan(value):
         raise must_be(f"`{name}` of <{element.tag}>", owner, "a finite number", text or "nothing")
     return value
 
@@ -202,8 +202,8 @@ def _cubic(shape: Element, length: float, owner: str) -> Cubic:
     kinds = {"arcLength": length, "normalized": 1.0}
     kind = shape.get("pRange", "normalized")
     check_known(f"`pRange` of <paramPoly3> of {owner}:", kinds, kind)
-    off = math.hypot(along[0], left[0])
-    turned = abs(math.atan2(left[1], along[1]))
+    off = hypot(along[0], left[0])
+    turned = abs(atan2(left[1], along[1]))
     what = "one that begins at its <geometry>"
     _check_near("A <paramPoly3>", owner, what, off, turned)
     return Cubic(along, left, kinds[kind])
@@ -467,12 +467,12 @@ def _span_of(
     return (
         LaneSpan(
             lane=0,
-            begin=-math.inf if from_start else begin,
-            end=math.inf if to_end else end,
+            begin=-inf if from_start else begin,
+            end=inf if to_end else end,
             opening=begin - opens,
             closing=closes - end,
-            parted_until=max(on, default=-math.inf) if from_start else -math.inf,
-            parted_from=min(off, default=math.inf) if to_end else math.inf,
+            parted_until=max(on, default=-inf) if from_start else -inf,
+            parted_from=min(off, default=inf) if to_end else inf,
         ),
     )
 
@@ -487,7 +487,7 @@ def beside(reference: Line, offset: float, owner: str) -> Line:
         if max(piece.begin * offset, piece.end * offset) >= 1.0:
             wanted = f"above {abs(offset):g} m, the distance of its lane from the reference line"
             raise must_be("The radius of a curve", owner, wanted, f"{piece}")
-        count = 1 if piece.begin == piece.end else math.ceil(piece.length / _PART)
+        count = 1 if piece.begin == piece.end else ceil(piece.length / _PART)
         rate = (piece.end - piece.begin) / count
         for part in range(count):
             ends = piece.begin + rate * part, piece.begin + rate * (part + 1)

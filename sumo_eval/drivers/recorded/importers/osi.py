@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame, Series, to_numeric
 
 from sumo_eval.drivers.recorded.importers.tables import Samples, checked_numbers, require_columns
 from sumo_eval.errors import InputError, needs_extra
@@ -70,13 +70,13 @@ def read(path: Path) -> Samples:
     return rows.astype({"vehicle": str}), notes
 
 
-def _moving_objects(path: Path) -> pd.DataFrame:
+def _moving_objects(path: Path) -> DataFrame:
     """Every moving object at every instant, with finite numbers: a table of `_COLUMNS`."""
     if not path.name.endswith(ENDINGS):
         raise InputError(f"{path} must end in {', '.join(ENDINGS)}.")
     input_file(path, "file")
     is_table = path.suffix == ".parquet"
-    rows = _omega_prime(path) if is_table else pd.DataFrame(_objects(path), columns=_COLUMNS)
+    rows = _omega_prime(path) if is_table else DataFrame(_objects(path), columns=_COLUMNS)
     if rows.empty:
         raise InputError(f"{path} must hold GroundTruth with moving objects, got none.")
     numbers = [name for name in _COLUMNS if name not in ("vehicle", "type", "subtype")]
@@ -84,7 +84,7 @@ def _moving_objects(path: Path) -> pd.DataFrame:
     return rows
 
 
-def _why_left_out(kinds: pd.DataFrame, bodies: pd.DataFrame) -> pd.Series[str]:
+def _why_left_out(kinds: DataFrame, bodies: DataFrame) -> Series[str]:
     """Reason to leave out each object; empty keeps it.
 
     kinds: type and subtype; bodies: length and width, m; a row each.
@@ -94,7 +94,7 @@ def _why_left_out(kinds: pd.DataFrame, bodies: pd.DataFrame) -> pd.Series[str]:
         "pulled by another vehicle": (kinds["type"] == VEHICLE) & kinds["subtype"].isin(_TOWED),
         "without a body": ~(bodies > 0.0).all(axis=1),
     }
-    return pd.Series(np.select(list(reasons.values()), list(reasons), ""), index=kinds.index)
+    return Series(np.select(list(reasons.values()), list(reasons), ""), index=kinds.index)
 
 
 # --- files of messages ----------------------------------------------------------------------------
@@ -222,7 +222,7 @@ def _varint(message: bytes, at: int) -> tuple[int, int]:
 # --- tables ---------------------------------------------------------------------------------------
 
 
-def _omega_prime(path: Path) -> pd.DataFrame:
+def _omega_prime(path: Path) -> DataFrame:
     """The moving objects of an omega-prime recording kept as a table."""
     try:
         duckdb: Any = import_module("duckdb")
@@ -234,12 +234,12 @@ def _omega_prime(path: Path) -> pd.DataFrame:
     )  # fmt: skip
     try:
         with duckdb.connect() as database:
-            rows: pd.DataFrame = database.read_parquet(str(path)).df()
+            rows: DataFrame = database.read_parquet(str(path)).df()
     except duckdb.Error as error:
         raise InputError(f"{path} is not a Parquet table: {str(error).splitlines()[0]}.") from error
     require_columns(rows, wanted, path)
     rows = rows[list(wanted)].rename(columns={"idx": "vehicle", "yaw": "heading"})
-    clock = rows[["total_nanos", "vel_x", "vel_y"]].apply(pd.to_numeric, errors="coerce")
+    clock = rows[["total_nanos", "vel_x", "vel_y"]].apply(to_numeric, errors="coerce")
     rows["t"], rows["speed"] = clock["total_nanos"] * 1e-9, np.hypot(clock["vel_x"], clock["vel_y"])
     rows = rows.fillna({"type": 0, "subtype": 0})
     # columns of integers need no check, and a 64-bit id does not fit into the check's doubles

@@ -13,8 +13,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from lxml import etree
+from pandas import DataFrame, Series
 
 from sumo_eval.drivers.recorded.importers.tables import (
     Samples,
@@ -42,7 +42,7 @@ def read(path: Path) -> Samples:
     is_xml = ".xml" in path.suffixes
     rows = _from_xml(path) if is_xml else _from_csv(path)
     # a vehicle has a lane, a person or container an edge
-    on_edge = rows.get("edge", pd.Series(np.nan, rows.index)).notna()
+    on_edge = rows.get("edge", Series(np.nan, rows.index)).notna()
     persons, rows = rows[on_edge], rows[~on_edge]
     if rows.empty:
         raise InputError(
@@ -51,11 +51,11 @@ def read(path: Path) -> Samples:
     numbers = [*rows.filter(["time", *_NEEDED, "acceleration", "posLat"])]
     lines = rows["row"].tolist() if is_xml else None
     checked_numbers(rows, numbers, path, rows=lines, gaps=["posLat"])
-    kinds = rows.get("type", pd.Series("car", rows.index)).astype(str).str.lower()
+    kinds = rows.get("type", Series("car", rows.index)).astype(str).str.lower()
     kinds = kinds.replace("default_biketype", "bicycle")  # the name of SUMO's own type
     length, width = np.array([BODIES.get(kind, (LENGTH, WIDTH)) for kind in kinds]).T
     heading = np.radians(90.0 - rows["angle"])
-    table = pd.DataFrame(
+    table = DataFrame(
         {
             "recording": path.stem,
             "vehicle": rows["id"].astype(str),
@@ -83,7 +83,7 @@ def read(path: Path) -> Samples:
     return table, notes
 
 
-def _from_csv(path: Path) -> pd.DataFrame:
+def _from_csv(path: Path) -> DataFrame:
     columns = "timestep_time", "vehicle_id", *(f"vehicle_{name}" for name in _NEEDED)
     names = {"vehicle_id": str}
     # only empty cells are missing values: a vehicle may be called NA
@@ -93,7 +93,7 @@ def _from_csv(path: Path) -> pd.DataFrame:
     return rows
 
 
-def _from_xml(path: Path) -> pd.DataFrame:
+def _from_xml(path: Path) -> DataFrame:
     rows = []
     opening = gzip.open if path.suffix == ".gz" else open
     with reading_xml(path), ExitStack() as opened:
@@ -112,4 +112,4 @@ def _from_xml(path: Path) -> pd.DataFrame:
                 raise InputError(
                     f"The vehicle in row {row['row']} of {path} must have `{name}`, got none."
                 )
-    return pd.DataFrame(rows)
+    return DataFrame(rows)

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from lxml import etree
+from pandas import DataFrame, Series
 
 from sumo_eval.errors import MOST_KNOWN, InputError, did_you_mean
 from sumo_eval.input_file import input_file
@@ -40,7 +41,7 @@ STEP = 1.0  # m; a longer step shows its course, a shorter one the noise of posi
 HEADINGS_AGREE = 0.99, 0.5  # share of these whose course is at most so far from the heading, rad
 WHOLE = {"lane", "Lane_ID", "Vehicle_ID", "id", "trackId"}  # columns of whole numbers
 
-Samples = tuple[pd.DataFrame, list[str]]
+Samples = tuple[DataFrame, list[str]]
 """A table of tracks, sampled as in the source, and sentences on what was assumed."""
 
 
@@ -67,7 +68,7 @@ def reading_xml(path: Path) -> Iterator[None]:
         raise InputError(f"{path} is not well-formed XML: {str(error.msg).rstrip('.')}.") from error
 
 
-def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFrame:
+def read_table(path: Path, required: Sequence[str], **options: Any) -> DataFrame:
     """A CSV file with at least the `required` columns; `options` go to pandas, `dtype` as a
     dict and then without options that choose rows.
 
@@ -78,7 +79,7 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
             # Pandas only warns of a row with more cells than the heading and cuts it; without
             # `index_col` it would shift the columns.
             warnings.simplefilter("error", pd.errors.ParserWarning)
-            table: pd.DataFrame = pd.read_csv(
+            table: DataFrame = pd.read_csv(
                 input_file(path, "file"), low_memory=False, index_col=False, **options
             )
     except InputError:
@@ -112,7 +113,7 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
     return table
 
 
-def require_columns(table: pd.DataFrame, required: Sequence[str], path: Path) -> None:
+def require_columns(table: DataFrame, required: Sequence[str], path: Path) -> None:
     """Refuse a table that lacks some of the `required` columns, and name all of them."""
     missing = [name for name in required if name not in table]
     if missing:
@@ -125,7 +126,7 @@ def require_columns(table: pd.DataFrame, required: Sequence[str], path: Path) ->
 
 
 def checked_numbers(
-    table: pd.DataFrame,
+    table: DataFrame,
     columns: Sequence[str],
     path: Path,
     *,
@@ -174,7 +175,7 @@ def unread(kind: str, names: Iterable[object], known: Sequence[str], path: Path)
     ]
 
 
-def in_order(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
+def in_order(table: DataFrame) -> tuple[DataFrame, list[str]]:
     """The samples by vehicle and time, tracks split where they jump, and notes on both: samples
     are left out whose time a vehicle has twice.
     """
@@ -194,7 +195,7 @@ def in_order(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
     return rows, [f"{flags.sum()} {words}" for words, flags in counted.items() if flags.any()]
 
 
-def numbered(vehicle: pd.Series[str], before: pd.Series[Any]) -> pd.Series[str]:
+def numbered(vehicle: Series[str], before: Series[Any]) -> Series[str]:
     """Names of the parts of tracks: `a`, `a#2`, ...; before: number of parts before it."""
     mark = "#"
     while vehicle.str.contains(mark).any():  # a vehicle may be called `a#2`
@@ -202,13 +203,13 @@ def numbered(vehicle: pd.Series[str], before: pd.Series[Any]) -> pd.Series[str]:
     return vehicle.where(before == 0, vehicle + mark + (before + 1).astype(str))
 
 
-def _steps(table: pd.DataFrame, samples: int = 1) -> tuple[pd.Series[float], pd.Series[float]]:
+def _steps(table: DataFrame, samples: int = 1) -> tuple[Series[float], Series[float]]:
     """Distance, m, and time, s, to each row from the row `samples` before it in its track."""
     steps: Any = table.groupby(["recording", "vehicle"], sort=False)[["t", "x", "y"]].diff(samples)
     return np.hypot(steps["x"], steps["y"]), steps["t"]
 
 
-def check_motion(table: pd.DataFrame) -> None:
+def check_motion(table: DataFrame) -> None:
     """Refuse speeds in another unit than m/s and headings that are not rad along the motion.
 
     table: recording, vehicle, t, x, y and what is known of speed and heading, by vehicle and time.
@@ -231,7 +232,7 @@ def check_motion(table: pd.DataFrame) -> None:
         _refuse(angles[angles > HEADINGS_AGREE[1]], "`heading`", "rad", "rad off the course")
 
 
-def _refuse(bad: pd.Series[float], channel: str, unit: str, words: str) -> None:
+def _refuse(bad: Series[float], channel: str, unit: str, words: str) -> None:
     """Refuse the first of `bad` values by recording."""
     for recording, value in bad.items():
         raise InputError(
@@ -253,7 +254,7 @@ def line_of_row(path: Path, row: int, heading: int = 1) -> int:
         return next(itertools.islice(filled, heading + row, None))
 
 
-def add_motion(table: pd.DataFrame, names: Sequence[str], owner: str) -> list[str]:
+def add_motion(table: DataFrame, names: Sequence[str], owner: str) -> list[str]:
     """Compute the missing ones of the channels `names` from t, x and y of each track, and return
     their names.
 
