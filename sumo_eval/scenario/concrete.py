@@ -32,6 +32,9 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import point_words
 from sumo_eval.trajectory import FloatArray
 
+Numbers = Mapping[str, float]
+"""Numbers by name, as of the parameters at a point of a space."""
+
 
 @frozen
 class NetworkFile:
@@ -469,7 +472,7 @@ class ConcreteScenario:
     """
 
     scenario: str
-    values: Mapping[str, float]
+    values: Numbers
     exposure: float
     road: Road
     ego: Start

@@ -14,7 +14,7 @@ from annotated_types import MinLen
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.input_file import sha256
-from sumo_eval.scenario.concrete import CHANGES, Road
+from sumo_eval.scenario.concrete import CHANGES, Numbers, Road
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.expression import (
     Definitions,
@@ -174,9 +174,7 @@ class RoadTable(Checked):
     )
     crossing: tuple[CrossingTable, ...] = setting((), "roads that cross this one")
 
-    def read(
-        self, end: float, options: Mapping[str, float], where: str, folder: Path, *, reacts: bool
-    ) -> Road:
+    def read(self, end: float, options: Numbers, where: str, folder: Path, *, reacts: bool) -> Road:
         """The road; cases end at x = `end`, m.
 
         reacts: whether a SUMO model drives any actor on it.
@@ -460,7 +458,7 @@ class ScenarioFile(Checked):
     )
     require: tuple[RequireTable, ...] = setting((), "what must hold in every drive")
 
-    def logical(self, options: Mapping[str, float], where: str, folder: Path) -> LogicalScenario:
+    def logical(self, options: Numbers, where: str, folder: Path) -> LogicalScenario:
         """The logical scenario.
 
         options: the value of every option.
@@ -517,7 +515,7 @@ class ScenarioFile(Checked):
         )
 
     def _names(
-        self, parameters: Sequence[Parameter], options: Mapping[str, float], where: str
+        self, parameters: Sequence[Parameter], options: Numbers, where: str
     ) -> tuple[Names, Definitions]:
         """The names that formulas may use, and the definitions."""
         for option in self.option:

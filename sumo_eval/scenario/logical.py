@@ -18,7 +18,15 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, check_known, check_name, must_be
 from sumo_eval.frozen import frozen
-from sumo_eval.scenario.concrete import CHANGES, Actor, ConcreteScenario, EgoBody, Road, Start
+from sumo_eval.scenario.concrete import (
+    CHANGES,
+    Actor,
+    ConcreteScenario,
+    EgoBody,
+    Numbers,
+    Road,
+    Start,
+)
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.requirement import Requirements
 from sumo_eval.settings.checked import About, Checked, FilledText, Natural, PositiveFloat, setting
@@ -269,7 +277,7 @@ class LogicalScenario:
     parameters: tuple[Parameter, ...]
     constraints: tuple[Constraint, ...]
     road: Road
-    place: Callable[[Mapping[str, float]], tuple[Start, tuple[Actor, ...]]]
+    place: Callable[[Numbers], tuple[Start, tuple[Actor, ...]]]
     approach: Callable[[Values], Approach] | None = None
     exposure: PointFunction = uniform_exposure
     exposure_about: str = "uniform: every concrete scenario counts the same"
@@ -359,7 +367,7 @@ class LogicalScenario:
             )  # fmt: skip
         return {name: array[..., column] for column, name in enumerate(self.names)}
 
-    def row(self, values: Mapping[str, float]) -> FloatArray:
+    def row(self, values: Numbers) -> FloatArray:
         """Values by name as one row in the order of `parameters`."""
         return np.array([values[name] for name in self.names])
 
@@ -403,7 +411,7 @@ class LogicalScenario:
         exposure = float(self.exposure(arrays))  # type: ignore[arg-type]
         return replace(self.placed(point), exposure=exposure)
 
-    def placed(self, point: Mapping[str, float]) -> ConcreteScenario:
+    def placed(self, point: Numbers) -> ConcreteScenario:
         """The concrete scenario at values by name, unchecked: constraints may forbid it.
 
         Its exposure is 1.

@@ -16,6 +16,9 @@ SMOOTH, CONSTANT = 0, 1
 # `swing`, half a swing
 SINUS, COSINE = 2, 3
 
+Motion = tuple[float, float, float]
+"""A distance, m, and its first and second derivatives by time, m/s and m/s2."""
+
 
 @kernel
 def quintic(s: Any) -> Any:
@@ -36,7 +39,7 @@ def quintic_bend(s: Any) -> Any:
 
 
 @kernel
-def swing(move: Any, time: float) -> tuple[float, float, float]:
+def swing(move: Any, time: float) -> Motion:
     """Offset, m, speed, m/s, and acceleration, m/s2, of swings, each to one side and back: first to
     the side of `offset`, then to the other, and so on.
 
@@ -57,7 +60,7 @@ def swing(move: Any, time: float) -> tuple[float, float, float]:
 
 
 @kernel
-def lateral_motion(move: Any, time: float) -> tuple[float, float, float]:
+def lateral_motion(move: Any, time: float) -> Motion:
     """Offset, m, speed, m/s, and acceleration, m/s2, of a lateral move at a time, all to the left.
 
     At an instant at which the speed jumps, it is the speed after the jump.
@@ -84,7 +87,7 @@ def lateral_motion(move: Any, time: float) -> tuple[float, float, float]:
 
 
 @kernel
-def _at_constant_speed(move: Any, since: float) -> tuple[float, float, float]:
+def _at_constant_speed(move: Any, since: float) -> Motion:
     """`lateral_motion` of a move at constant speed, `since` s after it began.
 
     The speed builds up linearly and ends at once. `concrete.constant_lateral` computes the duration

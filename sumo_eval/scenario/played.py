@@ -23,7 +23,7 @@ import numpy as np
 from sumo_eval.kernels import Records, fields, flags, kernel, rows
 from sumo_eval.scenario import motion
 from sumo_eval.scenario.bodies import half_sizes
-from sumo_eval.scenario.motion import along_heading, lateral_motion
+from sumo_eval.scenario.motion import Motion, along_heading, lateral_motion
 from sumo_eval.scenario.road.reference_line import line_at, to_frame
 from sumo_eval.scenario.touch import Body, body_of, velocity
 from sumo_eval.trajectory import IntArray
@@ -235,7 +235,7 @@ def case_of(cast: Any, i: int) -> Any:
 
 
 @kernel
-def driven(play: Any, pieces: Any, time: float) -> tuple[float, float, float]:
+def driven(play: Any, pieces: Any, time: float) -> Motion:
     """Distance m, speed m/s and acceleration m/s2 along the line at a time."""
     s, v, left = play.s, play.v, time - play.since  # left: time that is not yet driven, s
     for k in range(play.pieces):
@@ -325,7 +325,7 @@ def on_line(play: Any, table: Any, s: float) -> tuple[float, float, float]:
 
 
 @kernel
-def _across_line(play: Any, acts: Any, time: float) -> tuple[float, float, float]:
+def _across_line(play: Any, acts: Any, time: float) -> Motion:
     """Offset m, speed m/s and acceleration m/s2 to the left, of the moves begun on this line."""
     aside, across, sideways = 0.0, 0.0, 0.0
     for q in range(play.acts):

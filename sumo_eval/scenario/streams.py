@@ -4,7 +4,7 @@ want to drive, drawn once from a declared seed.
 Users: `scenario/file_tables.py`, `scenario/vehicle_tables.py`.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from sumo_eval.errors import check_vehicle_name, must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario.bodies import BODIES
-from sumo_eval.scenario.concrete import Actor, Model, Road, Start
+from sumo_eval.scenario.concrete import Actor, Model, Numbers, Road, Start
 from sumo_eval.scenario.formulas import Formula, LimitedFormulas, Names, PositiveFormula
 from sumo_eval.settings.checked import (
     About,
@@ -69,7 +69,7 @@ class StreamTable(Checked):
             raise must_be("`lane`", f"{what} of {names.where}", f"below {road.lanes}", self.lane)
         return names.quantities(self, what)
 
-    def actors(self, ego: Start, road: Road, numbers: Mapping[str, float]) -> Iterator[Actor]:
+    def actors(self, ego: Start, road: Road, numbers: Numbers) -> Iterator[Actor]:
         """Its vehicles from the foremost back.
 
         numbers: of the table, by key.
@@ -127,7 +127,7 @@ class StreamTable(Checked):
             x -= spacing * (1.0 + self.spacing_spread * further)
 
 
-def sumo_model(name: str, desired: float, numbers: Mapping[str, float]) -> Model:
+def sumo_model(name: str, desired: float, numbers: Numbers) -> Model:
     """A car-following model of SUMO.
 
     numbers: of a table, by its keys; what the model does not know is left out.

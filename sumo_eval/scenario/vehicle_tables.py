@@ -24,6 +24,7 @@ from sumo_eval.scenario.concrete import (
     RECORDED_EVERY,
     Actor,
     EgoBody,
+    Numbers,
     Road,
     Start,
     Way,
@@ -326,7 +327,7 @@ class Move:
     pairs: tuple[tuple[LimitedFormula, LimitedFormula], ...]
     when: tuple[Step, ...]
 
-    def act(self, values: Mapping[str, float], vehicle: str) -> Act:
+    def act(self, values: Numbers, vehicle: str) -> Act:
         """Its act; not for a `follow`, see `Vehicle.actor`.
 
         values: of parameters and definitions, by name.
@@ -351,7 +352,7 @@ class Move:
                 act = act._replace(kind=played.BY_PLACE)
         return act._replace(table=pairs, program=self.program(values), name=table.name)
 
-    def program(self, values: Mapping[str, float]) -> Program:
+    def program(self, values: Numbers) -> Program:
         """Its condition with these values of parameters and definitions, as in `Act.program`."""
         return tuple(
             (op, one, two, 0.0 if value is None else float(value.at(values)))
@@ -472,9 +473,7 @@ class Vehicle:
     numbers: LimitedFormulas
     moves: tuple[Move, ...]
 
-    def actor(
-        self, ego: Start, ego_table: EgoTable, road: Road, values: Mapping[str, float]
-    ) -> Actor:
+    def actor(self, ego: Start, ego_table: EgoTable, road: Road, values: Numbers) -> Actor:
         """The actor at a point.
 
         ego: its start there.
@@ -558,7 +557,7 @@ class Placement:
         """Whether any vehicle is `lively`, or there are streams."""
         return bool(self.streams) or any(vehicle.table.lively for vehicle in self.vehicles)
 
-    def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
+    def __call__(self, values: Numbers) -> tuple[Start, tuple[Actor, ...]]:
         """The start of the ego, and the actors."""
         extended = self.definitions.extend(values)
         ego = self.ego.start(self.numbers.at(extended), self.road, self.owner)
