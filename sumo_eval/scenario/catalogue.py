@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Final
 
 from sumo_eval.errors import InputError, SumoEvalError, unknown, users_code
 from sumo_eval.gone import refuse_use_case
@@ -20,7 +19,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings.locators import load_object
 
-SCENARIOS: Final = tuple(scenario_files())
+SCENARIOS = tuple(scenario_files())
 """Names of the shipped logical scenarios."""
 
 

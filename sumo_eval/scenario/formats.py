@@ -11,7 +11,7 @@ from dataclasses import field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from sumo_eval.errors import InputError, SumoEvalError, users_code
 from sumo_eval.frozen import frozen
@@ -20,7 +20,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings import ScenarioSettings
 
-GROUP: Final = "sumo_eval.scenarios"
+GROUP = "sumo_eval.scenarios"
 Entries = tuple[ScenarioSettings, ...]
 """The tables `[[scenario]]` of an evaluation."""
 

@@ -10,7 +10,7 @@ from math import cos, inf, isinf, sin, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sumo_eval.kernels import fields, interpreted, kernel, rows
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -25,7 +25,7 @@ from sumo_eval.scenario.played import (
 )
 from sumo_eval.scenario.road.reference_line import knots_of
 from sumo_eval.scenario.touch import velocity
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import FloatArray, IntArray
 
 CHANNELS = ("x", "y", "heading", "speed", "across")
 """Road coordinates of the centre, m; heading, rad; speeds along and left of the heading, m/s."""
@@ -69,23 +69,6 @@ def tracks(
     return Tracks(others, cast.plays["first_begin"])
 
 
-class Braking(NamedTuple):
-    """Ideal braking of n egos.
-
-    deceleration: m/s2.
-    obstacle: number of the actor after whose first move they brake.
-    delays: from that move until each brakes, s, (n,).
-    step: between two looks, s.
-    looks: their number, (n,).
-    """
-
-    deceleration: float
-    obstacle: int
-    delays: FloatArray
-    step: float
-    looks: NDArray[np.int64]
-
-
 def meetings(
     concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, float]], step: float,
     until: ArrayLike,
@@ -102,9 +85,9 @@ def meetings(
     obstacle: number of an actor.
     delays: from its first move until each ego brakes, s, (n,); from the start if it has no moves.
     """
-    braking = Braking(deceleration, obstacle, np.array(delays, float), step, _looks(until, step))
     met = np.zeros((len(concretes), 3))
-    _meet_rows(_at_start(concretes, bodies), braking, met)
+    cast, waits = _at_start(concretes, bodies), np.array(delays, float)
+    _meet_rows(cast, step, _looks(until, step), deceleration, obstacle, waits, met)
     return met
 
 
@@ -193,24 +176,29 @@ def _run_rows(cast: Cast, tracks: FloatArray, step: float) -> None:
 
 
 @rows
-def _meet_rows(cast: Cast, braking: Braking, met: FloatArray) -> None:
+def _meet_rows(
+    cast: Cast, step: float, looks: IntArray,
+    deceleration: float, obstacle: int, delays: FloatArray,
+    met: FloatArray,
+) -> None:  # fmt: skip
     """Write `meetings` of every case to `met`, (n, 3).
+
+    looks: their number, (n,).
 
     A case ends when both touch, or once its ego stands and the obstacle does not come nearer.
     """
-    obstacle, step = braking.obstacle, braking.step
     for i in range(len(cast.egos)):
         case = case_of(cast, i)
         ego, other = case.egos[0], case.others[obstacle]
         met[i, 2] = inf
-        for k in range(braking.looks[i]):
+        for k in range(looks[i]):
             now = k * step
             # inf while the obstacle's first move is to come
             if isinf(ego.brakes_from):
                 play = case.plays[obstacle]
                 begin = 0.0 if play.acts == 0 else play.first_begin
-                ego.brakes_from = begin + braking.delays[i]
-            _advance(case, now, max(k - 1, 0) * step, braking.deceleration)
+                ego.brakes_from = begin + delays[i]
+            _advance(case, now, max(k - 1, 0) * step, deceleration)
             # c, s: of the obstacle's heading. Bodies overlap where their centres are less than
             # `long` m apart along the road and less than `wide` m across it.
             c, s = cos(other.heading), sin(other.heading)

@@ -15,7 +15,7 @@ import functools
 import math
 import operator
 from collections.abc import Callable, Mapping
-from dataclasses import field, fields
+from dataclasses import astuple, field, fields
 from numbers import Integral, Real
 from types import UnionType
 from typing import (
@@ -116,14 +116,12 @@ _KINDS: dict[object, tuple[Any, str]] = {
     str: (str, "a text"), dict: (Mapping, "a table"), tuple: ((list, tuple), "a list"),
     **dict.fromkeys((Union, UnionType, Literal, Any), (object, "")),
 }  # fmt: skip
-# (bound, its attribute with the limit, test of a value and the limit, words before the limit)
-_CHECKS: tuple[tuple[type, str, Callable[[Any, Any], bool], str], ...] = (
-    (Gt, "gt", operator.gt, "greater than"),
-    (Ge, "ge", operator.ge, "at least"),
-    (Lt, "lt", operator.lt, "less than"),
-    (Le, "le", operator.le, "at most"),
-    (MinLen, "min_length", lambda value, least: len(value) >= least, "no shorter than"),
-)
+# bound, whose only field is its limit: (test of a value and the limit, words before the limit)
+_CHECKS: dict[type, tuple[Callable[[Any, Any], bool], str]] = {
+    Gt: (operator.gt, "greater than"), Ge: (operator.ge, "at least"),
+    Lt: (operator.lt, "less than"), Le: (operator.le, "at most"),
+    MinLen: (lambda value, least: len(value) >= least, "no shorter than"),
+}  # fmt: skip
 
 
 class Checked:
@@ -152,7 +150,7 @@ class _Rule(NamedTuple):
     optional: whether None is accepted.
     choices: accepted values of a Literal; empty for other annotations.
     kind, kind_words: as in `_KINDS`.
-    bounds: (test of a value and the limit, limit, words before the limit).
+    bounds: (test of a value and the limit, words before the limit, limit).
     inner: rules of the kinds of a union, of a table's keys and values, or of a list's items.
     """
 
@@ -161,7 +159,7 @@ class _Rule(NamedTuple):
     choices: tuple[Any, ...]
     kind: Any
     kind_words: str
-    bounds: tuple[tuple[Callable[[Any, Any], bool], Any, str], ...]
+    bounds: tuple[tuple[Callable[[Any, Any], bool], str, Any], ...]
     inner: tuple[_Rule, ...]
 
 
@@ -183,10 +181,7 @@ def _rule(hint: Any) -> _Rule:
         return _rule(Annotated[parts[0], *marks, None])._replace(optional=True)
     kind, kind_words = _KINDS.get(form or base) or (base, f"a table (`{base.__name__}`)")
     bounds = tuple(
-        (holds, getattr(mark, attribute), words)
-        for mark in marks
-        for bound, attribute, holds, words in _CHECKS
-        if isinstance(mark, bound)
+        (*_CHECKS[type(mark)], *astuple(mark)) for mark in marks if type(mark) in _CHECKS
     )
     choices = parts if form is Literal else ()
     inner = () if choices else tuple(map(_rule, parts))
@@ -212,7 +207,7 @@ def _wrong(value: Any, rule: _Rule, place: str = "") -> Wrong | None:
         return place, rule.kind_words, value
     if isinstance(value, float) and not math.isfinite(value):
         return place, "a finite number" if math.isinf(value) else "a number", value
-    for holds, limit, words in rule.bounds:
+    for holds, words, limit in rule.bounds:
         if not holds(value, limit):
             return place, f"{words} {limit:g}", value
     if rule.form in (dict, tuple):

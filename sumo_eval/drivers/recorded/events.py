@@ -404,25 +404,23 @@ def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -
             if ahead is not None:
                 onset = {"obstacle_speed": speed[ahead], "gap": traffic.apart(begin, ahead)}
         braking = traffic.acceleration[now : min(now + _REACTION, stop)]
-        yield (
-            {
-                "ego": ego,
-                "t": traffic.t[now],
-                "cut_out": change.vehicle,
-                "revealed": names[revealed] if near else "",
-                "to_left": change.to > change.origin,
-                "speed_at_crossing": speed[now],
-                "cut_out_speed": speed[change.row],
-                "gap_to_cut_out": gap[behind],
-                "revealed_speed": speed[revealed] if near else np.nan,
-                "gap_to_revealed": gap[now] if near else np.nan,
-                "ego_speed": speed[begin],
-                "start": start,
-                **onset,
-                "min_acceleration": braking.min(),
-                "ghost": _is_ghost(gap[behind], np.inf, braking),
-            }
-        )
+        yield {
+            "ego": ego,
+            "t": traffic.t[now],
+            "cut_out": change.vehicle,
+            "revealed": names[revealed] if near else "",
+            "to_left": change.to > change.origin,
+            "speed_at_crossing": speed[now],
+            "cut_out_speed": speed[change.row],
+            "gap_to_cut_out": gap[behind],
+            "revealed_speed": speed[revealed] if near else np.nan,
+            "gap_to_revealed": gap[now] if near else np.nan,
+            "ego_speed": speed[begin],
+            "start": start,
+            **onset,
+            "min_acceleration": braking.min(),
+            "ghost": _is_ghost(gap[behind], np.inf, braking),
+        }
 
 
 def _cut_ins(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -> Iterator[Event]:
@@ -438,22 +436,20 @@ def _cut_ins(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) ->
         begin, start = traffic.onset_of(row, change)
         other = change.row - row + begin  # row of the vehicle that cuts in, at the time of `begin`
         braking = traffic.acceleration[row : min(row + _REACTION, part.stop)]
-        yield (
-            {
-                "ego": ego,
-                "t": traffic.t[row],
-                "start": start,
-                "cut_in": change.vehicle,
-                "to_left": change.to > change.origin,
-                "ego_speed": speed[begin],
-                "cut_in_speed": speed[other],
-                "gap": traffic.apart(begin, other),
-                "lateral_speed": change.lateral_speed,
-                "min_acceleration": braking.min(),
-                "ghost": change.lateral_speed > GHOST_LATERAL_SPEED
-                or _is_ghost(gap[row], np.inf, braking),
-            }
-        )
+        yield {
+            "ego": ego,
+            "t": traffic.t[row],
+            "start": start,
+            "cut_in": change.vehicle,
+            "to_left": change.to > change.origin,
+            "ego_speed": speed[begin],
+            "cut_in_speed": speed[other],
+            "gap": traffic.apart(begin, other),
+            "lateral_speed": change.lateral_speed,
+            "min_acceleration": braking.min(),
+            "ghost": change.lateral_speed > GHOST_LATERAL_SPEED
+            or _is_ghost(gap[row], np.inf, braking),
+        }
 
 
 def _braking_leads(traffic: RecordedTraffic) -> Iterator[Event]:
@@ -471,22 +467,20 @@ def _braking_leads(traffic: RecordedTraffic) -> Iterator[Event]:
             if strongest > -LEAD_DECELERATION or drop < LEAD_SPEED_DROP:
                 continue
             both = np.append(acceleration[part], strongest)
-            yield (
-                {
-                    "ego": traffic.names[row],
-                    "t": traffic.t[row],
-                    "start": traffic.t[row],
-                    "lead": traffic.names[lead[first]],
-                    "ego_speed": speed[row],
-                    "lead_speed": speed[lead[first]],
-                    "gap": gap[row],
-                    "headway": gap[row] / max(speed[row], 0.1),
-                    "lead_deceleration": -strongest,
-                    "lead_speed_drop": drop,
-                    "min_acceleration": acceleration[part].min(),
-                    "ghost": _is_ghost(gap[part].min(), traffic.ttc[part].min(), both),
-                }
-            )
+            yield {
+                "ego": traffic.names[row],
+                "t": traffic.t[row],
+                "start": traffic.t[row],
+                "lead": traffic.names[lead[first]],
+                "ego_speed": speed[row],
+                "lead_speed": speed[lead[first]],
+                "gap": gap[row],
+                "headway": gap[row] / max(speed[row], 0.1),
+                "lead_deceleration": -strongest,
+                "lead_speed_drop": drop,
+                "min_acceleration": acceleration[part].min(),
+                "ghost": _is_ghost(gap[part].min(), traffic.ttc[part].min(), both),
+            }
 
 
 def write_events(events: Events, folder: Path) -> None:
