@@ -51,10 +51,10 @@ def read_evaluation(path: Path, *, own_ads: bool = True) -> EvaluationSettings:
             name=path.stem,
             scenario=(ScenarioSettings(path.name),),
         )
-    return settings_from(read_toml(path, "evaluation file"), str(path), own_ads=own_ads, file=path)
+    return settings_from(read_toml(path, "evaluation file"), path, own_ads=own_ads)
 
 
-def with_suites(content: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+def with_suites(content: Mapping[str, Any], where: object) -> Mapping[str, Any]:
     """An evaluation with the scenarios of a frozen suite instead of `use = "suite:NAME"`.
 
     A suite stands alone and brings its own seed and drivers, so that every score of it means the
@@ -99,41 +99,38 @@ def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:
 
     what: names the kind in errors, e.g. `gate file`.
     """
-    return validated(read_toml(path, what), kind, str(path), path)
+    return validated(read_toml(path, what), kind, path)
 
 
 def settings_from(
-    content: Mapping[str, Any], where: str, *, own_ads: bool = True, file: Path | None = None
+    content: Mapping[str, Any], where: str | Path, *, own_ads: bool = True
 ) -> EvaluationSettings:
     """Settings of an evaluation from a plain mapping.
 
-    where, file: as in `validated`.
+    where: as in `validated`.
     own_ads: as in `read_evaluation`.
     """
-    settings = validated(with_suites(content, where), EvaluationSettings, where, file)
+    settings = validated(with_suites(content, where), EvaluationSettings, where)
     check_evaluation(settings, where, own_ads=own_ads)
     return settings
 
 
-def validated(
-    content: Mapping[str, Any], kind: type[Settings], where: str, file: Path | None = None
-) -> Settings:
+def validated(content: Mapping[str, Any], kind: type[Settings], where: str | Path) -> Settings:
     """Settings of a kind.
 
-    where: names the content in errors.
-    file: source of the line numbers of mistakes.
+    where: names the content in errors; a path gives them its lines, too.
     """
     adapter: TypeAdapter[Settings] = _adapter(kind)
     try:
         return adapter.validate_json(json.dumps(content, default=str), strict=True)
     except ValidationError as error:
-        raise InputError(mistakes(error, where, kind, file)) from None
+        raise InputError(mistakes(error, where, kind)) from None
 
 
 _adapter: Any = functools.cache(TypeAdapter)  # one for all settings takes 0.1 s to make
 
 
-def check_evaluation(settings: EvaluationSettings, where: str, *, own_ads: bool = True) -> None:
+def check_evaluation(settings: EvaluationSettings, where: object, *, own_ads: bool = True) -> None:
     """Refuse an evaluation without scenarios or ADSs, and names that could not be told apart.
 
     where: names the evaluation in errors.
@@ -206,17 +203,16 @@ def _without_none(value: Any) -> Any:
     return value
 
 
-def mistakes(error: ValidationError, where: str, root: type, file: Path | None) -> str:
+def mistakes(error: ValidationError, where: str | Path, root: type) -> str:
     """All mistakes that pydantic found, one sentence a line.
 
     Of a value that may be of several kinds pydantic has a finding for each kind: they are one
     mistake. Findings inside a table or list replace those on all of it.
 
-    where: name of the content.
+    where: as in `validated`.
     root: settings class that was read.
-    file: source of the line numbers.
     """
-    text = "" if file is None else read_input_text(file, "file")
+    text = read_input_text(where, "file") if isinstance(where, Path) else ""
     findings = grouped((_place(item), item) for item in error.errors())
     return "\n".join(
         _sentence(items, where, root, line_of(text, place))
@@ -235,7 +231,7 @@ def _place(item: Any) -> tuple[Any, ...]:
     return tuple(part for part in item["loc"] if not _BRANCH.fullmatch(str(part)))
 
 
-def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) -> str:
+def _sentence(items: Sequence[Any], where: object, root: type, line: int | None) -> str:
     """Error message for pydantic's findings at one place."""
     item = items[0]
     location = _place(item)
