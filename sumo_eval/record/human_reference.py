@@ -31,8 +31,7 @@ from sumo_eval.method.anthropomorphic import (
 from sumo_eval.method.index_terms import IndexNote
 from sumo_eval.method.shared_fields import prepare
 from sumo_eval.record.fingerprint import sources
-from sumo_eval.record.kept_results import KeptResults, Kind, key_of
-from sumo_eval.record.kept_results import Part as KeptPart
+from sumo_eval.record.kept_results import KeptPart, KeptResults, Kind, key_of
 from sumo_eval.record.spread import Spread, spread_over
 from sumo_eval.record.store import Store, open_store
 from sumo_eval.scenario.concrete import Road

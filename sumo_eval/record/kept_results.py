@@ -31,7 +31,7 @@ Kind = Literal[
     "checked",
     "report",
 ]
-Part = tuple[Kind, bytes, int, bytes]
+KeptPart = tuple[Kind, bytes, int, bytes]
 """Kind, key (hash of all that it depends on), place among the parts of this kind and key, content.
 
 Most results are one part, at place 0; the rows of a run are many.
@@ -102,7 +102,7 @@ class KeptResults:
                 return parts
         return []
 
-    def put(self, parts: Iterable[Part]) -> None:
+    def put(self, parts: Iterable[KeptPart]) -> None:
         """Keep parts, all of them or none; each replaces the part with its kind, key and place."""
         rows = [
             (kind, key, place, data, _hash(kind, key, place, data))

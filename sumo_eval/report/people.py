@@ -118,20 +118,15 @@ def people_sentence(evaluation: Evaluation) -> str:
         )
     else:
         words = _recorded_drivers(evaluation) if recorded else _other_drivers(evaluation)
-    return words + _drives_left_out(evaluation) if recorded else words
-
-
-def _drives_left_out(evaluation: Evaluation) -> str:
-    """Sentences on the recorded drives that each limit leaves out; empty without any."""
-    words, least = "", evaluation.settings.drivers.coverage
     # columns of `left_out`; with a row of zeros they exist without any entry, too
     short, share, astray = zip((0, 0.0, 0), *evaluation.left_out, strict=True)
-    if any(short):
-        words = (
+    if recorded and any(short):
+        words += (
             f" {count(sum(short), 'recorded drive')} left out: at most {percent(max(share))} "
-            f"of the road covered, at least {percent(least)} asked (`drivers.coverage`)."
+            f"of the road covered, at least {percent(evaluation.settings.drivers.coverage)} asked "
+            "(`drivers.coverage`)."
         )
-    if any(astray):
+    if recorded and any(astray):
         words += f" {count(sum(astray), 'recorded drive')} left out: they leave the road."
     return words
 
