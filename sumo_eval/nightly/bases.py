@@ -7,6 +7,7 @@ Users: `cli/compare.py`, `nightly/`.
 from __future__ import annotations
 
 import json
+import re
 from collections import defaultdict
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
@@ -21,7 +22,6 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import Comparison, side_by_side
 from sumo_eval.scoring.gate_settings import GateSettings
 
-MOST_DIGITS = 5  # of an age
 NIGHT = "night.json"
 
 
@@ -191,8 +191,8 @@ UNITS = {"m": "minutes", "h": "hours", "d": "days"}
 
 def finished_within(history: Path, age: str, now: datetime | None = None) -> tuple[bool, str]:
     """Whether the last finished night began within a time such as `26h`, and a sentence on it."""
-    number, unit = age[:-1], age[-1:]
-    if unit not in UNITS or not number.isdecimal() or not int(number) or len(number) > MOST_DIGITS:
+    parts = re.fullmatch(r"(\d{1,5})([mhd])", age)
+    if parts is None or not int(parts[1]):
         raise InputError(
             f"--newer-than must be a number of minutes, hours or days such as 26h, got {age!r}."
         )
@@ -202,7 +202,7 @@ def finished_within(history: Path, age: str, now: datetime | None = None) -> tup
         return False, f"No night has finished in {history}."
     began = datetime.strptime(night.night, "%Y-%m-%dT%H-%M-%SZ").replace(tzinfo=UTC)
     elapsed = (now or datetime.now(UTC)) - began
-    recent = elapsed <= timedelta(**{UNITS[unit]: int(number)})
+    recent = elapsed <= timedelta(**{UNITS[parts[2]]: int(parts[1])})
     hours = f"{elapsed.total_seconds() / 3600.0:z.1f} h"
     return (
         recent,
