@@ -13,8 +13,8 @@ import numpy as np
 
 from sumo_eval.trajectory import Latency
 
-# steps between two timings of the fixed work: its 10 us are negligible beside 32 steps
-STEPS_BETWEEN_TIMINGS = 32
+# steps between two timings of the fixed work: its 10 us are negligible beside 64 steps
+STEPS_BETWEEN_TIMINGS = 64
 LATE = 0.99  # quantile of the steps' times that `Latency.late` holds
 
 

@@ -92,9 +92,11 @@ class OnTraci(EgoControl):
     def begin(self, world: World, stage: Stage) -> None:
         """Reset the ADSs."""
         super().begin(world, stage)
-        # an ADS that is alone may have changed the ego's speed mode in any step; in a batch `GUARD`
-        # sees every call
-        self._alone = GUARD.mode_may_differ = not GUARD.shared
+        self._alone = not GUARD.shared
+        # An ADS that is alone may have changed the ego's speed mode in any step; in a batch `GUARD`
+        # sees every call. SUMO's model calls nothing, unless its case notes an unused plant.
+        calls = not isinstance(self._ads[0], NativeModel) or self._terms.plant is not None
+        GUARD.mode_may_differ = self._alone and calls
         GUARD.positions, GUARD.speeds = stage.fronts, stage.speeds
         self._stage = stage
         world.egos["next"]["speed"] = world.egos["speed"]
@@ -258,7 +260,7 @@ class _Hook:
             if command is not None:
                 self._take_over(world, command)
             # false in nearly every step, as SUMO moves the ego already
-            elif self._flags[_PLACED] != SUMO or GUARD.mode_may_differ:
+            elif self._flags[_PLACED] != SUMO or GUARD.mode_may_differ or self.road.spans:
                 self._leave_to_sumo()
         except self._traci.TraCIException as error:
             raise ControllerError(
@@ -316,6 +318,8 @@ class _Hook:
 
     def _ask(self, time: float) -> tuple[Command | None, float]:
         """The answer of the ADS as a command, after its listeners, and its wall time, s."""
+        if self._native:  # there is no code to call
+            return None, 0.0
         answer = None
         started = perf_counter()
         GUARD.moved = GUARD.placed = False

@@ -163,11 +163,12 @@ class World:
         self.seen = np.zeros((n, m), MOVER)
         self.shown = np.zeros((n, m, 4))
         self.tell = np.zeros((n * (1 + m), 8))  # as in `move_rows`
-        self._free = 61  # instants that `samples` has room for, at least, and two more
-        self.samples = np.zeros((n, 1 + m, 64, len(CHANNELS)))
+        room = 512 if n == 1 else 64
+        self._free = room - 3  # instants that `samples` has room for, at least, and two more
+        self.samples = np.zeros((n, 1 + m, room, len(CHANNELS)))
         every = round(settings.record_interval / settings.step)  # steps from one sample to the next
         model = placed == MODEL and settings.plant is None  # the vehicle model moves all egos
-        self.kept = np.zeros((n, 64 * every, 2 if model else 6))
+        self.kept = np.zeros((n, room * every, 2 if model else 6))
         acts = self.players.acts
         # whether moves wait for conditions or the end of a step
         self.waits = bool(((acts["steps"] > 0) | (acts["kind"] == FOLLOW)).any())
