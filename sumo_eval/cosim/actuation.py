@@ -23,7 +23,7 @@ _ROUNDING = 1e-9
 class Actuation:
     """Commands of cases on their way to the vehicles, under `actuation_delay` and `step_budget`.
 
-    An answer over the budget is dropped: it never arrives, and the one before it holds.
+    An answer over the budget is dropped: it never arrives, and the answer before it holds.
 
     conditions: of each case; only a case that is driven alone has a budget.
     step: of the simulation, s.
@@ -56,9 +56,9 @@ class Actuation:
         return True
 
     def pass_on(self, commands: NDArray[np.void], cases: Any, now: int, *, has_new: bool) -> None:
-        """Replace commands of cases, (n,), by those that arrive in step `now`.
+        """Replace commands of cases, (n,), by the commands that arrive in step `now`.
 
-        commands: replaced in place; without delay and budget they are those that hold already.
+        commands: replaced in place; without delay and budget the commands stay as they are.
         cases: their indices.
         now: number of the step.
         has_new: whether there are new commands; else the last ones hold.

@@ -104,8 +104,8 @@ class Compiled:
 
     loop: the rule over rows (`each_row`); writes the egos' commands, and whether they have settled.
         It is called by way of the class.
-    memory: layout of what the rule remembers of a case, 0 at first.
-    watched: layout of what it remembers of each actor, nan at first.
+    memory: layout of the rule's memory of a case, 0 at first.
+    watched: layout of the rule's memory of each actor, nan at first.
     numbers: layout of the rule's parameters: attributes of the object, field `p` of the memory.
     """
 
@@ -190,7 +190,7 @@ class Compiled:
         return Command(float(command["acceleration"]), float(command["steering"]))
 
     def _in_frame(self, bodies: Any) -> Any:
-        """Bodies along and across the road, from those that SUMO shows on the map."""
+        """Bodies along and across the road, from the bodies that SUMO shows on the map."""
         if not self._line:
             return bodies
         # each search along the line begins at the body's last x, kept in `_along`

@@ -105,8 +105,8 @@ class EgoControl:
             self._closed(world, row, self._terms.plant.close, "sim_error")
 
     def _pass_on(self, world: World, took: float = 0.0) -> None:
-        """Replace the commands by those that reach the vehicles; with a plant, also ask it for its
-        next state.
+        """Replace the commands by the commands that reach the vehicles; with a plant, also ask it
+        for its next state.
 
         took: wall time of the ADS's step, of one case, s; if it is over the budget, the last
             commands hold.
@@ -146,7 +146,7 @@ class EgoControl:
         """Close an ADS that may have used TraCI, and remove its listeners."""
         self._closed(world, row, close, "ads_error", target)
         self._closed(world, row, GUARD.end, "ads_error")
-        # records what the ADS changed that is not its own
+        # record the objects that the ADS changed although they are not its own
         world.touched(GUARD.touched, GUARD.ignored)
 
     def _check_clock(self, world: World, time: float) -> None:
@@ -233,7 +233,7 @@ class Rules(EgoControl):
 
     def keep(self, world: World, rows: IntArray) -> None:
         """Keep the memory of these rows."""
-        # each an array, or a named tuple of arrays
+        # `it` is an array, or a named tuple of arrays
         self._arrays = tuple(
             type(it)(*(array[rows] for array in it)) if isinstance(it, tuple) else it[rows]
             for it in self._arrays
@@ -254,13 +254,13 @@ class Replay(NamedTuple):
 
 class Replays(EgoControl):
     """Controls egos by recorded commands, then by the strongest braking, with the wheel straight,
-    or, on a curved road, as it was last.
+    or, on a curved road, at its last angle.
 
     The commands were recorded after all delays.
     """
 
     def begin(self, world: World, stage: Stage) -> None:
-        """Find the strongest braking of each ego, and the steering of those that need it."""
+        """Find the strongest braking of each ego, and the steering of the egos that need it."""
         super().begin(world, stage)
         recorded = [it.commands for it in self._ads]
         # (n, steps, 6), as in `records._NEXT`; of replays of two columns the first four are 0;

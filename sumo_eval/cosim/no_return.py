@@ -75,7 +75,7 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
     `UNKNOWN` where the replay of all commands has another contact, `NEVER` where braking from the
     start does not avoid it.
     """
-    # conditions and a plant have had their effect on what is replayed; only contacts matter here
+    # conditions and a plant have shaped the recorded commands; only contacts matter here
     plain = replace(
         settings,
         conditions=ConditionSettings(),
@@ -100,7 +100,7 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
             for step in _spread(max(low[i], near - width), min(high[i], near + width), share)
         ]
         for (i, step), hit in zip(trials, _braked(contacts, trials, plain), strict=True):
-            if step < high[i]:  # else an earlier step of this round does not avoid it
+            if step < high[i]:  # false: an earlier step of this round does not avoid it
                 (low if _avoids(hit, contacts[i].hit) else high)[i] = tried[i] = step
         reach *= 2
     return dict.fromkeys(contacts, UNKNOWN) | low

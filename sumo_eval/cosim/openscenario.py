@@ -330,7 +330,7 @@ def _act(concrete: ConcreteScenario, settings: SimulationSettings, recorded: Tra
             times = VERTEX_INTERVAL * np.arange(len(places))
             # number of samples before the first one beyond the road's end (argmin: first False)
             on_road = np.append(places[:, 0] <= road.end, False).argmin()
-            if on_road > 1:  # else it leaves the road at once, at its first speed
+            if on_road > 1:  # with fewer, the actor leaves the road at its first speed
                 vertices[actor.name] = np.column_stack([times, places])[:on_road]
     for name in (EGO, *(actor.name for actor in actors if actor.lively)):
         if path := recorded.get(name):

@@ -1,7 +1,7 @@
 """Plans, speeds and pedals, which an ADS may ask for, and how they are carried out.
 
 A tracker follows plans (`Executor._along` states its law), a first-order law takes up speeds, a
-linear map reads pedals. One `Executor` a case holds what was asked for until it is replaced.
+linear map reads pedals. One `Executor` a case holds the last request until a new one arrives.
 
 `cosim/policies.py` and `cosim/on_traci.py` carry out the answers of ADSs by an executor.
 
@@ -65,7 +65,7 @@ def checked_answer(answer: object) -> Wanted:
 
 
 class Executor:
-    """Carries out what the ADS of one case asks for.
+    """Carries out the requests of the ADS of one case.
 
     note: records an event: its name, the value asked for, the value got.
     line: the road's, where it is curved.
@@ -99,10 +99,10 @@ class Executor:
     ) -> Command:
         """The acceleration and steering-wheel angle for the step that begins at `time` s.
 
-        asked: None: what was asked for still holds (`holds`).
+        asked: the new request; None: the last request still holds (`holds`).
         ego: centre x, y m, heading rad, speed m/s, and whatever else is known of it.
-        late: drop what is asked for. What is in force holds; if nothing is, the ego keeps its speed
-            with straight wheels.
+        late: drop the new request. The request in force holds; without one, the ego keeps its
+            speed with straight wheels.
         Raises ControllerError for what no vehicle can be asked for.
         """
         if late:
@@ -326,7 +326,7 @@ def _directions(x: _Numbers, y: _Numbers, if_still: float) -> list[float]:
 
 
 def _speeds(time: _Numbers, x: _Numbers, y: _Numbers, ego_speed: float) -> list[float]:
-    """Speeds of the places over the times, m/s; of a single point the one that the ego has."""
+    """Speeds of the places over the times, m/s; at a single point the ego's own speed."""
     if len(time) == 1:
         return [ego_speed]
     driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])

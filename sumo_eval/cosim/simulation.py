@@ -272,11 +272,11 @@ def simulate_together(
     wrap: Callable[[Adapter], Adapter] = lambda ads: ads,
     batches: bool = True,
 ) -> Iterator[Recording | Alone]:
-    """Recordings of cases driven together, in their order; for one that has to be driven alone, the
-    reason.
+    """Recordings of cases driven together, in their order; the reason instead of a recording for a
+    case that has to be driven alone.
 
     terms: how long a step may take, and where relative paths start.
-    seeds: of each case, of what the conditions leave to chance.
+    seeds: of each case, for the random numbers of the conditions.
     wrap: applied to the policy or hook of each case, to observe its calls.
     batches: whether a policy over arrays may see many cases at once (its numbers may then depend
         on its batch).
@@ -343,7 +343,7 @@ def _kind(
         or not road.right_edge_at(ego.x) <= ego.y <= road.left_edge_at(ego.x)  # off the road
     ):
         return None
-    # what a batch does not show in SUMO, where a hook may ask for it: lanes that end or cross,
+    # a hook may ask SUMO for objects that a batch does not show there: lanes that end or cross,
     # vehicles placed on the map, vehicles against the road's direction
     not_shown = road.shaped or any(
         abs(it.heading) > 0.5 * pi or it.on_map is not None for it in concrete.actors
@@ -351,15 +351,15 @@ def _kind(
     if manner.is_hook and (not_shown or crosses_itself(road.line, road.end, road.left_edge)):
         return None
     lively = concrete.actors if concrete.lively else ()
-    # what a case may change, but must be equal in a batch: the vehicle for a policy over arrays,
-    # which receives one for all; the ego's deceleration limit for SUMO's models
+    # settings that a case may change, but that must be equal in a batch: the vehicle, since a
+    # policy over arrays receives one for all cases; the ego's deceleration limit for SUMO's models
     shared: object = None
     if concrete.changes and (concrete.reacts or manner.over_arrays):
         vehicle = concrete.simulation(basis).vehicle
         shared = vehicle if manner.over_arrays else gripped(vehicle).max_deceleration
     return (
         concrete.scenario, kind_of(concrete),
-        # what SUMO sees of the actors
+        # the actors as SUMO sees them
         tuple([(it.body, it.model is None, it.follows_at_once) for it in lively]),
         manner.driver_key,
         # a hook asks for actors by their names
@@ -531,11 +531,11 @@ def _difference(
     """Drive a few cases of a batch, spread over it, alone as well; return words on the first that
     differs, for the text of `Alone("keeps_state", ...)`; None: none differs.
 
-    drives: recordings of the batch; those that do not differ are marked as compared.
+    drives: recordings of the batch; recordings that do not differ are marked as compared.
     """
     batched = [index for index, drive in enumerate(drives) if isinstance(drive, Recording)]
     compared = _COMPARED.get(manner.code, 0)
-    # as many as are still missing of the first few; of a hook also a share of each batch
+    # compare the first few cases of this code, and of a hook also a share of each batch
     later = max(round(_COMPARED_LATER * len(batched)), 1) if manner.is_hook else 0
     wanted = max(_COMPARED_FIRST - compared, later)
     if not wanted:

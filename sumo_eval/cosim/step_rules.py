@@ -345,7 +345,7 @@ def read_rows(scenes: Scenes, scenario: Records, numbers: Any, read: FloatArray,
 
     numbers: of the vehicles, row by row, each row's ego first.
     read: x and y of the front bumper, angle and speed of each.
-    odd: receives the numbers of those that are left.
+    odd: receives the numbers of the vehicles that are left.
     """
     left = 0
     width = 1 + scenes.shown.shape[1]
@@ -453,7 +453,7 @@ def see_rows(
             _sample_row(ego, others[i], samples[i])
             ended += 1
             continue
-        if steps <= kept.shape[1]:  # else a `Pack`, which steps for ever and reads none
+        if steps <= kept.shape[1]:  # false only in a `Pack`: it steps for ever and reads none
             _keep(kept[i, steps - 1], ego)
         now = (steps - ego.begun) * step
         before, body = body_of(ego.before.map, ego.before, ego), body_of(ego.map, ego, ego)

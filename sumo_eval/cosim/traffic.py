@@ -101,7 +101,7 @@ class Traffic(Stage):
             y = other["y"]
             lane = int(lanes_at(road, other["y"]))
             ground = float(self._ground_of_lane(x, y)) if self._bent else 1.0
-            # SUMO's position is that of the front, in metres of the lane
+            # SUMO's position is the position of the front, in metres of the lane
             half = 0.5 * other["length"]
             calls.moveTo(name, f"{self._edge[number]}_{lane}", x + half / ground)
             calls.setLateralLanePosition(name, y - road.lane_width * lane)
@@ -308,7 +308,7 @@ class Traffic(Stage):
             shown[:, 0] = list(map(calls.getLanePosition, names))
             return shown
         shown[:, :2] = list(map(calls.getPosition, names))
-        if self.as_read:  # else every vehicle points along its lane: only TraCI code can turn one
+        if self.as_read:  # only TraCI code can turn a vehicle from its lane's direction
             shown[:, 2] = list(map(calls.getAngle, names))
         return shown
 

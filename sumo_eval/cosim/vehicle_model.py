@@ -273,7 +273,7 @@ def move_dynamic(
         course = 0.5 * (course + heading + slip)  # the part's mean
         x += path * math.cos(course)
         y += path * math.sin(course)
-    # m/s2 across: that of linear tyres, and what the acceleration leaves of the grip
+    # m/s2 across: the acceleration of linear tyres, and the grip that braking or driving leaves
     most *= limits.friction * GRAVITY
     held = _grip_left(limits, acceleration)
     if most > held:
@@ -420,7 +420,7 @@ def _time_to_stop(v: float, a: float, jerk: float, duration: float) -> float:
     discriminant = a * a - 2.0 * jerk * v
     if discriminant < 0.0:
         return -1.0
-    if a < 0.0:  # of the two ways to write the smaller root, the one that does not cancel
+    if a < 0.0:  # the form of the smaller root that does not cancel here
         time = 2.0 * v / (math.sqrt(discriminant) - a)
     elif jerk < 0.0:
         time = (math.sqrt(discriminant) + a) / -jerk

@@ -13,7 +13,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 def finite(owner: str, name: str, values: ArrayLike) -> FloatArray:
     """The values as an array.
 
-    owner: what the values are of, for an error message.
+    owner: object that has the values, for an error message.
     name: of the values.
 
     Raises InputError for a value that is not finite.

@@ -64,7 +64,7 @@ class ComparedDrive(NamedTuple):
         last_y = on_road.y[-1]
         step = last_x - on_road.x[-2] if len(on_road) > 1 else 0.0
         furthest = on_road.x.max()
-        # a sample, or the one that would come next, lies at or past the road's end
+        # a sample of the drive, or the next one at the same step, lies at or past the road's end
         finished = max(furthest, last_x + step) >= road.length - SAME_PLACE
         stopped = on_road.speed[-1] < settings.stop_speed
         # the vehicle's centre is off the road, to its side, at the last sample

@@ -135,7 +135,7 @@ def crossing_conflict(
     apart = np.abs(y - ego.y_at(x)) - wide - 0.5 * width
     inside = np.flatnonzero(apart < 0.0)
     if not inside.size:
-        return Conflict(*(math.nan,) * 6)  # all fields
+        return Conflict(*(math.nan,) * 6)  # every field is nan
     first, last = inside[[0, -1]]
 
     def crossed(after: int) -> float:
@@ -285,7 +285,7 @@ def _most_critical(
             change = way.offset, way.begin, way.length(concrete.ego.speed)
         ways[i] = concrete.ego.y, *change, *size, 0.0, 0.0
     each = np.zeros((others.shape[1], len(placed), 3))  # a result for each actor and case
-    # all cases of one scenario have the same actors, at other places
+    # the cases of a scenario have the same actors; only the actors' places differ
     for number, (actor, result) in enumerate(zip(placed[0].actors, each, strict=True)):
         ways["long"], ways["wide"] = actor.length, actor.width
         # x, y, heading, speed along the heading and across it, (n, T) each
@@ -372,7 +372,7 @@ def _search_rows(
                 share = share_at_touch(ego, ego_then, other, other_then)
                 if share >= 0.0:
                     time = STEP * (ahead - 1 + share)
-                    inverse = max(inverse, 1.0 / max(time, 1e-6))  # not by 0
+                    inverse = max(inverse, 1.0 / max(time, 1e-6))  # avoids a division by 0
                     break
                 ego, other = ego_then, other_then
         result[i] = inverse, impact, nearest

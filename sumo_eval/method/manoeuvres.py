@@ -6,8 +6,8 @@ so wide that a car which drives straight through the slower one counts as human 
 A manoeuvre is the lane in which a vehicle begins and the first one to which it changes, if it does;
 a lane counts once it is kept for `manoeuvre_time`. Later changes (back to the right, or to the left
 again for the next vehicle) make no manoeuvre of their own: they depend on the length of the
-recording. The whole trajectory counts, also past the end of the road: there it shows what a driver
-was about to do.
+recording. The whole trajectory counts, also past the end of the road: that part shows the
+manoeuvre that a driver was about to make.
 
 Users: `method/`, `report/notes.py`, `scoring/likeness.py`.
 """

@@ -372,8 +372,8 @@ def conflict_pet(ego: Trajectory, other: Trajectory, collision: Collision | None
 
     Either may come first, at whatever angle. nan: they passed over no common place. Bodies are
     rectangles. Each sample of one is compared with each of the other. Of the pairs that overlap,
-    the one with the least time between them is searched again in steps of 0.005 s, with poses
-    interpolated between the samples.
+    the pair with the least time between its samples is searched again in steps of 0.005 s, with
+    poses interpolated between the samples.
     """
     if collision is not None:
         return 0.0
@@ -388,7 +388,7 @@ def conflict_pet(ego: Trajectory, other: Trajectory, collision: Collision | None
 
 
 def _around(time: FloatArray, at: int) -> FloatArray:
-    """Times from the sample before `at` to the one after it, about `_FINER` apart."""
+    """Times from the sample before `at` to the sample after `at`, about `_FINER` apart."""
     begin, end = time[max(at - 1, 0)], time[min(at + 1, len(time) - 1)]
     return np.linspace(begin, end, max(round((end - begin) / _FINER), 1) + 1)
 

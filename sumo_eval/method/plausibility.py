@@ -48,8 +48,8 @@ class Quantiles:
     """Table of how extreme people get: `values[name][k]` is reached by the share `shares[name][k]`
     of them.
 
-    values: s, m/s, m/s2, m/s3 as in `extremes_of`, the most extreme first, which is that of a
-        single person.
+    values: s, m/s, m/s2, m/s3 as in `extremes_of`, the most extreme first; a single person reached
+        this first value.
     shares: 0..1, ascending.
     people: how many persons, who weigh 1 each.
     drives: how many drives of theirs.

@@ -82,7 +82,7 @@ def criticality(
         gap = np.full(n, np.inf)
     elif not approach.has_closed_form:
         inverse, impact = _searched(approach, n, settings)
-        # Of two equally hard hits the one at the closer meeting counts, and not the one that the
+        # Of two equally hard hits the hit at the closer meeting counts, and not the hit that the
         # ego has nearly passed.
         gap = np.broadcast_to(np.abs(_gap_at_conflict(approach, settings)), n)
     else:

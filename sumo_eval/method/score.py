@@ -15,7 +15,7 @@ ROUNDING = 1e-9  # how far beyond 0..1 rounding may put an index
 
 
 class Score(NamedTuple):
-    """S and what it is made of.
+    """S and its parts.
 
     total: S, points, None where neither index was computed.
     c, d: the indexes C and D, None where not computed.

@@ -201,7 +201,7 @@ def avoided_share(
     is no worse in any case and better in one never has a lower A.
     """
     stakes = Stakes.of(severity, ideal, unreacting, weights)
-    weighted = counts @ stakes.weight > 0.0  # else every point of a sample weighs 1
+    weighted = counts @ stakes.weight > 0.0  # where False, every point of the sample weighs 1
     numerator, denominator = (
         np.where(weighted, counts @ (stakes.weight * part), counts @ part)
         for part in (stakes.lost, stakes.at_stake)
@@ -249,7 +249,7 @@ def avoided_share_losses(
     stakes = Stakes.of(severity, ideal, unreacting, weights)
     weight = stakes.weight if stakes.weight.any() else stakes.known.astype(np.float64)
     taken = weight * stakes.lost
-    # with nothing at stake divide by the sum of what was lost, without a loss by 1
+    # the divisor is the sum at stake; if that is 0, the sum of the losses; if that is 0 too, 1
     whole = float(np.sum(weight * stakes.at_stake)) or float(np.sum(taken)) or 1.0
     return np.where(stakes.known, taken / whole, np.nan)
 

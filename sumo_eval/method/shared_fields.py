@@ -6,7 +6,7 @@ halved again and again. A sample further from a box than the box's length is far
 summed at the box's nodes only, and a polynomial through the nodes gives their field at every point
 of the box. Near samples are summed at the points themselves.
 
-The result is that of `trajectory_field.trajectory_fields` to 1e-11, relative. The error of a
+The result equals `trajectory_field.trajectory_fields` to 1e-11, relative. The error of a
 polynomial through n nodes on -1..1 falls like rho^-n. Here rho is the sum of the half-axes of the
 largest ellipse with foci -1 and 1 (Bernstein's) in which the function has no singularity. A
 sample's field is singular at the sample itself (along x) and above and below it in the complex
@@ -221,7 +221,7 @@ def _point_rows(stretch: Stretch, points: FloatArray, rows: IntArray) -> PointRo
     """Rows of points, box after box.
 
     points: (s, k, 2), m.
-    rows: indices of those that are inside the stretch.
+    rows: indices of the points that are inside the stretch.
     """
     number = 2**stretch.levels
     order = rows[np.argsort(points[rows, 0, 0], kind="stable")]

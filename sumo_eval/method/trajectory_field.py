@@ -4,7 +4,7 @@ the road.
 Readings of the paper (docs/method.md) that this file is built on:
 - Magnitudes are summed. The printed unit vector would cancel on the path itself, where the paper
   draws the peak.
-- Nearer than 1 m the distance counts as 1 m; the angle stays what it is.
+- Nearer than 1 m the distance counts as 1 m; the angle is unchanged.
 - A point on the vehicle itself counts as straight ahead of it (cos theta = 1), so the field never
   rises with the distance from the vehicle.
 - The velocity points along the heading.

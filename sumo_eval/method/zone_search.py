@@ -53,7 +53,7 @@ def crossings(
         for _ in range(5):
             crossing = x0 + (y0 / (y0 - y1))[:, None] * (x1 - x0)
             value = surface.value(crossing)
-            first = (value <= 0.0) == (y0 <= 0.0)  # which end the crossing replaces
+            first = (value <= 0.0) == (y0 <= 0.0)  # True: the crossing replaces x0
             x0[first], y0[first] = crossing[first], value[first]
             x1[~first], y1[~first] = crossing[~first], value[~first]
         parts.append(crossing)

@@ -24,7 +24,7 @@ class Behaviour(NamedTuple):
     """One ADS in one scenario, or in all scenarios of a run; counts are numbers of cases.
 
     stands: safe cases in which it stands where the references drive.
-    slower: further ones in which it is slower than the references.
+    slower: safe cases in which it does not stand but is slower than the references.
     implausible: safe cases of plausibility 0, beyond all recorded people; 0 if not most of them.
     worst: impact speed of the hardest avoidable collision, m/s; 0 without one.
     excess: mean of max(0, U - Ug), weighted by exposure, m/s; 0 where nothing could be evaluated.
@@ -73,7 +73,7 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
     scores = [findings.score for findings in parts]
     by_scenario = {} if evaluation.ranking is None else evaluation.ranking.weights
     weights = [by_scenario.get(score.scenario, 1.0) for score in scores]
-    stands = sum(int(findings.stands.sum()) for findings in parts)  # also counted as slow
+    stands = sum(int(findings.stands.sum()) for findings in parts)  # `slow` counts them too
     beyond = np.concatenate([it.cases.plausibility[it.likened] == 0.0 for it in parts])
 
     def total(field: str) -> int:

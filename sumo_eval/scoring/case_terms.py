@@ -275,7 +275,7 @@ def _missing(cases: CaseTable, terms: CaseTerms, *, people: bool) -> _Missing:
 def _worst_and_best(
     cases: CaseTable, terms: CaseTerms, missing: _Missing, method: MethodSettings
 ) -> tuple[CaseTerms, CaseTerms]:
-    """The terms with what is missing at its worst, and at its best, as `missing_bounds` says."""
+    """The terms with missing values at their worst, and at their best (see `missing_bounds`)."""
     ideal = _filled(terms.ideal, 0.0)
     # U of the hardest known collision of doing nothing, m/s, or its class; 0 without one
     hardest = float(np.nanmax(terms.unreacting, initial=0.0))
@@ -338,7 +338,7 @@ def _without_what_lifts(terms: CaseTerms, unsure: BoolArray, method: MethodSetti
         if avoided is None:
             return terms
         lifts = unsure & (taken < (1.0 - avoided) * stake)
-        if np.array_equal(lifts, unsure & np.isnan(kept.ideal)):  # as in the round before
+        if np.array_equal(lifts, unsure & np.isnan(kept.ideal)):  # the same points lift A again
             break
         kept = replace(terms, ideal=np.where(lifts, np.nan, terms.ideal))
     return kept

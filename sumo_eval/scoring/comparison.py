@@ -262,7 +262,7 @@ class Comparison(NamedTuple):
 
 
 def builds_besides(builds: Mapping[str, str], comparison: Comparison | None) -> list[str]:
-    """`build of ADS: build` of each ADS, without those that the comparison's differences already
+    """`build of ADS: build` of each ADS, without builds that the comparison's differences already
     list.
 
     builds: ADS -> its build.

@@ -224,7 +224,7 @@ def _events(scene: CaseDrives) -> Iterator[Event]:
 
 
 class Furthest(NamedTuple):
-    """The place at which a quantity lies furthest from that of the drivers.
+    """The place at which a quantity of the ADS deviates most from the drivers' mean.
 
     deviations: from the drivers' mean, in their standard deviations.
     time: of the ego there, s.

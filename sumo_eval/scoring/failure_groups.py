@@ -99,7 +99,7 @@ def _linked(logical: LogicalScenario, points: FloatArray, failed: IntArray) -> l
     """The failures of each group, as indices of `points`.
 
     points: all of the ADS, (n, k).
-    failed: indices of those that fail in one way.
+    failed: indices of the points at which the ADS fails in one way.
     """
     if len(failed) < 2 or len(failed) > MOST_LINKED:
         return [failed]

@@ -71,7 +71,7 @@ class Harm(NamedTuple):
 
     u, ideal, nothing: U, Ug and U0 (without any reaction), or their loss classes.
     lost, at_stake: w max(0, U - Ug) and w max(0, U0 - Ug).
-    taken: what it takes from A.
+    taken: loss of A by this case.
     """
 
     u: float
@@ -150,7 +150,7 @@ class Findings(NamedTuple):
 
     @property
     def collisions(self) -> IntArray:
-        """Rows of the h collisions, (h,), the one that took most from C first."""
+        """Rows of the h collisions, (h,), by their loss of C, the largest first."""
         places = np.flatnonzero(self.cases.collided)
         lost = self.lost_of_c[places]
         # known losses first, the largest first, then by name (lexsort: the last key counts most)
@@ -193,7 +193,7 @@ class Findings(NamedTuple):
         )
 
     def shares(self, counted: BoolArray, weights: FloatArray) -> FloatArray:
-        """Share of each case in a mean over those that are counted, (n,); 0 for any other."""
+        """Share of each case in a mean over the counted cases, (n,); 0 for any other case."""
         shares = np.zeros(len(counted))
         shares[counted] = mean_shares(np.nan_to_num(weights[counted]))
         return shares

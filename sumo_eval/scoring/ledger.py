@@ -40,7 +40,7 @@ class LedgerLine:
     """One term of the ledger.
 
     cause: why the points were gained or lost, in words, or `NOT_COMPUTED`.
-    index: what the line adds to T, A, H, C or D; a loss is negative.
+    index: contribution of the line to T, A, H, C or D; a loss is negative.
     scale: points of S+ or S for 1 of the index.
     entries: its m cases, the costliest first.
     parts: contribution of each case to the index, (m,); a loss is negative.
@@ -130,7 +130,7 @@ def _line(
 
     places: rows of its cases, (m,).
     lost: loss of each in the index, (m,).
-    alone: what a line without cases adds to the index.
+    alone: contribution of a line without cases to the index.
     """
     entries = findings.cases[places]
     order = np.lexsort((entries.case, -lost))  # by loss, then by name
@@ -153,7 +153,7 @@ def _task_lines(findings: Findings) -> _Lines:
         "struck from behind, which ends the drive": cases.struck_from_behind,
         "left the road": cases.departed,
         "stands where the references drive": findings.stands,
-        "slower than the slowest reference": lost > 0.0,  # all that are left
+        "slower than the slowest reference": lost > 0.0,  # every remaining loss
     }
     yield from _first_of(findings, "T", groups, lost, task_shares < 1.0 - NOTICEABLE)
 

@@ -126,7 +126,7 @@ def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
         and np.array_equal(chosen.points[: len(driven)][is_driven], driven[is_driven])
     ):
         return chosen
-    # A point that was not driven gets the values of the first one that was: no range grows by it.
+    # A point without a drive gets the values of the first driven point: this widens no range.
     driven_sample = sample_of(
         np.where(is_driven[:, None], driven, driven[is_driven][0]), chosen.method
     )

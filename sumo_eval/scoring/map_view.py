@@ -96,8 +96,8 @@ def _variety(column: FloatArray) -> tuple[int, float]:
 def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
     """The slice with most collisions, at which a map opens, column -> value.
 
-    Where several have as many, the one with the least values. Empty where the view fixes no
-    parameter or draws all cases on one slice.
+    Of slices with equally many collisions, the slice with the least values. Empty where the view
+    fixes no parameter or draws all cases on one slice.
     """
     if view.projected or not view.fixed:
         return {}

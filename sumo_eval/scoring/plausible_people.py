@@ -21,7 +21,7 @@ from sumo_eval.score_notes import PlausibleTo, ScoreNote
 from sumo_eval.settings import PlausibilitySettings
 from sumo_eval.trajectory import Trajectory
 
-SYNTHETIC = "synthetic"  # what is recorded as the controller of a synthetic driver
+SYNTHETIC = "synthetic"  # recorded as the controller of a synthetic driver
 
 
 def plausible_people(

@@ -49,7 +49,7 @@ class Preventability:
 
 
 def reference_ads(settings: EvaluationSettings) -> str | None:
-    """Name of the ADS that is the reference: the one that is called so, or has that controller.
+    """Name of the ADS whose name, or else controller, is the setting `[report] reference`.
 
     None: ideal vehicle.
     """

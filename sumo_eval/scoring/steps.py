@@ -101,7 +101,7 @@ class Scoring(NamedTuple):
             return True
         points = defaultdict[str, set[str]](set)
         for case, _, ads in self.store.names("ads"):
-            points[ads].add(case.removesuffix(ads))  # what is left names scenario and point
+            points[ads].add(case.removesuffix(ads))  # the rest names scenario and point
         return len(set(map(frozenset, points.values()))) == 1
 
     def _space(self, entry: ScenarioSettings, logical: LogicalScenario) -> ScenarioRun:
@@ -209,7 +209,7 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
 def _on_points(space: ScenarioRun, points: Sample, places: Sequence[IntArray]) -> Iterator[str]:
     """Sentences for a run whose points are not those of the settings, or not all of them.
 
-    points: those that were driven.
+    points: the points that were driven.
     places: of each ADS the numbers of the points of its cases.
     """
     chosen = space.points
@@ -252,7 +252,7 @@ def score_points(
     # 3 and 4  D_i of the cases that may have one: safe, without a collision, Eqs. 9-12
     compared = compare_with_people(space, overview, points, drivers, drives)
     egos = [*unreacting, *(fact for facts in drives.values() for fact in facts)]
-    # not in the paper: departures, t_i, TTC, PET, plausibility ...
+    # results that the paper does not have: departures, t_i, TTC, PET, plausibility ...
     results = drive_results(egos, [*drivers, *cars], space)
     # 5  U, L, Ug, r, Eqs. 14-16
     harm = harm_at(space, overview, points, unreacting, results)

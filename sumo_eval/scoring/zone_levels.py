@@ -69,8 +69,8 @@ def lattice_points(logical: LogicalScenario) -> tuple[int, FloatArray] | None:
 
 
 def rooms_of(logical: LogicalScenario, points: FloatArray) -> list[Levels]:
-    """Each constraint's room at points (n, k), scaled to 1..32000, negated at those that it rules
-    out; 32000 everywhere if only its sign is known.
+    """Each constraint's room at points (n, k), scaled to 1..32000, negated at points that the
+    constraint rules out; 32000 everywhere if only its sign is known.
     """
     values = logical.columns(points)
     rooms = []

@@ -72,7 +72,7 @@ class ChildProgram:
     command, folder: from `checked_command`.
     talks: its stdin and stdout are pipes for messages; else it has no input, and its stdout is kept
         together with its stderr.
-    variables: of its environment, in addition to those of this process.
+    variables: of its environment, in addition to the variables of this process.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class ChildProgram:
     def ended(self, closed: str) -> ControllerError:
         """The error of a program that ended, or still runs and does not talk any more.
 
-        closed: what it closed if it still runs, as `output`.
+        closed: the pipe or connection that the program closed if it still runs, as `output`.
         """
         try:
             how = f"with status {self.process.wait(_PATIENCE)}"

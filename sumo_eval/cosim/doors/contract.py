@@ -259,7 +259,7 @@ def _said(clip: Clip) -> str:
 
 
 def _in_range(recordings: _Recordings) -> Finding:
-    """Finding on what the vehicle or the harness did not do as the ADS asked."""
+    """Finding on commands that the vehicle or the harness did not carry out as the ADS asked."""
     worst = _worst(recordings, _WORDS.keys() - _OF_A_PLAN)
     if not worst:
         return Finding("ok", "commands are within what the vehicle can do")

@@ -51,7 +51,7 @@ class Briefing:
     step: of the simulation, s.
     step_timeout: wall time that one call may take, s.
     period: s from one call to the next.
-    desired_speed: the speed that the ego wants, m/s: the one that it starts with.
+    desired_speed: the speed that the ego wants, m/s: its initial speed.
     goal: the end of the road in the lane that it starts in or has to change to, x, y m.
     change: x from which it may change lanes and x by which it must have changed, m; None: it may
         stay.
@@ -85,7 +85,7 @@ class Controller(Protocol):
         """Called once, before the first step."""
 
     def step(self, traci: Any, ego: str, time: float) -> Wanted | None:
-        """Called every step; returns what is asked of the vehicle, or None after commanding SUMO
+        """Called every step; returns the request to the vehicle, or None after commanding SUMO
         itself.
         """
 
@@ -460,7 +460,7 @@ def _check_attributes(attributes: Mapping[str, str], owner: str) -> None:
 
 @seen_as_traci()
 def adapted(found: Any, described: str, options: Mapping[str, Any]) -> Adapter:
-    """A fresh controller from what a locator names, or from what was given in its place.
+    """A fresh controller from a class, function or object, found by a locator or given as it is.
 
     options: of its entry.
     """

@@ -79,6 +79,6 @@ def _place(code: CodeType, line: int, folder: Path | None) -> str:
     """File, line and function; a path within `folder` is relative to it."""
     file = Path(code.co_filename)
     with suppress(ValueError, OSError):
-        # both without links: either may be named through one
+        # resolve symbolic links on both sides: either path may be named through a link
         file = (file.parent.resolve() / file.name).relative_to((folder or Path.cwd()).resolve())
     return clean(f"{file}:{line} in {code.co_name}")

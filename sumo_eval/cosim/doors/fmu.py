@@ -430,7 +430,7 @@ def _plain(kind: str, value: Any) -> Any:
 def _may_be(variable: Any, key: str) -> bool:
     """Whether a variable may be in the table `key` of a mapping."""
     kind = variable.causality
-    if key == "parameters":  # or a start value; sizes of arrays are those of the file
+    if key == "parameters":  # the table also sets start values, never sizes of arrays
         at_start = variable.initial in ("exact", "approx")
         return at_start and kind not in ("input", "structuralParameter")
     return key == "outputs" or kind == "input" or variable.variability == "tunable"
@@ -444,7 +444,7 @@ def _count(variable: Any) -> int | None:
 def _objects(seen: Observation) -> dict[str, list[float]]:
     """Values of each vehicle that is seen, the nearest first, then those of an empty place."""
     rows = [(1, *it[1:-1], KINDS[it.kind]) for it in seen.vehicles]
-    empty = {"objects_gap": NO_LEAD_GAP, "objects_kind": -1}  # all else 0
+    empty = {"objects_gap": NO_LEAD_GAP, "objects_kind": -1}  # the other values are 0
     rows.append(tuple(empty.get(name, 0) for name in OBJECTS))
     columns = (list(map(float, column)) for column in zip(*rows, strict=True))
     return dict(zip(OBJECTS, columns, strict=True))
@@ -462,7 +462,7 @@ class FmuController(Adapter):
     is_policy = True
 
     def __post_init__(self) -> None:
-        # the first of these outputs that is mapped says what the ADS answers with
+        # the first of these outputs that is mapped decides the kind of the ADS's answers
         kinds = ("acceleration", "speed", "throttle", *PLAN)
         kind = next((name for name in kinds if name in self.wiring.outputs), kinds[0])
         outputs: tuple[_Names, ...] = (kind,), ("steering",)
@@ -499,7 +499,7 @@ class FmuController(Adapter):
         self._fmu.load()
 
     def act(self, seen: Observation) -> Any:
-        """One step of the FMU: what is seen goes in, the command comes out."""
+        """One step of the FMU: the observation goes in, the command comes out."""
         fmu = self._fmu
         signals = seen.signals() | (_objects(seen) if fmu.sees_objects else {})
         if not fmu.initialized:

@@ -88,7 +88,7 @@ class JsonLinesProgram(Adapter):
         self._deadline = scenario.step_timeout
 
     def act(self, seen: Observation) -> Any:
-        """Send what is seen, and read the request; the last answer must have been one line."""
+        """Send the observation, and read the request; the last answer must have been one line."""
         if self._unread or select.select([self._stdout], [], [], 0.0)[0]:
             more = self._unread or self._read()
             raise ControllerError(f"The ADS must answer with one line, got more: {more[:200]!r}")

@@ -34,7 +34,7 @@ _FOREIGN_PACKAGES = ("sumo_eval", "numpy", "numba", "traci", "libsumo")  # and t
 # modules with objects that hold others
 _LOOKED_INTO = ("types", "collections", "queue", "functools")
 _LIBSUMO = "libsumo itself"  # snapshot of libsumo, and of a function of it
-# arrays and random generators: all that they hold is what they are pickled to
+# arrays and random generators: the pickle of such an object holds its whole state
 _PICKLED = (
     np.ndarray, bytearray, array, random.Random, np.random.Generator, np.random.RandomState
 )  # fmt: skip

@@ -59,7 +59,7 @@ def limits_of(conditions: ConditionSettings) -> tuple[float, ...]:
 
 
 _NO_LIMITS = limits_of(ConditionSettings())
-# places in `limits_of`: of those that need random numbers, and of those that hide an actor
+# places in `limits_of` of the limits that need random numbers, and of the limits that hide an actor
 _CHANCE, _REACH = slice(1, 4), slice(4, 7)
 
 
@@ -75,7 +75,7 @@ KINDS = {kind: number for number, kind in enumerate(BODIES)}
 class Task(NamedTuple):
     """Task of the ego.
 
-    desired_speed: speed that it wants, m/s: the one that it starts with.
+    desired_speed: speed that the ego wants, m/s: its initial speed.
     goal: x, y of the road's end in the lane where the ego has to be then, m.
     change: first x at which the ego may change to the goal's lane, and x by which it must have
         changed, m; None: it may stay in its lane.
@@ -290,7 +290,7 @@ class Observation:
 
     @property
     def desired_speed(self) -> float:
-        """The speed that the ego wants, m/s: the one that it starts with; nan if unknown."""
+        """The speed that the ego wants, m/s: its initial speed; nan if unknown."""
         return self._task.desired_speed
 
     @property
@@ -396,8 +396,8 @@ class Observation:
 
 @dataclass(frozen=True)
 class Observations:
-    """One instant of n cases for a policy that takes arrays: what an `Observation` has, under the
-    same names.
+    """One instant of n cases for a policy that takes arrays: the attributes of an `Observation`,
+    under the same names.
 
     time: s; an array (n,) where cases begin one by one, as episodes do.
     number: of each case in its batch, (n,), the same at every step: a policy with memory finds a
@@ -417,7 +417,7 @@ class Observations:
 
     @cached_property
     def desired_speed(self) -> FloatArray:
-        """The speed that each ego wants, m/s: the one that it starts with."""
+        """The speed that each ego wants, m/s: its initial speed."""
         return np.array([self._cases[number].ego.speed for number in self.number.tolist()])
 
     @cached_property
@@ -544,8 +544,8 @@ class Perception:
 
         egos, others: numbers of bodies, (n, 7) and (n, m, 7); x is nan of an actor that has left.
 
-        Returns copies; actors have an eighth number, the rate of the seen speed, m/s2, and x is
-        nan of those that are not seen.
+        Returns copies; actors have an eighth number, the rate of the seen speed, m/s2. An actor
+        that is not seen has x nan.
         """
         seen = np.empty((*others.shape[:2], 8))
         seen[..., :7] = others
@@ -657,7 +657,7 @@ def _hidden(me_x: FloatArray, x: FloatArray, y: FloatArray, width: FloatArray) -
 
 
 def present(others: FloatArray, is_present: FloatArray) -> FloatArray:
-    """Numbers of actors, with x nan of those that have left the road.
+    """Numbers of actors; an actor that has left the road has x nan.
 
     others: (n, m, k).
     is_present: 0 of an actor that has left, (n, m).

@@ -256,7 +256,7 @@ def _vehicle_writer(call: str, write: _Call) -> _Call:
     moves, ignored, hands_over = call in MOTION, call in IGNORED, call in HANDS_OVER
 
     def guarded(vehID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
-        # not for a vehicle that does not exist: SUMO refuses that, unless the call adds it
+        # SUMO refuses a call on a vehicle that does not exist, unless the call adds the vehicle
         if vehID != EGO and (vehID in GUARD.others or call.startswith("add")):
             GUARD.note_touched("vehicle", call, vehID)
         if moves and vehID == EGO:
@@ -283,7 +283,7 @@ def _vehicle_writer(call: str, write: _Call) -> _Call:
 
     def set_speed(vehID: str, speed: float) -> Any:  # noqa: N803 - TraCI's name
         # The usual call: the ego and a speed that needs no check. It takes effect in the next step,
-        # so what was read after the last one stays valid.
+        # so values that were read after the last step stay valid.
         if vehID == EGO and type(speed) is float and 0.0 <= speed < math.inf:
             GUARD.moved = True
             return direct(GUARD.names[vehID], speed)

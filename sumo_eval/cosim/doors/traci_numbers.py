@@ -27,7 +27,7 @@ LONGEST = 2.0**31
 TraCI's old default."""
 # TraCI's INVALID_DOUBLE and INVALID_INT: an optional argument that was left out
 _UNSAID = -1073741824
-_NO_NUMBER = re.compile(r"[+-]?(nan(\(\w*\))?|inf(inity)?)", re.IGNORECASE)  # as C++ reads them
+_NO_NUMBER = re.compile(r"[+-]?(nan(\(\w*\))?|inf(inity)?)", re.IGNORECASE)  # C++'s spellings
 _WORDS = re.compile(r"[\s,;]+")
 
 # beginnings of names of calls that only read, or do not change how vehicles drive
@@ -118,7 +118,7 @@ _NUMBERS_IN_TEXT = {"value", "depart", "departPos", "departSpeed", "arrivalPos",
 
 
 class Breach(NamedTuple):
-    """An argument of a call that cannot be meant: its name, what was given, what it must be."""
+    """An impossible argument of a call: its name, the given value, the rule for the value."""
 
     argument: str
     given: object
@@ -140,7 +140,7 @@ def breach(
             return Breach(argument, value, "a finite number")
         seconds = finite_number(value, truth=True)
         if argument not in DURATIONS or seconds is None:
-            continue  # what is not a number, libsumo refuses itself
+            continue  # libsumo itself refuses a value that is not a number
         if not (
             0.0 <= seconds <= LONGEST or ((call, argument) in _OPTIONAL and seconds == _UNSAID)
         ):

@@ -59,7 +59,7 @@ class PrivateServer:
                 list(command), stdin=subprocess.DEVNULL, stdout=output, stderr=output,
                 preexec_fn=partial(_enter_own_network, theirs) if isolated else None,
             )  # fmt: skip
-            theirs.close()  # else `recv_fds` would wait for a child that sends nothing
+            theirs.close()  # with it open, `recv_fds` waits for ever if the child sends nothing
             word = b""
             handles: list[int] = []
             if isolated:

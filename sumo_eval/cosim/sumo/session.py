@@ -324,5 +324,5 @@ def _close() -> None:
         return
     # the case has ended and has its reason: an error now changes nothing
     with suppress(libsumo.TraCIException, libsumo.FatalTraCIError):
-        libsumo._libsumo_step(0.0)  # not `simulationStep`, which calls listeners
+        libsumo._libsumo_step(0.0)  # `simulationStep` would call listeners
     libsumo.close()

@@ -111,7 +111,7 @@ def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition)
 
 
 def intervals_of(score: ScenarioResult) -> dict[str, Interval]:
-    """The intervals of a result by the name of the score, without those that it does not have."""
+    """Each interval that a result has, by the name of its score."""
     ends = {name: getattr(score, f"{name}_interval") for name in SCORED}
     return {
         name: Interval(getattr(score, name), *limits)

@@ -64,7 +64,7 @@ def space_coverage(zones: ZonePartition, points: FloatArray) -> SpaceCoverage:
     """Coverage by cases at `points` (n, k) of the space that `zones` partitions."""
     logical = zones.logical
     possible = logical.from_shares(steadily(len(logical.names), COUNTED))
-    # and the points themselves: in a narrow space none of the evenly spread ones may be possible
+    # the cases' points count as possible too: a narrow space may admit no evenly spread point
     possible = np.concatenate([possible[logical.feasible(possible)], points])
     hit, reachable = _buckets(logical, points), _buckets(logical, possible)
     sizes = [len(item.values) or BUCKETS for item in logical.parameters]

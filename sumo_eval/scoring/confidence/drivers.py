@@ -149,7 +149,7 @@ def stratified_deviations(
 
     By driver j in a group h of n_h drivers: sqrt(n_h/(n_h - 1)) (n - 1)/n (value without j - mean
     of these values in the group). The squares add up to the variance of a stratified sample; with
-    one group to that of the plain jackknife.
+    one group they add up to the variance of the plain jackknife.
 
     By the rounding: n * share is rounded at random, so the number of overtakers has the deviation
     sqrt(f (1 - f)), f the fractional part of n * share; this times `change`. `without` cannot give

@@ -19,7 +19,7 @@ CANDIDATES = 8_192  # evenly spread points among which further ones are chosen
 class FurtherCases(NamedTuple):
     """Proposed cases.
 
-    points: (N, k), the one that narrows the interval most first.
+    points: (N, k); the first point narrows the interval most.
     shrink: width of that part of the interval of S which the sampled cases cause, with the proposed
         cases added, divided by its width now, 0..1.
     """

@@ -10,12 +10,12 @@ compare with. `scoring.confidence.scored` puts them into the results.
   they are drawn without balance: C is a mean over them, and D exists only in a replicate without a
   collision in the safe zone, and S with it.
 - Unseen collisions. If k of n hazardous points hold a collision, other points may hold one too. The
-  end of an interval on the bad side therefore has e unseen collisions, as hard as those of doing
-  nothing, where e is exponential with mean 1. With the drawn ones this is a gamma distribution of
-  shape k + 1, as in the exact interval of a Poisson count. Its 95 % point for k = 0 is 3.0, the
-  rule of three. A sum loses with each unseen collision. C, a mean over collisions, loses all that
-  it can lose by the first one, so it loses this with the probability that there is at least one
-  among the points.
+  end of an interval on the bad side therefore has e unseen collisions, as hard as the collisions
+  of `no_reaction`, where e is exponential with mean 1. Together with the drawn collisions, their
+  number has a gamma distribution of shape k + 1, as in the exact interval of a Poisson count. Its
+  95 % point for k = 0 is 3.0, the rule of three. A sum loses with each unseen collision. C is a
+  mean over collisions, so the first unseen collision takes all that C can lose: C loses this with
+  the probability that there is at least one among the points.
 - One more case. T, A' and S+ fall steeply at their good end. Their lower ends have one more case
   instead, as bad as doing nothing (t = 0, lost = the mean at stake). It weighs e cases, where e is
   exponential with mean 0.5. Every ADS receives the same case, so in a difference of two ADSs it
@@ -102,7 +102,7 @@ class ScoreIntervals(NamedTuple):
     """The intervals of one ADS in one scenario, and what its rank needs.
 
     limits: low and high of each score that exists, by its name in `ScenarioResult`.
-    sources: score (`s`, `s_plus`) -> source (`cases`, `drivers`) -> half-width by it alone.
+    sources: score (`s`, `s_plus`) -> source (`cases`, `drivers`) -> half-width from this source.
     worse, better: S+ of every replicate, with and without one more case, (m,).
     freedom: degrees of freedom of S+.
     missing: as in `Judged`.
@@ -174,8 +174,8 @@ class _Sums:
         self._drawn += drawn @ np.column_stack(hits)
 
     def _asked(self, rows: IntArray | slice) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Terms of these cases: those that are summed with balanced counts (of the scores, then of
-        unseen collisions), and those that are summed with drawn counts.
+        """Terms of these cases: first the terms to sum with balanced counts (of the scores, then of
+        unseen collisions), then the terms to sum with drawn counts.
 
         Number and order of the terms are the same for any cases.
         """
@@ -184,7 +184,7 @@ class _Sums:
         return [*asked.terms, *(terms[rows] for terms in self._unseen.terms)], hits.terms
 
     def _scores(self, rows: IntArray | slice, counts: Counts, hits: Counts) -> ScoreSamples:
-        """The scores of these cases in each replicate; `AskedTerms` note what is to be summed."""
+        """The scores of these cases in each replicate; `AskedTerms` record the terms to sum."""
         terms = self._ads.terms.part(rows)
         return scores_of(terms, counts, self._method, hits, exposed=self._exposed)
 
@@ -336,10 +336,10 @@ class UnseenCollisions(NamedTuple):
         sum of the second is the score's loss if every free point held a collision.
 
     A free point is a hazardous one without an incident (any evaluated one, if none is hazardous).
-    An unseen collision there is as hard as that of `no_reaction`. A and regret lose max(0, U0 - Ug)
-    by it. C is Ug/U0 after the first unseen collision and 1 without one. After a collision that was
-    seen C is a mean over collisions, and unseen ones need not lower it, so it has no loss. Where
-    all cases that count have the weight 0, each has the weight 1.
+    An unseen collision there is as hard as the collision of `no_reaction`, so A and regret lose
+    max(0, U0 - Ug). C is Ug/U0 after the first unseen collision and 1 without one. After a seen
+    collision C is a mean over collisions. Unseen collisions need not lower this mean, so C has no
+    loss then. Where all cases that count have the weight 0, each has the weight 1.
     """
 
     points: int

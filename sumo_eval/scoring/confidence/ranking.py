@@ -1,7 +1,7 @@
 """ADSs in the order of S+ over all scenarios, and which of them can be told apart.
 
-Two ADSs drove the same points beside the same drivers, so what they have in common cancels in their
-difference, which a comparison of two intervals would not use. A replicate has two values of S+:
+Two ADSs drove the same points beside the same drivers, so their common errors cancel in their
+difference; a comparison of two intervals would not use this. A replicate has two values of S+:
 `worse`, with the one more case that every ADS receives (`intervals`), and `better`, without. The
 lower end of an interval takes the smaller difference of the two, the upper end the larger. Missing
 cases count against the ADS that lacks them. One ADS under two names differs from itself by 0,

@@ -161,7 +161,7 @@ class Balance(NamedTuple):
     trend: orthonormal basis of the directions that R removes, (n, r).
     scale: sqrt(tr G / tr(R G)).
 
-    Drawn counts are c = 1 + e. G is the covariance of e. R is the projection onto what is
+    Drawn counts are c = 1 + e. G is the covariance of e. R projects onto the space
     orthogonal to 1 and to the k coordinates of the points. Balanced counts are c' = 1 + scale R e,
     and at least 0. A linear trend of the terms then adds nothing to the variance of their mean, and
     terms without a trend keep theirs (balanced sampling: Deville and Tille 2005).

@@ -45,8 +45,8 @@ def with_intervals(
     settings: EvaluationSettings,
     progress: Progress = quiet,
 ) -> tuple[list[ScenarioResult], list[ScoreIntervals | None]]:
-    """The results of all ADSs in one scenario with the interval of every score, and what a ranking
-    needs of them.
+    """The results of all ADSs in one scenario with the interval of every score, and the intervals
+    that a ranking needs.
 
     scores: the results; their intervals so far are the bounds that missing cases leave open.
     rows: cases of each ADS.
@@ -87,7 +87,7 @@ def _joined(score: ScenarioResult, intervals: ScoreIntervals, most_of_s: float) 
     intervals: intervals by the sample, of the cases that are there.
     most_of_s: largest value of S.
 
-    Each end is the one that missing cases leave open, moved outwards by the distance of the
+    Each end is the bound that missing cases leave open, moved outwards by the distance of the
     sample's end from the score, but not out of the score's range.
     """
     ends: dict[str, Any] = {}
