@@ -26,10 +26,9 @@ from sumo_eval.trajectory import (
 EGO = "ego"
 
 # Single precision has a relative error of 1e-7: negligible for a lane's width, a speed or an angle,
-# but 0.1 mm for each km of x.
-_DOUBLE = ("time", "x")
-_SINGLE = tuple(name for name in CHANNELS if name not in _DOUBLE)
-_SAMPLE_BYTES = 8 * len(_DOUBLE) + 4 * len(_SINGLE)
+# but 0.1 mm for each km of x. So these are the bytes of a value, by channel.
+_VALUE_BYTES = {name: 8 if name in ("time", "x") else 4 for name in CHANNELS}
+_SAMPLE_BYTES = sum(_VALUE_BYTES.values())
 _HEADER = struct.Struct("<Idd")  # number of samples, length and width of the vehicle
 
 
@@ -69,12 +68,11 @@ def packed(trajectory: Trajectory) -> bytes:
     on, which deflates better than sample after sample.
     """
     body = b"".join(
-        np.ascontiguousarray(getattr(trajectory, name), dtype)
+        np.ascontiguousarray(getattr(trajectory, name), f"<f{value_bytes}")
         .view(np.uint8)
         .reshape(len(trajectory), -1)
         .T.tobytes()
-        for names, dtype in ((_DOUBLE, "<f8"), (_SINGLE, "<f4"))
-        for name in names
+        for name, value_bytes in _VALUE_BYTES.items()
     )
     return _HEADER.pack(len(trajectory), trajectory.length, trajectory.width) + zlib.compress(
         body, 6
@@ -97,8 +95,7 @@ def unpack(data: bytes) -> Trajectory:
         )
     block = np.empty((len(CHANNELS), n))
     begin = 0
-    # rows of a block are in the order of `CHANNELS`, which begins with `_DOUBLE`
-    for row, value_bytes in enumerate([8] * len(_DOUBLE) + [4] * len(_SINGLE)):
+    for row, value_bytes in enumerate(_VALUE_BYTES.values()):
         plane = body[begin : begin + n * value_bytes].reshape(value_bytes, n)
         block[row] = np.ascontiguousarray(plane.T).view(f"<f{value_bytes}").reshape(n)
         begin += n * value_bytes
