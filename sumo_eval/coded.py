@@ -4,8 +4,6 @@ anything.
 Users: `case_table.py`, `cosim/openscenario.py`, `record/`, `scoring/`.
 """
 
-from __future__ import annotations
-
 import json
 from base64 import b64decode, b64encode
 from collections.abc import Mapping

@@ -8,8 +8,6 @@ Users: `ads/`, `cli/`, `cosim/`, `drivers/`, `evaluation.py`, `gone.py`, `input_
 `trajectory.py`, `whatif/`, `extras/`.
 """
 
-from __future__ import annotations
-
 import bisect
 import difflib
 import itertools

@@ -3,8 +3,6 @@
 Users: `ads/__init__.py`, `cosim/__init__.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any

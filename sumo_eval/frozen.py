@@ -5,8 +5,6 @@ Users: `ads/`, `case_table.py`, `cases.py`, `cosim/`, `drivers/`, `method/`, `re
 `extras/`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, dataclass_transform
 

@@ -3,8 +3,6 @@
 Users: `cli/`, `scenario/`, `settings/locators.py`, `extras/openscenario/command.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from sumo_eval.errors import InputError

@@ -4,8 +4,6 @@ Users: `cli/`, `cosim/`, `drivers/`, `record/`, `report/`, `scenario/`, `scoring
 `extras/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Iterable
 from typing import TypeVar
 

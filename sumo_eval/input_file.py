@@ -5,8 +5,6 @@ Users: `cli/`, `cosim/`, `drivers/`, `kernels.py`, `nightly/`, `record/`, `repor
 `settings/`, `extras/`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import stat

@@ -6,8 +6,6 @@ Users: `cli/finish.py`, `evaluation.py`, `nightly/`, `report/`, `scoring/`, `ext
 `extras/studies/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from pathlib import Path

@@ -5,8 +5,6 @@
 Users: `report/`, `results.py`, `scoring/`, `extras/rates/learned.py`.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 from sumo_eval.cases import Zone

@@ -3,8 +3,6 @@
 A command's file is imported when the command is named; `--help`, which lists all, imports them all.
 """
 
-from __future__ import annotations
-
 import atexit
 import ctypes
 import errno

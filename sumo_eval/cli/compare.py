@@ -1,7 +1,5 @@
 """Commands for runs over time: `compare`, `nightly`, `accept` and `trend`."""
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Commands that look at a run: `report`, `explain`, `find`, `replay` and `export`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

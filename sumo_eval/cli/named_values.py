@@ -4,8 +4,6 @@ Users: `cli/look.py`, `extras/openscenario/command.py`, `extras/studies/boundary
 `extras/wheel/command.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from sumo_eval.errors import InputError

@@ -3,8 +3,6 @@
 Users: `cli/`, `extras/`.
 """
 
-from __future__ import annotations
-
 import math
 from functools import partial
 from pathlib import Path

@@ -3,8 +3,6 @@
 Users: `cli/`, `extras/rates/command.py`, `extras/studies/`.
 """
 
-from __future__ import annotations
-
 import re
 import tempfile
 from pathlib import Path

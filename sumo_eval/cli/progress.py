@@ -4,8 +4,6 @@ plain lines elsewhere.
 Users: `cli/`, `extras/rates/`, `extras/studies/`, `extras/wheel/command.py`.
 """
 
-from __future__ import annotations
-
 import sys
 import time as clock
 from collections.abc import Callable

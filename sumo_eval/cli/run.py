@@ -2,8 +2,6 @@
 reproduced.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import defaultdict
 from dataclasses import replace

@@ -4,8 +4,6 @@ how long the first sentence of a command may be.
 Users: `cli/`, `extras/`.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import sys

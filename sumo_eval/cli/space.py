@@ -1,7 +1,5 @@
 """Commands on spaces: the `scenarios` that ship, the `partition` of one, a `sample` of it."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -6,8 +6,6 @@ next.
 Users: `cli/compare.py`, `cli/run.py`, `extras/studies/trials.py`.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -4,8 +4,6 @@
 Users: `cli/compare.py`, `nightly/`.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections import defaultdict

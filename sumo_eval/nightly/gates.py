@@ -4,8 +4,6 @@ nights and `sumo-eval compare`.
 Users: `cli/compare.py`, `nightly/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from itertools import islice, product

@@ -4,8 +4,6 @@ or removed.
 Users: `cli/compare.py`, `nightly/`, `extras/figures/of_studies.py`.
 """
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager

@@ -4,8 +4,6 @@ becomes a base. For `nightly.night`.
 Users: `nightly/morning.py`, `nightly/night.py`.
 """
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import dropwhile, takewhile

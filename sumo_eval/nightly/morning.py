@@ -4,8 +4,6 @@ annotations.
 Users: `cli/compare.py`, `nightly/night.py`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

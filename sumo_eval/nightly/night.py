@@ -12,8 +12,6 @@ its own.
 Users: `cli/compare.py`.
 """
 
-from __future__ import annotations
-
 import errno
 import itertools
 import shlex

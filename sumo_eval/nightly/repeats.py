@@ -4,8 +4,6 @@ a case ends badly, for the verdict of a night.
 Users: `nightly/`.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace

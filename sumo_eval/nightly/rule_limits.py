@@ -4,8 +4,6 @@ cases. For the verdict on a night, and for `nightly.gates`.
 Users: `nightly/`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial

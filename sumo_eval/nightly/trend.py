@@ -4,8 +4,6 @@ offline file.
 Users: `cli/compare.py`, `nightly/night.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from itertools import cycle, groupby

@@ -3,8 +3,6 @@
 Users: `report/levers_section.py`, `whatif/search.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from operator import attrgetter

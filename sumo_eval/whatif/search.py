@@ -7,8 +7,6 @@ step between the two values where the outcome changes, for the nearest change on
 recorded value. Then both ends of these changes are rerun: an ADS must repeat its outcome.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """`sumo-eval bench`: processor time of the package's parts on this machine."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -7,8 +7,6 @@ ratios hold.
 Users: `extras/bench/command.py`.
 """
 
-from __future__ import annotations
-
 import math
 import multiprocessing
 import os

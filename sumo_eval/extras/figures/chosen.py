@@ -3,8 +3,6 @@
 Users: `extras/figures/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """`sumo-eval plot`: a figure of a run for a paper."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

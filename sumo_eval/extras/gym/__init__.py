@@ -6,8 +6,6 @@ parallel ones in one process. `sumo_eval/scenario-v0` takes a scenario of your o
 `use="my_scenario.toml"`. Needs the extra `gym`.
 """
 
-from __future__ import annotations
-
 from sumo_eval.errors import needs_extra
 from sumo_eval.scenario.shipped_files import scenario_files
 

@@ -12,8 +12,6 @@ the scenarios of the campaign. Its interval covers four uncertainties:
 Users: `extras/rates/campaign_page.py`, `extras/rates/command.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence

@@ -3,8 +3,6 @@
 Users: `extras/rates/command.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import asdict

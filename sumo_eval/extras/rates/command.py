@@ -1,7 +1,5 @@
 """Commands for crash rates: `learn` logical scenarios from traffic, run a `campaign` over them."""
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from collections.abc import Sequence

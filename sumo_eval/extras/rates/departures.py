@@ -5,8 +5,6 @@
 Users: `extras/rates/people_command.py`.
 """
 
-from __future__ import annotations
-
 from itertools import cycle
 from pathlib import Path
 from typing import NamedTuple

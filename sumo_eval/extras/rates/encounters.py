@@ -15,8 +15,6 @@ vehicles count; `measured` measures an event. The classes:
 Users: `extras/rates/learned.py`, `extras/rates/recorded_scene.py`.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress

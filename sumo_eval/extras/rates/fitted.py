@@ -3,8 +3,6 @@
 Users: `extras/rates/recorded_scene.py`.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

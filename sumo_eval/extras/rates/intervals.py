@@ -6,8 +6,6 @@ Users: `extras/rates/campaign.py`, `extras/rates/campaign_page.py`, `extras/rate
 `extras/rates/learn_page.py`, `extras/rates/learned.py`.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Users: `extras/rates/command.py`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -6,8 +6,6 @@ describes the recordings: by vehicles that were held out of the fit, and by the 
 Users: `extras/rates/command.py`, `extras/rates/learn_page.py`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import zlib

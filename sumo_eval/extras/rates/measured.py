@@ -8,8 +8,6 @@ one side.
 Users: `extras/rates/encounters.py`, `extras/rates/learned.py`, `extras/rates/scenes.py`.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

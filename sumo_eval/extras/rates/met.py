@@ -3,8 +3,6 @@
 Users: `extras/rates/campaign.py`, `extras/rates/importance.py`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any, NamedTuple

@@ -3,8 +3,6 @@
 `calibrate` chooses k5 and k6; `sensitivity` changes the other constants and scores again.
 """
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 

@@ -10,8 +10,6 @@ that is changing lane ends the change first. At `NEVER` no actor reacts.
 Users: `extras/rates/people_command.py`.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from pathlib import Path

@@ -6,8 +6,6 @@ from a ramp from the right; encounters from the other side are mirrored.
 Users: `extras/rates/learn_page.py`, `extras/rates/learned.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple

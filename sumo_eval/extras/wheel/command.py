@@ -1,7 +1,5 @@
 """`sumo-eval drive` opens the browser for one drive or a whole study, and repeats tapes."""
 
-from __future__ import annotations
-
 import asyncio
 import shlex
 import sys

@@ -4,8 +4,6 @@ numbers within bounds; anything else is a `MessageError`.
 Users: `extras/wheel/window.py`.
 """
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from typing import Annotated, Any, Literal

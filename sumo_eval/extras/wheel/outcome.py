@@ -7,8 +7,6 @@ trajectory; a tape that does not give its recorded bytes is left out and reporte
 Users: `extras/wheel/command.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ it out, `outcome` writes its results.
 Users: `extras/wheel/command.py`, `extras/wheel/outcome.py`, `extras/wheel/study.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple

@@ -7,8 +7,6 @@ each drive, `outcome` compares it with the rules.
 Users: `extras/wheel/outcome.py`, `extras/wheel/plan.py`, `extras/wheel/trip.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

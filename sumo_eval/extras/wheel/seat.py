@@ -14,8 +14,6 @@ lane changes of 3.5 m overshoot by 0.3 m, lanes are kept to 0.2 m.
 Users: `extras/wheel/messages.py`, `extras/wheel/window.py`.
 """
 
-from __future__ import annotations
-
 import math
 import time as clock
 from collections.abc import Callable

@@ -8,8 +8,6 @@ step.
 Users: `extras/wheel/`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import sys
