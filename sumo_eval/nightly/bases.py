@@ -210,9 +210,9 @@ def finished_within(history: Path, age: str, now: datetime | None = None) -> tup
 
 
 def pinned_by_itself(night: str, reason: str, pin: Accepted | None) -> Accepted:
-    """A night that becomes the base without a user, at most until the one before expires.
+    """A night that becomes the base without a user, at most until the base before expires.
 
-    pin: acceptance of the one before; None: none.
+    pin: acceptance of the base before; None: there was no acceptance.
     """
     return Accepted(night, _now(), reason, None if pin is None else pin.until, itself=True)
 

@@ -36,10 +36,10 @@ def judge(
     """The rule, then every limit of a gate, for every ADS and logical scenario it is about.
 
     comparison: with an earlier run; None without a base.
-    noise: what is known of ADSs that do not repeat.
+    noise: random variation of the ADSs.
 
-    A limit on missed requirements in all scenarios is about those that have requirements, if any
-    has. A limit on an ADS or a scenario that the run does not have is not evaluated.
+    A limit on missed requirements in all scenarios is about the scenarios with requirements, if
+    there are any. A limit on an ADS or a scenario that the run does not have is not evaluated.
     """
     compared = {(part.ads, part.scenario): part for part in comparison.ads} if comparison else {}
     requiring = {score.scenario for score in new.scores if score.requirements_missed is not None}
@@ -272,7 +272,7 @@ def _column_bounds(
     """Bounds on a column, each as (beyond, scale, words).
 
     beyond: how far each case is beyond the bound, (n,).
-    scale: what the tolerance is a share of.
+    scale: value of which the tolerance is a share.
     before, after: values of the base and of the new run, (n,), nan where there is none.
     """
     worse = before - after if limit.quantity in HIGHER_COLUMNS else after - before

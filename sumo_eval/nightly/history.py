@@ -198,7 +198,7 @@ class History:
             for score in evaluation.scores
             for quantity, value in _quantities(evaluation, score).items()
         ]
-        columns_of = attrgetter(*GateLine._fields[1:])  # all but `night`; a GateResult has them too
+        columns_of = attrgetter(*GateLine._fields[1:])  # a GateResult lacks `night`
         with self._connection:
             self._insert("nights", [night])
             self._insert("quantities", values)
@@ -264,7 +264,7 @@ class History:
         }
 
     def stopped_last(self) -> list[str]:
-        """Nights that began after the last one with a line, in the order of their beginning."""
+        """Nights that began after the last night with a line, in the order of their beginning."""
         names = self._connection.execute(
             "SELECT night FROM begun WHERE rowid > coalesce("
             "(SELECT max(b.rowid) FROM begun AS b JOIN nights USING (night)), 0) ORDER BY rowid"
@@ -292,7 +292,7 @@ class History:
 def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
     """The history file in a folder.
 
-    create: makes what is missing: the folder, the file, tables that older histories lack.
+    create: make a missing folder, a missing file, and tables that older histories lack.
 
     Raises InputError where there is none, or one of another format.
     """

@@ -90,7 +90,7 @@ def run_night(
     read_evaluation(evaluation)
     _refuse_without_history(history)
     with _only_one(history), open_history(history, create=True) as database:
-        # the night to continue, if one was stopped: the newest of those that had begun to record
+        # the night to continue: the newest stopped night that had begun to record
         newest_first = reversed(database.stopped_last() if resume else ())
         stopped = next((name for name in newest_first if is_run(history / NIGHTS / name)), None)
         notes = _clear_away(history, database, stopped)
@@ -297,7 +297,7 @@ def _clear_away(history: Path, database: History, resumed: str | None) -> list[s
             continue
         if path.name not in stopped:
             notes.append(f"{path} is not in the history; it was left as it is.")
-        elif _stored(path, "sealed"):  # as when an old copy of the history was put back
+        elif _stored(path, "sealed"):  # e.g. an old copy of the history was put back
             notes.append(
                 f"{path} is a complete run without a line in the history; it was left as it is. To "
                 f"add it: {_importing(history, path)}."

@@ -262,7 +262,7 @@ def _ticks(low: float, high: float, least: float) -> list[float]:
     rough = (high - low) / (TICKS - 1)  # between two ticks, before it is made a round number
     magnitude = 10.0 ** math.floor(math.log10(rough))
     steps = magnitude * np.array([1.0, 2.0, 2.5, 5.0, 10.0])
-    step = max(least, steps[steps >= rough * 0.999][0])  # less 0.1 %, against rounding
+    step = max(least, steps[steps >= rough * 0.999][0])  # 0.1 % covers rounding
     first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
     return [round(float(value), 12) for value in np.arange(first, last + 1) * step]
 

@@ -26,12 +26,12 @@ def check_apart(
     """Findings on every point of the contract, and what the ADS printed.
 
     locator: its relative path starts in the current folder.
-    cases: what it drives; if empty, it is only loaded.
+    cases: concrete scenarios that the ADS drives; if empty, the ADS is only loaded.
     run: time limits of its steps and cases.
 
     Raises InputError if it cannot be loaded.
     """
-    # each case is driven twice, the last one of each time when patience has just run out
+    # all cases are driven twice; each time the last case may begin just before `PATIENCE` is over
     limits = RunSettings(case_timeout=min(2.0 * (PATIENCE + run.case_timeout), 1e6))
     with Pool(1, limits) as pool:
         (ended,) = pool.each(Work(_checked, (Path.cwd(), run)), [(locator, tuple(cases))])

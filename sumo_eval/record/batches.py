@@ -1,4 +1,4 @@
-"""Choice of the cases that go to a child process together, and of those that go alone; for
+"""Choice of the cases that go to a child process together, and of the cases that go alone; for
 `record.engines` and `record.cluster`.
 
 Cases of one kind (same scenario, same ADS or driver) can share one simulation if that ADS or driver
@@ -96,7 +96,7 @@ class Batches:
         self._running -= 1
 
     def _next(self) -> Batch:
-        """Cases of the first kind, those that probably end latest first.
+        """Cases of the first kind, by their probable end, the latest first.
 
         So no process has long cases at the end of the run. A batch lasts as long as its longest
         case, and its cases end at about the same time.
@@ -178,7 +178,7 @@ class Batches:
             self.rerun_alone(kind.controller, why[0])
 
     def rerun_alone(self, locator: str, why: Alone) -> None:
-        """Run all cases of an ADS alone from now on, and again those that have ended in batches."""
+        """Run all cases of an ADS alone from now on; rerun its cases that have ended in batches."""
         self._keeps_state[locator] = why
         pickles = map(zlib.decompress, self._compressed.pop(locator, ()))
         # `note_batched` has made these pickles, of cases of this process

@@ -70,7 +70,7 @@ class Case:
     controller: locator of the ADS or baseline; of a human driver the source of the drivers.
     driver_index, driver_count: index of a synthetic driver, number of them at this point.
     seed: for everything random in the drive.
-    population: the one that a synthetic driver is drawn from.
+    population: the population that a synthetic driver is drawn from.
     fingerprint: hash of all that the outcome depends on; equal ones mean equal facts.
     block: cases that an ADS over arrays drives together with this one; None for any other.
     """

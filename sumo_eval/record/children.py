@@ -114,7 +114,7 @@ def warm_up() -> None:
 
     Nothing waits for it, and where children are spawned there is no fork server.
     """
-    child_context()  # names what the fork server loads
+    child_context()  # it names the modules that the fork server loads
     with _users_code_out_of_sight(), _children_environment():
         pass  # `_children_environment` has started the fork server
 
@@ -186,7 +186,7 @@ def _begin_forkserver() -> None:
 
 
 def _starts_beside_the_package() -> bool:
-    """Whether the working folder is the one that holds this package; False if it is gone."""
+    """Whether the working folder holds this package; False if the folder is gone."""
     try:
         return Path.cwd() == Path(__file__).parents[2]
     except OSError:

@@ -21,7 +21,7 @@ from sumo_eval.record.progress import Stopping
 BATCH = 100
 # submitted at a time for each thread of the cluster: enough that none waits, and memory is bounded
 _BATCHES_PER_THREAD = 3
-_TIMES = 3  # that a batch is submitted to the cluster before its cases count as crashed
+_TIMES = 3  # submissions of a batch to the cluster before its cases count as crashed
 _CONNECT_TIME = 10.0  # s
 _LOG_OF_DASK = "distributed.client"
 

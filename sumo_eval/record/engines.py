@@ -42,7 +42,7 @@ def run_cases(cases: Iterable[Case], setup: Setup) -> Generator[Outcome, None, N
 
 
 def once_each(ended: Outcomes) -> Generator[Outcome, None, None]:
-    """The final outcome of each case as it ends; those that may be replaced, at the very end."""
+    """The final outcome of each case as it ends; replaceable outcomes come at the very end."""
     replaceable: dict[str, Outcome] = {}
     with closing(ended) as batches:
         for outcome in chain.from_iterable(batches):

@@ -94,7 +94,7 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     """
     refuse_engine(run.settings.run)
     recorded = 0 if folder is None else _recorded(folder, run)
-    # each adaptive sample is drawn whole in its first round
+    # an adaptive sample is counted as if its first round drew all its points
     entries = tuple(
         replace(entry, sampling=replace(entry.sampling, round=entry.sampling.count, rounds=()))
         if entry.sampling.method == "adaptive"
@@ -104,7 +104,7 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     settings = replace(run.settings, scenario=entries)
     workers = run.settings.run.workers
     run = replace(run, settings=settings)
-    # each n-th ADS is loaded; all where `run.only` names cases, as a case's name has its ADS's
+    # each n-th ADS is loaded; but every ADS if `run.only` names cases, since a case names its ADS
     step = 1 if settings.run.only else ceil(len(settings.ads) / _KINDS)
     loaded = settings.ads[::step]
     plan, spaces = planned(
@@ -114,7 +114,7 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
         refuse_impossible_zones(space.logical, settings.method.zones)  # a run would end there
     compile_loops(settings, spaces)
 
-    # all ADSs count, also those that are not loaded
+    # drives of every ADS count, also of ADSs that are not loaded
     plan_of_all = replace(plan, run=run)
     drives = Counter[str]()
     for stage in chain.from_iterable(stages(space, plan_of_all) for space in spaces):
@@ -160,7 +160,7 @@ def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
         replace(it, numbers=it.numbers[:: max(ceil(len(it.numbers) / _TIMED), 1)]) for it in spaces
     ]
     kinds = {sort: list[Iterable[Case]]() for sort in _SORTS}
-    # each scenario begins with another ADS: else every n-th pair could have the same ADS
+    # each scenario begins with another ADS, so that every n-th pair does not have the same ADS
     ads = plan.run.settings.ads
     pairs = [
         (space, ads[(first + number) % len(ads)])

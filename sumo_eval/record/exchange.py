@@ -228,7 +228,7 @@ def _drive_rows(store: Store) -> Iterator[dict[str, Any]]:
     """Rows of all drives, role by role: facts, then the contact, then the wall times."""
     for fact in chain.from_iterable(map(store.facts, get_args(Role))):
         row = {name: getattr(fact, name) for name in _COLUMNS}
-        # all None where there was no collision
+        # without a collision every value of the contact is None
         contact = {column: getattr(fact.collision, name, None) for column, name in _CONTACT.items()}
         times = {name: row.pop(name) for name in _TIMES}
         yield row | contact | times

@@ -82,7 +82,7 @@ class Recorded:
 def resolve(
     evaluation: Evaluable, folder: Path, resume: bool, ads: Sequence[Any] = (), **changes: object
 ) -> Resolved:
-    """An evaluation with its scenarios, of which `run.only` keeps those that it names.
+    """An evaluation with its scenarios; `run.only`, where set, selects them.
 
     ads, changes: as in `settings_of`.
 
@@ -176,7 +176,7 @@ def record_facts(
     another_round: bool = False,
     meanwhile: Callable[[], object] | None = None,
 ) -> Recorded:
-    """Simulate an evaluation, or its shard, into a run folder; only what is missing there.
+    """Simulate the drives of an evaluation, or of its shard, that a run folder lacks.
 
     another_round: whether this process began or resumed the run, and adds a round of points.
     meanwhile: work that another process does while cases are driven. If it fails, driving stops,
@@ -435,8 +435,8 @@ def verify(
 
 
 def drive_again(cases: Sequence[Case], setup: Setup, store: Store) -> Iterator[tuple[Case, str]]:
-    """Each case, simulated once more, and its difference from what is recorded: empty where it is
-    the same.
+    """Each case, simulated once more, and the difference of this drive from the recorded drive:
+    empty where both are the same.
     """
     with open_store(Path(":memory:"), create=True) as repeats:
         for outcome in run_cases(cases, setup):

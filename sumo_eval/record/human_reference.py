@@ -50,7 +50,7 @@ class PointJob:
     ads: the cases that get a D_i.
     left_out: ADSs' cases that get a D_i without each driver, and one for each of `exchanges`.
     band: whether each driver gets a D_i against all other drivers.
-    exchanges: pairs of places in `drivers`: the driver that is left out, and the one that counts
+    exchanges: pairs of places in `drivers`: the driver that is left out, and the driver that counts
         twice instead.
     """
 
@@ -177,7 +177,7 @@ def compute_points(
             cache.put(new)
             new = []
         progress(done)
-    if jobs and not missing:  # all were kept
+    if jobs and not missing:  # the cache had every result
         progress(done)
     records: dict[Kind, dict[Any, Any]] = {"index": {}, "left_out": {}, "band": {}}
     # new results are decoded too, so that they equal kept ones to the bit

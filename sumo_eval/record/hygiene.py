@@ -93,7 +93,7 @@ def _work_and_leave(
             os.close(descriptor)
         os.setsid()
         _prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
-        if os.getppid() == supervisor:  # else the supervisor ended before that signal was set
+        if os.getppid() == supervisor:  # a supervisor that ended earlier sends no signal
             work()
             code = 0
     except BaseException:  # noqa: BLE001 - nothing may leave this function but the exit

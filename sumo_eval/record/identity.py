@@ -145,7 +145,7 @@ def with_fingerprint(
 
 
 def _own_files(module: ModuleType, before: set[str]) -> set[Path]:
-    """Files of a module and of those that were imported with it from its package or folder.
+    """Files of a module, and of the modules imported along with it from its package or folder.
 
     before: names of the modules that were loaded before it.
     """
@@ -184,7 +184,8 @@ def named_files(locator: str, folder: Path) -> set[Path]:
     while new:
         file = new.pop()
         files.add(file)
-        # modules are looked for in its own folder and those above, up to that of a named file
+        # modules are looked for in the file's folder and the folders above, up to the folder of a
+        # named file
         folders = [
             parent for parent in file.parents if any(parent.is_relative_to(home) for home in homes)
         ]

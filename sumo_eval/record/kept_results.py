@@ -93,7 +93,7 @@ class KeptResults:
             parts: list[bytes] = []
             for place, data, noted in self._read(connection, query, (kind, key, first, last)):
                 unchanged = isinstance(data, bytes) and noted == _hash(kind, key, place, data)
-                if not unchanged or place != first + len(parts):  # or the part before it is lost
+                if not unchanged or place != first + len(parts):  # second: a lost part
                     raise InputError(
                         f"{self.path} is not as it was written: a part of it was changed. {_MEND}"
                     )

@@ -50,8 +50,8 @@ def _parts_by_key(
     case: str, scenarios: Iterable[str], settings: EvaluationSettings
 ) -> dict[str, Parts]:
     """Parts of the cases that a text may name, by key."""
-    # all numbers, as names hold some, too: `ncap-2026-ccrs-0003-idm`; point 0 if there is none, for
-    # the nearest key in the error message
+    # Every number may be the point's, since names hold numbers too: `ncap-2026-ccrs-0003-idm`.
+    # Without a number point 0 gives the nearest key for the error message.
     numbers = map(int, re.findall(r"-(\d{4,9})(?=-)", case) or ["0"])
     return {
         f"{scenario}-{number:04d}-{ads.name}": (scenario, number, ads.name)

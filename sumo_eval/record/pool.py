@@ -66,8 +66,8 @@ _LONGEST_REFUSAL = 20_000  # characters of an InputError's text
 _WARNING_SHARE = 0.9  # share of the deadline after which the child prints where it hangs
 _LENGTH = struct.Struct("<Q")  # number of bytes of an order, which follows it in the pipe
 _CLOSED = "closed its connection"
-# share of the memory limit beyond which a child gets no more items: what an ADS keeps would end a
-# later case
+# share of the memory limit beyond which a child gets no more items: the memory that an ADS keeps
+# would end a later case
 _FULL = 0.8
 
 
@@ -124,7 +124,7 @@ class BoundedLog:
         self._tail = tail[-LOG_END:]
 
     def text(self) -> str:
-        """The kept parts, with a line for what is left out between them."""
+        """The kept parts, with a line for the bytes that are left out between them."""
         gap = f"\n[{self._left_out} bytes left out]\n".encode() if self._left_out else b""
         return clean_log((self._head + gap + self._tail).decode("utf-8", errors="replace"))
 
@@ -303,7 +303,7 @@ class _Child:
         return not (self._results.closed or ready((self._results, self._report), 0))
 
     def give(self, work: Work[Any], item: Any, number: int, deadline: float) -> None:
-        """Begin to send an item; what the pipe cannot take now, `_send_rest` sends later.
+        """Begin to send an item; `_send_rest` later sends the bytes that the pipe cannot take now.
 
         Raises OSError if the child has ended.
 
@@ -445,8 +445,8 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
     orders, results, output = ends
     _print_into(output)
     keep_open(orders, results)
-    # Limit the process's own data to what the shared part (column 2) leaves, so that an allocation
-    # fails before the supervisor has to end the process.
+    # Limit the process's own data to the memory limit less the shared part (column 2), so that an
+    # allocation fails before the supervisor has to end the process.
     pid = os.getpid()
     limit = max(int(memory_limit * MEGABYTE - memory(pid, 2)), 1)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
@@ -454,7 +454,7 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
     tempfile.tempdir = scratch
     faulthandler.enable(file=2)
     c_library = ctypes.CDLL(None)
-    forks: list[bool] = []  # not empty once this process has forked
+    forks: list[bool] = []  # has an entry once this process has forked
     os.register_at_fork(after_in_parent=lambda: forks.append(True))
     threads = len(sys._current_frames())
     while (head := _read(orders, _LENGTH.size)) and (order := _read(orders, *_LENGTH.unpack(head))):

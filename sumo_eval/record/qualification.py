@@ -16,7 +16,7 @@ _LARGEST = 10_000_000  # bytes of a file
 
 def read_qualification(named: str, source: Path) -> dict[str, Any]:
     """Entry of a run's manifest for a `qualification.json`: its hash, when and on which machine it
-    was made, the number of checks, and those that failed.
+    was made, the number of checks, and the checks that failed.
 
     named: the file, or its folder, as the evaluation has it.
     source: folder that `named` is relative to.

@@ -80,7 +80,7 @@ class _Watch:
             return
         before.active = False  # after a Ctrl-C amid a case it is still active
         for path, digest in before._known:
-            if digest != WRITTEN:  # what the earlier run has read may still be in memory
+            if digest != WRITTEN:  # content that the earlier run has read may still be in memory
                 self._note(path, digest if content(path, _state(path)) == digest else UNKNOWN)
 
     def opens(self, path: Any, flags: int) -> None:
@@ -170,7 +170,7 @@ class _Watch:
         """Note modules that were loaded before the watch began, such as those of a script that
         calls this package.
         """
-        if len(sys.modules) == self._modules:  # none was loaded since the last look
+        if len(sys.modules) == self._modules:  # no module was loaded since the last look
             return
         self._modules = len(sys.modules)
         for module in list(sys.modules.values()):
@@ -180,7 +180,7 @@ class _Watch:
                 path not in self._states
                 and path.endswith(_CODE)
                 and not path.startswith(self._ignored_folders())
-                and exists(path)  # else it lies in an archive
+                and exists(path)  # a module in an archive has no file at this path
             ):
                 self.read(path, _IMPORT_TIME)
 
@@ -222,7 +222,7 @@ def end() -> list[File] | None:
 
 
 def _hear(event: str, arguments: tuple[Any, ...]) -> None:
-    """Audit hook of Python: note the file that an event opens, but not those that noting opens."""
+    """Audit hook of Python: note the file that an event opens, but no file that noting opens."""
     if event not in _EVENTS or _watch is None or not _watch.active or getattr(_busy, "now", False):
         return
     _busy.now = True
@@ -314,7 +314,7 @@ class OneVersion:
         self._reported = {locator for locator, _ in self._files}
 
     def add(self, ads: str, locator: str, files: Collection[File] | None) -> list[FileOfAds]:
-        """Add the files that a process of an ADS has read. Gives those that are new or replace one.
+        """Add files read by a process of an ADS. Returns files that are new or replace an entry.
 
         Raises InputError for a file that has changed.
 
@@ -343,7 +343,7 @@ class OneVersion:
 
 
 def changed(read: Iterable[FileOfAds], folder: Path) -> dict[str, list[str]]:
-    """Files whose content is not, or perhaps not, what the ADS has read, by the ADS's locator."""
+    """Files whose content has changed, or perhaps changed, since the ADS read them, by locator."""
     now = {}
     differing: dict[str, list[str]] = {}
     for locator, path, digest in read:

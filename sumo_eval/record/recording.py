@@ -87,7 +87,7 @@ class Space:
 class Planner:
     """Makes the cases of an evaluation, each with a fingerprint of all that its facts depend on.
 
-    harness: identity of this package and of what it simulates with.
+    harness: identity of this package and of its simulator.
     identities: of ADSs and drivers, by locator.
     over_arrays: locators of the policies that drive cases in blocks.
     notes: sentences on recorded drivers.
@@ -109,7 +109,7 @@ class Planner:
     def ads(self, space: Space) -> Iterator[Case]:
         """Cases of every ADS at every point; policies over arrays drive blocks of cases together.
 
-        A block is `size` consecutive points of the space, also those that need not be driven: its
+        A block is `size` consecutive points of the space, also points that need not be driven: its
         composition must not depend on the choice of points.
         """
         settings = self.run.settings
@@ -231,8 +231,8 @@ def record(
     Independent cases of all logical scenarios are one piece of work, so that no process waits for
     the last case of a scenario.
 
-    Raises StoppedError if `stopping` returns true before all cases are recorded; those that are
-    done stay recorded.
+    Raises StoppedError if `stopping` returns true before all cases are recorded; finished cases
+    stay recorded.
     """
     versions = OneVersion(store.files_read())
     drivers = plan.run.settings.drivers

@@ -57,7 +57,7 @@ def only_writer(folder: Path, *, resume: bool) -> Iterator[None]:
 
 
 def refuse_foreign(folder: Path, resume: bool) -> None:
-    """Refuse a folder that is not empty, unless `resume` and what it holds is a run, finished or
+    """Refuse a folder that is not empty, unless `resume` and the folder holds a run, finished or
     not.
     """
     if not folder.exists():
@@ -247,7 +247,7 @@ def versions_and_machine(packages: Iterable[str]) -> dict[str, dict[str, str]]:
 
 
 def builds_of(settings: EvaluationSettings, source: Path) -> Mapping[str, str]:
-    """Build by ADS; without those that ship and those of which nothing is known."""
+    """Build by ADS; without ADSs that ship and ADSs whose build is unknown."""
     own = [ads for ads in settings.ads if ads.build or ":" in ads.controller]
     commit = commit_of(source) if any(not ads.build for ads in own) else ""
     return {ads.name: ads.build or commit for ads in own if ads.build or commit}

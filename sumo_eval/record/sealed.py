@@ -30,7 +30,7 @@ def sealed(content: Mapping[str, Any]) -> str:
 def read_sealed(path: Path, version: int | None = None) -> dict[str, Any]:
     """The content of a file that `sealed` wrote, without its hash.
 
-    Raises InputError for one that is not as it was written.
+    Raises InputError for a file that has changed since it was written.
 
     version: its `format_version`, where it has one; another version may have another seal.
     """

@@ -248,7 +248,7 @@ class Store:
         drives = list(self._read(_DRIVES, (case,)))
         if fact is not None and circumstance is not None:
             self._check_hash(fact, circumstance, drives)
-        elif fact is not None or circumstance is not None or drives:  # else there is no such case
+        elif fact is not None or circumstance is not None or drives:  # none: no such case
             raise self._lacking(case)
 
     def _check_hash(self, fact: Row, circumstance: Row, drives: Sequence[tuple[str, Any]]) -> None:
@@ -272,7 +272,7 @@ class Store:
                 raise InputError(f"{self.path} is damaged: {words.splitlines()[-1]}. {FIX}")
         for (case,) in self._read(_HALVES):
             raise self._lacking(case)
-        # each group: a case, and its rows of `trajectories`
+        # a group has a case and the case's rows of `trajectories`
         groups = groupby(self._read(_ALL_DRIVES), key=lambda row: row[0])
         group = next(groups, None)
         circumstances = self._read('SELECT * FROM circumstances ORDER BY "case"')
@@ -316,7 +316,7 @@ class Store:
         self.note(_CONTENT, "")
 
     def discard_trajectories(self, stays: Callable[[str, int], bool]) -> int:
-        """Delete the trajectories at all points except those that stay, in one transaction.
+        """Delete the trajectories at all points except the points that stay, in one transaction.
 
         Rows of facts stay. Each case gets a new hash; the old one is kept in `let_go`, because the
         cache has the results computed from the trajectories under it.
@@ -609,8 +609,8 @@ class Store:
         )
 
     def simulated_alone(self, scenario: str, ads: str) -> dict[Alone, int]:
-        """Number of drives that were simulated alone, by reason: those of an ADS, and those that it
-        is compared with.
+        """Number of drives that were simulated alone, by reason: drives of an ADS, and drives that
+        the ADS is compared with.
         """
         rows = self._read(
             'SELECT alone, count(*) FROM facts JOIN circumstances USING ("case") WHERE scenario = '

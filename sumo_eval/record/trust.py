@@ -65,7 +65,7 @@ def trust_code(settings: EvaluationSettings, source: Path) -> None:
 
 
 def trust_what_is_opened(trust_all: bool) -> None:
-    """Trust every run that is opened from now on, or only those that are known.
+    """Trust every run that is opened from now on, or only known runs.
 
     trust_all: whether the user has given `--trust`.
     """
@@ -83,7 +83,7 @@ def remember(run: Path, settings: EvaluationSettings, source: Path) -> None:
         return
     _trusted.update(code)
     note = _note(run)
-    with suppress(OSError):  # else a later process asks the user for `--trust`
+    with suppress(OSError):  # without the note a later process asks the user for `--trust`
         note.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         write_whole(note, _hash(code))
 

@@ -173,8 +173,8 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
         # a case of an ADS that draws from these generators must begin with their seed: alone
         drew = _states_of_global_generators() != before
         return [Alone("draws")] * len(cases) if drew else _with_no_return(drives, cases, setup)
-    # All cases of the block were driven; `cases` are those that the run wants. The clip notes the
-    # block's size (as `requested`, and as `applied`).
+    # All cases of the block were driven; `cases` are the cases that the run wants. The clip notes
+    # the block's size (as `requested`, and as `applied`).
     size = Clip(IN_BLOCK, 1, 0.0, float(len(drives)), float(len(drives)))
     sized = [
         drive if isinstance(drive, Alone) else replace(drive, clips=(*drive.clips, size))

@@ -22,8 +22,8 @@ MOST_ROWS = 500  # of the page; checks.csv has all
 
 
 class CheckedCase(NamedTuple):
-    """A case of a scenario with requirements, and the names of those that its drive misses; None:
-    not evaluated.
+    """A case of a scenario with requirements, and the names of the requirements that its drive
+    misses; None: not evaluated.
     """
 
     case: CaseResult

@@ -59,7 +59,7 @@ def change_lines(comparison: Comparison) -> Iterator[str]:
 
 
 def _changed_lines(part: AdsComparison) -> Iterator[str]:
-    """Cases of an ADS that changed, those that became worse first."""
+    """Changed cases of an ADS; worse cases come before better cases."""
     for kind in (*WORSE, *BETTER):
         cases = part.changed.of(kind)
         if len(cases):

@@ -1,5 +1,5 @@
-"""The report's section on confidence: intervals, risk, further cases, and what the cases cover of
-each space.
+"""The report's section on confidence: intervals, risk, further cases, and the coverage of
+each space by the cases.
 
 Users: `report/assessed.py`, `report/sections.py`.
 """

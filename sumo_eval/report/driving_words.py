@@ -134,7 +134,7 @@ def task_words(scene: CaseDrives, logical: LogicalScenario, margin: float) -> _S
 
 def likeness_words(scene: CaseDrives, people: Quantiles) -> _Said:
     """The factors that lower H, in words, the lowest first."""
-    end = scene.ego.duration  # the time of what the whole drive shows
+    end = scene.ego.duration  # time of a sentence about the whole drive
     factors = [(getattr(scene.case, field), name) for name, field in LIKENESS_FACTORS.items()]
     for _, name in sorted(it for it in factors if it[0] is not None and it[0] < LOW):
         if name == "plausibility":

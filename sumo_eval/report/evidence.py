@@ -32,7 +32,7 @@ from sumo_eval.scoring.preventability import preventability_of, reference_ads, v
 
 FORMAT_VERSION = 1
 PAGE, PLAIN = "evidence.html", "evidence.json"
-MOST_CASES = 50  # that a claim names; cases.csv has all
+MOST_CASES = 50  # at most, in a claim; cases.csv has all
 Support = Literal["supported", "not supported", "open"]
 
 
@@ -41,7 +41,7 @@ class Claim:
     """One claim, its argument and its evidence.
 
     interval: of the number that the claim is about, with its level; None: it is about none.
-    cases: keys of those that speak against it, at most `MOST_CASES`.
+    cases: keys of the cases that speak against the claim, at most `MOST_CASES`.
     assumptions: conditions that must hold and that the run does not show.
     """
 

@@ -86,11 +86,11 @@ def _evaluation(
     return replace(
         alone,
         scenario=(replace(scenario, sampling=sampling, exposure=ExposureSettings()),),
-        run=replace(settings.run, qualification=""),  # that qualification is of the whole run
+        run=replace(settings.run, qualification=""),  # `settings` has that of the whole run
     )
 
 
-# settings that are paths of files, and those that may hold one, as `my_ads.py:MyAds`
+# settings that are paths of files, and settings that may hold a path, as `my_ads.py:MyAds`
 _PATHS = "file", "files", "recordings", "cases", "qualification"
 _LOCATORS = "use", "method", "controller", "source", "severity"
 

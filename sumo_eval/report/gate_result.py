@@ -86,8 +86,8 @@ def in_order(
 ) -> tuple[GateResult, ...]:
     """Limits that failed, that passed, and that could not be evaluated.
 
-    Of those that failed, new failures come first, and of these bad ends, the gravest first. The
-    rest keeps its order.
+    Within each of these groups, limits that have failed for fewer nights come first, and of these
+    bad ends, the gravest first. Equal limits keep their order.
 
     nights: for how many nights each limit has failed, by its name; none: 0.
     """
@@ -102,5 +102,5 @@ def in_order(
 
 
 def failed(results: Sequence[GateResult]) -> tuple[GateResult, ...]:
-    """The limits that failed; those that could not be evaluated are not among them."""
+    """The limits that failed, without limits that could not be evaluated."""
     return tuple(result for result in results if result.passed is False)

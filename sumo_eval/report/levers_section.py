@@ -61,7 +61,7 @@ def effect_words(answer: Answer, hit: Collision | None) -> str:
         recorded = start if lever.unlimited else start + unit
         if answer.felt:
             return f"{recorded}: none of {answer.tried} values {verb}"
-        delay = lever.name == "conditions.actuation_delay"  # the others limit what the ADS sees
+        delay = lever.name == "conditions.actuation_delay"  # other levers limit the ADS's view
         why = " where SUMO moves the ego" if delay else ", the ADS sees the world as it is"
         return f"{recorded}: no effect{why}"
     flip, *rest = answer.flips

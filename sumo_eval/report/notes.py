@@ -212,7 +212,7 @@ def _drives_note(note: DrivesLeftOut | ThinReferences | DrivenAlone | DrivenInBl
 
 
 def _missing_note(note: CasesMissing | ReferenceMissing | WorstAndBest) -> str:
-    """Note on cases or references that could not be evaluated, or what they may change."""
+    """Note on cases or references that could not be evaluated, or on their possible effect."""
     match note:
         case CasesMissing(zones):
             places = " and ".join(f"{number} in the {zone} zone" for zone, number in zones)

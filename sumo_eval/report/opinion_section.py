@@ -28,7 +28,8 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
     with taking_apart(path, FIX):
         study = json.loads(text)
         correlations = {name: _number(rho) for name, rho in study["correlations"].items()}
-        # unary +: TypeError for what is no number; a file of an earlier version has no intervals
+        # unary + raises TypeError for a value that is not a number; files of earlier versions have
+        # no intervals
         intervals = {
             name: None if ends is None else (+ends[0], +ends[1])
             for name, ends in (study.get("intervals") or {}).items()

@@ -1,5 +1,5 @@
-"""The drivers that D and H compare with: where they come from, their own D compared with that of
-each ADS, thin references, exposure, and the study that they took part in.
+"""The drivers that D and H compare with: their source, their own D compared with the D of each
+ADS, thin references, exposure, and the study that they took part in.
 
 Users: `extras/wheel/outcome.py`, `report/`.
 """
@@ -146,7 +146,7 @@ def _other_drivers(evaluation: Evaluation) -> str:
 
 
 def _recorded_drivers(evaluation: Evaluation) -> str:
-    """Recorded drivers of each scenario, and what replaces those that are too few."""
+    """Recorded drivers of each scenario, and the treatment of points with too few of them."""
     drivers, behind = evaluation.settings.drivers, people_behind(evaluation)
     source = ", ".join(drivers.recordings) or drivers.cases
     fills = drivers.too_thin == "fill"

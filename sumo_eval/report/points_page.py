@@ -46,7 +46,7 @@ def write_points(
 
 
 def picture(logical: LogicalScenario, points: Sample) -> go.Figure:
-    """Every parameter against every later one; chosen points, sized by exposure, over those that
+    """Every parameter against every later one; chosen points, sized by exposure, over points that
     constraints refuse.
     """
     k = len(logical.parameters)

@@ -155,7 +155,7 @@ def worth_embedding(
     first gives points up to the last incident room for their ADSs. The second gives these points
     room for their drivers, and further points room for ADSs and drivers.
 
-    cases_of: those that the page has, by scenario.
+    cases_of: the cases that the page has, by scenario.
     points_of: their points, by scenario and case.
     most: trajectories that the page may have.
     """

@@ -203,7 +203,7 @@ def ledger_lines(evaluation: Evaluation) -> list[str]:
     return [
         line
         for findings in findings_of(evaluation)
-        # in turn, never both in memory: each has every case's part of every line
+        # one ledger at a time is in memory: each has every case's part of every line
         for make in (ledger_plus, ledger)
         for line in _ledger_lines(make(findings))
     ]
