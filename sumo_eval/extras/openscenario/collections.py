@@ -31,7 +31,6 @@ class Collection:
         refers to.
     """
 
-    about: str
     source: str
     folders: tuple[str, ...]
     pattern: str
@@ -56,15 +55,15 @@ class Collection:
 
 
 COLLECTIONS: Mapping[str, Collection] = {
+    # the 15 scenarios of UN R157 and their variations
     "osc_alks": Collection(
-        about="the 15 scenarios of UN R157 and their variations",
         source="asam-oss/OSC-ALKS-scenarios",
         folders=("Scenarios/ALKS_Scenarios", "logical_scenarios", "."),
         pattern="*_variation.xosc",
         extra=("concrete_scenarios/*4_4_2*_template.xosc",),  # 4.4_2 has no variation file
     ),
+    # Euro NCAP 2026, crash avoidance, frontal collisions, standard range
     "ncap_2026": Collection(
-        about="Euro NCAP 2026, crash avoidance, frontal collisions, standard range",
         source="vectorgrp/OSC-NCAP-scenarios",
         folders=(
             "OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange",

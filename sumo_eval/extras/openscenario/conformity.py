@@ -87,14 +87,17 @@ ROWS = {
         "InfrastructureAction": "there are no signals",
         "UserDefinedAction": "its meaning is another tool's",
     },
-    ("action", "refused"): {
-        "LateralDistanceAction": NAMED,
-        "SpeedProfileAction": NAMED,
-        "AcquirePositionAction": NAMED,
-        "RandomRouteAction": NAMED,
-        "TrafficAction": NAMED,
-        "TrailerAction": NAMED,
-    },
+    ("action", "refused"): dict.fromkeys(
+        (
+            "LateralDistanceAction",
+            "SpeedProfileAction",
+            "AcquirePositionAction",
+            "RandomRouteAction",
+            "TrafficAction",
+            "TrailerAction",
+        ),
+        NAMED,
+    ),
     ("condition", "played"): {
         "SimulationTimeCondition": "as a stop it is the case's longest time",
         "StoryboardElementStateCondition": "complete, end, start and running",

@@ -210,12 +210,10 @@ def equations() -> Rows:
         ([10.0, 16.0], [5.0, 4.0], [1.0, 3.0]), 0.3125, "Eq. 17: (1 * 5/10 + 3 * 4/16) / 4", 1e-12
     )  # fmt: skip
     yield "C without a collision", collision_avoidance_index, ([], [], []), 1.0, "Eq. 17"
-    yield "S of C = 0.8 and D = 0.6", _score, (0.8, 0.6), 70.0, "Eq. 18: 50 * 0.8 + 50 * 0.6", 1e-12
-
-
-def _score(c: float, d: float) -> float | None:
-    """S, None where it is not computed."""
-    return combined_score(c, d).total
+    yield (
+        "S of C = 0.8 and D = 0.6", lambda c, d: combined_score(c, d).total,
+        (0.8, 0.6), 70.0, "Eq. 18: 50 * 0.8 + 50 * 0.6", 1e-12
+    )  # fmt: skip
 
 
 # --- steps, workers and batches, which change nothing ---------------------------------------------
