@@ -172,7 +172,7 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
             answers = np.where(restarts[:, None], 0.0, answers)
         rewards, reasons = self.episodes.step(answers)
         over = reasons != ""
-        info: Info = {}
+        info = {}
         if over.any():
             # a copy, because `reset` changes `_over`
             info = {"end_reason": reasons, "_end_reason": over.copy()}

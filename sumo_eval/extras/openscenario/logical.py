@@ -27,7 +27,6 @@ from sumo_eval.extras.openscenario.moves import changes_nothing
 from sumo_eval.extras.openscenario.reading import changes, read_openscenario
 from sumo_eval.extras.openscenario.scene import FileCase, FileOptions, read_case
 from sumo_eval.extras.openscenario.space import Assignments, Axis, FileSpace, read_space
-from sumo_eval.extras.openscenario.values import Value
 from sumo_eval.frozen import frozen
 from sumo_eval.groups import grouped
 from sumo_eval.input_file import input_file
@@ -162,7 +161,7 @@ def _case_or_why(
     path: Path, changed: int, given: Assignments, options: FileOptions
 ) -> FileCase | str:
     """`_looked_at`, cached: again only once files have changed (`changed` counts their changes)."""
-    values: dict[str, Value] = dict(given)
+    values = dict(given)
     try:
         _, broken = read_openscenario(path).declared(values)
         if broken:

@@ -407,7 +407,7 @@ class Places:
         points = tuple(
             begin.pose.moved(*point)[:2] for point in zip(x.tolist(), y.tolist(), strict=True)
         )
-        times: list[float] = []
+        times = []
         if shape.get("timeEnd") or shape.all("ClothoidSplineSegment[@timeStart]"):
             # one speed over a segment
             at = [*(it.number("timeStart") for it in segments), shape.number("timeEnd")]

@@ -249,7 +249,7 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
     low, high = range_of(kind) if kind.find("Range") else (-math.inf, math.inf)
     normal, variance = tag == "NormalDistribution", kind.not_negative("variance", 0.0)
     mean = kind.number("expectedValue") if normal else kind.above_zero("expectedValue")
-    drawn: list[Value] = []
+    drawn = []
     # Draw until `runs` values lie within the Range; refuse it if 1000 times `runs` draws do not
     # suffice.
     for _ in range(1000):

@@ -126,7 +126,7 @@ def _kinds(holder: Node) -> set[str]:
 def _awaited(root: Node) -> set[str]:
     """Names of the elements whose states a move waits for, directly or by way of other events."""
     # for each condition on a state: the name it waits for, and the names around the condition
-    waits: list[tuple[str, set[str]]] = []
+    waits = []
     names = set()
     states: Any = root.element.xpath(".//StoryboardElementStateCondition")
     for state in states:
@@ -212,7 +212,7 @@ class _Player:
         about = str(root.child("FileHeader").get("description"))
         side = -1.0 if about.startswith("CARLA:") else 1.0
         signals = root.all("RoadNetwork/TrafficSignals/*")
-        self.ignored: dict[str, None] = dict.fromkeys(it.tag for it in signals)
+        self.ignored = dict.fromkeys(it.tag for it in signals)
         self.places = Places(network, self.catalogs, entities, side, self.ignored)
         ego = self._only_controlled() if options.ego is None else options.ego
         if ego not in entities:
@@ -304,7 +304,7 @@ class _Player:
     # -- before the start --------------------------------------------------------------------------
 
     def _init(self, actions: Node) -> None:
-        waiting: Actions = []
+        waiting = []
         for part in actions.children():
             inner = part.only() if part.tag == "GlobalAction" else part
             if part.tag == "Private":
@@ -326,7 +326,7 @@ class _Player:
 
         Actions of different entities have no order between them.
         """
-        rest: Actions = []
+        rest = []
         faults = []
         for element, entity in waiting:
             try:

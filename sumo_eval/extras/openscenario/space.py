@@ -220,7 +220,7 @@ def _single(element: Node) -> Axis:
 
 
 def _together(element: Node) -> Axis:
-    rows: list[Assignments] = [
+    rows = [
         tuple((it.parameter("parameterRef"), plain(it.attribute("value")))
             for it in part.all("ParameterAssignment"))
         for part in element.all("ValueSetDistribution/ParameterValueSet")

@@ -136,7 +136,7 @@ def _piece(piece: Piece) -> dict[str, float]:
 
 def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> Table:
     x, y, heading = actor.on_map or (actor.start.x, actor.start.y, actor.heading)
-    table: Table = {
+    table = {
         "name": name, "speed": actor.start.speed, "x": x, "y": y, "body": actor.body,
         "length": actor.length, "width": actor.width, "slides": actor.slides,
         "on_map": actor.on_map is not None,
@@ -150,7 +150,7 @@ def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> Table:
 
 
 def _act(act: played.Act, name: str, names: Sequence[str]) -> Table:
-    table: Table = {"name": name, "begin": act.begin}
+    table = {"name": name, "begin": act.begin}
     if act.program:
         table["when"] = condition_text(act.program, names)
     if act.jerk < math.inf:  # of a change of speed in an exported case
@@ -184,7 +184,7 @@ def condition_text(program: played.Program, names: Sequence[str]) -> str:
     def participant(number: int) -> str:
         return "ego" if number == played.EGO else names[number]
 
-    stack: list[str] = []  # texts of the values on the program's stack
+    stack = []  # texts of the values on the program's stack
     for op, first, second, value in program:
         if op == played.VALUE:
             stack.append(repr(float(value)))

@@ -107,7 +107,7 @@ def plain(lesson: Lesson) -> Json:
 def _plain_class(learnt: Learnt) -> Json:
     """Results of a class in plain values."""
     encounters, joint = learnt.encounters, learnt.joint
-    content: Json = {
+    content = {
         "class": encounters.name,
         "events": encounters.events,
         "per_vehicle_km": learnt.rate[0],

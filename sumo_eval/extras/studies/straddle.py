@@ -66,7 +66,7 @@ class BoundarySearch:
                 "them there is no boundary: hold it fixed."
             )
         self.logical = logical
-        self.points: FloatArray = np.empty((0, len(logical.names)))
+        self.points = np.empty((0, len(logical.names)))
         self.outcomes = np.empty(0, bool)
         self._model: Any = None  # the classifier, once both outcomes have been seen
         self._learnt_at = 0  # number of trials from which the kernel's constants were learnt

@@ -6,7 +6,6 @@ Users: `extras/studies/qualification/table.py`.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from sumo_eval.ads.eu_2022_1426 import SEATED, STANDING
 from sumo_eval.extras.studies.qualification.drives import LENGTH, Rows, drive, least_gap
@@ -99,7 +98,7 @@ def _rest(ego: float, faster: float, gap: float) -> float:
     # `accelerate` to a lower speed brakes; its acceleration is a magnitude
     brakes = {"do": "accelerate", "when": "time >= 0", "begin": 0.4, "speed": ego,
         "acceleration": 3.0}  # fmt: skip
-    content: dict[str, Any] = {
+    content = {
         "name": "un_r79", "zone": "none", "ego": {"speed": ego, "x": 150.0},
         "end": {"x": 600.0, "time": 8.0},
         "parameter": [{"name": "gap", "unit": "m", "low": 10.0, "high": 90.0, "step": 10.0}],
