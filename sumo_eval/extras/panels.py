@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 INK, MUTED, FAINT = "#1b1f24", "#5b6670", "#c9d0d6"  # greys of lines and words, darkest first
 SAFE, HAZARDOUS = "#e6f1f8", "#fbd9b5"  # areas of the zones
-COLOURS: Final = (
+COLOURS = (
     "#0072b2",
     "#d55e00",
     "#009e73",
@@ -37,10 +37,10 @@ COLOURS: Final = (
 yellow darker.
 """
 
-LOOKS: Final = [(colour, line) for line in ("-", "--", "-.", ":") for colour in COLOURS]
+LOOKS = [(colour, line) for line in ("-", "--", "-.", ":") for colour in COLOURS]
 """Colours and lines of ADSs on pages, in order: a ninth ADS has the first colour and dashes."""
 
-_ON_PAGES: Final = {
+_ON_PAGES = {
     "": None, "o": "circle", "X": "x", "-": "solid", "--": "dash", "-.": "dashdot", ":": "dot",
 }  # fmt: skip
 """matplotlib's style of a line or marker -> plotly's name; None where `mode` leaves it out."""

@@ -9,7 +9,7 @@ Users: `extras/openscenario/command.py`, `extras/openscenario/describe.py`,
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,7 +54,7 @@ class Collection:
         )
 
 
-COLLECTIONS: Mapping[str, Collection] = {
+COLLECTIONS = {
     # the 15 scenarios of UN R157 and their variations
     "osc_alks": Collection(
         source="asam-oss/OSC-ALKS-scenarios",

@@ -233,10 +233,10 @@ def _road(element: Node, name: str) -> MapRoad:
     kinds = {
         "elevation": not level,
         "left-hand traffic": element.get("rule") == "LHT",
-        "lanes of another width than the ego's": bool(widths) and max(widths) - min(widths) > ON,
+        "lanes of another width than the ego's": widths and max(widths) - min(widths) > ON,
         "a road length other than its geometries'": abs(element.number("length", length) - length)
         > 0.1,
-        **{kind: bool(element.all(path)) for kind, path in _LEFT_OUT.items()},
+        **{kind: element.all(path) for kind, path in _LEFT_OUT.items()},
     }
     return MapRoad(name, begin, line, lanes[0], tuple(kind for kind, has in kinds.items() if has))
 

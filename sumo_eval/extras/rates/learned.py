@@ -387,7 +387,7 @@ def replay_errors(
         _replay_squares(logical.placed(dict(zip(logical.names, row, strict=True))), scene, motion)
         for row, motion in zip(rows.tolist(), motions, strict=True)
     )
-    return np.asarray(np.sqrt([(along, across, along + across) for along, across in squares]))
+    return np.sqrt([(along, across, along + across) for along, across in squares])
 
 
 def _replay_squares(

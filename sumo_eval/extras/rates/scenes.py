@@ -146,7 +146,7 @@ def _moves_in(about: str, gap_about: str, *, ramp: bool = False) -> EncounterSce
 
 
 BEGINS_TO_MOVE = "bumper to bumper along the road when the other begins to move"
-SCENES: Mapping[str, EncounterScene] = {
+SCENES = {
     "cut_in": _moves_in(
         "A vehicle in the next lane, which the ego comes up to, moves into the ego's lane.",
         f"{BEGINS_TO_MOVE} to the side",
