@@ -48,11 +48,13 @@ class Done:
 def sumo_eval(*arguments, cwd=None, status=0):
     """Run one command in this process as from that folder, and leave the process as it was.
 
+    arguments: its words, or all of them in one line.
     status: its exit status; None: any.
     """
+    words = shlex.split(*arguments) if len(arguments) == 1 else map(str, arguments)
     with as_it_was():
         os.chdir(cwd or Path.cwd())
-        result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+        result = CliRunner().invoke(main, list(words))
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception  # a traceback that a person would have seen
     done = Done(result.exit_code, result.stdout, result.stderr)

@@ -31,7 +31,7 @@ def recorded_once(folder):
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not complete.exists():
             (folder / "evaluation.toml").write_text(EVALUATION)
-            sumo_eval("run", folder / "evaluation.toml", "--out", run)
+            sumo_eval(f"run {folder}/evaluation.toml --out {run}")
             complete.touch()
     return run
 

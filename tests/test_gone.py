@@ -37,7 +37,7 @@ def test_removed_scenario_of_an_evaluation_says_where(tmp_path, use):
     evaluation.write_text(
         f'name = "n"\n[[scenario]]\nuse = {use}\n[[ads]]\nname = "i"\ncontroller = "idm"\n'
     )
-    result = sumo_eval("run", evaluation, "--out", tmp_path / "run", "--dry-run", status=2)
+    result = sumo_eval(f"run {evaluation} --out {tmp_path}/run --dry-run", status=2)
     assert "`[[require]]` of a scenario file" in " ".join(result.said.split())
 
 

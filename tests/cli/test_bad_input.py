@@ -105,7 +105,7 @@ def test_a_full_device_behind_stdout_loses_no_finished_work(folder):
     assert "Exception ignored" not in done.stderr
     for name in ("facts.sqlite", "cases.csv", "scores.json", "junit.xml", "report.html"):
         assert (folder / "o" / name).stat().st_size
-    sumo_eval("score", folder / "o")
+    sumo_eval(f"score {folder}/o")
 
 
 @pytest.mark.campaign
@@ -120,7 +120,7 @@ def test_a_full_device_behind_stderr_does_not_end_a_run(folder):
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="nothing is closed to root")
 def test_a_read_only_folder_is_refused(folder):
     (folder / "closed").mkdir(mode=0o500)
-    done = sumo_eval("run", folder / "good.toml", "--out", folder / "closed" / "o", status=2)
+    done = sumo_eval(f"run {folder}/good.toml --out {folder}/closed/o", status=2)
     assert "Permission denied" in done.stderr
 
 

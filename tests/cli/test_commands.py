@@ -87,7 +87,7 @@ def test_a_run_ends_with_a_table_a_report_and_status_0(finished):
 def test_score_prints_the_same_table_again(finished):
     done, out = finished
     before = (out / "scores.json").read_text()
-    assert without_path(sumo_eval("score", str(out)).stdout) == without_path(done.stdout)
+    assert without_path(sumo_eval(f"score {out}").stdout) == without_path(done.stdout)
     assert (out / "scores.json").read_text() == before
 
 
@@ -99,7 +99,7 @@ def without_path(text):
 def test_report_writes_the_report_again(finished):
     _, out = finished
     (out / "report.html").unlink()
-    sumo_eval("report", str(out))
+    sumo_eval(f"report {out}")
     assert (out / "report.html").stat().st_size > 100_000
 
 

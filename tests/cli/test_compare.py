@@ -58,7 +58,7 @@ def test_one_planted_regression_among_many_cases_is_named(builds):
 
 
 def test_the_way_back_is_better_and_green(builds):
-    assert "collision gone: 1" in sumo_eval("compare", builds / "new", builds / "base").stdout
+    assert "collision gone: 1" in sumo_eval(f"compare {builds}/new {builds}/base").stdout
 
 
 def test_a_gate_file_decides_what_is_let_through(builds, tmp_path):
@@ -74,9 +74,9 @@ def test_a_gate_file_decides_what_is_let_through(builds, tmp_path):
 
 def test_other_settings_are_refused_and_with_consent_shown(builds, tmp_path):
     sumo_eval("run", evaluation(tmp_path, "2"), "--out", tmp_path / "other")
-    done = sumo_eval("compare", builds / "base", tmp_path / "other", status=2)
+    done = sumo_eval(f"compare {builds}/base {tmp_path}/other", status=2)
     assert "scenario.front_vehicle_low_speed.sampling.levels" in done.stderr
-    done = sumo_eval("compare", builds / "base", tmp_path / "other", "--accept-differences")
+    done = sumo_eval(f"compare {builds}/base {tmp_path}/other --accept-differences")
     assert "DIFFERS: scenario.front_vehicle_low_speed.sampling.levels" in done.stdout
     assert "exist in one run only" in done.stdout
 
@@ -95,7 +95,7 @@ def test_a_wrong_pair_and_a_folder_without_a_run_are_refused(builds):
     ):
         assert sentence in compared(builds, *arguments, new="repeat", status=2).stderr
     assert not kept.exists(), "they are refused before anything is scored"
-    assert "is not a run folder" in sumo_eval("compare", builds, builds / "base", status=2).stderr
+    assert "is not a run folder" in sumo_eval(f"compare {builds} {builds}/base", status=2).stderr
 
 
 def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds):
@@ -105,7 +105,7 @@ def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds):
         for line in (builds / "new" / "cases.csv").read_text().splitlines()
         if ",mine,30.0,0.0," in line
     )
-    done = sumo_eval("explain", builds / "new", key)
+    done = sumo_eval(f"explain {builds}/new {key}")
     for words in ("Eq. 15: U = |(30.000, 0.000) - (0.000, 0.000)| / w = 30.000 / "
                   "1.000", "Eq. 14: L = 1.0",
                   "50.00 points of S", "Eq. 18: S = 0.0"):  # fmt: skip
@@ -122,9 +122,9 @@ def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds):
         "H: 0, an avoidable incident in a safe case",
     ):
         assert words in done.stdout
-    safe = sumo_eval("explain", builds / "base", key)
+    safe = sumo_eval(f"explain {builds}/base {key}")
     assert "H: f_L f_n+ similarity plausibility = " in safe.stdout
-    done = sumo_eval("explain", builds / "base")
+    done = sumo_eval(f"explain {builds}/base")
     assert "S, the sum" in done.stdout
     assert "S+, the sum" in done.stdout
     misspelt = sumo_eval("explain", builds / "new", key.replace("mine", "mime"), status=2)
@@ -142,9 +142,9 @@ def test_run_only_drives_one_case_again(builds, tmp_path):
     )
     assert f"alone: sumo-eval run {builds / 'new'} --only {case}" in done.stdout
     assert f"page: {builds / 'new' / 'report.html'}#case:{case}" in done.stdout
-    again = sumo_eval("run", builds / "new", "--only", case, "--out", tmp_path / "one")
+    again = sumo_eval(f"run {builds}/new --only {case} --out {tmp_path}/one")
     assert "`run.only` asks for 1 of" in again.stdout
-    beside = sumo_eval("compare", builds / "new", tmp_path / "one")
+    beside = sumo_eval(f"compare {builds}/new {tmp_path}/one")
     assert beside.stdout.startswith("NO LIMIT FAILED beside new: 1 case equal to the last bit, ")
     assert "have no partner; 1 avoidable collision." in beside.stdout.splitlines()[0]
 
@@ -157,7 +157,7 @@ def test_run_only_names_what_it_does_not_know(builds, tmp_path):
         (f"cut_in-{'1' * 5000}-mine", "Unknown case `cut_in-1111"),
     ):
         done = sumo_eval(
-            "run", builds / "evaluation.toml", "--only", case, "--out", tmp_path / "none", status=2
+            f"run {builds}/evaluation.toml --only {case} --out {tmp_path}/none", status=2
         )
         assert words in done.stderr
     assert not (tmp_path / "none").exists()
@@ -204,14 +204,14 @@ def test_an_edited_scenario_file_is_told(tmp_path):
     file.write_text(EVALUATION)
     text = (catalogue.scenario_files()["front_vehicle_braking"]).read_text()
     own.write_text(text)
-    sumo_eval("run", file, "--out", tmp_path / "base")
+    sumo_eval(f"run {file} --out {tmp_path}/base")
     own.write_text(f"# the same\n{text}")
-    sumo_eval("run", file, "--out", tmp_path / "same")
-    assert "THE SAME" in sumo_eval("compare", tmp_path / "base", tmp_path / "same").said
+    sumo_eval(f"run {file} --out {tmp_path}/same")
+    assert "THE SAME" in sumo_eval(f"compare {tmp_path}/base {tmp_path}/same").said
     own.write_text(text.replace("delay = 1.0", "delay = 2.0"))
-    sumo_eval("run", file, "--out", tmp_path / "edited")
+    sumo_eval(f"run {file} --out {tmp_path}/edited")
     words = "file of scenario front_vehicle_braking: "
-    assert words in sumo_eval("compare", tmp_path / "base", tmp_path / "edited", status=2).said
+    assert words in sumo_eval(f"compare {tmp_path}/base {tmp_path}/edited", status=2).said
     told = "The scenario's file changed after it was driven"
-    assert told in sumo_eval("score", tmp_path / "base").said
-    assert told not in sumo_eval("score", tmp_path / "edited").said
+    assert told in sumo_eval(f"score {tmp_path}/base").said
+    assert told not in sumo_eval(f"score {tmp_path}/edited").said

@@ -367,11 +367,11 @@ def test_a_mistake_in_the_file_is_said_before_anything_is_touched(tmp_path):
 def test_older_runs_are_imported_as_nights_without_a_verdict(week, tmp_path):
     _, history, _ = week
     run = history / nights(history)[1].folder
-    sumo_eval("trend", tmp_path / "history", "--import", run)
+    sumo_eval(f"trend {tmp_path}/history --import {run}")
     (imported,) = nights(tmp_path / "history")
     assert imported.imported
     assert not imported.good
-    again = sumo_eval("trend", tmp_path / "history", "--import", run, status=2)
+    again = sumo_eval(f"trend {tmp_path}/history --import {run}", status=2)
     assert "nothing in it is replaced" in again.stderr
     partly = ("trend", tmp_path / "partly", "--import", run, "--import", tmp_path)
     assert "Added" in sumo_eval(*partly, status=2).stdout

@@ -90,8 +90,8 @@ def alike(folder):
     well."""
     evaluation = folder / "evaluation.toml"
     evaluation.write_text(EVALUATION)
-    run = sumo_eval("run", evaluation, "--dry-run", status=None)
-    by_file = sumo_eval("check", folder / "own.toml", status=None)
+    run = sumo_eval(f"run {evaluation} --dry-run", status=None)
+    by_file = sumo_eval(f"check {folder}/own.toml", status=None)
     by_evaluation = sumo_eval("check", evaluation, status=None)
     verdicts = [run.returncode, by_file.returncode, by_evaluation.returncode]
     text = said(run)

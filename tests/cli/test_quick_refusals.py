@@ -69,7 +69,7 @@ def test_a_value_of_a_parameter_without_unit_is_refused_without_a_unit(tmp_path)
 def test_a_folder_that_is_taken_is_refused_before_the_evaluation_is_looked_at(tmp_path):
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "notes.txt").write_text("mine")
-    result = sumo_eval("run", "--out", tmp_path / "taken", status=2)
+    result = sumo_eval(f"run --out {tmp_path}/taken", status=2)
     assert "already exists and is not empty" in result.said
     assert "zones" not in result.said
 
@@ -113,7 +113,7 @@ def test_a_curve_too_tight_for_the_steering_is_refused_at_once(tmp_path, monkeyp
         '"idm"\n'
         "[simulation.vehicle]\nmax_steering_wheel_angle_deg = 8.0\n"
     )
-    result = sumo_eval("run", "evaluation.toml", "--out", "x", status=2)
+    result = sumo_eval("run evaluation.toml --out x", status=2)
     assert (
         "The radius of scenario `curve_braking` must be at least 312.9 m, so that the ego can drive"
         in result.said
@@ -128,7 +128,7 @@ def test_impossible_placement_is_refused_before_compiling(tmp_path, monkeypatch)
         'name = "x"\n[[scenario]]\nuse = "bad.toml"\n[[ads]]\nname = "idm"\ncontroller = "idm"\n'
     )
     monkeypatch.setattr(loops, "ready", None)
-    result = sumo_eval("run", "evaluation.toml", "--out", "x", status=2)
+    result = sumo_eval("run evaluation.toml --out x", status=2)
     assert "must be clear of `ego` at the start" in result.said
 
 
@@ -157,19 +157,19 @@ def test_missing_matplotlib_is_reported_before_the_run_is_opened(tmp_path, monke
 
 def test_a_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path):
     (tmp_path / "file").write_text("")
-    result = sumo_eval("qualify", "--out", tmp_path / "file" / "x", status=2)
+    result = sumo_eval(f"qualify --out {tmp_path}/file/x", status=2)
     assert "cannot be written" in result.said
     assert "passed" not in result.said
 
 
 def test_learning_from_a_folder_says_what_to_name(tmp_path):
-    result = sumo_eval("learn", tmp_path, "--out", tmp_path / "learned", status=2)
+    result = sumo_eval(f"learn {tmp_path} --out {tmp_path}/learned", status=2)
     assert f"{tmp_path} is a folder" in result.said
     assert "humans import" in result.said
 
 
 def test_imported_people_are_written_as_csv_alone(tmp_path):
-    result = sumo_eval("humans", "import", "csv", "no", "--out", tmp_path / "x.parquet", status=2)
+    result = sumo_eval(f"humans import csv no --out {tmp_path}/x.parquet", status=2)
     assert "must be a file that ends with .csv or .csv.gz, got " in result.said
 
 

@@ -47,7 +47,5 @@ def test_recipes_hide_no_failure_and_pin_what_they_run():
 
 
 def test_removed_option_names_the_files():
-    result = sumo_eval(
-        "nightly", "evaluation.toml", "--history", "nights", "--install", "cron", status=2
-    )
+    result = sumo_eval("nightly evaluation.toml --history nights --install cron", status=2)
     assert "docs/examples/nights" in result.said

@@ -20,7 +20,7 @@ def truck(tmp_path):
 
 def test_sample_writes_and_draws_the_points_of_a_scenario_file(truck, tmp_path):
     # 5 speeds x 3 = 15, less (15, 15), (15, 22.2) and (20, 22.2): 3 of 15 are 20 %
-    done = sumo_eval("sample", truck, "--out", tmp_path / "out")
+    done = sumo_eval(f"sample {truck} --out {tmp_path}/out")
     assert "slow_truck: grid, 12 points; constraints refuse 3 of 15 (20.0%)." in done.said
     with (tmp_path / "out" / "points.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -47,9 +47,7 @@ def test_the_same_seed_samples_the_same_points_and_another_seed_others(tmp_path)
     texts = []
     for number, seed in enumerate((1, 1, 2)):
         out = tmp_path / str(number)
-        sumo_eval(
-            "sample", "cut_in", "--method", "sobol", "--count", 8, "--seed", seed, "--out", out
-        )
+        sumo_eval(f"sample cut_in --method sobol --count 8 --seed {seed} --out {out}")
         texts.append((out / "points.csv").read_text())
     assert texts[0] == texts[1] != texts[2]
 
@@ -78,11 +76,9 @@ def test_check_says_what_is_in_a_scenario_file_and_what_is_wrong(truck):
 
 
 def test_boundary_finds_an_edge_and_writes_it(tmp_path):
-    done = sumo_eval(
-        "boundary", "front_vehicle_cut_out", "no_reaction", "--fix", "ego_speed=30", "--fix",
-        "obstacle_speed=5",
-        "--budget", 16, "--workers", 1, "--out", tmp_path / "out",
-    )  # fmt: skip
+    held = "--fix ego_speed=30 --fix obstacle_speed=5"
+    search = f"boundary front_vehicle_cut_out no_reaction {held} --budget 16 --workers 1"
+    done = sumo_eval(f"{search} --out {tmp_path}/out")
     assert "no_reaction collides in 100.0% of the space" in done.said
     assert "Every trial ended alike" in done.said
     found = read_json(tmp_path / "out" / "boundary.json")
@@ -114,11 +110,11 @@ def test_an_edge_is_drawn_for_a_paper_from_what_the_search_wrote(tmp_path, held)
     rows = (out / "chances.csv").read_text().splitlines()
     assert len(rows) == 1 + {0: 5 * 80 * 80, 1: 80 * 80, 2: 80}[len(held)]
     assert rows[0].endswith("gap,chance")
-    sumo_eval("plot", out, "boundary", "--out", tmp_path / "edge.svg")
+    sumo_eval(f"plot {out} boundary --out {tmp_path}/edge.svg")
     assert "collision" in (tmp_path / "edge.svg").read_text()
-    assert "takes no `ads`" in sumo_eval("plot", out, "boundary", "--ads", "idm", status=2).said
+    assert "takes no `ads`" in sumo_eval(f"plot {out} boundary --ads idm", status=2).said
     for damage in (rows[0], "\n".join([rows[0], *rows]), ""):
         (out / "chances.csv").write_text(damage)
-        assert "Search it again." in sumo_eval("plot", out, "boundary", status=2).said
+        assert "Search it again." in sumo_eval(f"plot {out} boundary", status=2).said
     (out / "chances.csv").unlink()
-    assert "Search it again." in sumo_eval("plot", out, "boundary", status=2).said
+    assert "Search it again." in sumo_eval(f"plot {out} boundary", status=2).said

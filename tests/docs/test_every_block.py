@@ -112,7 +112,7 @@ ads = [{ name = "idm", controller = "idm" }]
 def small_run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("desk")
     Desk(folder, folder).lay_out()
-    sumo_eval("run", "evaluation.toml", "--out", "run", cwd=folder)
+    sumo_eval("run evaluation.toml --out run", cwd=folder)
     return folder / "run"
 
 

@@ -279,7 +279,7 @@ def test_events_report_what_no_event_can_have(tmp_path):
     odd = table[table["vehicle"] == "a"].assign(vehicle="c", **{"class": "tank"})
     back = table[table["vehicle"] == "a"].assign(vehicle="d", x=-20.0 * odd["t"])
     pd.concat([table, table[:3], odd, back]).to_csv(tmp_path / "odd.csv", index=False)
-    said = sumo_eval("humans", "events", tmp_path / "odd.csv").said
+    said = sumo_eval(f"humans events {tmp_path}/odd.csv").said
     assert "3 samples with a time that their vehicle already had were left out." in said
     assert "1 vehicles that go back more than 10 m along x are left out" in said
     assert "1 vehicles have the class `tank`, which is not known: they are in no event." in said
@@ -428,7 +428,7 @@ def test_files_of_a_folder_are_read_one_by_one_when_they_are_asked_for(tmp_path)
 
 
 def test_the_help_names_every_format():
-    result = sumo_eval("humans", "import", "--help")
+    result = sumo_eval("humans import --help")
     assert all(form in result.said for form in FORMATS)
 
 

@@ -141,7 +141,7 @@ def test_terms_that_are_alike_have_the_interval_of_a_share():
 def test_a_driver_who_sleeps_has_a_higher_rate_than_one_who_does_not(tmp_path):
     file = tmp_path / "campaign.toml"
     file.write_text(FILE)
-    sumo_eval("campaign", file, "--out", tmp_path / "out")
+    sumo_eval(f"campaign {file} --out {tmp_path}/out")
     asleep, awake = read_json(tmp_path / "out" / "campaign.json")["ads"]
     assert awake["collisions"] < asleep["collisions"]
     assert awake["collisions_interval"][1] > 0.0  # an upper limit, where none was seen
@@ -159,7 +159,7 @@ def test_a_driver_who_sleeps_has_a_higher_rate_than_one_who_does_not(tmp_path):
 def test_a_scenario_without_a_frequency_is_refused(tmp_path):
     file = tmp_path / "campaign.toml"
     file.write_text(FILE.replace("per_km = 0.2\n", ""))
-    result = sumo_eval("campaign", file, "--out", tmp_path / "out", status=2)
+    result = sumo_eval(f"campaign {file} --out {tmp_path}/out", status=2)
     assert "Scenario `front_vehicle_low_speed` needs an encounter rate" in result.said
 
 

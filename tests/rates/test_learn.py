@@ -67,7 +67,7 @@ def recovered(folder, scenes, expected, seed):
 def test_what_was_planted_is_found_again_and_the_files_can_be_driven(tmp_path):
     source, out = tmp_path / "fcd.csv", tmp_path / "learnt"
     _, events = planted(source, 44, 32.0, 6)
-    sumo_eval("learn", source, "--format", "sumo_fcd", "--out", out)
+    sumo_eval(f"learn {source} --format sumo_fcd --out {out}")
     told = read_json(out / "learned.json")["classes"]["cut_in"]
     assert told["events"] == events
     assert told["without_parameters"] == {}
@@ -153,7 +153,7 @@ def test_too_little_data_leaves_no_campaign_that_is_refused(tmp_path):
     out.mkdir()
     for name in ("campaign.toml", "cut_in.toml", "cut_in.xosc", "cut_in.events.csv"):
         (out / name).write_text("of an earlier time")
-    done = sumo_eval("learn", source, "--format", "sumo_fcd", "--out", out)
+    done = sumo_eval(f"learn {source} --format sumo_fcd --out {out}")
     assert "no scenario file" in done.said
     assert "fitted cut_in: 1 done\n" in done.stderr
     assert "fitted lane_change: 7 done\n" in done.stderr
@@ -170,7 +170,7 @@ def test_a_table_without_motor_vehicles_is_refused(tmp_path):
     path = tmp_path / "people.csv"
     rows = [f"r,a,{t / 10:.1f},{t / 10:.1f},0,0.5,0.5,pedestrian" for t in range(30)]
     path.write_text("recording,vehicle,t,x,y,length,width,class\n" + "\n".join(rows) + "\n")
-    assert "motor vehicles" in sumo_eval("learn", path, "--out", tmp_path / "out", status=2).said
+    assert "motor vehicles" in sumo_eval(f"learn {path} --out {tmp_path}/out", status=2).said
 
 
 def test_the_exact_poisson_limits():

@@ -61,13 +61,11 @@ def test_the_file_and_the_terminal_say_what_of_the_road_is_not_written(scene, tm
     table = tmp_path / "people.csv.gz"
     write_csv(recorded(), table)
     pd.read_csv(table).assign(weather="dry").to_csv(table, index=False)
-    told = sumo_eval(
-        "humans", "scene", table, "--ego", "ego", "--end", "120", "--out", tmp_path / "scene.toml"
-    )
+    told = sumo_eval(f"humans scene {table} --ego ego --end 120 --out {tmp_path}/scene.toml")
     assert ROAD_AS_WRITTEN in told.said
     note = "Column `weather` of people.csv.gz is not known and is not read."
     assert note in told.said
-    assert note in sumo_eval("humans", "exposure", "cut_in", table, status=2).said
+    assert note in sumo_eval(f"humans exposure cut_in {table}", status=2).said
 
 
 def test_names_that_differ_in_punctuation_stay_apart(tmp_path):

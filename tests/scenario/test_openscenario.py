@@ -1315,7 +1315,7 @@ def test_one_point_is_written_and_a_whole_space_is_not(tmp_path):
     again = only_case(tmp_path / "again.toml")
     assert (again.ego.speed, again.actors[0].start.speed) == pytest.approx((15.0, 10.0))
     same_case(again, read.logical.concrete(kph=54.0))
-    result = sumo_eval("import", path, "--out", tmp_path / "space.toml", status=2)
+    result = sumo_eval(f"import {path} --out {tmp_path}/space.toml", status=2)
     assert "writes one point, without `--set` for kph" in result.said
     assert (
         'The whole space plays from the OpenSCENARIO file itself: `use = "FILE.xosc"`'

@@ -76,9 +76,7 @@ def runs(tmp_path_factory):
     for too_thin in ("fill", "leave_out"):
         (folder / "evaluation.toml").write_text(EVALUATION.replace("TOO_THIN", too_thin))
         out = folder / too_thin
-        result = sumo_eval(
-            "run", folder / "evaluation.toml", "--out", out, "--workers", "1", status=None
-        )
+        result = sumo_eval(f"run {folder}/evaluation.toml --out {out} --workers 1", status=None)
         assert (out / "cases.csv").is_file(), result.said
         with (out / "cases.csv").open() as file:
             found[too_thin] = out, result, list(csv.DictReader(file))
@@ -137,7 +135,7 @@ def test_a_merged_run_reports_which_limit_left_recorded_drives_out(tmp_path):
     for part in (1, 2):
         place = "--out", tmp_path / f"{part}", "--shard", f"{part}/2", "--workers", "1"
         sumo_eval("run", tmp_path / "evaluation.toml", *place)
-    result = sumo_eval("merge", tmp_path / "1", tmp_path / "2", "--out", tmp_path / "whole")
+    result = sumo_eval(f"merge {tmp_path}/1 {tmp_path}/2 --out {tmp_path}/whole")
     limit = "of the road covered, at least 80 % asked (`drivers.coverage`)."
     assert limit in " ".join(result.said.split())
 
@@ -291,14 +289,14 @@ def test_peoples_opinion_beside_the_scores(runs, tmp_path):
     assert [(row.ads, row.opinion) for row in found.rows] == [("idm", 3.5), ("lane_changer", 8.5)]
     assert found.correlations["D"] is None  # two scores make no correlation
     assert found.concordance.value == pytest.approx(1.0)
-    result = sumo_eval("humans", "opinion", out, path, "--out", tmp_path / "plot.html")
+    result = sumo_eval(f"humans opinion {out} {path} --out {tmp_path}/plot.html")
     assert (tmp_path / "plot.html").stat().st_size > 1000
     alike = read_ratings(path).assign(score=5.0)
     assert compare_opinion(run, alike).concordance is None
     with refusal("Unknown ADS `lane_changer` of scenario `front_vehicle_low_speed`"):
         compare_opinion(replace(run, scores=run.scores[:1]), alike)
     path.write_text("rater,ads,scenario,score\nann,idm,front_vehicle_low_speed,11\n")
-    result = sumo_eval("humans", "opinion", out, path, status=2)
+    result = sumo_eval(f"humans opinion {out} {path}", status=2)
     assert "`score` in row 2 of" in result.said
 
 

@@ -16,7 +16,7 @@ FIRST = [next(group) for _, group in groupby(table.all_checks(), key=lambda chec
 def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(tmp_path, monkeypatch):
     planted = FIRST[0]._replace(name="planted", expected=float(FIRST[0].expected) + 0.2)
     monkeypatch.setattr(table, "all_checks", lambda: chain(FIRST, [planted]))
-    done = sumo_eval("qualify", "--out", tmp_path / "q", status=1)
+    done = sumo_eval(f"qualify --out {tmp_path}/q", status=1)
     assert max(map(len, done.stdout.partition("FAIL  planted")[0].splitlines())) <= 80
     assert "8 of 9 checks passed: this installation is NOT qualified." in done.said
     told = read_json(tmp_path / "q" / "qualification.json")
@@ -35,7 +35,7 @@ def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(tmp
 
 def test_the_command_exits_with_0_when_all_pass(tmp_path, monkeypatch):
     monkeypatch.setattr(table, "all_checks", lambda: iter(FIRST[1:2]))
-    sumo_eval("qualify", "--out", tmp_path)
+    sumo_eval(f"qualify --out {tmp_path}")
 
 
 def test_a_fault_of_the_tool_is_a_check_that_failed_with_its_sentence():

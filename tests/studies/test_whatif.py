@@ -146,7 +146,7 @@ def test_a_collision_gets_a_table_and_json(night):
     assert "levers: " in told.stderr  # a slow ADS takes minutes
     (answer,) = json.loads(told.stdout)[hit]
     assert answer["flips"][0]["after"] > answer["lever"]["recorded"]
-    every = run("whatif", folder, "--all-collisions", "--lever", "max_deceleration").said
+    every = run(f"whatif {folder} --all-collisions --lever max_deceleration").said
     assert "too_late in front_vehicle_low_speed" in every
     assert (
         "Did you mean `lead_speed`"
@@ -164,7 +164,7 @@ def test_a_case_that_does_not_repeat_is_refused(night):
         with refusal("does not repeat: recorded a contact"):
             WhatIf(folder).answers(hit)
         file.write_text(LATE.format(begin="(0.0 if observation.ego.speed > 25.0 else 3.4)"))
-        done = run("whatif", folder, "--all-collisions", "--lever", "gap", "--json", status=0)
+        done = run(f"whatif {folder} --all-collisions --lever gap --json", status=0)
         assert hit.case not in json.loads(done.stdout)
         assert "1 collision left out. The first: " in done.stderr
     finally:

@@ -19,14 +19,7 @@ def test_ctrl_c_while_a_drive_compiles_stops_it_at_once(tmp_path, monkeypatch):
     monkeypatch.setattr(loops, "cache_folder", lambda: tmp_path)
     monkeypatch.setattr(loops, "warm", stopped)
     done = sumo_eval(
-        "drive",
-        "front_vehicle_cut_out",
-        "--no-browser",
-        "--port",
-        0,
-        "--out",
-        tmp_path / "drives",
-        status=130,
+        f"drive front_vehicle_cut_out --no-browser --port 0 --out {tmp_path}/drives", status=130
     )
     assert "Drive here" not in done.said
 
@@ -82,5 +75,5 @@ def test_without_websockets_a_sentence_names_the_extra(monkeypatch, tmp_path):
         if name.partition(".")[0] == "websockets" or name == "sumo_eval.extras.wheel.window":
             monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "websockets", None)
-    done = sumo_eval("drive", "cut_in", "--no-browser", "--port", "0", "--out", tmp_path, status=2)
+    done = sumo_eval(f"drive cut_in --no-browser --port 0 --out {tmp_path}", status=2)
     assert "needs the extra `drive`" in done.said
