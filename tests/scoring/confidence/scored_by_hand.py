@@ -13,22 +13,24 @@ from sumo_eval.scoring.quantities import combine
 
 def terms_of(n, **changes):
     """The terms of n cases without an incident, in all of which doing nothing hits at 10 m/s."""
+    ones, zeros, spread = np.ones(n), np.zeros(n), np.linspace(0.2, 0.8, n)
+    never, always = zeros > 0.0, ones > 0.0
     plain = {
-        "exposure": np.ones(n),
-        "weight": np.ones(n),
-        "severity": np.zeros(n),
-        "ideal": np.zeros(n),
-        "unreacting": np.full(n, 10.0),
-        "ratio": np.full(n, np.nan),
-        "collided": np.zeros(n, dtype=bool),
-        "evaluated": np.ones(n, dtype=bool),
-        "index": np.linspace(0.2, 0.8, n),
-        "likeness": np.linspace(0.2, 0.8, n),
-        "voids": np.zeros(n, dtype=bool),
-        "counted": np.ones(n, dtype=bool),
-        "task": np.ones(n),
+        "exposure": ones,
+        "weight": ones,
+        "severity": zeros,
+        "ideal": zeros,
+        "unreacting": 10.0 * ones,
+        "ratio": np.nan * ones,
+        "collided": never,
+        "evaluated": always,
+        "index": spread,
+        "likeness": spread,
+        "voids": never,
+        "counted": always,
+        "task": ones,
     }
-    return CaseTerms(**plain | {"incident": changes.get("collided", plain["collided"])} | changes)
+    return CaseTerms(**plain | {"incident": changes.get("collided", never)} | changes)
 
 
 def with_intervals_of(evaluation, partitions, ads):
