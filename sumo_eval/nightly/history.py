@@ -115,6 +115,7 @@ class Value(NamedTuple):
 class GateLine(NamedTuple):
     """One gate of one night.
 
+    passed: 1 or 0; None: it could not be evaluated.
     threshold: the value at which it would fail; None: it has none.
     bound: as in `GateResult`; "" in histories of earlier versions.
     """
@@ -123,7 +124,7 @@ class GateLine(NamedTuple):
     ads: str
     scenario: str
     quantity: str
-    passed: bool | None
+    passed: int | None
     threshold: float | None
     sentence: str
     bound: str = ""
@@ -243,7 +244,6 @@ class History:
         names = ", ".join(name for name in kind._fields if name in there)
         if not names:
             return []
-        # a bool comes back as 0 or 1
         rows = self._connection.execute(
             f"SELECT {names} FROM {table} ORDER BY rowid"  # noqa: S608
         )
