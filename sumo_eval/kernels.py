@@ -11,8 +11,6 @@ agree: no integer powers, no `** 2.0`, no `math.hypot`, `remainder` or `fmod` in
 Users: `ads/`, `cosim/`, `drivers/`, `method/`, `record/`, `scenario/`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import hashlib

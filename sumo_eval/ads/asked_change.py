@@ -7,8 +7,6 @@ way: the change that the scenario asks for (`cosim.records._WAY`).
 Users: `ads/car_following.py`.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from sumo_eval.ads.lane_change import shortest_duration

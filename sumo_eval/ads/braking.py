@@ -8,8 +8,6 @@ speed over the step, not the path's value at some instant of it.
 Users: `ads/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import inf, sqrt
 from typing import Any, NamedTuple

@@ -13,8 +13,6 @@ Annex 1, has the same). Everything else is as in `reg157`.
 Users: `extras/studies/qualification/regulations.py`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sumo_eval.ads.reg157 import LastMoment, Reg157

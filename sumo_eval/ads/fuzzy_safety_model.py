@@ -7,8 +7,6 @@ they are. Source: the regulation, and Mattas et al., Accid. Anal. Prev. 148, 105
 constants as in the JRC's implementation. docs/baselines.md lists the readings.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

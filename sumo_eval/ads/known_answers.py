@@ -5,8 +5,6 @@ The kernels take what `cosim.compiled.each_row` hands to a rule. In a `MOVER`, x
 `along` the speed, both along the road.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf, isfinite
 from typing import Any

@@ -7,8 +7,6 @@ it was planned.
 Users: `ads/`, `drivers/`.
 """
 
-from __future__ import annotations
-
 import functools
 from math import atan, atan2, cos, sin, sqrt, tan
 from typing import Any

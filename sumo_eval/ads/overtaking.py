@@ -8,8 +8,6 @@ for the lead behind which it ends.
 Users: `ads/foresight.py`, `ads/lane_changer.py`, `drivers/synthetic/`.
 """
 
-from __future__ import annotations
-
 from math import inf, isfinite
 from typing import Any
 

@@ -6,8 +6,6 @@ anywhere within a step. The vehicle gets one command for the step, such that at 
 that of the path.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from sumo_eval.ads.braking import mean_level

@@ -10,8 +10,6 @@ written so that such a vehicle is never ahead, behind or hiding another vehicle.
 Users: `ads/`, `drivers/synthetic/driver.py`.
 """
 
-from __future__ import annotations
-
 from math import isnan
 from typing import Any
 

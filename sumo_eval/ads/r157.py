@@ -4,8 +4,6 @@ up, headways along and across, sight, foresight.
 Users: `ads/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import inf, isnan
 from typing import Any, NamedTuple

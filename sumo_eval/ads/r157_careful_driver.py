@@ -10,8 +10,6 @@ Source: UN R157, Annex 4, Appendix 3 (original series), Annex 3 (amended); AEB s
 R157 controllers. docs/baselines.md lists the readings.
 """
 
-from __future__ import annotations
-
 from dataclasses import KW_ONLY, dataclass
 from math import inf, isinf, isnan, nan
 from typing import Any, ClassVar

@@ -7,8 +7,6 @@ earlier than it must. docs/baselines.md lists the readings.
 Users: `ads/eu_2022_1426.py`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple

@@ -6,8 +6,6 @@ Shammah, Shashua, arXiv:1708.06374; constants as in the JRC's implementation. do
 lists the choices that the source leaves open.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from sumo_eval.ads.perception import bumper_gap

@@ -4,8 +4,6 @@ took too long.
 Users: `cosim/ego_control.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from math import ceil, inf
 from typing import Any

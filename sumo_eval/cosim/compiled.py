@@ -6,8 +6,6 @@ the loop keeps. A user's class may also call its `step` through TraCI: that is o
 Users: `ads/`, `cosim/simulation.py`, `drivers/synthetic/driver.py`, `record/`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 from math import isfinite, nan

@@ -5,8 +5,6 @@ SUMO's own collision check sees lanes, not bodies, so the harness decides, by `s
 Users: `cosim/world.py`.
 """
 
-from __future__ import annotations
-
 import math
 
 from sumo_eval.scenario.road.pose import Pose

@@ -4,8 +4,6 @@
 Users: `cosim/`, `record/worker.py`.
 """
 
-from __future__ import annotations
-
 import time as clock
 from collections.abc import Callable, Sequence
 from functools import partial

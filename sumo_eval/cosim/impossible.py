@@ -6,8 +6,6 @@ The loop, its kernels, world, stages, traffic, `OnTraci` and `ads/foresight.py` 
 Users: `ads/foresight.py`, `cosim/`.
 """
 
-from __future__ import annotations
-
 from math import cos, sin
 from typing import Any
 

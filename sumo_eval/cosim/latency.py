@@ -4,8 +4,6 @@ The fixed work tells a slow ADS from a slow or busy machine. `cosim/world.py` ho
 `cosim/loop.py` and `cosim/policies.py` measure them.
 """
 
-from __future__ import annotations
-
 import time
 from array import array
 

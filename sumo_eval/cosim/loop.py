@@ -9,8 +9,6 @@ for each row) and `OverArrays` (one policy over arrays) of `cosim/policies.py`, 
 Users: `cosim/simulation.py`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from sumo_eval.cosim.ego_control import EgoControl, fault_of

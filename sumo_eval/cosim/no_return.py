@@ -7,8 +7,6 @@ the wheel straight; on a curved road it keeps the last angle. Steering away is n
 `record/worker.py` adds it to the recordings of a batch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -5,8 +5,6 @@ harness checks that the ego moves as a vehicle can. Calls through TraCI are guar
 (`doors/traci_module.py`). `cosim/simulation.py` says which of these ADSs share a simulation.
 """
 
-from __future__ import annotations
-
 import cmath
 from collections.abc import Callable, Sequence
 from functools import partial

@@ -13,8 +13,6 @@ file imports as that case.
 Users: `extras/openscenario/scene.py`, `report/export_case.py`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import math

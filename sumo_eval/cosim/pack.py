@@ -10,8 +10,6 @@ shows them elsewhere, so a drive is the same to rounding.
 Users: `extras/gym/episodes.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import ExitStack
 

@@ -4,8 +4,6 @@ over arrays of all rows.
 Users: `cosim/on_traci.py`, `cosim/simulation.py`.
 """
 
-from __future__ import annotations
-
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -9,8 +9,6 @@ see a body as a `MOVER`.
 Users: `ads/`, `cosim/`, `drivers/synthetic/driver.py`, `record/loops.py`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

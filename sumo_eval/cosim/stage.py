@@ -12,8 +12,6 @@ for vehicles that react.
 Users: `cosim/`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from contextlib import suppress

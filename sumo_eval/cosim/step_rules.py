@@ -9,8 +9,6 @@ across the road's line; on a straight road frame and map are the same numbers.
 Users: `cosim/`, `drivers/synthetic/driver.py`, `record/loops.py`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

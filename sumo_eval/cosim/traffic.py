@@ -12,8 +12,6 @@ on no lane and no vehicle sees it.
 Users: `cosim/simulation.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import suppress
 from math import cos

@@ -6,8 +6,6 @@ Its records are defined in `cosim.records`, the rules of a step in `cosim.step_r
 Users: `cosim/`, `record/loops.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence

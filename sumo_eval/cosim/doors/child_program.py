@@ -4,8 +4,6 @@ output kept, its process group killed after the case.
 Users: `cosim/doors/json_lines.py`, `cosim/doors/traci_program.py`.
 """
 
-from __future__ import annotations
-
 import os
 import shlex
 import shutil

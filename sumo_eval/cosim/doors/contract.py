@@ -3,8 +3,6 @@
 Like Gymnasium's `check_env`. `record.apart` calls it in a child process, for `sumo-eval check`.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Collection, Sequence

@@ -12,8 +12,6 @@ controller without TraCI takes an `Observation`: it is a function `(observation)
 Users: `cli/tools.py`, `cosim/`, `record/`, `extras/studies/qualification/`.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -8,8 +8,6 @@ process; that time does not count as driving.
 Users: `cosim/`, `record/`, `report/export_case.py`, `extras/gym/episodes.py`.
 """
 
-from __future__ import annotations
-
 import inspect
 import json
 import math

@@ -4,8 +4,6 @@ message.
 Users: `cosim.world`, `record/`.
 """
 
-from __future__ import annotations
-
 import inspect
 import sysconfig
 from contextlib import suppress

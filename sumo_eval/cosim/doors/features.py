@@ -20,8 +20,6 @@ of a vehicle that does not exist: it is limited and scaled as the value would be
 For `cosim/doors/onnx.py` and the environments of `extras/gym/`.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

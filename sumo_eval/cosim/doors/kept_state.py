@@ -5,8 +5,6 @@ Cases do not share the state of an object of their own. They share globals of mo
 of classes and functions, closures, and the global random generators.
 """
 
-from __future__ import annotations
-
 import inspect
 import os
 import pickle

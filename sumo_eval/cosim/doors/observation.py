@@ -8,8 +8,6 @@ FMUs and ONNX models read them, and `cosim/`, `extras/bench/costs.py`, `extras/g
 `extras/wheel/seat.py`.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -12,8 +12,6 @@ alike; tests check this for dense networks.
 `cosim/doors/controller.py` finds `from_locator` by name.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

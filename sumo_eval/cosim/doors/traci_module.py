@@ -13,8 +13,6 @@ each ADS of a batch its own case alone.
 Users: `cosim/`.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections import Counter

@@ -7,8 +7,6 @@ vehicle or a vehicle type.
 Users: `cosim/`, `extras/wheel/tape.py`.
 """
 
-from __future__ import annotations
-
 import inspect
 import numbers
 import re

@@ -7,8 +7,6 @@ Names in SUMO end with the row's suffix. The arguments of a call get the suffix,
 it. A call about more than the row takes the row out of its batch: `Guard.leave` raises.
 """
 
-from __future__ import annotations
-
 import functools
 import inspect
 import io

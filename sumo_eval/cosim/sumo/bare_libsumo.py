@@ -3,8 +3,6 @@
 Users: `extras/bench/costs.py`.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress

@@ -5,8 +5,6 @@ No controller runs. `sumo-eval replay` calls it.
 Users: `cli/look.py`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import math

@@ -11,8 +11,6 @@ SUMO_EVAL_PLAIN=1 leaves out all but the last.
 Users: `cosim/`.
 """
 
-from __future__ import annotations
-
 import ctypes
 import functools
 import os

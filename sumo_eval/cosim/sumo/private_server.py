@@ -14,8 +14,6 @@ case.
 Users: `cosim/doors/traci_program.py`.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import select

@@ -12,8 +12,6 @@ A case that is alone has the names that the user knows. `ads_asks`: an ADS asks 
 Users: `cosim/`.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

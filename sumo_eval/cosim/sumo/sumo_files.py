@@ -6,8 +6,6 @@ folder and the simulation itself: what opens in sumo-gui is what ran.
 Users: `cosim/`, `record/run_folder.py`, `report/export_case.py`.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

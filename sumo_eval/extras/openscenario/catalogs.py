@@ -4,8 +4,6 @@ Users: `extras/openscenario/places.py`, `extras/openscenario/scene.py`,
 `extras/openscenario/space.py`.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cached_property
 from os.path import realpath

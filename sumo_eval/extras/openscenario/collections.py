@@ -7,8 +7,6 @@ Users: `extras/openscenario/command.py`, `extras/openscenario/describe.py`,
 `extras/openscenario/format.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

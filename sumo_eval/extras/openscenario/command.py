@@ -1,7 +1,5 @@
 """Scenarios of other tools: what is understood of a file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

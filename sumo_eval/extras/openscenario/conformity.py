@@ -3,8 +3,6 @@
 Users: `extras/openscenario/command.py`, `extras/openscenario/scene.py`.
 """
 
-from __future__ import annotations
-
 NAMED = "named with its line"
 """Words of a refusal: its message names the element and its line."""
 

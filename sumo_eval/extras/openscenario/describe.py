@@ -3,8 +3,6 @@
 Users: `extras/openscenario/command.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence

@@ -6,8 +6,6 @@ Users: `extras/openscenario/logical.py`, `extras/openscenario/moments.py`,
 `extras/openscenario/moves.py`, `extras/openscenario/scene.py`.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import NamedTuple

@@ -7,8 +7,6 @@ which an option picks: `file.xosc?road=2`.
 Users: `extras/openscenario/`.
 """
 
-from __future__ import annotations
-
 import math
 import os.path
 import re

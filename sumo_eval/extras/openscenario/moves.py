@@ -14,8 +14,6 @@ Users: `extras/openscenario/describe.py`, `extras/openscenario/logical.py`,
 `extras/openscenario/scene.py`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -6,8 +6,6 @@ map.
 Users: `extras/openscenario/`.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 import re

@@ -17,8 +17,6 @@ within a group all constraints hold, and of several groups at least one.
 Users: `extras/openscenario/format.py`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping

@@ -12,8 +12,6 @@ Users: `extras/openscenario/logical.py`, `extras/openscenario/space.py`,
 `extras/openscenario/written.py`.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping

@@ -4,8 +4,6 @@ them. `reading.Node` uses them for attributes.
 Users: `extras/openscenario/`.
 """
 
-from __future__ import annotations
-
 import ast
 import math
 import operator

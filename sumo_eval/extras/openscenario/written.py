@@ -3,8 +3,6 @@
 Users: `extras/openscenario/command.py`.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence

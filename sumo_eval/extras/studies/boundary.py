@@ -4,8 +4,6 @@ for until the boundary is settled.
 Users: `extras/studies/boundary_command.py`, `extras/studies/boundary_page.py`.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """`sumo-eval boundary`: where an ADS collides in a space."""
 
-from __future__ import annotations
-
 import sys
 from functools import partial
 from pathlib import Path

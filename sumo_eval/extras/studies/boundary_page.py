@@ -3,8 +3,6 @@
 Users: `extras/figures/of_studies.py`, `extras/studies/boundary_command.py`.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

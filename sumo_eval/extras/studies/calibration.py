@@ -5,8 +5,6 @@ For `sumo-eval calibrate`.
 Users: `extras/rates/people_command.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 

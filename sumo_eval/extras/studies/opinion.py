@@ -5,8 +5,6 @@ For `sumo-eval humans opinion`, and for `plot RUN opinion`.
 Users: `extras/figures/of_studies.py`, `extras/rates/people_command.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Qualification of the tool itself: `qualify`."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -4,8 +4,6 @@ sensitivity`.
 Users: `extras/rates/people_command.py`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import operator

@@ -11,8 +11,6 @@ intervals, holes, several pieces.
 Users: `extras/rates/importance.py`, `extras/studies/boundary.py`.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from typing import Any

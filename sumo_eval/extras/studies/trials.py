@@ -7,8 +7,6 @@ Users: `extras/rates/campaign.py`, `extras/rates/command.py`, `extras/studies/bo
 `extras/studies/boundary_command.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace

@@ -7,8 +7,6 @@ SUMO_EVAL_PORT and takes the second place in SUMO's order of clients, so that a 
 or reaches a simulation of its own works as it is. What is said here goes into the case's log.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import os

@@ -3,8 +3,6 @@
 Users: `extras/studies/qualification/`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -3,8 +3,6 @@
 Users: `extras/studies/qualify_command.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime

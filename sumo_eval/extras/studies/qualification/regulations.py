@@ -3,8 +3,6 @@
 Users: `extras/studies/qualification/table.py`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sumo_eval.ads.eu_2022_1426 import SEATED, STANDING

@@ -6,8 +6,6 @@ Each check is a function, its arguments, the value it must give and the source o
 Users: `extras/studies/qualification/qualified.py`, `extras/studies/qualify_command.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
