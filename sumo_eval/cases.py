@@ -7,6 +7,8 @@ Users: `case_table.py`, `nightly/`, `record/`, `report/`, `results.py`, `score_n
 """
 
 # annotations stay texts, which `case_table.py` and `record/exchange.py` read
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
