@@ -21,7 +21,7 @@ HUMAN_BRAKING = 0.774 * GRAVITY  # m/s2, the strongest of the regulation's human
 # s, headway up to which the regulation's human reacts to what the lead does
 FOLLOWING_HEADWAY = 2.0
 HEADWAY_ROUNDING = 0.01  # s, see `within_headway`
-# share of a vehicle's width; if a nearer one covers more, it is hidden: of 1.9 m 0.38 m must show
+# share of its width up to which a vehicle may be covered and is seen: of 1.9 m 0.38 m must show
 MOST_COVERED = 0.8
 
 
@@ -175,7 +175,7 @@ def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable
     braking_for: gives the deceleration that an actor demands, m/s2, 0: none. It is called with the
         ego, the actor, which is in sight ahead, the rule's parameters (with `BRAKES`) and `cycle`:
         the `SCENARIO` record whose `step` is the time between two decisions.
-    clocks: 1: the rule decides at every step, `cycle` is `scenario[0]`; 2: once a cycle, it is
+    clocks: 1: the rule decides at every step, `cycle` is `scenario[0]`; 2: once a cycle, with
         `scenario[1]`.
     """
 

@@ -87,7 +87,7 @@ def _table(levers: CaseLevers) -> Iterator[str]:
     for answer in levers.answers:
         line = f"  {answer.lever.name:<28} {effect_words(answer, hit)}"
         if answer.flips:
-            bar = "█" * max(round(20.0 * answer.share), 1)  # 20: over the whole range
+            bar = "█" * max(round(20.0 * answer.share), 1)  # 20: the whole range
             line += f"  {bar} {100.0 * answer.share:z.1f} % of its range"
         yield line
     yield f"{levers.drives} drives; a delay acts in whole steps of the simulation."
@@ -104,7 +104,7 @@ def _table_of_all(levers: Sequence[CaseLevers]) -> Iterator[str]:
     for (ads, scenario), cases in groups.items():
         yield f"{ads} in {scenario}: {count(len(cases), 'collision')}"
         shares = grouped((it.lever.name, it.share) for one in cases for it in one.answers)
-        # of each lever, the change of each collision that it avoids
+        # of each lever, its changes that each avoid a collision
         avoided = {name: [it for it in shares[name] if it < inf] for name in shares}
         for name, changes in sorted(avoided.items(), key=lambda pair: -len(pair[1])):
             line = f"  {name:<28} avoids {len(changes)}"

@@ -54,7 +54,7 @@ def joined(egos: Any, others: Any, name: str) -> FloatArray:
 class Stage:
     """The running simulation of the cases of a world.
 
-    ads_asks: an ADS may ask SUMO, which receives everything at every step.
+    ads_asks: an ADS may ask SUMO, which is kept up to date at each step.
     as_read: the actors are as SUMO shows them in every respect, whatever their scripts say.
     """
 
@@ -80,7 +80,7 @@ class Stage:
         # Whether SUMO can move by itself the actors that only keep their speed: on a straight road,
         # where the actors' motion depends on time alone.
         quiet = as_read and not road.line and not any(case.lively for case in cases)
-        self._sent = 2 if quiet else 1  # as in `move_rows`
+        self._sent = 2 if quiet else 1  # a `to_sumo` code of `move_rows`
         # the speed that SUMO received last, m/s along the line, by vehicle
         self._told: dict[str, float] = {}
         # Whether SUMO has to look for the lane of a place, and even for the edge: a user's network
@@ -121,12 +121,12 @@ class Stage:
         """Continue without the rows that have ended."""
         self._live = world.live
         self._names: list[str] = []  # of vehicles that are read at once; empty: to be found again
-        # name -> row and index of the actors that `read` has to read: those of the only row, until
-        # `read_at_once` leaves others
+        # name -> row and index of the actors that `read` has to read: of the first row, then those
+        # that `read_at_once` leaves
         self._unread = {name: (0, j) for j, name in enumerate(self._flat[1 : self._width])}
 
     def take_charge(self, world: World) -> None:
-        """Take control of SUMO's vehicles; fail the cases that SUMO starts otherwise."""
+        """Take control of SUMO's vehicles; fail cases that SUMO shows elsewhere."""
         calls = self.calls
         for case, (concrete, names) in enumerate(zip(world.cases, self.names, strict=True)):
             try:
@@ -149,8 +149,8 @@ class Stage:
     def sends(self, world: World) -> int:
         """`to_sumo` of `move_rows`: the vehicles that SUMO receives in the coming step.
 
-        Near the road's end it receives the vehicles: else one that its script slows down could
-        leave too soon.
+        Near the road's end it receives them every time: else one that slows down by its script
+        could leave.
         """
         sends = (
             self.ads_asks or self.compares(world.steps) or world.may_leave(world.time + self._step)
@@ -171,7 +171,7 @@ class Stage:
 
     def tell(self, world: World, count: int) -> None:
         """Hand the motion of this step to SUMO: `count` rows of `world.tell`."""
-        if not count:  # where an ADS calls TraCI, in most steps
+        if not count:  # in most steps
             return
         if self._on_lanes:
             self._tell_lanes(world, count)
@@ -187,7 +187,7 @@ class Stage:
             move(name, edge, self._lane, x, y, angle, self._keep)
 
     def put_aside(self, numbers: Sequence[int]) -> None:
-        """Hide vehicles that have left the network; remove them where the actors are as read."""
+        """Hide vehicles that have left the network; with `as_read`, remove them."""
         for number in numbers:
             name = self._flat[number]
             if self.as_read:
@@ -203,7 +203,7 @@ class Stage:
         self.calls.moveToXY(name, edge, -1, 10.0, ASIDE, STRAIGHT, self._keep)
 
     def begin_again(self, world: World, row: int) -> None:
-        """Move the vehicles of a row that began a new case to their places after its first step."""
+        """Put the vehicles of a row with a new case where its first step has brought them."""
         for j, body in enumerate((world.egos[row], *world.others[row])):
             angle = STRAIGHT - math.degrees(body["map"]["heading"])
             number = row * self._width + j
@@ -285,7 +285,7 @@ class Stage:
         return self._names
 
     def read(self, world: World) -> None:
-        """Take in the actors where they are as SUMO shows them."""
+        """Read the actors, if they are as SUMO shows them."""
         if not self.as_read:
             return
         present = self._present
@@ -340,7 +340,7 @@ class Stage:
 
     def _may_leave(self, world: World, row: int, other: int) -> bool:
         """Whether an actor's script has brought its front bumper beyond the last lane, or SUMO
-        drives it, from a start that may be beside the lanes.
+        drives it: it may have begun beside the lanes.
         """
         body = world.others[row, other]
         return bool(

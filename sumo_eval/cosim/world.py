@@ -162,7 +162,7 @@ class World:
         self.shown = np.zeros((n, m, 4))
         self.tell = np.zeros((n * (1 + m), 8))  # as in `move_rows`
         room = 512 if n == 1 else 64
-        self._free = room - 3  # instants that `samples` has room for, at least, and two more
+        self._free = room - 3  # free instants of `samples`, less the first and two spare
         self.samples = np.zeros((n, 1 + m, room, len(CHANNELS)))
         every = round(settings.record_interval / settings.step)  # steps from one sample to the next
         model = placed == MODEL and settings.plant is None  # the vehicle model moves all egos
@@ -182,7 +182,7 @@ class World:
         self.going = n
 
     def begin_as_model(self, case: int) -> None:
-        """Begin a case again, at its start, in which the vehicle model moves the ego after all."""
+        """Begin a case again at its start, where the vehicle model takes over the ego."""
         road = self.cases[0].road
         row = self.rows.tolist().index(case)
         # the steering wheel in the first sample, nan as long as SUMO moves the ego
@@ -222,7 +222,7 @@ class World:
         return int(_run(read_rows, self.scenes, self.scenario, numbers, read, odd))
 
     def may_leave(self, now: float) -> bool:
-        """Whether a vehicle may come to the end of its lanes in the step that ends `now`, s.
+        """Whether an actor may come to the end of its lanes in the step that ends `now`, s.
 
         For most steps this is known from the last look: even the fastest vehicle is too far away.
         """
@@ -234,11 +234,11 @@ class World:
         return now > self.none_leaves_before
 
     def let_leave(self, now: float, count: int, as_read: bool) -> tuple[int, Sequence[int]]:
-        """Remove the vehicles that come to the end of their lanes in the step that ends `now`, s;
+        """Remove the actors that come to the end of their lanes in the step that ends `now`, s;
         the number of rows of `tell` without them, and their numbers in `tell`.
 
         count: number of rows of `tell`.
-        as_read: SUMO itself reports when those that it moves are gone.
+        as_read: as of `move`; SUMO reports the end of those it moves.
         """
         others = self.others
         road = self.cases[0].road
@@ -311,7 +311,7 @@ class World:
         self.places[case] = self.places[case] or place
 
     def touched(self, counts: Mapping[str, int], ignored: Mapping[str, str]) -> None:
-        """Record how often the ADS of a case alone changed other things than its ego.
+        """Record how often the ADS of a lone case changed other things than its ego.
 
         counts: by name of the clip.
         ignored: TraCI call -> why SUMO ignored it, for the log.
@@ -510,10 +510,10 @@ def _put_in_curve(egos: Records, road: Road, limits: Any) -> None:
 
 
 def corner(egos: Records, of_line: Any, limits: Any) -> Any:
-    """Turn egos that point along their lane as if they had driven its curve before, with wheels
-    and tyres; return the curvature of their lane, 1/m.
+    """Turn egos that point along their lane, wheels and tyres too, as if they had driven its curve;
+    return the curvature of their lane, 1/m.
 
-    of_line: of the road's line, 1/m.
+    of_line: the road's curvature, 1/m.
     limits: `VehicleSettings` or an array of their records.
 
     Both axles of the dynamic model have one slip angle alpha at the curvature k: v^2 k = mu g

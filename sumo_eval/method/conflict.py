@@ -1,7 +1,7 @@
 """Encounters with an actor that moves in two dimensions, and conflicts of two ways.
 
-Zones (`point_criticality`) need encounters, cases.csv (`scoring/`) conflicts; `record/` compiles
-the loop.
+Users: `point_criticality` (encounters, for zones), `scoring/` (conflicts), `record/` (compiles
+loops).
 
 Encounter: the ego brakes ideally on its path (Eqs. 2 and 5-6, searched in time). Braking begins at
 the obstacle's first move plus the scenario's delay, and ends at a standstill. The obstacle follows
@@ -13,8 +13,7 @@ Conflict: two ways cross or join, as where one road leads into another. It has a
 this area, and a PET. The ego's way is y as a function of x along the road, at a speed. The time to
 collision on conflicting ways is the time after which the bodies would touch if the ego kept its
 speed on its way while the actor follows its script (Hayward 1972: on a collision course, whatever
-the angle). The area is that of upright rectangles, as wide and long as the turned actor reaches
-along and across the road.
+the angle). For the area, the turned actor is its bounding rectangle along the road.
 """
 
 import math
@@ -77,8 +76,8 @@ def encounter(logical: LogicalScenario, points: FloatArray, settings: ZoneSettin
     settings: `[method.zones]`.
 
     Max ITTC is inf where ideal braking hits, 0 where the ego never closes on the obstacle in its
-    way. The gap is inf where the obstacle is never in the way. Both are sampled every 0.02 s, so
-    the ITTC is below its peak by the motion of half a step. Where ways conflict,
+    way. The gap is inf where the obstacle is never in the way. ITTC and gap are sampled every
+    0.02 s: the ITTC is below its peak by half a step's motion. Where ways conflict,
     `conflict_criticality` computes all three.
     """
     parts = (points[begin : begin + _AT_ONCE] for begin in range(0, len(points), _AT_ONCE))
@@ -207,7 +206,7 @@ def conflict_criticality(
     size: length and width of the ego's body, m.
     settings: `[method.zones]`.
 
-    The ego keeps its way. Where it touches no actor at its speed, it keeps that too: max ITTC and
+    The ego keeps its way. Where it touches no actor at its speed, it does not brake: max ITTC and
     impact speed are 0. Elsewhere it brakes ideally to a standstill: max ITTC is the largest inverse
     time to collision with any actor, inf where it hits one even so. Actors that react and come from
     behind do not count.
@@ -225,7 +224,7 @@ def conflict_criticality(
     # its actors are out of reach, at x = inf.
     late = looks > np.ceil(until / STEP - 1e-9)[:, None]
     np.copyto(others[..., 0], np.inf, where=late[:, None])
-    # First at a constant speed. Only whether the bodies touch counts, so no look ahead is needed.
+    # First at a constant speed: touch and smallest distance, for which no look ahead is needed.
     unbraked = _braked(placed, parts, np.full(len(placed), np.inf), strength)
     result = _most_critical(placed, others, size, unbraked, 0)
     touches = np.flatnonzero(np.isinf(result[0]))
@@ -293,7 +292,7 @@ def _most_critical(
         heading, speed, across = columns[2:]
         c = np.cos(heading)
         s = np.sin(heading)
-        # last the actor's velocity along the road, and to its left
+        # last the actor's velocity along the road and across it
         motion = np.dstack([*columns[:2], heading, speed * c - across * s, speed * s + across * c])
         _search_rows(ways, egos, motion, horizon, result)
         if actor.model is not None:
@@ -307,7 +306,7 @@ def _most_critical(
 def _begins(concrete: ConcreteScenario, other: int) -> float:
     """Latest time at which actor `other` can begin its first move, s.
 
-    A move that waits for a condition begins before the ego is at the end of the road.
+    A move with a `program` (a condition) begins before the ego is at the road's end.
     """
     latest = _time_on_road(concrete)
     acts = concrete.actors[other].acts

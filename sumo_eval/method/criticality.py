@@ -3,8 +3,8 @@
 One ego drives at `ego_speed` towards a vehicle `gap` ahead of it (bumper to bumper) that keeps
 `lead_speed`. It keeps its speed for `delay`, then brakes until it is as fast as the lead.
 Everything has a closed form, except where the lead vehicle brakes or comes in from the side:
-`searched_criticality` looks along the time axis. Arrays broadcast; `[()]` makes a number of an
-array without axes.
+`searched_criticality` looks along the time axis. Arrays broadcast; `[()]` makes an array without
+axes a number.
 
 Users: `method.point_criticality` for the zones, `ads.foresight` for the ideal vehicle,
 `extras/studies/` to verify the equations.
@@ -88,7 +88,7 @@ def ideal_braking_gap(
     deceleration: ArrayLike = 5.0,
     delay: ArrayLike = 0.0,
 ) -> FloatArray:
-    """Eq. 4: d = d0 + v1 t - t (v0 + v2) / 2, m, with t and d0 from the end of the delay on;
+    """Eq. 4: d = d0 + v1 t - t (v0 + v2) / 2, m, t from the delay's end, d0 the gap then;
     negative once the ego has hit.
 
     ego_speed: v0, m/s.
@@ -159,7 +159,7 @@ def critical_gap(
     critical_inverse_ttc: ArrayLike = 0.7,
     delay: ArrayLike = 0.0,
 ) -> FloatArray:
-    """Eq. 6 solved for the gap: where max ITTC = k, m. At this gap and below a point is hazardous.
+    """Eq. 6 solved for the gap, m, where max ITTC = k. At this gap and below a point is hazardous.
 
     closing_speed: D = v0 - v1, m/s.
     deceleration: a, m/s2.
@@ -248,22 +248,22 @@ def ideal_impact_speed(
     on_whole_ramp = closing * ramp - strength * ramp**2 / 6.0  # gap that it closes, m
     on_plateau = np.sqrt(np.maximum(after_ramp**2 - 2.0 * strength * (left - on_whole_ramp), 0.0))
 
-    # gap that a ramp up to equal speeds would close, m, and the gap left as a share of it
+    # gap that a ramp until equal speeds would close, m, and the gap left as a share of it
     needed = 2.0 / 3.0 * closing * np.sqrt(2.0 * closing * ramp / strength)
     free_gap = np.maximum(left, 0.0)
     share = checks.quotient(free_gap, needed, free_gap < needed, 1.0)
     at_root = closing * (1.0 - 4.0 * np.sin(np.arcsin(share) / 3.0) ** 2)
     on_ramp = np.where(share < 1.0, at_root, 0.0)
 
-    # with contact, or at equal speeds
+    # by contact or equal speeds
     ends_on_ramp = np.where(after_ramp >= 0.0, left < on_whole_ramp, True)
     braked = np.where(ends_on_ramp, on_ramp, on_plateau)
     return np.where(rel <= 0.0, 0.0, np.where(left <= 0.0, rel, np.maximum(braked, 0.0)))[()]
 
 
 Profile = Callable[[FloatArray], FloatArray]
-"""Motion of leads, from times (n, m), s, to their speeds, m/s, or to the distances that they have
-driven since t = 0, m, in the same shape."""
+"""Motion of leads: function of times (n, m), s, that gives speeds, m/s, or distances driven since
+t = 0, m, in the same shape."""
 
 _TIMES = 161  # times searched from the conflict's start to the ego's standstill
 _ZOOM = 21  # times searched between the neighbours of the most critical one
@@ -295,8 +295,8 @@ def searched_criticality(
         start the ego has passed, and nothing counts. With a gap between -passing_length and 0 it is
         a contact: the lead moves into the ego's side.
 
-    Max ITTC is inf where it hits, 0 where it never closes; the relative speed at contact is 0 where
-    avoided. Both agree with `max_inverse_ttc` and `ideal_impact_speed` to 1e-3 (relative) where
+    Max ITTC is inf where the ego hits, 0 where it never closes; the impact speed is 0 where it does
+    not hit. Both agree with `max_inverse_ttc` and `ideal_impact_speed` to 1e-3 (relative) where
     these apply.
 
     Raises InputError for numbers outside these meanings.

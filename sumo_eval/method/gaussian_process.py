@@ -64,14 +64,14 @@ class MarginalLikelihood:
 
     def __init__(self, points: FloatArray, target: FloatArray, variances: FloatArray) -> None:
         self._points, self._target, self._variances = points, target, variances
-        # Squared distances along each coordinate, (k, n n), doubled above the diagonal and 0 below.
+        # Squared distances along each coordinate, (k, n*n), doubled above the diagonal and 0 below.
         # `inner` of `__call__` is right in this triangle only; by symmetry the sum of the products
         # over it is the sum over both triangles.
         apart = (points.T[:, :, None] - points.T[:, None, :]) ** 2
         self._squares = 2.0 * np.triu(apart).reshape(points.shape[1], -1)
 
     def __call__(self, theta: FloatArray) -> tuple[float, FloatArray]:
-        """The value at theta, the logarithms of the hyperparameters, and its gradient.
+        """The value at theta (logarithms of the hyperparameters) and its gradient.
 
         Infinite where K is not positive definite in floating point.
         """
@@ -80,7 +80,7 @@ class MarginalLikelihood:
         n = len(self._target)
         k = covariance(self._points, parameters)
         k[np.diag_indices_from(k)] += self._variances
-        # the transpose of the symmetric k is in Fortran's order, which LAPACK needs; k stays
+        # k is symmetric; k.T is in Fortran's order, as LAPACK needs; k is not overwritten
         factor, failed = lapack.dpotrf(k.T, lower=1, clean=1)
         if failed:
             return np.inf, np.zeros(len(theta))
@@ -93,7 +93,7 @@ class MarginalLikelihood:
         inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
         # Eq. 5.9: d log p / d theta = tr((weights weights^T - K^-1) dK/dtheta) / 2
         inner = np.outer(weights, weights)
-        # LAPACK fills the lower triangle, transposed the upper: below the diagonal `inner` is wrong
+        # LAPACK fills the lower triangle, the upper of `.T`: below the diagonal `inner` is wrong
         inner -= inverse.T
         diagonal = inner.diagonal().copy()
         by_noise = parameters.noise * float(diagonal.sum())

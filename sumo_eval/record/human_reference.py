@@ -1,7 +1,7 @@
-"""Results from the drivers of each concrete scenario: D_i of the ADSs, the drivers' own band, D_i
-with a driver left out.
+"""Comparisons with each concrete scenario's drivers: D_i of the ADSs, the drivers' own band, D_i
+with one left out.
 
-All three need the fields of the same drives, so a point is one piece of work. `scoring.likeness`
+All three need the same drives' trajectory fields, so a point is one job. `scoring.likeness`
 asks for the points; they are read from the store and spread over processes.
 
 All three depend on the recorded drives and the settings alone, so a run's folder keeps them
@@ -48,7 +48,7 @@ class PointJob:
 
     drivers: the human drivers' cases at the point.
     ads: the cases that get a D_i.
-    left_out: ADSs' cases that get a D_i without each driver, and one for each of `exchanges`.
+    left_out: ADSs' cases that get a D_i for each driver left out and each of `exchanges`.
     band: whether each driver gets a D_i against all other drivers.
     exchanges: pairs of places in `drivers`: the driver that is left out, and the driver that counts
         twice instead.

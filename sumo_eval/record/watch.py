@@ -98,7 +98,7 @@ class WatchedController(Adapter):
         )
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Reset the controller. Only the deadline of the case holds: models may load slowly."""
+        """Reset the controller under the case's deadline alone: models may load slowly."""
         try:
             self._controller.reset(scenario, traci, ego)
         except self._interrupts as error:
@@ -149,7 +149,7 @@ class WatchedController(Adapter):
                 f"The ADS must answer within {self._allowed:g} s, took longer"
             ) from overdue
         except MemoryError as error:
-            if self._limits.engine == "serial":  # holds no limit
+            if self._limits.engine == "serial":  # sets no limit
                 raise
             raise MemoryError(
                 f"more than the {self._limits.memory_limit:g} MB of `run.memory_limit`"

@@ -4,7 +4,7 @@ max(abs(offset)) <= 0.15`.
 Tables of scenario files become requirements here; `scoring.requirements` evaluates them in recorded
 drives.
 
-A value over time is `min`, `max` or `at_end` of one value over the ego's drive. This value may
+A value over time is `min`, `max` or `at_end` of an expression over the ego's drive, which may
 combine the quantities of each moment, below, with parameters and definitions. The rest is the
 language of scenario files (`scenario.expression`).
 

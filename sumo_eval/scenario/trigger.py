@@ -52,8 +52,8 @@ _NUMBERS = "of numbers, names, + - * /, min, max, abs, `time` and " + ", ".join(
 EGO_NAME = "ego"
 
 Step = tuple[int, int, int, Expression | None]
-"""An operation of `Act.program`: (op, one, two, expression), with the expression of its value at a
-point, or None."""
+"""An operation of `Act.program`: (op, vehicle, vehicle or move, expression of its value at a point
+or None)."""
 
 
 def trigger(text: str, owner: str, names: Names, *, departs: bool) -> list[Step]:
@@ -82,7 +82,7 @@ class _Writer:
         """Steps that leave one value on the stack: whether a condition holds, or a number.
 
         condition: whether the node must be a condition.
-        depth: of the node in the text; at most as many values are on the stack before its own.
+        depth: of the node in the text; its own value has at most this many below it.
         """
         if depth >= played.DEEPEST - 2:
             raise InputError(f"Condition {self._place} is nested too deep.")

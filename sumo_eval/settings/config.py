@@ -207,7 +207,7 @@ def mistakes(error: ValidationError, where: str | Path, root: type) -> str:
     """All mistakes that pydantic found, one sentence a line.
 
     Of a value that may be of several kinds pydantic has a finding for each kind: they are one
-    mistake. Findings inside a table or list replace those on all of it.
+    mistake. A finding inside a table or list replaces the finding on all of it.
 
     where: as in `validated`.
     root: settings class that was read.

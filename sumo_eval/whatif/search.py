@@ -92,7 +92,7 @@ class WhatIf:
         )
         self._locators = {ads.name: ads.locator for ads in settings.ads}
         self._drives = 0
-        self._error = ""  # of a rerun that could not be evaluated
+        self._error = ""  # of a failed trial 0: the plain rerun
 
     def answers(self, fact: Fact, name: str | None = None, *, fine: bool = True) -> CaseLevers:
         """Effects of all levers, or of the one called `name`.
@@ -101,7 +101,7 @@ class WhatIf:
         fine: locate the nearest changes to a step.
         Raises InputError for a case that was not evaluated or does not repeat.
         """
-        # an edited run: neither may be in its evaluation any more
+        # an edited run: its evaluation may have lost either
         check_known("scenario of the run", self._run.scenarios, fact.scenario)
         check_known("ADS of the run", self._locators, fact.driver)
         logical = self._run.scenarios[fact.scenario]

@@ -4,8 +4,8 @@ libsumo accepts a second `start` silently, delays insertions, and reports a bad 
 "Process Error". So a session refuses a second one, checks that the initial state is the requested
 one, and quotes SUMO's own log.
 
-Users: `cosim/simulation.py` and the gym's episodes open sessions; `cosim/doors/traci_program.py`
-and `extras/bench/costs.py` start SUMO by its command line; the stages in `cosim/` check starts.
+Users: `cosim/` opens sessions, for cases and for the gym, and its stages check starts;
+`cosim/doors/traci_program.py` and `extras/bench/costs.py` start SUMO by its command line.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from sumo_eval.settings import SimulationSettings
 
 _EgoType = Mapping[str, str] | None  # attributes of the ego's vType, as of `routes_xml`
 POSITION_TOLERANCE = 1e-3  # m
-# m, on a curve, a polyline in SUMO: twice the largest distance of a 1 m chord from its arc
+# m, on a curve, which SUMO draws in 1 m chords: twice a chord's largest distance from it
 CHORD_TOLERANCE = 0.05
 SPEED_TOLERANCE = 1e-3  # m/s
 NOWHERE = -1e6  # m; SUMO shows a vehicle that is on no lane at an x far below this
@@ -110,7 +110,7 @@ def _start(arguments: list[str], files: _Files) -> None:
             libsumo.start(arguments)
             libsumo.simulationStep()  # inserts the vehicles, moves nothing
     except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-        libsumo.close()  # no step before: in a partly loaded case it may write files or crash
+        libsumo.close()  # not `_close`: its step may write files, or crash a half-loaded case
         sentence = f"SUMO could not start the case: {quoted(error, files.log, files.console)}."
         # the files exist no longer when the message is read: name them plainly
         for path, name in zip(files, _NAMES, strict=True):
@@ -164,8 +164,8 @@ def _files(network: str, routes: str) -> Iterator[_Files]:
 
     In memory where the system supports it: a folder takes ten times as long.
     """
-    # open a standard stream again that an ADS has closed: else a file gets its number, and with it
-    # all that SUMO prints
+    # reopen standard streams that an ADS has closed: else a file below gets such a number, and all
+    # that SUMO prints
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
     os.close(number)
@@ -214,7 +214,7 @@ def _arguments(
 
 
 def bend_tolerance(road: Road, y: Any) -> Any:
-    """Distance from its place on the map at which SUMO may show a vehicle on a curved road, m.
+    """Largest distance on the map, m, from a vehicle on a curve to where SUMO may show it.
 
     SUMO puts it on the normal of a chord of the line. That is turned against the curve's normal by
     at most half a segment over the radius, rad.
@@ -238,7 +238,7 @@ def check_start(
     SUMO may move a vehicle or delay it.
 
     names: of the vehicles in SUMO, the ego's first; None: as in the scenario.
-    by_map: `on_map` of `sumo_files.departures`.
+    by_map: in any curve, compare on the map.
     """
     road = concrete.road
     calls = vehicles(traci)
@@ -254,13 +254,13 @@ def check_start(
             speed = 0.0
         if x < NOWHERE:
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
-        if on_map is not None:  # no lane leads there: it gets its place before the first step
+        if on_map is not None:  # inserted elsewhere: it is moved there before the first step
             continue
         front = first_front(road, start, length)
         if road.bent and (by_map or not concrete.reacts):
             meant = map_places(road.line, front, start.y)
             tolerance = bend_tolerance(road, start.y)
-            # one distance, on the map: beside the line, a metre along it is another length
+            # one distance for both: beside the line, a metre of x is not one on the map
             ahead = left = math.hypot(x - meant[0], y - meant[1])
             x, y = (float(it) for it in frame_places(road.line, x, y, near=front)[:2])
         else:

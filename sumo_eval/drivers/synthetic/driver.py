@@ -193,7 +193,7 @@ def _line(memory: Any, me: Any, waves: Any, p: Any, scenario: Any) -> tuple[floa
     """
     target = 0.0 if memory.passing else 1.0  # of `ease`
     memory.ease += (target - memory.ease) * min(scenario.step / FOCUS_TIME, 1.0)
-    # m of road for each second of the clock, which all but stands with `ease` 0 (1e-3)
+    # m of road a second of the clock; 1e-3: with `ease` 0 it nearly stops
     pace = max(me.speed, WANDER_PACE) / max(memory.ease, 1e-3)
     memory.clock += scenario.step * me.speed / pace
     y, slope, curve = path_at(memory.path, rear_axle_next(me, scenario))

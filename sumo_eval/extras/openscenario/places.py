@@ -202,7 +202,7 @@ class MapPath:
 
         element: what asks.
         """
-        ahead = s  # of the begin of the stretch that the loop looks at
+        ahead = s  # s, counted from the start of the loop's stretch
         length = 0.0
         pairs = list(pairwise(self.points))
         # a stretch between equal points has no direction: it counts only if there is no other
@@ -273,9 +273,9 @@ class Places:
         return replace(spot, pose=spot.pose._replace(heading=heading))
 
     def located(self, spot: Spot, along: float = ALONG) -> Spot:
-        """A place with its road, its lane and the way it points there; off all roads without them.
+        """A place with its road, its lane and its `way`; off all roads it gets none of the three.
 
-        along: what points off the lane's direction by less, rad, counts as along it.
+        along: angle to the lane, rad, below which a place points along it.
         """
         road, lane = spot.road, spot.lane
         s, t = spot.s, spot.t
@@ -312,7 +312,7 @@ class Places:
         return self._on(road, s, t, lane, element).turned(other.way)
 
     def lane_beside(self, road: MapRoad, lane: Lane, lanes: int, element: Node) -> Lane:
-        """The lane a number of lanes to the left of another; lane 0 does not count."""
+        """The lane that is `lanes` to the left of another; lane 0 does not count."""
         chosen = lane.number + lanes
         if chosen * lane.number <= 0:  # on the other side of lane 0, or 0 itself
             chosen += 1 if lanes > 0 else -1
@@ -367,8 +367,8 @@ class Places:
         return replace(course, times=()) if action.find("TimeReference/None") else course
 
     def exact(self, element: Node) -> Node:
-        """The element; its `followingMode` is noted where it allows to be off the planned motion,
-        because scripts are always driven exactly.
+        """The element; a `followingMode` that allows deviations is noted as without effect: scripts
+        are always driven exactly.
         """
         if element.one_of("followingMode", ("position", "follow"), "position") == "follow":
             self.ignored["followingMode `follow`"] = None
@@ -462,7 +462,7 @@ class Places:
             raise at.fault(f"pathS = {s:g} m is not on its route, which is {reach:g} m long")
         if end.road is road:
             return self._on(road, begin.s + way * s, t, lane, element).turned(way)
-        # the route ends on another road: `s` may be beyond its first road, on the line straight on
+        # the route ends on another road: `s` may be beyond its first road, straight ahead
         return Spot(origin.moved(s, t), road, lane, begin.s + s, t)
 
 

@@ -90,9 +90,9 @@ class Trials:
 def trials_in(
     folder: Path, setup: Setup, locators: Sequence[str], study: str, *, resume: bool
 ) -> Iterator[Trials]:
-    """Trials of a study of these ADSs; the block also writes its results into the folder.
+    """Trials of a study of these ADSs; the `with` block writes results into the folder.
 
-    study: what its trials are of; another study does not continue it.
+    study: words that identify it; another study cannot continue it.
     resume: continue the study that was stopped there.
     Raises InputError where an ADS cannot be loaded, the folder does not fit `resume`, or it holds
     results.

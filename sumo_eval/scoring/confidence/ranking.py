@@ -1,15 +1,15 @@
 """ADSs in the order of S+ over all scenarios, and which of them can be told apart.
 
-Two ADSs drove the same points beside the same drivers, so their common errors cancel in their
+Two ADSs share points and drivers to compare with, so their common errors cancel in their
 difference; a comparison of two intervals would not use this. A replicate has two values of S+:
-`worse`, with the one more case that every ADS receives (`intervals`), and `better`, without. The
+`worse`, with one more case, as bad as doing nothing (`intervals`), and `better`, without it. The
 lower end of an interval takes the smaller difference of the two, the upper end the larger. Missing
 cases count against the ADS that lacks them. One ADS under two names differs from itself by 0,
 exactly.
 
 S+ over several scenarios is the mean of theirs. A scenario without a safe point has no task to
-drive, no S+ and no part in the order. In one without people to compare with H counts 0, for every
-ADS alike.
+drive, no S+ and no part in the order. In one without drivers to compare with, H counts 0 for every
+ADS.
 
 Users: `scoring/steps.py`.
 """
@@ -38,7 +38,7 @@ def rank(
 ) -> Ranking:
     """The ranking of an evaluation's ADSs. Scenarios without any S+ are left out.
 
-    An ADS shares the place of those above it unless its difference to the first of them is above 0.
+    An ADS shares the place above it, unless it can be told apart from the first there.
     """
     weights = scenario_weights(list(dict.fromkeys(score.scenario for score in scores)), settings)
     weighted = [name for name, weight in weights.items() if weight > 0.0]
@@ -142,7 +142,7 @@ class _Spread(NamedTuple):
     worse: with one more case, (m,).
     better: without that case, the part of each scenario in the mean, (k, m).
     freedom: degrees of freedom of each scenario, (k,).
-    lower, higher: how far missing cases may move it down, at most 0, and up, at least 0.
+    lower, higher: how far missing cases may move it: down (<= 0) and up (>= 0).
     """
 
     worse: FloatArray
