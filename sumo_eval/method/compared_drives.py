@@ -32,7 +32,8 @@ class ComparedDrive(NamedTuple):
     whole: as recorded.
     on_road: up to its first sample at or past the road's end; `whole` itself if nothing is cut.
     begin: first x, m.
-    length: L of Eq. 12, m.
+    length: L of Eq. 12, m: up to the place where it stopped or left the road sideways, else to the
+        road's end. A vehicle that still drives at the end of its recording has not stopped.
     reach: distance from `begin` to where it was last seen on the road, m.
     operations: n of D_i.
     most_operations: n of H.

@@ -1,6 +1,6 @@
 """Data of the page's JavaScript: cases and zone maps, small enough for one file.
 
-Users: `extras/figures/of_scenes.py`, `extras/wheel/trip.py`, `report/html.py`, `report/replay.py`.
+Users: `extras/figures/of_scenes.py`, `extras/wheel/page.py`, `report/html.py`, `report/replay.py`.
 """
 
 import shlex

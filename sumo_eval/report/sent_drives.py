@@ -4,7 +4,7 @@ Trajectories keep their recorded samples. Every channel is rounded to its step i
 written as differences of whole numbers, and deflated; values outside their range travel unchanged
 in a list. `decodeTrajectories` in templates/field.js is the other half.
 
-Users: `extras/wheel/trip.py`, `report/html.py`, `report/page_data.py`, `report/replay.py`.
+Users: `extras/wheel/page.py`, `report/html.py`, `report/page_data.py`, `report/replay.py`.
 """
 
 import zlib

@@ -17,10 +17,11 @@ from test_window import LOGICAL, SETTINGS
 from unpaced import UnpacedWindow
 
 from sumo_eval.cosim import simulate
+from sumo_eval.extras.wheel.hands import Given, Hands
+from sumo_eval.extras.wheel.page import drive_view, page, replay, sheet
 from sumo_eval.extras.wheel.quality import Quality, QualitySettings
-from sumo_eval.extras.wheel.seat import Given, Hands
 from sumo_eval.extras.wheel.tape import digest, read_tape
-from sumo_eval.extras.wheel.trip import concrete_of, drive_view, one_drive, page, replay, sheet
+from sumo_eval.extras.wheel.trip import concrete_of, one_drive
 from sumo_eval.extras.wheel.window import Window
 
 FAR = concrete_of(LOGICAL, {"ego_speed": 20.0, "obstacle_speed": 15.0, "gap": 120.0})

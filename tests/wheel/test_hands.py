@@ -7,7 +7,7 @@ import pytest
 from road_scenes import advance
 
 from sumo_eval.cosim.vehicle_model import Command, EgoState
-from sumo_eval.extras.wheel.seat import (
+from sumo_eval.extras.wheel.hands import (
     BRAKE,
     BRAKES,
     BRAKES_HARD,

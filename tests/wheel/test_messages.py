@@ -4,8 +4,8 @@ import json
 
 import pytest
 
+from sumo_eval.extras.wheel.hands import Given
 from sumo_eval.extras.wheel.messages import MessageError, read
-from sumo_eval.extras.wheel.seat import Given
 
 
 def test_what_the_page_sends_is_understood():

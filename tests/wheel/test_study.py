@@ -21,6 +21,7 @@ import sumo_eval
 from sumo_eval.extras.studies.opinion import compare_opinion, read_ratings
 from sumo_eval.extras.wheel.messages import MOST_A_SECOND
 from sumo_eval.extras.wheel.outcome import collect, evaluation_of
+from sumo_eval.extras.wheel.page import page, sheet
 from sumo_eval.extras.wheel.plan import read_study
 from sumo_eval.extras.wheel.study import (
     CONTINUE,
@@ -31,7 +32,6 @@ from sumo_eval.extras.wheel.study import (
     scale,
     study,
 )
-from sumo_eval.extras.wheel.trip import page, sheet
 from sumo_eval.report.people import study_sentences
 
 RUN = """

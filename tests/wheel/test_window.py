@@ -18,11 +18,12 @@ from websockets.asyncio.client import connect  # noqa: E402
 from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 
 from sumo_eval.cosim import simulate  # noqa: E402
+from sumo_eval.extras.wheel.hands import RELEASED, Given, Hands  # noqa: E402
 from sumo_eval.extras.wheel.messages import MOST_A_SECOND  # noqa: E402
+from sumo_eval.extras.wheel.page import drive_view, page  # noqa: E402
 from sumo_eval.extras.wheel.quality import Quality, QualitySettings  # noqa: E402
-from sumo_eval.extras.wheel.seat import RELEASED, Given, Hands  # noqa: E402
 from sumo_eval.extras.wheel.tape import LeftTheWheelError, again, digest, read_tape, with_quit  # noqa: E402
-from sumo_eval.extras.wheel.trip import concrete_of, drive_view, one_drive, page, settings_at  # noqa: E402  # noqa: E402
+from sumo_eval.extras.wheel.trip import concrete_of, one_drive, settings_at  # noqa: E402
 from sumo_eval.extras.wheel.window import FLOODED, TAKEN, UNKNOWN, WRONG, Window  # noqa: E402
 from sumo_eval.scenario import catalogue  # noqa: E402
 

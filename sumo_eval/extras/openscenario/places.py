@@ -21,7 +21,8 @@ import numpy as np
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.catalogs import Catalogs
-from sumo_eval.extras.openscenario.network import ON, Lane, MapRoad, Network, on_map
+from sumo_eval.extras.openscenario.earth import on_map
+from sumo_eval.extras.openscenario.network import ON, Lane, MapRoad, Network
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario.played import EGO, ENDED, Act, Move, Pairs, Program

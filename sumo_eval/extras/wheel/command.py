@@ -106,7 +106,7 @@ def _run_study(file: Path, port: int, collect: bool, no_browser: bool) -> None:
 
 def _open(title: str, port: int, work: Callable[[Any], Any], no_browser: bool) -> None:
     """Open a window, and keep it for as long as `work` uses it."""
-    from sumo_eval.extras.wheel.trip import page
+    from sumo_eval.extras.wheel.page import page
     from sumo_eval.extras.wheel.window import Window
     from sumo_eval.record.loops import PLAYED, WORLD, ready
 

@@ -11,7 +11,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
-from sumo_eval.extras.wheel.seat import EVERY_KEY, Given, Input
+from sumo_eval.extras.wheel.hands import EVERY_KEY, Given
+from sumo_eval.extras.wheel.seat import Input
 from sumo_eval.text import clean
 
 LARGEST = 8192  # bytes of a message; the longest holds a form's answers and a remark

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sumo_eval.extras.wheel.page import drive_view, replay, sheet
 from sumo_eval.extras.wheel.plan import (
     HIGH,
     LOW,
@@ -28,16 +29,7 @@ from sumo_eval.extras.wheel.plan import (
     StudyPlan,
 )
 from sumo_eval.extras.wheel.tape import json_lines
-from sumo_eval.extras.wheel.trip import (
-    ENDS,
-    TASK,
-    drive_view,
-    new_tape,
-    one_drive,
-    replay,
-    settings_at,
-    sheet,
-)
+from sumo_eval.extras.wheel.trip import ENDS, TASK, new_tape, one_drive, settings_at
 from sumo_eval.input_file import taking_apart, writing
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store

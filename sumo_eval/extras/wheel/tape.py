@@ -37,7 +37,7 @@ ROW = "acceleration", "steering", "seen", "kind", "keys", "steer", "throttle", "
 
 acceleration, steering: the command, m/s2 and rad.
 seen: number of the state that the driver had seen.
-kind, keys, steer, throttle, brake: the input, as in `seat.Given`.
+kind, keys, steer, throttle, brake: the input, as in `hands.Given`.
 late: time by which the step was late, s.
 """
 

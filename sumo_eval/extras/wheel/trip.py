@@ -1,5 +1,4 @@
-"""`sumo-eval drive SCENARIO`: one person drives one concrete scenario, as often as they like; the
-page of the browser, for `Window`, and the views in it.
+"""`sumo-eval drive SCENARIO`: one person drives one concrete scenario, as often as they like.
 
 `study` uses its parts for the drives of participants.
 
@@ -11,32 +10,26 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import asdict
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jinja2
 import numpy as np
-from markupsafe import Markup
 
 from sumo_eval.errors import must_be
+from sumo_eval.extras.wheel.page import drive_view, replay, sheet
 from sumo_eval.extras.wheel.quality import Quality, quality_of, timing
 from sumo_eval.extras.wheel.tape import OWN_WISH, Writer, digest, head_of, read_tape
 from sumo_eval.record.store import EGO
-from sumo_eval.report.page import Json, asset
-from sumo_eval.report.page_data import drawn_bodies, drawn_road
-from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact, encode_trajectories
+from sumo_eval.report.page import Json
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import Collision, Recording, Trajectories
+from sumo_eval.trajectory import Recording
 
 if TYPE_CHECKING:
     from sumo_eval.extras.wheel.window import Window
 
-VIEW = 600.0  # m of road that are drawn before the ego's start and beyond the road's end
-_TEMPLATES = files("sumo_eval.extras.wheel") / "templates"
 RATES = 20, 50, 100  # Hz
 TASK = "Drive as you would drive your own car. The road ahead ends by itself."
 ENDS = {
@@ -139,67 +132,3 @@ async def trips(
                   buttons=[["again", "Drive again"], ["end", "That is all"]])
         )  # fmt: skip
     await window.show({**sheet("Thank you", "You can close this window."), "show": "over"})
-
-
-# -- the page and its views -----------------------------------------------------------------------
-
-
-def _own(name: str) -> Markup:
-    """A file of this package that goes into the page as it is."""
-    return Markup((_TEMPLATES / name).read_text("utf-8"))  # noqa: S704
-
-
-def page(title: str) -> str:
-    """The page as HTML.
-
-    It has `{nonce}` where the server inserts the nonce of its content security policy.
-    """
-    template: jinja2.Template = jinja2.Template(
-        _own("drive.html.j2"), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    return template.render(
-        title=title, css=_own("drive.css") + asset("replay.css"), field_js=asset("field.js"),
-        scene_js=asset("scene3d.js"), replay_js=asset("replay.js"), drive_js=_own("drive.js")
-    )  # fmt: skip
-
-
-def drive_view(
-    concrete: ConcreteScenario, settings: SimulationSettings, title: str, lines: tuple[str, ...]
-) -> Json:
-    """The view of a drive: the road and the bodies; their positions come with every state.
-
-    lines: text shown until the drive begins.
-    """
-    vehicle = concrete.simulation(settings).vehicle
-    return {
-        "title": title, "lines": lines, "step": settings.step, "wanted": concrete.ego.speed,
-        "scene": {
-            "road": drawn_road(concrete.road),
-            "extent": [concrete.ego.x - VIEW, concrete.road.length + VIEW],
-            "ego": {"kind": "car", "length": vehicle.length, "width": vehicle.width},
-            "others": [{"kind": it.body, "length": it.length,
-                "width": it.width} for it in concrete.actors]
-        }
-    }  # fmt: skip
-
-
-def replay(
-    concrete: ConcreteScenario, name: str, vehicles: Trajectories, collision: Collision | None
-) -> Json:
-    """A drive for the page's player.
-
-    name: of the drive, in the player.
-    vehicles: trajectories by name; that of the ego is `ego`.
-    """
-    return {
-        "channels": CHANNEL_STEPS, "road": drawn_road(concrete.road),
-        "bodies": drawn_bodies(concrete),
-        "views": [{"name": name, "vehicles": {it: k for k, it in enumerate(vehicles)},
-            "contact": contact(collision, vehicles[EGO])}],
-        "trajectories": encode_trajectories(list(vehicles.values()))
-    }  # fmt: skip
-
-
-def sheet(title: str, *lines: str, **more: Any) -> Json:
-    """A view of text, questions and buttons."""
-    return {"show": "sheet", "title": title, "lines": lines, **more}

@@ -3,7 +3,7 @@
 "use strict";
 
 const sumoDrive = (() => {
-  // functions of keys: their bits as in seat.py, and the keys that have them
+  // functions of keys: their bits as in hands.py, and the keys that have them
   const BITS = { left: 1, right: 2, drive: 4, brake: 8, hard: 16, evade: 32 };
   const KEYS = {
     ArrowLeft: "left", KeyA: "left", ArrowRight: "right", KeyD: "right", ArrowUp: "drive", KeyW: "drive", ArrowDown: "brake", KeyS: "brake",
