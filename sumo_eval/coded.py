@@ -1,7 +1,8 @@
 """Records as plain values, as JSON too, and back to the last bit: nothing that is read can execute
 anything.
 
-Users: `case_table.py`, `cosim/openscenario.py`, `record/`, `scoring/`.
+Users: `case_table.py`, `cosim/openscenario.py`, `record/claims.py`, `record/human_reference.py`,
+`record/points.py`, `scoring/drive_results.py`, `scoring/kept_scores.py`.
 """
 
 import json

@@ -1,6 +1,7 @@
 """Removed names: one sentence each says what to use instead.
 
-Users: `cli/`, `scenario/`, `settings/locators.py`, `extras/openscenario/command.py`.
+Users: `cli/__init__.py`, `cli/tools.py`, `extras/openscenario/command.py`, `scenario/__init__.py`,
+`scenario/catalogue.py`, `scenario/formats.py`, `settings/locators.py`.
 """
 
 from collections.abc import Sequence

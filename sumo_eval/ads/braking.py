@@ -5,7 +5,8 @@ within a step. The vehicle model's brakes move to a commanded level at a finite 
 beginning of the step on, and then hold it. So the command is the level that takes off the right
 speed over the step, not the path's value at some instant of it.
 
-Users: `ads/`.
+Users: `ads/known_answers.py`, `ads/lane_changer.py`, `ads/pedals.py`, `ads/r157.py`,
+`ads/r157_careful_driver.py`.
 """
 
 from collections.abc import Callable

@@ -5,7 +5,8 @@ A vehicle is in the ego's way if, at the present speeds, the ego's path overlaps
 reaches it. That one rule serves for keeping the lane, for passing the old lead during a change, and
 for the lead behind which it ends.
 
-Users: `ads/foresight.py`, `ads/lane_changer.py`, `drivers/synthetic/`.
+Users: `ads/foresight.py`, `ads/lane_changer.py`, `drivers/synthetic/driver.py`,
+`drivers/synthetic/population.py`.
 """
 
 from math import inf, isfinite

@@ -1,7 +1,8 @@
 """Common parts of the baselines of UN Regulation No. 157 and of `lane_changer`: brakes that build
 up, headways along and across, sight, foresight.
 
-Users: `ads/`.
+Users: `ads/fuzzy_safety_model.py`, `ads/lane_changer.py`, `ads/r157_careful_driver.py`,
+`ads/reg157.py`, `ads/rss.py`.
 """
 
 from collections.abc import Callable

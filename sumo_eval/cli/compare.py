@@ -178,7 +178,7 @@ def nightly(
         )  # fmt: skip
     say((*morning_lines(result), *result.notes))
     show_scores(result.evaluation)
-    if comparison := result.judged.bases.comparison:
+    if comparison := result.judgement.bases.comparison:
         # verdict, differences and gates stand in `morning_lines`
         say(change_lines(comparison))
     say(closing_lines(result.evaluation))

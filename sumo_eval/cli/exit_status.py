@@ -1,6 +1,8 @@
 """Meanings of exit statuses.
 
-Users: `cli/`, `extras/rates/command.py`, `extras/studies/`, `extras/wheel/command.py`.
+Users: `cli/compare.py`, `cli/finish.py`, `cli/run.py`, `cli/tools.py`, `extras/rates/command.py`,
+`extras/studies/boundary_command.py`, `extras/studies/qualify_command.py`,
+`extras/wheel/command.py`.
 """
 
 DONE = 0  # done, and every gate passed

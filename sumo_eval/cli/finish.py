@@ -1,6 +1,7 @@
 """Last step of scoring commands: files for people and machines, the table, the exit status.
 
-Users: `cli/`, `extras/figures/command.py`, `extras/rates/people_command.py`.
+Users: `cli/compare.py`, `cli/look.py`, `cli/run.py`, `extras/figures/command.py`,
+`extras/rates/people_command.py`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Output folder of a command: tried before the work, whose result would be lost otherwise.
 
-Users: `cli/`, `extras/rates/command.py`, `extras/studies/`.
+Users: `cli/run.py`, `cli/space.py`, `extras/rates/command.py`,
+`extras/studies/boundary_command.py`, `extras/studies/qualify_command.py`.
 """
 
 import re

@@ -1,7 +1,8 @@
 """Controls of egos: their base, and those without a user's code, `Rules` (kernels) and `Replays`
 (recorded commands).
 
-Users: `cosim/`, `record/worker.py`.
+Users: `cosim/loop.py`, `cosim/no_return.py`, `cosim/on_traci.py`, `cosim/policies.py`,
+`cosim/simulation.py`, `record/worker.py`.
 """
 
 import time as clock

@@ -3,7 +3,8 @@ faster than any vehicle.
 
 The loop, its kernels, world, stages, traffic, `OnTraci` and `ads/foresight.py` use them.
 
-Users: `ads/foresight.py`, `cosim/`.
+Users: `ads/foresight.py`, `cosim/ego_control.py`, `cosim/loop.py`, `cosim/on_traci.py`,
+`cosim/stage.py`, `cosim/step_rules.py`, `cosim/traffic.py`, `cosim/world.py`.
 """
 
 from math import cos, sin

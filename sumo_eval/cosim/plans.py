@@ -5,7 +5,8 @@ linear map reads pedals. One `Executor` a case holds the last request until a ne
 
 `cosim/policies.py` and `cosim/on_traci.py` carry out the answers of ADSs by an executor.
 
-Users: `cosim/`, `record/watch.py`.
+Users: `cosim/doors/controller.py`, `cosim/doors/fmu.py`, `cosim/doors/json_lines.py`,
+`cosim/on_traci.py`, `cosim/policies.py`, `record/watch.py`.
 """
 
 from __future__ import annotations

@@ -9,7 +9,8 @@ A vehicle's number is its index row by row, the ego first: row * (1 + m) + colum
 `cosim/loop.py` and the gym's episodes call a stage at every step; `cosim/traffic.py` has the one
 for vehicles that react.
 
-Users: `cosim/`.
+Users: `cosim/ego_control.py`, `cosim/loop.py`, `cosim/on_traci.py`, `cosim/episode_rows.py`,
+`cosim/policies.py`, `cosim/simulation.py`, `cosim/traffic.py`.
 """
 
 import math

@@ -6,7 +6,8 @@ across the road's line; on a straight road frame and map are the same numbers.
 `cosim/world.py` runs the functions marked `@rows`, before SUMO's step (`move_rows`) and after it
 (`read_rows`, `see_rows`); `cosim/loop.py` runs `stop_rows`. Kernels of other files call the rest.
 
-Users: `cosim/`, `drivers/synthetic/driver.py`, `record/loops.py`.
+Users: `cosim/compiled.py`, `cosim/loop.py`, `cosim/on_traci.py`, `cosim/world.py`,
+`drivers/synthetic/driver.py`, `record/loops.py`.
 """
 
 import math
@@ -451,7 +452,9 @@ def see_rows(
             _sample_row(ego, others[i], samples[i])
             ended += 1
             continue
-        if steps <= kept.shape[1]:  # false only in a `Pack`: it steps for ever and reads none
+        if (
+            steps <= kept.shape[1]
+        ):  # false only in a `EpisodeRows`: it steps for ever and reads none
             _keep(kept[i, steps - 1], ego)
         now = (steps - ego.begun) * step
         before, body = body_of(ego.before.map, ego.before, ego), body_of(ego.map, ego, ego)

@@ -3,7 +3,8 @@ concrete scenario.
 
 `compared_drives.py` has the drives at the slices, `index_terms.py` the terms of Eq. 11.
 
-Users: `record/`, `scoring/`, `report/`, `cases.py`, `case_table.py`, `extras/`.
+Users: `extras/bench/costs.py`, `extras/studies/qualification/table.py`,
+`record/human_reference.py`, `report/explain.py`, `scoring/drive_beside.py`.
 
 Readings of the paper (docs/method.md) that this file is built on:
 - Slices end where the ADS was last seen, or earlier, at the drivers' mean reach: the distance from

@@ -7,7 +7,8 @@ Readings of the paper (docs/method.md) that this file is built on:
 - The length L ends where the vehicle stopped or left the road. Otherwise it ends at the road's end,
   also for a vehicle that still drives at the end of the recording.
 
-Users: `method/`, `scoring/drive_beside.py`, `extras/bench/costs.py`.
+Users: `extras/bench/costs.py`, `method/anthropomorphic.py`, `method/index_terms.py`,
+`scoring/drive_beside.py`.
 """
 
 from typing import NamedTuple, Self

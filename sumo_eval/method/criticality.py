@@ -6,8 +6,7 @@ Everything has a closed form, except where the lead vehicle brakes or comes in f
 `searched_criticality` looks along the time axis. Arrays broadcast; `[()]` makes an array without
 axes a number.
 
-Users: `method.point_criticality` for the zones, `ads.foresight` for the ideal vehicle,
-`extras/studies/` to verify the equations.
+Users: `ads/foresight.py`, `extras/studies/qualification/table.py`, `method/point_criticality.py`.
 """
 
 import math

@@ -9,7 +9,8 @@ again for the next vehicle) make no manoeuvre of their own: they depend on the l
 recording. The whole trajectory counts, also past the end of the road: that part shows the
 manoeuvre that a driver was about to make.
 
-Users: `method/`, `report/notes.py`, `scoring/likeness.py`.
+Users: `method/anthropomorphic.py`, `method/compared_drives.py`, `method/index_terms.py`,
+`report/notes.py`, `scoring/likeness.py`.
 """
 
 from collections import Counter

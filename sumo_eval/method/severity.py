@@ -16,7 +16,8 @@ contact of `no_reaction` replaces U0_i. Without a contact V is 0, and L of Eq. 1
     C = sum(r V_g / V) / sum(r)
     A = 1 - sum(w max(0, V - V_g)) / sum(w max(0, V_0 - V_g))
 
-Users: `cli/tools.py`, `evaluation.py`, `record/`, `scoring/`.
+Users: `cli/tools.py`, `evaluation.py`, `record/facts.py`, `record/trust.py`,
+`scoring/quantities.py`, `scoring/space.py`, `scoring/steps.py`.
 """
 
 import hashlib

@@ -7,7 +7,8 @@ them takes length scales so short that it falls back to 0 between the points; th
 where it matters, near y = 0. For the same reason no length scale may be below half the spacing of
 the training points.
 
-Users: `method/`, `record/points.py`.
+Users: `method/zone_partition.py`, `method/zone_search.py`, `method/zone_training.py`,
+`record/points.py`.
 """
 
 import math

@@ -1,7 +1,7 @@
 """Bases of a night: the last good night, and the accepted one. For nights and
 `sumo-eval accept`.
 
-Users: `cli/compare.py`, `nightly/`.
+Users: `cli/compare.py`, `nightly/judgement.py`, `nightly/morning.py`, `nightly/night.py`.
 """
 
 import json

@@ -1,7 +1,7 @@
 """Gates: limits that a run passes or fails, by its own values or compared with an earlier run. For
 nights and `sumo-eval compare`.
 
-Users: `cli/compare.py`, `nightly/`.
+Users: `cli/compare.py`, `nightly/judgement.py`.
 """
 
 from collections.abc import Iterator

@@ -1,7 +1,8 @@
 """The history of nights: one SQLite file to which lines are added and in which none is ever changed
 or removed.
 
-Users: `cli/compare.py`, `nightly/`, `extras/figures/of_studies.py`.
+Users: `cli/compare.py`, `extras/figures/of_studies.py`, `nightly/bases.py`, `nightly/judgement.py`,
+`nightly/morning.py`, `nightly/night.py`, `nightly/repeats.py`, `nightly/trend.py`.
 """
 
 import sqlite3

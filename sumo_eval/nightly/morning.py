@@ -14,7 +14,7 @@ from typing import NamedTuple
 from sumo_eval.input_file import write_whole
 from sumo_eval.nightly.bases import NIGHT
 from sumo_eval.nightly.history import Night
-from sumo_eval.nightly.judged import JudgedNight, Since
+from sumo_eval.nightly.judgement import Judgement, Since
 from sumo_eval.report.comparison_lines import difference_lines, gate_lines, ways_to, worst_lines
 from sumo_eval.report.gate_result import GateResult, failed
 from sumo_eval.report.page import REPORT, Json, case_key
@@ -35,21 +35,21 @@ class NightResult(NamedTuple):
 
     night: Night
     evaluation: Evaluation
-    judged: JudgedNight
+    judgement: Judgement
     notes: tuple[str, ...]
     report: Path
     trend: Path
 
 
 def write_night(
-    history: Path, night: Night, word: str, judged: JudgedNight, notes: Sequence[str]
+    history: Path, night: Night, word: str, judgement: Judgement, notes: Sequence[str]
 ) -> None:
     """Write `night.json` and `summary.md` into a night's folder, and `chat.json` beside the
     history.
 
     word: the verdict in one word, as in `verdict.Word`.
     """
-    bases, folder = judged.bases, history / night.folder
+    bases, folder = judgement.bases, history / night.folder
     comparison = bases.comparison
     record = {
         "night": night.night,
@@ -59,24 +59,26 @@ def write_night(
         "exit_status": night.exit_status,
         "base": night.base,
         "accepted": None if bases.accepted is None else bases.accepted.night,
-        "since": min((start.night for start in judged.since.values()), default=None),
-        "failed": [_plain(gate, judged.since[gate.name], folder) for gate in failed(judged.gates)],
+        "since": min((start.night for start in judgement.since.values()), default=None),
+        "failed": [
+            _plain(gate, judgement.since[gate.name], folder) for gate in failed(judgement.gates)
+        ],
         "not_judged": [
-            f"{gate.ads}: {gate.sentence}" for gate in judged.gates if gate.passed is None
+            f"{gate.ads}: {gate.sentence}" for gate in judgement.gates if gate.passed is None
         ],
         "pairs": 0 if comparison is None else comparison.pairs,
         "differences": [
             difference._asdict() for difference in (comparison.differences if comparison else ())
         ],
         "unpaired": [group._asdict() for group in (comparison.unpaired if comparison else ())],
-        "repeats": {ads: repeats._asdict() for ads, repeats in judged.noise.repeats.items()},
-        "builds": judged.builds,
+        "repeats": {ads: repeats._asdict() for ads, repeats in judgement.noise.repeats.items()},
+        "builds": judgement.builds,
         "notes": notes,
     }
     for path, text in (
         (folder / NIGHT, json.dumps(record, indent=2, ensure_ascii=False)),
-        (folder / SUMMARY, "\n".join(markdown_lines(night, judged, folder))),
-        (history / CHAT, json.dumps({"text": chat_text(night, judged)})),
+        (folder / SUMMARY, "\n".join(markdown_lines(night, judgement, folder))),
+        (history / CHAT, json.dumps({"text": chat_text(night, judgement)})),
     ):
         write_whole(path, text + "\n")
 
@@ -107,40 +109,40 @@ def _plain(gate: GateResult, since: Since, folder: Path) -> Json:
     }
 
 
-def markdown_lines(night: Night, judged: JudgedNight, folder: Path) -> Iterator[str]:
+def markdown_lines(night: Night, judgement: Judgement, folder: Path) -> Iterator[str]:
     """The morning's screen in Markdown, e.g. for `$GITHUB_STEP_SUMMARY`."""
     yield f"## {_escaped(night.verdict)}"
     yield ""
-    for gate in failed(judged.gates):
-        since = judged.since[gate.name].words
+    for gate in failed(judgement.gates):
+        since = judgement.since[gate.name].words
         yield f"- **{_escaped(gate.ads)}** in {gate.scenario} ({since}): {_escaped(gate.sentence)}"
         for case in gate.worst:
             yield f"  - {_code(case.case)}: {_escaped(case.point)}: {_escaped(case.words)}"
         if gate.worst:
             yield from (f"  - {_code(way)}" for way in ways_to(folder, gate.worst[0].case).values())
-    yield from (f"- {_escaped(words)}" for words in _context(judged))
+    yield from (f"- {_escaped(words)}" for words in _context(judgement))
 
 
-def chat_text(night: Night, judged: JudgedNight) -> str:
+def chat_text(night: Night, judgement: Judgement) -> str:
     """The morning's screen in a few plain lines."""
-    bad = failed(judged.gates)
+    bad = failed(judgement.gates)
     lines = [night.verdict]
     for gate in bad[:MOST_IN_CHAT]:
         worst = "".join(f"; {case.case}: {case.words}" for case in gate.worst[:1])
         lines.append(
-            f"{gate.ads} in {gate.scenario} ({judged.since[gate.name].words}): "
+            f"{gate.ads} in {gate.scenario} ({judgement.since[gate.name].words}): "
             f"{gate.sentence}{worst}"
         )
     lines += [f"and {len(bad) - MOST_IN_CHAT} more"] if len(bad) > MOST_IN_CHAT else []
-    return "\n".join(map(one_line, [*lines, *_context(judged)]))
+    return "\n".join(map(one_line, [*lines, *_context(judgement)]))
 
 
-def _context(judged: JudgedNight) -> list[str]:
+def _context(judgement: Judgement) -> list[str]:
     """Builds, and differences in anything but the ADS."""
-    comparison = judged.bases.comparison
+    comparison = judgement.bases.comparison
     differences = comparison.differences if comparison else ()
     return [
-        *builds_besides(judged.builds, comparison),
+        *builds_besides(judgement.builds, comparison),
         *(f"differs: {difference.words}" for difference in differences),
     ]
 
@@ -160,7 +162,7 @@ def morning_lines(result: NightResult) -> list[str]:
 
     A difference in capitals is one for which the nights are not compared.
     """
-    judged, comparison = result.judged, result.judged.bases.comparison
+    judgement, comparison = result.judgement, result.judgement.bases.comparison
     lines = difference_lines(comparison) if comparison else []
     lines += [
         f"no partner: {one_line(group.ads)} in {group.scenario}: {group.lost} of {group.of} "
@@ -168,9 +170,9 @@ def morning_lines(result: NightResult) -> list[str]:
         + (f" ({', '.join(group.examples)})" if group.examples else "")
         for group in (comparison.unpaired if comparison else ())
     ]
-    since = {name: start.words for name, start in judged.since.items()}
-    lines += map(one_line, builds_besides(judged.builds, comparison))
-    return [*lines, result.night.verdict, *gate_lines(judged.gates, result.report.parent, since)]
+    since = {name: start.words for name, start in judgement.since.items()}
+    lines += map(one_line, builds_besides(judgement.builds, comparison))
+    return [*lines, result.night.verdict, *gate_lines(judgement.gates, result.report.parent, since)]
 
 
 def tell_github(result: NightResult) -> list[str]:
@@ -187,7 +189,7 @@ def tell_github(result: NightResult) -> list[str]:
         except OSError as error:  # the night is over, and its exit status counts
             lines = [f"$GITHUB_STEP_SUMMARY cannot be written: {error}."]
     if os.environ.get("GITHUB_ACTIONS") == "true":
-        lines += github_annotations(result.judged.gates)
+        lines += github_annotations(result.judgement.gates)
     return lines
 
 

@@ -36,7 +36,7 @@ from sumo_eval.nightly.history import (
     is_begun,
     open_history,
 )
-from sumo_eval.nightly.judged import JudgedNight, judge_night, new_pin
+from sumo_eval.nightly.judgement import Judgement, judge_night, new_pin
 from sumo_eval.nightly.morning import NightResult, write_night
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.record.facts import resolve
@@ -105,21 +105,21 @@ def run_night(
                     run, folder, resume=resume, progress=progress, stopping=is_asked_to_stop
                 )
             scored = score(folder, progress=progress, resolved=run)
-            judged = judge_night(history, database, scored, gate, progress)
-            notes += [*recorded.notes, *judged.bases.notes]
+            judgement = judge_night(history, database, scored, gate, progress)
+            notes += [*recorded.notes, *judgement.bases.notes]
             notes += [
                 f"{ads} drove {repeats.cases - repeats.alike} of {count(repeats.cases, 'case')} "
                 "differently the second time, so its limits have wider tolerances."
-                for ads, repeats in judged.noise.repeats.items()
+                for ads, repeats in judgement.noise.repeats.items()
                 if repeats.noisy
             ]
-            report = _write_results(scored, judged, notes, progress)
+            report = _write_results(scored, judgement, notes, progress)
 
         status = NOT_EVALUATED if scored.not_evaluated else DONE
-        if failed(judged.gates) or (status and scored.settings.run.incomplete == "gate"):
+        if failed(judgement.gates) or (status and scored.settings.run.incomplete == "gate"):
             status = GATE_FAILED
-        result = verdict(judged.bases.comparison, judged.gates, scored)
-        base = judged.bases.good
+        result = verdict(judgement.bases.comparison, judgement.gates, scored)
+        base = judgement.bases.good
         line = _line(
             scored, folder.name, f"{NIGHTS}/{folder.name}", status, result.sentence
         )._replace(
@@ -129,25 +129,25 @@ def run_night(
         database.add(
             line,
             scored,
-            judged.gates,
-            shaky=judged.shaky,
-            pin=new_pin(line, judged, database, gate),
+            judgement.gates,
+            shaky=judgement.shaky,
+            pin=new_pin(line, judgement, database, gate),
         )
-        write_night(history, line, result.word, judged, notes)
+        write_night(history, line, result.word, judgement, notes)
         # after the history has the line: until then a stop leaves a night that --resume continues,
         # and that needs its trajectories
         notes += _discard(scored)
         notes += _prune(history, database, keep)
         return NightResult(
-            line, scored, judged, tuple(notes), report, write_trend(history, database)
+            line, scored, judgement, tuple(notes), report, write_trend(history, database)
         )
 
 
 def _write_results(
-    evaluation: Evaluation, judged: JudgedNight, notes: Sequence[str], progress: Progress
+    evaluation: Evaluation, judgement: Judgement, notes: Sequence[str], progress: Progress
 ) -> Path:
     """Write tables, JUnit file and page of a night; return the page's path."""
-    comparison, gates = judged.bases.comparison, judged.gates
+    comparison, gates = judgement.bases.comparison, judgement.gates
     write_tables(evaluation)
     write_junit(
         {**comparison_suites(comparison, gates), **run_suites(evaluation)},
@@ -156,7 +156,7 @@ def _write_results(
     additions = Additions(
         comparison,
         gates,
-        {limit: start.words for limit, start in judged.since.items()},
+        {limit: start.words for limit, start in judgement.since.items()},
         tuple(notes),
     )
     additions = additions._replace(levers=_levers(evaluation, additions, progress))

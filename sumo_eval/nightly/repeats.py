@@ -1,7 +1,7 @@
 """Repeatability of ADSs: whether two drives of a case are equal, how far they differ, and how often
 a case ends badly, for the verdict of a night.
 
-Users: `nightly/`.
+Users: `nightly/judgement.py`.
 """
 
 import shutil

@@ -1,7 +1,7 @@
 """The rule's three parts as limits that passed, failed, or could not be evaluated, each with its
 cases. For the verdict on a night, and for `nightly.gates`.
 
-Users: `nightly/`.
+Users: `nightly/gates.py`, `nightly/judgement.py`.
 """
 
 import math

@@ -1,6 +1,8 @@
 """Engines: drive cases in this process, in child processes or on a cluster.
 
-Users: `record/`, `whatif/search.py`, `extras/studies/`.
+Users: `extras/studies/qualification/table.py`, `extras/studies/trials.py`, `record/apart.py`,
+`record/cluster.py`, `record/estimate.py`, `record/facts.py`, `record/recording.py`,
+`whatif/search.py`.
 """
 
 import os

@@ -3,7 +3,8 @@ verify.
 
 For `sumo_eval.evaluation`, the estimate of `run --dry-run`, the command line and nightly runs.
 
-Users: `cli/`, `evaluation.py`, `nightly/`, `record/estimate.py`.
+Users: `cli/run.py`, `cli/tools.py`, `evaluation.py`, `nightly/night.py`, `nightly/repeats.py`,
+`record/estimate.py`.
 """
 
 import math

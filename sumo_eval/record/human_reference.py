@@ -8,7 +8,8 @@ All three depend on the recorded drives and the settings alone, so a run's folde
 (`record.kept_results`): scoring, explaining or comparing a run again reads them there, and scoring
 that was stopped continues where it was.
 
-Users: `evaluation.py`, `scoring/`.
+Users: `evaluation.py`, `scoring/confidence/drivers.py`, `scoring/drive_beside.py`,
+`scoring/likeness.py`, `scoring/steps.py`.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence

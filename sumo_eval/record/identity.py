@@ -1,7 +1,8 @@
 """Identities: texts of all that a case's facts depend on. If they are equal, recorded facts are
 reused. `record.recording` makes fingerprints of cases from them.
 
-Users: `record/`, `extras/studies/`.
+Users: `extras/studies/qualification/table.py`, `extras/studies/trials.py`, `record/cluster.py`,
+`record/engines.py`, `record/recording.py`, `record/worker.py`.
 """
 
 import ast

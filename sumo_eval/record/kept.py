@@ -2,7 +2,8 @@
 
 Made where the case ran, so that the process that collects handles only bytes.
 
-Users: `record/`, `extras/studies/trials.py`.
+Users: `extras/studies/trials.py`, `record/cases.py`, `record/claims.py`, `record/recording.py`,
+`record/store.py`, `record/worker.py`.
 """
 
 import struct

@@ -8,7 +8,8 @@ its locator. `record.facts` and `record.engines` ask for pieces before the first
 python -m sumo_eval.record.loops        compiles all that is not compiled yet, in as many processes
 as there are cores, at most `_MOST`
 
-Users: `cli/tools.py`, `record/`, `extras/studies/trials.py`, `extras/wheel/command.py`.
+Users: `cli/tools.py`, `extras/studies/trials.py`, `extras/wheel/command.py`, `record/engines.py`,
+`record/facts.py`, `record/loaded_loops.py`.
 """
 
 import contextlib

@@ -6,7 +6,8 @@ contains such a file or the evaluation, with its content when it is opened. File
 not count, nor do compiled Python files. What a process has read stays in its memory: all cases of
 an ADS depend on all files that its processes have read.
 
-Users: `record/`, `extras/studies/trials.py`.
+Users: `extras/studies/trials.py`, `record/claims.py`, `record/engines.py`, `record/recording.py`,
+`record/store.py`, `record/worker.py`.
 """
 
 from __future__ import annotations

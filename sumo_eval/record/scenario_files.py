@@ -1,6 +1,6 @@
 """Files that a user's scenario comes from, and hashes of their content.
 
-Users: `record/`, `scoring/steps.py`.
+Users: `record/facts.py`, `record/fingerprint.py`, `scoring/steps.py`.
 """
 
 import importlib.util

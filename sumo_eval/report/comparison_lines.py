@@ -1,6 +1,6 @@
 """Lines on two runs, for a terminal or a log: changed cases and quantities, and the gates.
 
-Users: `cli/compare.py`, `nightly/morning.py`, `report/`.
+Users: `cli/compare.py`, `nightly/morning.py`, `report/junit.py`, `report/sections.py`.
 """
 
 import shlex

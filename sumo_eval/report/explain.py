@@ -1,7 +1,8 @@
 """The whole arithmetic of one case in words, each step with its equation's number, for
 `sumo-eval explain`.
 
-Users: `cli/`, `nightly/night.py`, `report/`.
+Users: `cli/look.py`, `cli/whatif.py`, `nightly/night.py`, `report/export_case.py`,
+`report/replay.py`.
 """
 
 import math

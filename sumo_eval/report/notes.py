@@ -1,6 +1,7 @@
 """Notes as sentences: what a run left out, replaced or could not evaluate, and why.
 
-Users: `nightly/rule_limits.py`, `report/`.
+Users: `nightly/rule_limits.py`, `report/explain.py`, `report/html.py`, `report/junit.py`,
+`report/page_data.py`, `report/tables.py`, `report/terminal.py`.
 """
 
 from collections import Counter

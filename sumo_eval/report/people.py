@@ -1,7 +1,8 @@
 """The drivers that D and H compare with: their source, their own D compared with the D of each
 ADS, thin references, exposure, and the study that they took part in.
 
-Users: `extras/wheel/outcome.py`, `report/`.
+Users: `extras/wheel/outcome.py`, `report/assessed.py`, `report/evidence.py`, `report/html.py`,
+`report/sections.py`, `report/terminal.py`.
 """
 
 import json

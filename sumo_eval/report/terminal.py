@@ -1,6 +1,6 @@
 """Lines on a terminal or in a log: the end of a run, the ledger, the nearest cases.
 
-Users: `cli/`, `report/`.
+Users: `cli/compare.py`, `cli/finish.py`, `cli/look.py`, `report/notebook.py`, `report/sections.py`.
 """
 
 from collections import Counter

@@ -1,8 +1,9 @@
 """A scenario file in TOML: read into a `LogicalScenario`, and checked with vehicles at every point
 of its sample.
 
-Users: `cli/tools.py`, `record/facts.py`, `scenario/catalogue.py`,
-`extras/openscenario/describe.py`, `extras/rates/`, `extras/studies/qualification/`.
+Users: `cli/tools.py`, `extras/openscenario/describe.py`, `extras/rates/learned.py`,
+`extras/rates/recorded_scene.py`, `extras/studies/qualification/regulations.py`, `record/facts.py`,
+`scenario/catalogue.py`.
 """
 
 import math

@@ -3,7 +3,8 @@
 Each format is an entry point of the group `sumo_eval.scenarios`. Its name is the ending of the
 files, e.g. `xosc`. Its object is a `Format`, or a function `(path, options) -> LogicalScenario`.
 
-Users: `record/`, `scenario/`, `extras/openscenario/format.py`.
+Users: `extras/openscenario/format.py`, `record/facts.py`, `record/fingerprint.py`,
+`record/scenario_files.py`, `scenario/catalogue.py`, `scenario/sampling/samples.py`.
 """
 
 from collections.abc import Callable, Iterator, Mapping

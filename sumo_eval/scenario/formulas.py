@@ -3,7 +3,9 @@
 The tables of a scenario file make them. They are plain data: two readings of one file are equal,
 and both can be sent to another process.
 
-Users: `scenario/`, `extras/openscenario/logical.py`, `extras/rates/met.py`.
+Users: `extras/openscenario/logical.py`, `extras/rates/met.py`, `scenario/file_tables.py`,
+`scenario/streams.py`, `scenario/trigger.py`, `scenario/vehicle_tables.py`,
+`scenario/zone_table.py`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Cause of a contact, by when its ADS braked and by the point of no return.
 
-Users: `report/`, `scoring/quantities.py`.
+Users: `report/levers_section.py`, `report/replay.py`, `report/sent_drives.py`, `report/words.py`,
+`scoring/quantities.py`.
 """
 
 from typing import NamedTuple

@@ -1,7 +1,7 @@
 """The ledger of a score: where every point went, term by term and case by case, adding up to the
 printed number.
 
-Users: `report.terminal`, `report.sections`, `extras/figures/`.
+Users: `extras/figures/of_scores.py`, `report/sections.py`, `report/terminal.py`.
 
 S+ is 100 times the product of T, A' and (a + b H) / 100. Each of the three factors takes its
 Shapley value from 100 points. Its cases share that value in proportion to their losses in T, A or

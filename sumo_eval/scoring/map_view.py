@@ -1,6 +1,7 @@
 """The map of a space: its x and y, its panels along a third parameter, its slice through others.
 
-Users: `report/`, `scoring.zone_levels`, `extras/figures/`.
+Users: `extras/figures/of_scenes.py`, `report/density.py`, `report/html.py`, `report/junit.py`,
+`report/page_data.py`, `scoring/zone_levels.py`.
 """
 
 from collections.abc import Mapping, Sequence

@@ -4,7 +4,8 @@ miss, shift. `nightly/` makes limits of it; the numbers below are the defaults o
 d is the amount by which a quantity of a case got worse. A case is worse if d is above its
 tolerance, better if -d is.
 
-Users: `nightly/`, `scoring/behaviour.py`.
+Users: `nightly/gates.py`, `nightly/judgement.py`, `nightly/repeats.py`, `nightly/rule_limits.py`,
+`scoring/behaviour.py`.
 """
 
 import math

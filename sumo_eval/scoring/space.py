@@ -1,6 +1,7 @@
 """One logical scenario of a run during scoring, with all that `scoring.steps` needs.
 
-Users: `scoring/`.
+Users: `scoring/drive_results.py`, `scoring/likeness.py`, `scoring/quantities.py`,
+`scoring/requirements.py`, `scoring/steps.py`.
 """
 
 from pathlib import Path

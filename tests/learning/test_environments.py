@@ -14,7 +14,7 @@ from road_scenes import at_values
 
 import sumo_eval.gym
 from sumo_eval.cosim import simulate
-from sumo_eval.cosim.pack import Pack
+from sumo_eval.cosim.episode_rows import EpisodeRows
 from sumo_eval.extras.gym.episodes import Transition
 from sumo_eval.gym import Action, Feature, Interface, usual, usual_reward
 from sumo_eval.scenario import catalogue
@@ -109,10 +109,10 @@ def test_a_drive_in_the_environment_is_a_drive_in_sumo(scenario, values):
     there = np.array(rows)[:-1, :3]
     # float32 of 1000 m
     assert there == pytest.approx(np.column_stack([ego.x, ego.y, ego.speed])[:-1], abs=2e-4)
-    last = env.unwrapped.episodes.pack.world.egos[0]
+    last = env.unwrapped.episodes.rows.world.egos[0]
     assert float(last["x"]) == pytest.approx(ego.x[-1], abs=1e-9)
     for j, other in enumerate(recording.actors.values()):
-        assert float(env.unwrapped.episodes.pack.world.others[0, j]["x"]) == pytest.approx(
+        assert float(env.unwrapped.episodes.rows.world.others[0, j]["x"]) == pytest.approx(
             other.x[-1], abs=1e-6
         )
 
@@ -129,12 +129,12 @@ def test_an_episode_does_not_depend_on_its_company_nor_on_those_before_it():
     drawn = np.random.default_rng(3)
     episodes = [{"seen": [seen[row]], "actions": []} for row in range(5)]
     finished = []
-    points = [dict(it.values) for it in vector.unwrapped.episodes.pack.world.cases]
+    points = [dict(it.values) for it in vector.unwrapped.episodes.rows.world.cases]
     for _ in range(200):
         actions = drawn.uniform(-1.0, 1.0, (5, 1)).astype(np.float32)
         before = list(points)
         seen, _, terminated, truncated, info = vector.step(actions)
-        points = [dict(it.values) for it in vector.unwrapped.episodes.pack.world.cases]
+        points = [dict(it.values) for it in vector.unwrapped.episodes.rows.world.cases]
         for row in range(5):
             episodes[row]["actions"].append(actions[row])
             over = terminated[row] or truncated[row]
@@ -168,7 +168,7 @@ def test_the_next_step_mode_gives_a_first_observation_and_no_reward():
     assert not worth.any()
     assert not (terminated | truncated).any()
     np.testing.assert_array_equal(seen, vector.unwrapped.episodes.show())
-    assert (vector.unwrapped.episodes.pack.world.egos["time"] == 0.0).all()
+    assert (vector.unwrapped.episodes.rows.world.egos["time"] == 0.0).all()
 
 
 def test_several_environments_and_a_simulation_live_in_one_process():
@@ -375,15 +375,15 @@ def test_what_the_environment_cannot_do_is_refused():
 
 def test_rows_restart_without_actors_and_keep_no_history():
     concrete = replace(at_values("front_vehicle_cut_out", **POINT), actors=())
-    pack = Pack([concrete], SimulationSettings(), sumo=False)
+    rows = EpisodeRows([concrete], SimulationSettings(), sumo=False)
 
     def held():
-        return sum(it.nbytes for it in vars(pack.world).values() if isinstance(it, np.ndarray))
+        return sum(it.nbytes for it in vars(rows.world).values() if isinstance(it, np.ndarray))
 
     before = held()
     for _ in range(200):
-        pack.step(np.zeros((1, 2)))
-        pack.restart(0, concrete)
+        rows.step(np.zeros((1, 2)))
+        rows.restart(0, concrete)
     assert held() == before
 
 

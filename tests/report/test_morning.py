@@ -31,7 +31,7 @@ from sumo_eval.nightly.bases import (
 )
 from sumo_eval.nightly.gates import judge
 from sumo_eval.nightly.history import Accepted, GateLine, ShakyCase, open_history
-from sumo_eval.nightly.judged import JudgedNight, Since, failing_since, judge_repeats, new_pin
+from sumo_eval.nightly.judgement import Judgement, Since, failing_since, judge_repeats, new_pin
 from sumo_eval.nightly.morning import _code, github_annotations, tell_github, write_night
 from sumo_eval.nightly.night import _prune, _refuse_without_history, _size
 from sumo_eval.nightly.repeats import _differences
@@ -72,7 +72,7 @@ def judged(evaluation):
     comparison = compare(base, new, SETTINGS)
     bases = Bases(night(FIRST), None, comparison, None, (), unusable=False)
     gates = judge(new, comparison, SETTINGS)
-    return JudgedNight(bases, gates, Noise(), frozenset(), {builders.CALM: "def"})
+    return Judgement(bases, gates, Noise(), frozenset(), {builders.CALM: "def"})
 
 
 @pytest.fixture
@@ -207,7 +207,7 @@ def pin_after(history, comparison, noise=Noise()):  # noqa: B008 - frozen
     bases = Bases(None, None, comparison, None, (), unusable=False)
     with open_history(history, create=True) as lines:
         line = night(SECOND)
-        pin = new_pin(line, JudgedNight(bases, (), noise, frozenset(), {}), lines, SETTINGS)
+        pin = new_pin(line, Judgement(bases, (), noise, frozenset(), {}), lines, SETTINGS)
         return pin.reason if pin else ""
 
 

@@ -1,7 +1,7 @@
 """Place in the user's code that an exception came from, kept in a recording beside the error
 message.
 
-Users: `cosim.world`, `record/`.
+Users: `cosim/world.py`, `record/apart.py`, `record/worker.py`.
 """
 
 import inspect

@@ -10,7 +10,9 @@ starts or closes SUMO. A meaningless number (see `traci_numbers`) ends the case 
 `cosim/ego_control.py` begins and ends each case at the guard; `traci_view.py` shows
 each ADS of a batch its own case alone.
 
-Users: `cosim/`.
+Users: `cosim/doors/controller.py`, `cosim/doors/kept_state.py`, `cosim/doors/traci_view.py`,
+`cosim/ego_control.py`, `cosim/on_traci.py`, `cosim/policies.py`, `cosim/simulation.py`,
+`cosim/stage.py`.
 """
 
 import math

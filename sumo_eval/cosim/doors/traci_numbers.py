@@ -4,7 +4,8 @@ SUMO takes `setMaxSpeed(nan)`, `changeLane(10**6)` and `slowDown(v, -3)` silentl
 makes of them is not intended. `ARGUMENTS` names the arguments of every call that writes to a
 vehicle or a vehicle type.
 
-Users: `cosim/`, `extras/wheel/tape.py`.
+Users: `cosim/doors/controller.py`, `cosim/doors/json_lines.py`, `cosim/doors/traci_module.py`,
+`cosim/plans.py`, `extras/wheel/tape.py`.
 """
 
 import inspect

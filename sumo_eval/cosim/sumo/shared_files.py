@@ -9,7 +9,8 @@ They stay on for actors with a SUMO model, and for the ego of an ADS that asks S
 
 A case that is alone has the names that the user knows. `ads_asks`: an ADS asks SUMO by names.
 
-Users: `cosim/`.
+Users: `cosim/doors/traci_module.py`, `cosim/episode_rows.py`, `cosim/on_traci.py`,
+`cosim/simulation.py`, `cosim/stage.py`, `cosim/traffic.py`.
 """
 
 import functools

@@ -1,6 +1,6 @@
 """Scenario, ADSs and drives that a figure of a run shows: as the user asks, or by default.
 
-Users: `extras/figures/`.
+Users: `extras/figures/drawn.py`, `extras/figures/of_scenes.py`, `extras/figures/of_scores.py`.
 """
 
 from collections.abc import Sequence

@@ -83,11 +83,11 @@ class ScenarioEnv(gymnasium.Env[Floats, Floats]):
         """Begin a case."""
         super().reset(seed=seed)
         self.episodes.begin(np.array([0]), [self.np_random], options or {})
-        return self.episodes.show()[0], {"values": dict(self.episodes.pack.world.cases[0].values)}
+        return self.episodes.show()[0], {"values": dict(self.episodes.rows.world.cases[0].values)}
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, Info]:
         """One step, or the steps of one `period`."""
-        if not self.episodes.pack.world.egos["live"][0]:
+        if not self.episodes.rows.world.egos["live"][0]:
             raise gymnasium.error.ResetNeeded(
                 "The episode is over; call reset before the next step."
             )
@@ -145,7 +145,7 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
         self.episodes.begin(np.flatnonzero(mask), self._generators, options)
         self._over[mask] = False
         return self.episodes.show(), {
-            "values": np.array([dict(it.values) for it in self.episodes.pack.world.cases])
+            "values": np.array([dict(it.values) for it in self.episodes.rows.world.cases])
         }
 
     def _seed(self, seed: int | list[int | None] | None) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.features import Interface, read_interface, usual
 from sumo_eval.cosim.doors.observation import Observations
-from sumo_eval.cosim.pack import Pack
+from sumo_eval.cosim.episode_rows import EpisodeRows
 from sumo_eval.errors import InputError, must_be, said
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.resolved import find_with
@@ -122,7 +122,7 @@ class Episodes:
         self.reward = reward or usual_reward
         self.sampler = sampler
         self.count, self._sumo = count, sumo
-        self._pack: Pack | None = None
+        self._rows: EpisodeRows | None = None
         self._start_speeds = np.zeros(count)
         self._limit, self._answered = max_episode_steps, np.zeros(count, int)
         self._steps = steps_between(  # simulation steps in a call of `step`
@@ -136,16 +136,16 @@ class Episodes:
 
         options: see `point`.
         """
-        if self._pack is None:
+        if self._rows is None:
             rows = np.arange(self.count)  # the first time, all begin together
         cases = [
             self.logical.concrete(**self.point(generators[row], options)) for row in rows.tolist()
         ]
-        if self._pack is None:
-            self._pack = Pack(cases, self.settings, sumo=self._sumo)
+        if self._rows is None:
+            self._rows = EpisodeRows(cases, self.settings, sumo=self._sumo)
         else:
             for row, concrete in zip(rows.tolist(), cases, strict=True):
-                self._pack.restart(row, concrete)
+                self._rows.restart(row, concrete)
         self._start_speeds[rows] = [concrete.ego.speed for concrete in cases]
         self._answered[rows] = 0
 
@@ -181,21 +181,21 @@ class Episodes:
         )
 
     @property
-    def pack(self) -> Pack:
+    def rows(self) -> EpisodeRows:
         """The batch whose rows are the episodes."""
-        if self._pack is None:
+        if self._rows is None:
             raise InputError("An environment must be reset before its first step.")
-        return self._pack
+        return self._rows
 
     def close(self) -> None:
         """End the simulation; the next `begin` starts a new simulation."""
-        if self._pack is not None:
-            self._pack.close()
-            self._pack = None
+        if self._rows is not None:
+            self._rows.close()
+            self._rows = None
 
     def show(self) -> NDArray[np.float32]:
         """Features for the policies, (n, number of features)."""
-        return self.interface.show(self.pack.observations())
+        return self.interface.show(self.rows.observations())
 
     def step(self, answers: Floats) -> tuple[Floats, NDArray[Any]]:
         """The steps of one period of the interface, with the same commands in each.
@@ -215,7 +215,7 @@ class Episodes:
 
         self._answered += 1
         if self._limit is not None:
-            egos = self.pack.world.egos
+            egos = self.rows.world.egos
             late = (self._answered >= self._limit) & (egos["live"] != 0)
             egos["live"][late] = 0
             reasons[late] = "step_limit"
@@ -226,22 +226,22 @@ class Episodes:
 
         commands: accelerations, m/s2, and steering wheel angles, rad, (n, 2).
         """
-        pack = self.pack
-        egos = pack.world.egos
+        rows = self.rows
+        egos = rows.world.egos
         running = egos["live"] != 0
         before = egos["acceleration"].copy()
         ended = np.full(self.count, "", "U16")
         impact = np.zeros(self.count)
-        for row in pack.step(commands).tolist():  # the rows that ended with this step
-            ended[row] = pack.reason(row)
+        for row in rows.step(commands).tolist():  # the rows that ended with this step
+            ended[row] = rows.reason(row)
             if ended[row] == "contact":
                 impact[row] = self._impact(row)
         return Transition(
-            seen=pack.observations(), command=commands, speed=egos["speed"],
+            seen=rows.observations(), command=commands, speed=egos["speed"],
             acceleration=egos["acceleration"],
-            jerk=(egos["acceleration"] - before) / pack.world.settings.step,
+            jerk=(egos["acceleration"] - before) / rows.world.settings.step,
             start_speed=self._start_speeds, running=running, ended=ended, impact=impact,
-            step=pack.world.settings.step,
+            step=rows.world.settings.step,
         )  # fmt: skip
 
     def _reward(self, transition: Transition) -> Floats:
@@ -262,7 +262,7 @@ class Episodes:
 
     def _impact(self, row: int) -> float:
         """Relative speed of the ego and the actor that it touches, m/s."""
-        world = self.pack.world
+        world = self.rows.world
         both = world.egos[row], world.others[row, world.egos["struck"][row]]
         # the first 7 fields of both records are those of a body
         return math.dist(*(velocity(Body(*vehicle.tolist()[:7])) for vehicle in both))

@@ -4,7 +4,9 @@ the scene at each point. The front of this package: `format`, `describe` and `wr
 A space has one road. Where the road is a parameter, the file gives a logical scenario for each,
 which an option picks: `file.xosc?road=2`.
 
-Users: `extras/openscenario/`.
+Users: `extras/openscenario/collections.py`, `extras/openscenario/command.py`,
+`extras/openscenario/describe.py`, `extras/openscenario/format.py`,
+`extras/openscenario/written.py`.
 """
 
 import math

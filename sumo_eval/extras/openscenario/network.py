@@ -2,7 +2,8 @@
 
 `scene` reads the network, `places` and `frame` look places up in it.
 
-Users: `extras/openscenario/`.
+Users: `extras/openscenario/frame.py`, `extras/openscenario/moments.py`,
+`extras/openscenario/moves.py`, `extras/openscenario/places.py`, `extras/openscenario/scene.py`.
 """
 
 import math

@@ -5,7 +5,8 @@ A tape is a text file, a JSON value a line: a head, a row for each step, notes i
 result. A line is written when its step is driven, so a machine that goes down loses at most one
 step.
 
-Users: `extras/wheel/`.
+Users: `extras/wheel/command.py`, `extras/wheel/outcome.py`, `extras/wheel/quality.py`,
+`extras/wheel/seat.py`, `extras/wheel/study.py`, `extras/wheel/trip.py`, `extras/wheel/window.py`.
 """
 
 import hashlib

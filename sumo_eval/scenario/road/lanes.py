@@ -5,7 +5,8 @@ A lane that is not there throughout is the outermost one of its side. It opens a
 taper, along which the road's edge moves in a straight line. Where it is a ramp, a line that must
 not be crossed separates it from the adjacent lane.
 
-Users: `cosim/`, `scenario/`.
+Users: `cosim/openscenario.py`, `cosim/step_rules.py`, `scenario/concrete.py`,
+`scenario/file_tables.py`, `scenario/road/opendrive.py`, `scenario/sumo_network.py`.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,7 @@
 """A road's line as it stands in a scenario file: `[[road.line]]`, one table a piece.
 
-Users: `record/facts.py`, `scenario/`, `extras/openscenario/`.
+Users: `extras/openscenario/logical.py`, `extras/openscenario/written.py`, `record/facts.py`,
+`scenario/file_tables.py`, `scenario/sumo_network.py`.
 """
 
 import math

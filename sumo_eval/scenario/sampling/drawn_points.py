@@ -4,8 +4,10 @@ danger.
 The sequences are scipy's, started from a named stream of the seed. Values are rounded to a
 millionth of their range, so that the last digit of a machine's arithmetic decides nothing.
 
-Users: `method/zone_partition.py`, `scenario/`, `scoring/`, `extras/rates/importance.py`,
-`extras/studies/`.
+Users: `extras/rates/importance.py`, `extras/studies/boundary_page.py`,
+`extras/studies/straddle.py`, `method/zone_partition.py`, `scenario/sampling/adaptive.py`,
+`scenario/sampling/samples.py`, `scoring/confidence/coverage.py`,
+`scoring/confidence/further_cases.py`.
 """
 
 from collections.abc import Callable

@@ -3,7 +3,8 @@
 Binary floats cannot step by 0.1: adding or dividing them duplicates or loses end points. Every axis
 is computed in fractions of the decimals that a person typed, and becomes floats at the very end.
 
-Users: `extras/openscenario/space.py`, `method/`, `scenario/sampling/`.
+Users: `extras/openscenario/space.py`, `method/zone_partition.py`, `method/zone_search.py`,
+`method/zone_training.py`, `scenario/sampling/combinations.py`, `scenario/sampling/samples.py`.
 """
 
 import math

@@ -1,6 +1,8 @@
 """Request to a sampling method, and its answer.
 
-Users: `record/points.py`, `scenario/`, `extras/openscenario/points.py`.
+Users: `extras/openscenario/points.py`, `record/points.py`, `scenario/sampling/adaptive.py`,
+`scenario/sampling/combinations.py`, `scenario/sampling/drawn_points.py`,
+`scenario/sampling/grid.py`, `scenario/sampling/listed_points.py`, `scenario/sampling/samples.py`.
 """
 
 from collections.abc import Callable

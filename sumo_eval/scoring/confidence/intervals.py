@@ -26,7 +26,9 @@ compare with. `scoring.confidence.scored` puts them into the results.
 - Random streams are named by scenario, driver or ADS, never by a place in a list, so the interval
   of an ADS does not depend on what else is evaluated.
 
-Users: `report/evidence.py`, `scoring/`.
+Users: `report/evidence.py`, `scoring/comparison.py`, `scoring/confidence/assessment.py`,
+`scoring/confidence/next_round.py`, `scoring/confidence/ranking.py`, `scoring/confidence/scored.py`,
+`scoring/steps.py`.
 """
 
 from collections.abc import Mapping, Sequence

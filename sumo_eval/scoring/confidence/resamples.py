@@ -9,7 +9,8 @@ balanced over it as well (`Balance`).
 proportion to the points, and no table of all points and replicates is in memory. `intervals`,
 `assessment` and `paired_differences` sum the terms of scores over the parts.
 
-Users: `scoring/`.
+Users: `scoring/confidence/assessment.py`, `scoring/confidence/intervals.py`,
+`scoring/confidence/paired_differences.py`, `scoring/confidence/scored.py`, `scoring/steps.py`.
 """
 
 import math

@@ -1,6 +1,6 @@
 """Drives that the known answers share: an ego behind a lead vehicle, and what is measured of it.
 
-Users: `extras/studies/qualification/`.
+Users: `extras/studies/qualification/regulations.py`, `extras/studies/qualification/table.py`.
 """
 
 from collections.abc import Iterator

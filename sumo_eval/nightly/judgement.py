@@ -35,7 +35,7 @@ class Since(NamedTuple):
         return "new" if self.nights == 1 else f"since {self.night}, {count(self.nights, 'night')}"
 
 
-class JudgedNight(NamedTuple):
+class Judgement(NamedTuple):
     """A night beside its bases.
 
     gates: each limit once.
@@ -55,7 +55,7 @@ class JudgedNight(NamedTuple):
 
 def judge_night(
     history: Path, database: History, evaluation: Evaluation, gate: GateSettings, progress: Progress
-) -> JudgedNight:
+) -> Judgement:
     """Compare a night with its bases and evaluate its limits.
 
     Each limit is listed once: against the last good night, or, if it fails only against the
@@ -88,7 +88,7 @@ def judge_night(
         known = {result.name for result in failed(gates)}
         gates += [result for result in failed(results) if result.name not in known]
     since = failing_since(database, gates, evaluation.folder.name)
-    return JudgedNight(
+    return Judgement(
         bases,
         in_order(gates, {name: start.nights for name, start in since.items()}),
         noise,
@@ -142,7 +142,7 @@ def failing_since(
 
 
 def new_pin(
-    night: Night, judged: JudgedNight, database: History, gate: GateSettings
+    night: Night, judgement: Judgement, database: History, gate: GateSettings
 ) -> Accepted | None:
     """Automatic acceptance of a night: the first good one, or one whose paired cases only improved;
     None for any other.
@@ -152,10 +152,10 @@ def new_pin(
     pin = pin_of(database)
     if pin is None:
         return pinned_by_itself(night.night, "the first good night", None)
-    beside = judged.bases.pinned or judged.bases.comparison  # the accepted night's, if any
+    beside = judgement.bases.pinned or judgement.bases.comparison  # the accepted night's, if any
     if (
         beside is None
-        or any(repeats.noisy for repeats in judged.noise.repeats.values())
+        or any(repeats.noisy for repeats in judgement.noise.repeats.values())
         or beside.unpaired
         or not only_improved(beside, gate)
     ):

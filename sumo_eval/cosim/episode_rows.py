@@ -28,7 +28,7 @@ from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.trajectory import FloatArray, IntArray
 
 
-class Pack:
+class EpisodeRows:
     """Rows of cases of one logical scenario, stepped together.
 
     settings: of the simulation; the cases must not change them.
