@@ -338,7 +338,7 @@ def test_lost_pairs_fail_until_they_are_accepted(history, tmp_path):
     file = evaluation(tmp_path, "2")
     result = run(file, history)
     assert result.night.exit_status == 1
-    assert result.judged.bases.comparison.pairs == 3
+    assert result.judgement.bases.comparison.pairs == 3
     told = read_json(result.report.parent / "night.json")
     assert told["verdict"] == "incomplete"
     assert [one["what"] for one in told["differences"]] == [
@@ -581,7 +581,7 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch)
     ]
     assert not (history / "again").exists()
     with open_store(result.report.parent / "facts.sqlite") as store:
-        assert store.is_discarded(result.judged.gates[0].cases[0])
+        assert store.is_discarded(result.judgement.gates[0].cases[0])
     files = sum(path.stat().st_size for path in result.report.parent.rglob("*"))
     free = shutil._ntuple_diskusage(0, 0, int(1.5 * files))  # without what was discarded
     monkeypatch.setattr("shutil.disk_usage", lambda _: free)
