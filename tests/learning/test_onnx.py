@@ -134,7 +134,7 @@ def test_what_is_seen_in_learning_is_seen_in_an_evaluation(tmp_path):
         ended = terminated or truncated
     recording = driven(path)
     assert info["end_reason"] == recording.end_reason
-    assert float(env.unwrapped.episodes.pack.world.egos[0]["x"]) == pytest.approx(
+    assert float(env.unwrapped.episodes.rows.world.egos[0]["x"]) == pytest.approx(
         recording.ego.x[-1], abs=1e-4
     )
 
