@@ -147,7 +147,7 @@ def _check_scenario(use: str) -> NoReturn:
 
     use: its file, with options as in `[[scenario]] use`.
     """
-    from sumo_eval.method.point_criticality import asks_some
+    from sumo_eval.method.point_criticality import is_searched
     from sumo_eval.method.zone_partition import refuse_impossible_zones
     from sumo_eval.record.facts import space_of
     from sumo_eval.scenario.catalogue import options_of
@@ -164,7 +164,7 @@ def _check_scenario(use: str) -> NoReturn:
     logical = space.logical
     refuse_impossible_zones(logical, alone.method.zones)
     say(check_file(path, options))
-    if asks_some(logical):
+    if is_searched(logical):
         sampled = (
             f"some {_MOST_POINTS} of these points and " if len(space.points) > _MOST_POINTS else ""
         )

@@ -1,6 +1,6 @@
-"""Checks of numbers that callers give to the functions of this room, and quotients.
+"""Checks of arguments of the functions in `method/`, and a quotient with a condition.
 
-Users: `method/`.
+Users: `method/`. Free to change: the words of the messages.
 """
 
 import numpy as np
@@ -11,12 +11,11 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 
 def finite(owner: str, name: str, values: ArrayLike) -> FloatArray:
-    """The values as an array.
+    """The values as an array of any shape. Raises InputError for a value that is not finite.
 
-    owner: object that has the values, for an error message.
-    name: of the values.
-
-    Raises InputError for a value that is not finite.
+    owner: object that has the values, for the error message, e.g. "an approach".
+    name: of the values, e.g. "gap".
+    values: numbers or arrays of any shape.
     """
     array = np.asarray(values, float)
     unusable = array[~np.isfinite(array)]
@@ -28,9 +27,11 @@ def finite(owner: str, name: str, values: ArrayLike) -> FloatArray:
 def not_negative(
     owner: str, name: str, values: ArrayLike, *, above_zero: bool = False
 ) -> FloatArray:
-    """The values as an array.
+    """The values as an array of any shape. Raises InputError for a value that is negative or not
+    finite.
 
-    Raises InputError as `finite`, and for a value below 0 (0 or below where `above_zero`).
+    owner, name, values: as in `finite`.
+    above_zero: whether 0 is refused as well.
     """
     array = finite(owner, name, values)
     wrong = array[array <= 0.0 if above_zero else array < 0.0]
@@ -43,7 +44,10 @@ def not_negative(
 def quotient(
     dividend: ArrayLike, divisor: ArrayLike, where: BoolArray, otherwise: float = np.inf
 ) -> FloatArray:
-    """Dividend over divisor where a condition holds, `otherwise` elsewhere; all broadcast."""
+    """Dividend over divisor where `where` is true, `otherwise` elsewhere.
+
+    All arguments broadcast. Without numpy's warnings on divisors of 0, which `where` leaves out.
+    """
     result = np.full(np.broadcast(dividend, divisor, where).shape, otherwise)
     np.divide(dividend, divisor, out=result, where=where)
     return result

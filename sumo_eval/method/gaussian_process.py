@@ -1,11 +1,14 @@
 """Covariance of the zones' Gaussian process, Eq. 7, and the search for its hyperparameters by
-marginal likelihood, for `zone_surface`.
+marginal likelihood.
 
 K = sf^2 exp(-|(x - x')/sl|^2 / 2) + sn^2 I: a smooth part with a length scale sl for each
-coordinate, and a common noise. Each training value has a variance of its own too. The likelihood is
-Rasmussen & Williams (2006), Alg. 2.1 and Eq. 5.9. scikit-learn's regressor has the same (the tests
-compare), in four times the time: it solves K X = I for the inverse and builds the (n, n) derivative
+coordinate, and a common noise. In addition, each training value has a variance of its own. The
+likelihood is Alg. 2.1 of Rasmussen and Williams, Gaussian Processes for Machine Learning (2006),
+its gradient their Eq. 5.9. scikit-learn's regressor finds the same hyperparameters (the tests
+compare) in four times the time: it solves K X = I for the inverse, and builds an (n, n) derivative
 for each hyperparameter.
+
+Users: `method/zone_surface.py`. Fixed: the seeds and starts of the search, on which zones depend.
 """
 
 from typing import NamedTuple, Self
@@ -58,20 +61,25 @@ def covariance(points: FloatArray, parameters: Hyperparameters) -> FloatArray:
 
 
 class MarginalLikelihood:
-    """-log p(y | x, theta) of targets y (n,) with variances (n,) of their own at points x (n,
-    k).
+    """-log p(y | x, theta), the function that the hyperparameters theta minimise.
+
+    points: x, (n, k), unit box.
+    target: y, (n,), within -1..1.
+    variances: of each target, added to K's diagonal, (n,).
     """
 
     def __init__(self, points: FloatArray, target: FloatArray, variances: FloatArray) -> None:
         self._points, self._target, self._variances = points, target, variances
-        # Squared distances along each coordinate, (k, n*n), doubled above the diagonal and 0 below.
-        # `inner` of `__call__` is right in this triangle only; by symmetry the sum of the products
-        # over it is the sum over both triangles.
-        apart = (points.T[:, :, None] - points.T[:, None, :]) ** 2
-        self._squares = 2.0 * np.triu(apart).reshape(points.shape[1], -1)
+        # Squared distances along each coordinate, (k, n*n), doubled above the diagonal and 0 below:
+        # `__call__` multiplies them with `inner`, which is right above the diagonal only. Both are
+        # symmetric, so twice the sum over one triangle is the sum over both.
+        squares = (points.T[:, :, None] - points.T[:, None, :]) ** 2
+        self._squares = 2.0 * np.triu(squares).reshape(points.shape[1], -1)
 
     def __call__(self, theta: FloatArray) -> tuple[float, FloatArray]:
-        """The value at theta (logarithms of the hyperparameters) and its gradient.
+        """The value at theta, and its gradient, (k + 2,).
+
+        theta: log sf^2, log sl (k,), log sn^2, (k + 2,).
 
         Infinite where K is not positive definite in floating point.
         """
@@ -80,25 +88,27 @@ class MarginalLikelihood:
         n = len(self._target)
         k = covariance(self._points, parameters)
         k[np.diag_indices_from(k)] += self._variances
-        # k is symmetric; k.T is in Fortran's order, as LAPACK needs; k is not overwritten
-        factor, failed = lapack.dpotrf(k.T, lower=1, clean=1)
-        if failed:
+        # Cholesky: K = factor factor^T. K is symmetric, and `k.T` has Fortran's order of elements,
+        # which LAPACK needs. `k` is not overwritten.
+        factor, status = lapack.dpotrf(k.T, lower=1, clean=1)
+        if status:  # K is not positive definite
             return np.inf, np.zeros(len(theta))
-        weights, _ = lapack.dpotrs(factor, y, lower=1)
+        weights, _ = lapack.dpotrs(factor, y, lower=1)  # K^-1 y
         value = (
             0.5 * float(y @ weights)
             + float(np.log(factor.diagonal()).sum())
             + 0.5 * n * np.log(2.0 * np.pi)
         )
         inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
-        # Eq. 5.9: d log p / d theta = tr((weights weights^T - K^-1) dK/dtheta) / 2
+        # Eq. 5.9: d log p / d theta = tr(inner dK/dtheta) / 2, inner = weights weights^T - K^-1
         inner = np.outer(weights, weights)
-        # LAPACK fills the lower triangle, the upper of `.T`: below the diagonal `inner` is wrong
+        # dpotri fills the lower triangle alone, which is the upper one of `inverse.T`. So `inner`
+        # is wrong below its diagonal, where `_squares` is 0.
         inner -= inverse.T
         diagonal = inner.diagonal().copy()
         by_noise = parameters.noise * float(diagonal.sum())
-        # With K here including the variances: dK / d log sf^2 = K - sn^2 I - diag(variances). The
-        # trace with K alone is weights^T y - n, as K weights = y.
+        # K includes the variances: dK / d log sf^2 = K - sn^2 I - diag(variances). Of K alone
+        # tr(inner K) = weights^T y - n, because K weights = y.
         by_signal = float(y @ weights) - n - by_noise - float(diagonal @ self._variances)
         # dK / d log sl = K (x - x')^2 / sl^2 for each coordinate, element by element
         inner *= k
@@ -114,14 +124,13 @@ def most_likely(
     restarts: int,
     seed: int,
 ) -> tuple[FloatArray, list[str]]:
-    """The logarithms of the likeliest hyperparameters, and the messages of searches that stopped
-    early.
+    """The likeliest theta (log sf^2, log sl, log sn^2), (k + 2,), and the messages of the searches
+    that stopped early.
 
-    start: where the first search begins; further ones at random places within the bounds, the same
-        that scikit-learn draws for this seed.
-    bounds: of each logarithm, (k + 2, 2).
-    restarts: further searches.
-    seed: of their places.
+    start: where the first search begins.
+    bounds: low and high of each logarithm, (k + 2, 2).
+    restarts: number of further searches, which begin at random places within the bounds.
+    seed: of these places, the same that scikit-learn draws for this seed.
     """
     low, high = bounds.T
     stream = np.random.RandomState(seed)  # the legacy generator, as in scikit-learn

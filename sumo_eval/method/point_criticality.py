@@ -1,12 +1,19 @@
-"""Criticality of points of a parameter space under ideal braking, Eqs. 5-7.
+"""Criticality of points of a parameter space under ideal braking, Eqs. 5-7: max ITTC, impact speed,
+and the target y from which the zones are learnt.
 
-Each point is solved in closed form where its scenario has one, and searched over time elsewhere.
-Users: `method/`, which learns the zones from it, `record/`, `scoring/`, `report/explain.py`,
-`cli/`, `extras/`.
+A scenario (`LogicalScenario`) says how its criticality is found:
+
+- `approach`: the ego approaches an obstacle in one lane: in closed form (`criticality.py`), or
+  searched over time where the obstacle brakes or comes in later.
+- `search`: an actor moves in two dimensions: searched over time (`conflict.py`).
+- `margin`: the scenario's own function of the parameters, m; below 0 is hazardous.
+- none of these: every point is safe.
+
+Users: `method/`, `record/`, `scoring/`, `report/explain.py`, `cli/`, `extras/`. Fixed: results to
+the last bit, because they decide the zone of every case.
 """
 
 import math
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +33,8 @@ from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 DEFAULT_SETTINGS = ZoneSettings()
-# m, about two cars: with this much free road behind it an ego that has passed has y = tanh(1)
+# m, about two cars: scale of y by lengths. An ego that has passed with this much free road behind
+# it has y = tanh(1).
 PASSING_SCALE = 10.0
 # points whose criticality is searched over time in one go; their arrays, 1.3 MB each, stay in the
 # processor's cache
@@ -34,13 +42,15 @@ SEARCHED_AT_ONCE = 1_000
 
 
 class Criticality(NamedTuple):
-    """Outcome of points under the zones' ideal braking after the scenario's delay, (n,) each.
+    """Criticality of n points under the zones' ideal braking, which begins after the scenario's
+    delay, (n,) each.
 
-    inverse: Eq. 6, max ITTC, 1/s, inf where it hits.
-    impact: speed, m/s.
-    gap: m; where the actor comes into the ego's way later, the one left when it does, of either
-        sign.
-    target: y on the scale that the GP learns, hazardous where <= 0.
+    inverse: max ITTC, Eq. 6, 1/s; inf where the ego hits.
+    impact: impact speed, m/s; 0 where the ego does not hit.
+    gap: m; orders points of equal ITTC and impact speed. The gap at the start; if the actor comes
+        into the ego's path later, the size of the gap at that time; with a `search` the smallest
+        gap; with a `margin` the margin.
+    target: y, Eq. 7, hazardous where <= 0.
     """
 
     inverse: FloatArray
@@ -52,48 +62,28 @@ class Criticality(NamedTuple):
 def criticality(
     logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
 ) -> Criticality:
-    """Eqs. 5-7: criticality of points itself, in closed form or searched.
-
-    Without an approach, a search or a margin all points are safe.
+    """Eqs. 5-7: max ITTC, impact speed and target y of points, without any learnt surface.
 
     logical: the scenario.
     points: (n, k), in the parameters' units.
-    settings: `[method.zones]`.
+    settings: `[method.zones]`: a, ITTC*, scale.
 
-    Where the actor comes into the ego's way later, an ego that has passed by then is safe: y =
-    tanh(p / 10 m), p the free road between them. If it has not passed (p <= 0), y is the larger of
-    this and the squared-time target. Without p the target would jump from the hardest hit to
-    perfectly safe, and no smooth surface follows a jump.
+    An actor that comes into the ego's path later finds the ego past it or not. If the ego has
+    passed, the point is safe, with y = tanh(p / 10 m), p the free road between them. If it has not
+    (p <= 0), y is the larger of this and the squared-time target. Without p the target would jump
+    from the hardest hit to perfectly safe, and no smooth surface follows a jump.
     """
-    n = len(points)
     if logical.margin is not None:
-        # A scenario with a margin, m, has no impact speed: how far the margin is below 0, in m,
-        # stands for it.
         margin = np.asarray(logical.margin(logical.columns(points)))
         lacks = margin <= 0.0
         y = np.tanh(margin / PASSING_SCALE)
+        # a margin has no impact speed: how far it is below 0, m, replaces the speed
         return Criticality(np.where(lacks, np.inf, 0.0), np.where(lacks, -margin, 0.0), margin, y)
     approach = None if logical.approach is None else logical.approach(logical.columns(points))
     if logical.search is not None:
         inverse, impact, gap = encounter(logical, points, settings)
-    elif approach is None:
-        inverse = np.zeros(n)
-        impact = np.zeros(n)
-        gap = np.full(n, np.inf)
-    elif not approach.has_closed_form:
-        inverse, impact = _searched(approach, n, settings)
-        # Of two equally hard hits the hit at the closer meeting counts, and not the hit that the
-        # ego has nearly passed.
-        gap = np.broadcast_to(np.abs(_gap_at_conflict(approach, settings)), n)
     else:
-        scene = approach.ego_speed, approach.obstacle_speed, approach.gap
-        braking = {"deceleration": settings.deceleration, "delay": approach.delay}
-        inverse, impact, gap = _broadcast(
-            n,
-            max_inverse_ttc(*scene, **braking),
-            ideal_impact_speed(*scene, **braking),
-            approach.gap,
-        )
+        inverse, impact, gap = _approached(approach, len(points), settings)
     y = squared_time_target(inverse, impact, settings)
     if approach is not None and math.isfinite(approach.passing_length):
         free = -_gap_at_conflict(approach, settings) - approach.passing_length  # p
@@ -102,17 +92,36 @@ def criticality(
     return Criticality(inverse, impact, gap, y)
 
 
+def _approached(approach: Approach | None, n: int, settings: ZoneSettings) -> FloatArray:
+    """Eqs. 5-6: max ITTC, impact speed and gap of n points, as in `Criticality`, (3, n).
+
+    approach: values of the points, numbers or (n,); None: the ego approaches nothing.
+    """
+    if approach is None:
+        return _columns(n, 0.0, 0.0, np.inf)
+    if not approach.has_closed_form:
+        # The size of the gap: of two equally hard hits the hit at the closer meeting counts as
+        # worse, and not the hit that the ego has nearly passed.
+        gap = np.abs(_gap_at_conflict(approach, settings))
+        return _columns(n, *_searched(approach, n, settings), gap)
+    scene = approach.ego_speed, approach.obstacle_speed, approach.gap
+    braking = {"deceleration": settings.deceleration, "delay": approach.delay}
+    inverse = max_inverse_ttc(*scene, **braking)
+    return _columns(n, inverse, ideal_impact_speed(*scene, **braking), approach.gap)
+
+
 def squared_time_target(
     inverse_ttc: ArrayLike, impact_speed: ArrayLike, settings: ZoneSettings = DEFAULT_SETTINGS
 ) -> FloatArray:
     """Eq. 7: target of the GP, y = tanh((T^2 - T*^2) / scale), T = 1 / max ITTC, T* = 1 / ITTC*.
 
-    inverse_ttc: max ITTC, (n,), 1/s.
-    impact_speed: u, (n,), m/s, under the zones' braking a.
-    settings: `[method.zones]`: a, ITTC*, scale.
+    inverse_ttc: max ITTC, (n,), 1/s, from Eq. 6; inf where the ego hits.
+    impact_speed: u, (n,), m/s, of the same braking.
+    settings: `[method.zones]`: a, ITTC*, scale (s2).
 
-    Where it hits, T^2 := -(u/a)^2, which continues T^2 smoothly through contact: both are 2c/a with
-    the gap c that is left over. An ego that is not closing has T = inf and y = 1.
+    Where the ego hits, T^2 := -(u/a)^2. This continues T^2 smoothly through contact: during braking
+    both are 2c/a, where c is the gap left at equal speeds, negative after a hit. An ego that is not
+    closing has T = inf and y = 1.
     """
     inverse, u = np.broadcast_arrays(
         np.asarray(inverse_ttc, float), np.asarray(impact_speed, float)
@@ -123,14 +132,14 @@ def squared_time_target(
 
 
 def _gap_at_conflict(approach: Approach, settings: ZoneSettings) -> FloatArray:
-    """The gap when the obstacle comes into the ego's way, m; negative: the ego's front is past the
-    obstacle's rear.
+    """Gap at the time at which the obstacle comes into the ego's path, m; negative: the ego's front
+    is past the obstacle's rear.
     """
     begin = approach.conflict_begin
     _, distance = _lead(
         np.asarray(approach.obstacle_speed), np.asarray(approach.obstacle_deceleration)
     )
-    waits = np.minimum(begin, approach.delay)
+    waits = np.minimum(begin, approach.delay)  # time before braking, s
     ego = approach.ego_speed * waits + braked_distance(
         approach.ego_speed, settings.deceleration, begin - waits
     )
@@ -140,16 +149,14 @@ def _gap_at_conflict(approach: Approach, settings: ZoneSettings) -> FloatArray:
 def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[FloatArray, FloatArray]:
     """Max ITTC, 1/s, and impact speed, m/s, of `n` points without a closed form, (n,) each."""
     inverse, impact = np.empty(n), np.empty(n)
-    arrays = list(
-        _broadcast(
-            n, approach.ego_speed, approach.gap, approach.delay,
-            approach.obstacle_speed, approach.obstacle_deceleration, approach.conflict_begin,
-        )
-    )  # fmt: skip
+    egos = _columns(n, approach.ego_speed, approach.gap, approach.delay)
+    obstacles = _columns(
+        n, approach.obstacle_speed, approach.obstacle_deceleration, approach.conflict_begin
+    )
     for first in range(0, n, SEARCHED_AT_ONCE):
         rows = slice(first, first + SEARCHED_AT_ONCE)
-        ego_speed, gap, delay = (array[rows] for array in arrays[:3])
-        speed, slowing, begin = (array[rows] for array in arrays[3:])
+        ego_speed, gap, delay = egos[:, rows]
+        speed, slowing, begin = obstacles[:, rows]
         inverse[rows], impact[rows] = searched_criticality(
             ego_speed,
             gap,
@@ -162,19 +169,19 @@ def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[Float
     return inverse, impact
 
 
-def _broadcast(n: int, *values: ArrayLike) -> Iterator[FloatArray]:
-    """Each of the values as (n,) numbers."""
-    return (np.broadcast_to(np.asarray(value, float), n) for value in values)
+def _columns(n: int, *values: ArrayLike) -> FloatArray:
+    """Values of n points, each of them a number or (n,), as (k, n)."""
+    return np.array([np.broadcast_to(np.asarray(value, float), n) for value in values])
 
 
 def _lead(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:
-    """Functions from times to the speed and the driven distance of n leads.
+    """Two functions of times (n, m), s, for n obstacles: speed, m/s, and driven distance, m.
 
     speed: at the start, (n, 1), m/s.
-    slowing: their deceleration from the start on, (n, 1), m/s2; 0: they keep their speed.
+    slowing: deceleration from the start on, (n, 1), m/s2; 0: it keeps its speed.
     """
     brakes = slowing > 0.0
-    if not brakes.any():  # the same, in a third of the time
+    if not brakes.any():  # the results below, in a third of the time
         return lambda _: speed, lambda time: speed * time
     strength = np.where(brakes, slowing, 1.0)
     return (
@@ -186,22 +193,23 @@ def _lead(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:
 def exact_target(
     logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
 ) -> FloatArray:
-    """Eqs. 5-7: criticality y of points itself, on the scale that the GP learns: hazardous where
-    <= 0, (n,).
+    """Eq. 7: the target y of points, which the GP approximates, (n,); hazardous where <= 0.
 
-    logical, points, settings: as in `criticality`.
+    logical: the scenario.
+    points: (n, k), in the parameters' units.
+    settings: `[method.zones]`.
     """
     return criticality(logical, points, settings).target
 
 
 def danger(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
-    """Eqs. 5-7: (1 - y) / 2 of the criticality y that the zones are learnt from, (n,).
+    """Eq. 7 as a danger from 0 to 1: (1 - y) / 2 of the target y, (n,).
 
     logical: the scenario.
     points: (n, k), in the parameters' units.
     settings: `[method.zones]`.
 
-    0.5 on the zone boundary, 1 where ideal braking hits hard, 0 where nothing comes near.
+    It is 0.5 on the zone boundary, 1 where ideal braking hits hard, 0 where nothing comes near.
     """
     return (1.0 - exact_target(logical, points, settings)) / 2.0
 
@@ -209,17 +217,20 @@ def danger(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings)
 def exactly_hazardous(
     logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
 ) -> BoolArray:
-    """Eqs. 5-6: whether max ITTC itself, without any partition, reaches its threshold, (n,).
+    """Eqs. 5-6: whether max ITTC reaches its threshold ITTC*, (n,); no learnt surface is involved.
 
-    logical, points, settings: as in `criticality`.
+    logical: the scenario.
+    points: (n, k), in the parameters' units.
+    settings: `[method.zones]`.
     """
     return criticality(logical, points, settings).inverse >= settings.critical_inverse_ttc
 
 
-def asks_some(logical: LogicalScenario) -> bool:
-    """Whether criticality in a scenario is searched over time, and not in closed form."""
+def is_searched(logical: LogicalScenario) -> bool:
+    """Whether the criticality of a scenario is searched over time, and not in closed form."""
     if logical.approach is None:
         return logical.search is not None
+    # the middle of the space stands for all points
     middle = np.array(
         [[0.5 * (parameter.low + parameter.high) for parameter in logical.parameters]]
     )

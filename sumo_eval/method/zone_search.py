@@ -1,6 +1,7 @@
-"""Search on the zones' Gaussian process for boundary points and most dangerous points.
+"""Search on the zones' Gaussian process (GP) for boundary points and most dangerous points.
 
-Users: `method/zone_partition.py`.
+Users: `method/zone_partition.py`. Fixed: results to the last bit, because Eq. 16's weights r follow
+from the most dangerous points.
 """
 
 from typing import Any
@@ -14,14 +15,19 @@ from sumo_eval.scenario import LogicalScenario
 from sumo_eval.scenario.sampling.grid import mesh
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
-# Unit-box length at which the search for a most dangerous point ends where criticality is searched
-# over time.
-SEARCHED_WINDOW = 1e-3
+# Half of the window, unit-box length, at which the search for a most dangerous point ends. The
+# second one is for a scenario with a `search`, which takes milliseconds a point.
+SMALLEST_WINDOW, SEARCHED_WINDOW = 1e-12, 1e-3
+ROUNDS = 200  # most windows of this search; usually the smallest window is reached long before
+REGULA_FALSI = 5  # steps that put a crossing of a grid line onto the curved surface
+HALF_STEPS = 60  # of the search for the nearest boundary point
 
 
 def exists(logical: LogicalScenario, unit: FloatArray) -> BoolArray:
-    """Whether each unit point (..., k), or one of its neighbours at `EDGE` along any of the axes,
-    satisfies the constraints.
+    """Whether each point satisfies the constraints, or would if it were moved by rounding (`EDGE`)
+    along some of the axes, (...).
+
+    unit: points in the unit box, (..., k).
     """
     holds = np.asarray(logical.feasible(logical.from_unit(unit)))
     if not holds.all():
@@ -34,43 +40,55 @@ def exists(logical: LogicalScenario, unit: FloatArray) -> BoolArray:
 def crossings(
     logical: LogicalScenario, surface: Surface, unit: FloatArray, y: FloatArray
 ) -> FloatArray:
-    """Points of the space where a line between neighbours on the dense grid crosses y = 0, (m, k).
+    """Points of the space where a line between neighbours on the dense grid crosses y = 0, unit
+    box, (b, k).
 
-    unit: points of the grid, unit box, (..., k).
-    y: the GP's value at each, (...).
+    unit: points of the grid, unit box, (d1, ..., dk, k), di points along axis i.
+    y: the GP's value at each, (d1, ..., dk).
     """
     parts = []
     for axis in range(y.ndim):
         # neighbours along this axis are neighbours along the first axis of these
         along_y, along_unit = np.moveaxis(y, axis, 0), np.moveaxis(unit, axis, 0)
         changes = (along_y[:-1] <= 0.0) != (along_y[1:] <= 0.0)
-        y0 = along_y[:-1][changes]
-        y1 = along_y[1:][changes]
-        x0 = along_unit[:-1][changes]
-        x1 = along_unit[1:][changes]
-        # Five steps of regula falsi put each crossing onto the curved surface. One straight line
-        # would put it off the boundary, and `boundary_distance` would be too short.
-        for _ in range(5):
-            crossing = x0 + (y0 / (y0 - y1))[:, None] * (x1 - x0)
-            value = surface.value(crossing)
-            first = (value <= 0.0) == (y0 <= 0.0)  # True: the crossing replaces x0
-            x0[first], y0[first] = crossing[first], value[first]
-            x1[~first], y1[~first] = crossing[~first], value[~first]
-        parts.append(crossing)
+        x0, x1 = along_unit[:-1][changes], along_unit[1:][changes]
+        y0, y1 = along_y[:-1][changes], along_y[1:][changes]
+        parts.append(_crossing(surface, x0, x1, y0, y1))
     points = np.concatenate(parts)
     return points[exists(logical, points)]
 
 
+def _crossing(
+    surface: Surface, x0: FloatArray, x1: FloatArray, y0: FloatArray, y1: FloatArray
+) -> FloatArray:
+    """Where y is 0 on the line from x0 to x1, unit box, (c, k), by regula falsi.
+
+    x0, x1: ends of the lines, unit box, (c, k). Overwritten.
+    y0, y1: y at the ends, of different signs, (c,). Overwritten.
+
+    One step, a straight line through y0 and y1, would end off the curved boundary, and
+    `boundary_distance` would be too short.
+    """
+    for _ in range(REGULA_FALSI):
+        crossing = x0 + (y0 / (y0 - y1))[:, None] * (x1 - x0)
+        value = surface.value(crossing)
+        first = (value <= 0.0) == (y0 <= 0.0)  # True: the crossing replaces x0
+        x0[first], y0[first] = crossing[first], value[first]
+        x1[~first], y1[~first] = crossing[~first], value[~first]
+    return crossing
+
+
 def nearest_on_boundary(surface: Surface, unit: FloatArray, foot: FloatArray) -> FloatArray:
-    """The point of y = 0 that is nearest to each unit point, (..., k).
+    """The point of y = 0 nearest to each point, unit box, (..., k).
 
-    foot: a point of y = 0 near each.
+    unit: the points, unit box, (..., k).
+    foot: a point of y = 0 near each, where the search begins, unit box, (..., k).
 
-    Each round takes the surface as linear around `foot`, projects the unit point onto the plane
-    where that is 0, and moves `foot` half of the way there. Whole steps would diverge where the
+    Each step takes y as linear around `foot`, projects `unit` onto the plane where the linear y is
+    0, and moves `foot` half of the way to this projection. Whole steps would diverge where the
     boundary's radius of curvature is less than the distance.
     """
-    for _ in range(60):
+    for _ in range(HALF_STEPS):
         slope = surface.gradient(foot)
         linear_y = surface.value(foot) + np.sum(slope * (unit - foot), axis=-1)
         slope_squared = np.maximum(np.sum(slope**2, axis=-1), np.finfo(float).tiny)
@@ -82,17 +100,17 @@ def nearest_on_boundary(surface: Surface, unit: FloatArray, foot: FloatArray) ->
 def most_dangerous_point(
     zones: Any, number: int, candidates: FloatArray, cell: float
 ) -> dict[str, float]:
-    """The most dangerous point of a zone, in the order of `_by_danger`.
+    """The most dangerous point of a zone, first in the order of `_by_danger`: name -> value.
 
-    zones: a `ZonePartition`, which imports this file.
+    zones: a `ZonePartition`. (Its file imports this one, so its type cannot be named here.)
     number: of the zone.
-    candidates: points at which the search may begin, (n, k).
+    candidates: points at which the search may begin, (n, k), in the parameters' units.
     cell: half of the first window's width, unit box.
 
-    The search begins at the worst candidate in the zone. In each round it looks around its point in
-    a window: it moves to the worst point of the zone there, or shrinks the window if there is no
-    worse point. The windows find corners between a constraint and the box, where no grid point
-    lies. At last the point is rounded.
+    The search begins at the worst candidate in the zone. Each round looks at a small grid, the
+    window, around the best point so far. It moves to the worst point of the zone in the window. If
+    none is worse, it shrinks the window. This finds corners between a constraint and the box, where
+    no grid point lies. In the end the point is rounded.
     """
     logical = zones.logical
     searched = logical.search is not None
@@ -100,32 +118,33 @@ def most_dangerous_point(
     members = zones.members(number, candidates)
     best = members[_by_danger(zones, members)[0]]
     half_width = cell
-    # values on each axis of a window; fewer with more parameters, as a window has their k-th power
+    # values on each axis of a window, fewer with more parameters: a window of k parameters has the
+    # k-th power of them
     values_per_axis = 3 if searched else {1: 21, 2: 15, 3: 9, 4: 5}.get(k, 3)
     offsets = mesh([np.linspace(-1.0, 1.0, values_per_axis).tolist()] * k)
-    for _ in range(200):  # a bound; usually the window is small enough long before
+    for _ in range(ROUNDS):
         around = logical.from_unit(np.clip(logical.to_unit(best) + half_width * offsets, 0.0, 1.0))
         rows = np.concatenate([best[None, :], around[logical.feasible(around)]])
         order = _by_danger(zones, rows)
-        # `best` is row 0. Its place in `order` is argmin(order); the rows before it are worse. Only
-        # these are looked up in the zone, because the GP takes most of the time.
+        # `best` is row 0, whose place in `order` is argmin(order). The rows before it are more
+        # dangerous. Only these are looked up in the zone, because the GP takes most of the time.
         worse = zones.members(number, rows[order[: np.argmin(order)]])
         if len(worse):
             best = worse[0]
         else:
             half_width *= 0.4
-        if half_width < (SEARCHED_WINDOW if searched else 1e-12):
+        if half_width < (SEARCHED_WINDOW if searched else SMALLEST_WINDOW):
             break
     rounded = _rounded(zones, number, best, SEARCHED_WINDOW if searched else 1e-7)
     return dict(zip(logical.names, rounded.tolist(), strict=True))
 
 
 def _rounded(zones: Any, number: int, point: FloatArray, tolerance: float) -> FloatArray:
-    """The point with the fewest digits with which it moves by less than a tolerance, in unit-box
-    length, and stays in its zone.
+    """The point with the fewest decimal places with which it moves by less than `tolerance`
+    (unit-box length) along each axis, and stays in its zone.
     """
     logical = zones.logical
-    for digits in range(10):  # at 10 digits and more, the point stays as it is
+    for digits in range(10):  # if 9 places are too few, the point stays as it is
         rounded = np.clip(np.round(point, digits), logical.low, logical.high)
         near = np.all(np.abs(logical.to_unit(rounded) - logical.to_unit(point)) < tolerance)
         if near and len(zones.members(number, rounded[None, :])):
@@ -134,10 +153,11 @@ def _rounded(zones: Any, number: int, point: FloatArray, tolerance: float) -> Fl
 
 
 def _by_danger(zones: Any, points: FloatArray) -> IntArray:
-    """Indices of points (n, k), the most dangerous first: by largest impact speed, largest ITTC,
-    smallest gap, smallest parameters, in this order.
+    """Indices of points (n, k), the most dangerous first: by largest impact speed, then by largest
+    max ITTC, smallest gap, smallest parameters.
     """
     danger = criticality(zones.logical, points, zones.settings)
     # rounded, so that the last digit does not decide between points of equal danger
     keys = (np.round(danger.gap, 9), -np.round(danger.inverse, 9), -np.round(danger.impact, 9))
-    return np.lexsort((*points.T[::-1], *keys))  # the last key counts first
+    # lexsort takes the last key first, so the first parameter is the last of its block
+    return np.lexsort((*points.T[::-1], *keys))

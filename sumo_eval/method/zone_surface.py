@@ -1,14 +1,14 @@
-"""The Gaussian process from which `zone_partition` makes zones, Eqs. 7-8.
+"""The Gaussian process (GP) from which `zone_partition` makes zones, Eqs. 7-8.
 
-Not in the paper, and stated here: the GP may miss each training value by about 10 % of it
-(`TARGET_TOLERANCE`) and by a common noise that the likelihood finds like its other constants. The
-target has plateaus and kinks away from the zone boundary. A surface that must pass through all of
-them takes length scales so short that it falls back to 0 between the points; this one is exact
-where it matters, near y = 0. For the same reason no length scale may be below half the spacing of
-the training points.
+The paper leaves open how closely the GP follows its training values. Here it may miss each value by
+about 10 % of that value (`TARGET_TOLERANCE`), and by a common noise, a hyperparameter like the
+others. The reason: away from the zone boundary the target has plateaus and kinks. A surface through
+all training values has length scales so short that it falls back to 0 between the points. This
+surface is exact near y = 0, where it matters. For the same reason no length scale may be below half
+the spacing of the training points.
 
 Users: `method/zone_partition.py`, `method/zone_search.py`, `method/zone_training.py`,
-`record/points.py`.
+`record/points.py`. Fixed: fields of `Surface`, which a run's cache stores; y to the last bit.
 """
 
 import math
@@ -23,31 +23,32 @@ from sumo_eval.scenario import LogicalScenario
 from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import FloatArray
 
-# of the search's restarts and its sample of training points; constant, so that zones never vary
+# seed of the random choices in training and search; constant, so that zones never vary
 SEED = 20220
-# the hyperparameters are searched on at most so many training points, the GP uses all of them
+# most training points on which the hyperparameters are searched; the GP then uses all of them
 SEARCH_POINTS = 350
 TARGET_TOLERANCE = 0.1  # share of a training value by which the GP may miss it
-# unit-box lengths; a longer length scale is indistinguishable from "does not matter"
+# unit-box lengths; along a coordinate with this length scale y hardly changes
 LONGEST_SCALE = 10.0
-SIGNAL_BOUNDS, NOISE_BOUNDS = (1e-2, 1e2), (1e-6, 1.0)  # variances of a target within -1..1
-NUDGE = 1e-6  # unit-box lengths, for derivatives
+# least and largest variance of the signal and of the noise; the target is within -1..1
+SIGNAL_BOUNDS, NOISE_BOUNDS = (1e-2, 1e2), (1e-6, 1.0)
+NUDGE = 1e-6  # unit-box lengths, step of numerical derivatives
+CACHED_DISTANCES = 250_000  # numbers of a block that stays in the processor's cache, 2 MB
 
 
 @frozen(eq=False)
 class Surface:
-    """Eqs. 7-8: the GP's posterior mean y(x) = sf^2 sum_i exp(-|(x - x_i)/sl|^2 / 2) weight_i, x in
-    a unit box.
+    """Eqs. 7-8: the GP's posterior mean y(x) = sf^2 sum_i exp(-|(x - x_i)/sl|^2 / 2) weight_i.
 
-    points: x_i, (n, m).
+    points: x_i, training points in the GP's unit box, (n, m).
     weights: (K + sn^2 I + diag(0.1 y_i)^2)^-1 y, (n,).
-    length_scales: sl, (m,).
+    length_scales: sl, (m,), unit-box lengths.
     signal_deviation: sf.
     noise_deviation: sn.
-    level: added to y. It is 0, except where all training points are on one side: then n is 0, and y
-        is this constant, +1 (safe) or -1 (hazardous).
+    level: constant added to y: 0. If all training points are on one side, n is 0 and `level` alone
+        is y: +1 (safe) or -1 (hazardous).
     coordinates: function from points (q, k) of the parameters' unit box to x, (q, m); None: x are
-        these points.
+        the points themselves.
     """
 
     points: FloatArray
@@ -66,12 +67,12 @@ class Surface:
         x = unit_points.reshape(-1, k)
         y = np.full(len(x), self.level)
         x = x if self.coordinates is None else self.coordinates(x)
-        known = self.points / self.length_scales
-        size = max(1, 250_000 // max(1, len(known)))  # a block stays in the processor's cache, 2 MB
+        scaled = self.points / self.length_scales
+        size = max(1, CACHED_DISTANCES // max(1, len(scaled)))  # points of a block
         for first in range(0, len(x), size):
             rows = slice(first, first + size)
-            # in place: new blocks of this size cost more than the arithmetic
-            exponent = cdist(x[rows] / self.length_scales, known, "sqeuclidean")
+            # in place: new arrays of this size would take longer than the arithmetic
+            exponent = cdist(x[rows] / self.length_scales, scaled, "sqeuclidean")
             exponent *= -0.5
             np.exp(exponent, out=exponent)
             exponent *= self.signal_deviation**2
@@ -88,8 +89,12 @@ class Surface:
 def coordinates(
     logical: LogicalScenario, training: FloatArray
 ) -> Callable[[FloatArray], FloatArray] | None:
-    """Function from the parameters' unit box to the scenario's coordinates for the GP, scaled so
-    that the training points fill a unit box; None: the scenario has none.
+    """Function from the parameters' unit box, (q, k), to the scenario's own coordinates for the GP,
+    (q, m), scaled so that the training points fill a unit box; None: the scenario has none.
+
+    training: training points, (n, k), in the parameters' units.
+
+    The function raises InputError where a coordinate is not finite.
     """
     own = logical.zone_coordinates
     if own is None:
@@ -109,70 +114,49 @@ def coordinates(
 def fit(
     logical: LogicalScenario, training: FloatArray, danger: Criticality, settings: ZoneSettings
 ) -> tuple[Surface, list[str]]:
-    """The GP, and sentences on what limits the trust in it.
+    """Eqs. 7-8: the GP of training points, and sentences on what limits the trust in it.
 
-    danger: of the training points.
+    training: (n, k), in the parameters' units.
+    danger: criticality of the training points, from `point_criticality.criticality`.
+    settings: `[method.zones]`.
     """
     from scipy.linalg import cho_solve, cholesky
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-    from sumo_eval.method.gaussian_process import (
-        Hyperparameters,
-        MarginalLikelihood,
-        covariance,
-        most_likely,
-    )
+    from sumo_eval.method.gaussian_process import Hyperparameters, covariance
 
     target = danger.target
-    if settings.target == "label":  # the zone alone, without how far the point is inside it
+    if settings.target == "label":  # the paper's: the zone alone, not how far a point is inside it
         target = np.where(danger.inverse >= settings.critical_inverse_ttc, -1.0, 1.0)
     to_x = coordinates(logical, training)
     unit = logical.to_unit(training)
     if to_x is not None:
         unit = to_x(unit)
-    n, k = unit.shape
     hazardous = target <= 0.0
     if hazardous.all() or not hazardous.any():
         side, level = ("hazardous", -1.0) if hazardous[0] else ("safe", 1.0)
         advice = "make `step` smaller or ranges wider"
         if logical.margin is None and not danger.inverse.any():
             advice = "let the obstacle come into the ego's path: the ego closes on it at no point"
-        return Surface(unit[:0], np.empty(0), np.full(k, np.inf), 0.0, 0.0, level, to_x), [
-            f"A zone boundary needs safe and hazardous training points; all {n} are {side}, so the "
-            f"whole space counts as such. If it has a boundary, {advice}."
+        no_scales = np.full(unit.shape[1], np.inf)
+        return Surface(unit[:0], np.empty(0), no_scales, 0.0, 0.0, level, to_x), [
+            f"A zone boundary needs safe and hazardous training points; all {len(unit)} are "
+            f"{side}, so the whole space counts as such. If it has a boundary, {advice}."
         ]
 
-    # along each coordinate: the widest gap between its values, at least that of an even grid
-    spacing = np.array([np.diff(np.unique([0.0, *column, 1.0])).max() for column in unit.T])
-    spacing = np.maximum(spacing, n ** (-1.0 / k))
-    bounds = np.log(
-        [SIGNAL_BOUNDS, *((0.5 * step, LONGEST_SCALE) for step in spacing), NOISE_BOUNDS]
-    )
-    # variance of the signal, length scales, variance of the noise
-    start = Hyperparameters(1.0, tuple(np.maximum(0.5, 2.0 * spacing).tolist()), 1e-3)
-    tolerance = (TARGET_TOLERANCE * target) ** 2
-    sample = np.random.default_rng(SEED).permutation(n)[:SEARCH_POINTS]
+    tolerance = (TARGET_TOLERANCE * target) ** 2  # variance of each training value
     # One thread: matrices this small gain nothing from more, and several waited 20 s for each other
     # on a busy machine.
     with threadpool_limits(1):
-        likelihood = MarginalLikelihood(unit[sample], target[sample], tolerance[sample])
-        theta, failures = most_likely(
-            likelihood, start, bounds, restarts=settings.restarts, seed=SEED
-        )
-        # Three digits are more than the likelihood can tell apart; the search's last digits do not
-        # reach the zones.
+        theta, bounds, notes = _likeliest(unit, target, tolerance, settings)
+        # Rounded to three digits, so that the last digits of the search do not change the zones.
+        # The likelihood tells fewer digits apart.
         rounded = Hyperparameters.of_logarithms(
             np.log([float(f"{value:.3g}") for value in np.exp(theta)])
         )
-        k_training = covariance(unit, rounded) + np.diag(tolerance)  # the first with the noise
+        k_training = covariance(unit, rounded) + np.diag(tolerance)  # `covariance` has the noise
         factor = cholesky(k_training, lower=True, check_finite=False)
         weights = cho_solve((factor, True), target, check_finite=False)
-    notes = []
-    if failures:
-        notes.append(
-            f"{len(failures)} of {settings.restarts + 1} searches for the GP's hyperparameters "
-            f"stopped early: {failures[0]}."
-        )
     surface = Surface(
         unit,
         weights,
@@ -184,11 +168,48 @@ def fit(
     return surface, [*notes, *_bound_notes(logical, theta, bounds)]
 
 
+def _likeliest(
+    unit: FloatArray, target: FloatArray, variances: FloatArray, settings: ZoneSettings
+) -> tuple[FloatArray, FloatArray, list[str]]:
+    """Eq. 7: theta (log sf^2, log sl, log sn^2) of largest likelihood, (m + 2,), its bounds, low
+    and high, (m + 2, 2), and a note on searches that stopped early.
+
+    unit: training points in the GP's unit box, (n, m).
+    target: y of each, (n,).
+    variances: of each training value, (n,).
+    """
+    from sumo_eval.method.gaussian_process import Hyperparameters, MarginalLikelihood, most_likely
+
+    n, m = unit.shape
+    # along each coordinate: the widest gap between its values, at least that of an even grid
+    spacing = np.array([np.diff(np.unique([0.0, *column, 1.0])).max() for column in unit.T])
+    spacing = np.maximum(spacing, n ** (-1.0 / m))
+    bounds = np.log(
+        [SIGNAL_BOUNDS, *((0.5 * step, LONGEST_SCALE) for step in spacing), NOISE_BOUNDS]
+    )
+    # variance of the signal, length scales, variance of the noise
+    start = Hyperparameters(1.0, tuple(np.maximum(0.5, 2.0 * spacing).tolist()), 1e-3)
+    sample = np.random.default_rng(SEED).permutation(n)[:SEARCH_POINTS]
+    likelihood = MarginalLikelihood(unit[sample], target[sample], variances[sample])
+    theta, failures = most_likely(likelihood, start, bounds, restarts=settings.restarts, seed=SEED)
+    notes = []
+    if failures:
+        notes.append(
+            f"{len(failures)} of {settings.restarts + 1} searches for the GP's hyperparameters "
+            f"stopped early: {failures[0]}."
+        )
+    return theta, bounds, notes
+
+
 def _bound_notes(logical: LogicalScenario, theta: FloatArray, bounds: FloatArray) -> Iterator[str]:
-    """One sentence for each hyperparameter that the search left at a bound."""
-    seen = (logical.zone_coordinates or logical).names
-    names = ["signal deviation", *(f"length scale of `{name}`" for name in seen), "noise deviation"]
-    # by the first word of a name
+    """One sentence for each hyperparameter that the search left at a bound.
+
+    theta: logarithms of the hyperparameters, (m + 2,).
+    bounds: of each logarithm, low and high, (m + 2, 2).
+    """
+    axes = (logical.zone_coordinates or logical).names  # of the GP's unit box
+    names = ["signal deviation", *(f"length scale of `{name}`" for name in axes), "noise deviation"]
+    # by the first word of a hyperparameter's name, and by the bound that it reached
     meaning = {
         ("length", "upper"): "the zones hardly depend on it",
         (

@@ -23,7 +23,6 @@ from sumo_eval.frozen import frozen
 from sumo_eval.scenario.expression import (
     Definitions,
     Expression,
-    checked_names,
     condition,
     parsed,
 )
@@ -93,7 +92,8 @@ class Requirement:
             values = np.broadcast_to(inner.value({**known, **series}), series["time"].shape)
             if np.isnan(values).any():
                 raise InputError(
-                    f"`{inner.text}` of requirement `{self.name}` must be a number at every moment."
+                    f"{function}() in `{self.text}` of requirement `{self.name}` must be of a "
+                    "number at every moment, got nan."
                 )
             numbers[placeholder] = float(_OVER_TIME[function](values))
         return bool(self.outer.at(numbers))
@@ -141,15 +141,17 @@ def requirement(
     place = f"requirement `{name}` of {owner}"
     replaced = _Parts(text, owner, vehicles, known)
     outer = condition(ast.unparse(replaced.visit(tree)), owner)
-    moments = [*SERIES, *(ask[0] for ask in replaced.asks)]
+    # quantities of each moment, as a user writes them: `gap`, `x(lead)`
+    moments = [*SERIES, *(f"{name}({vehicle})" for vehicle in vehicles for name in OF_ACTORS)]
+    placeholders = {ask[0] for ask in replaced.asks}
     for _, _, inner in replaced.parts:
-        checked_names(inner, [*names, *moments], owner)
-        if not inner.names & set(moments):
-            raise must_be(f"`{inner.text}`", place, f"of {', '.join(SERIES)}", inner.text)
+        check_known(f"name in {place}:", [*names, *moments], *sorted(inner.names - placeholders))
+        if not inner.names & {*SERIES, *placeholders}:
+            raise must_be(f"`{inner.text}`", place, f"of {', '.join(moments)}", text)
     for asked in sorted(outer.names - {part[0] for part in replaced.parts}):
         if asked in SERIES:
             raise must_be(f"`{asked}`", place, "within min(), max() or at_end()", text)
-        check_known(f"name in {place}:", [*names, *SERIES], asked)
+        check_known(f"name in {place}:", [*names, *moments], asked)
     return Requirement(name, text, about, outer, tuple(replaced.parts), tuple(replaced.asks))
 
 
@@ -182,11 +184,13 @@ class _Parts(ast.NodeTransformer):
                 self.parts.append((placeholder, function, Expression(inner)))
                 return ast.Name(placeholder, ast.Load())
             case ast.Call(func=ast.Name(id=function), args=[ast.Name(id=vehicle)], keywords=[]) if (
-                function in OF_ACTORS and self.within
+                function in OF_ACTORS
             ):
-                check_known(
-                    f"vehicle in requirement `{self.text}` of {self.owner}:", self.vehicles, vehicle
-                )
+                place = f"requirement `{self.text}` of {self.owner}"
+                check_known(f"vehicle in {place}:", self.vehicles, vehicle)
+                if not self.within:
+                    wanted = "within min(), max() or at_end()"
+                    raise must_be(f"`{function}({vehicle})`", place, wanted, self.text)
                 ask = self._new_name(f"{function}_of_{vehicle}"), function, vehicle
                 if ask not in self.asks:
                     self.asks.append(ask)

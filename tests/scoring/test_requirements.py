@@ -88,7 +88,10 @@ def test_without_a_lead_the_gap_is_infinite():
 min(gab) > 2 | Did you mean `gap`
 gap > 2 | `gap` of requirement .* must be within min\(\), max\(\)
 min(gap) | must be a condition
-max(gap0) < 2 | must be of time, x, offset
+max(gap0) < 2 | must be of time, x, offset, .* x\(lead\), y\(lead\), speed\(lead\), lateral_speed\(lead\)
+min(x(lead) - foo) > 2 | Unknown name `foo` .* x\(lead\)
+min(x(led) - x) > 2 | Unknown vehicle `led`
+x(lead) > 2 | `x\(lead\)` of requirement .* must be within min\(\), max\(\)
 min(gap) > | cannot be read
 at_the_end(gap) > 2 | Unknown function
 min(gap.x) > 2 | language does not have
