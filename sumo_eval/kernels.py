@@ -1,12 +1,16 @@
 """Rules of driving as machine code: the only file that knows numba, except `method/field_loops.py`.
 
-A rule is written once, for one vehicle, as a plain function of records and floats (`@kernel`), and
-a short loop calls it for every row of structured arrays (`@rows`). One case is a row count of 1, so
-the bits of a case do not depend on the number of cases in its batch.
+A rule is written once, for one vehicle, as a plain function of records and floats (`@kernel`). A
+short loop calls the rule for every row of structured arrays (`@rows`). A case alone is one row of
+the same loop, so the bits of a case do not depend on the number of cases in its batch.
 
 With SUMO_EVAL_INTERPRETED=1 in the environment every loop runs as plain Python, line by line, for a
-debugger: the same bits, fifty times slower. tests/test_kernels.py holds the rules that make both
-agree: no integer powers, no `** 2.0`, no `math.hypot`, `remainder` or `fmod` in a kernel.
+debugger: the same bits, fifty times slower. Machine code and plain Python agree as long as kernels
+follow the rules in tests/test_kernels.py: no integer powers, no `** 2.0`, no `math.hypot`,
+`remainder` or `fmod`.
+
+Free to change: where and how machine code is kept. An edit of any file in `_ROOMS` makes numba
+compile all loops again.
 
 Users: `ads/`, `cosim/`, `drivers/`, `method/`, `record/`, `scenario/`.
 """
@@ -36,8 +40,8 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 INTERPRETED = os.environ.get("SUMO_EVAL_INTERPRETED", "") not in ("", "0")
 PLAIN = os.environ.get("SUMO_EVAL_PLAIN", "") not in ("", "0")
-"""Whether library internals are avoided, in `kept_code`, `cosim/sumo/insides.py` and
-`record/children.py`; those of `_name_code_apart` never are: without them wrong code may run."""
+"""Whether `kept_code`, `cosim/sumo/insides.py` and `record/children.py` do without internals of
+libraries. `_name_code_apart` always uses one of numba's: without it wrong code may run."""
 _PACKAGE = Path(__file__).parent
 _ROOMS = (
     "kernels.py",
@@ -49,32 +53,32 @@ _ROOMS = (
     "drivers",
     "method/field_loops.py",
 )
-"""Files and folders of this package with kernels, or with constants that are compiled into them."""
+"""Files and folders of this package that hold kernels, or constants compiled into kernels."""
 
 _SEAL = 32  # bytes at the beginning of a file of machine code: the SHA-256 of the rest
 _unregistered: list[Callable[..., Any]] = []
 """Kernels that numba does not know yet: they were defined before it was loaded."""
 
 Records = NDArray[Any]
-"""A structured array. Each layout is made in one place, as kernels are compiled again for every
-other one."""
+"""A structured array. Define each layout in one place: numba compiles kernels again for each
+layout."""
 Layout = list[tuple[str, Any]]
-"""Fields of a record and their types."""
+"""Name and type of each field of a record."""
 
 
 def fields(*names: str) -> Layout:
-    """Fields of a record that are numbers."""
+    """Layout of fields that are floats."""
     return [(name, "f8") for name in names]
 
 
 def flags(*names: str) -> Layout:
-    """Fields of a record that are counts, codes, or 0 and 1."""
+    """Layout of fields that are whole numbers: counts, codes, or 0 and 1."""
     return [(name, "i8") for name in names]
 
 
 def kernel(function: Function) -> Function:
-    """Mark a rule, or a part of one: called from Python it is plain Python, called from a loop over
-    rows it is machine code.
+    """Mark a rule, or a part of a rule: plain Python when Python calls it, machine code when a loop
+    over rows calls it.
     """
     if "numba" in sys.modules and not INTERPRETED:
         _register(function)
@@ -87,7 +91,7 @@ def rows(function: Function) -> Function:
     """Mark a loop over rows of structured arrays: compiled at its first call, and kept on disk for
     the next process.
 
-    The arrays must have the same types in all calls: the loop is compiled again for other types.
+    Call it with arrays of the same types each time: numba compiles it again for other types.
     """
     return cast("Function", _interpreted(function) if INTERPRETED else Loop(function))
 
@@ -133,8 +137,8 @@ def _kind_of(argument: Any) -> Any:
 
 
 def interpreted(loop: Function) -> Function:
-    """A loop over rows as plain Python, to the same bits: for a few rows, which are done before
-    numba would be loaded.
+    """A loop over rows as plain Python, to the same bits: for a few rows, which take less time than
+    loading numba.
     """
     if not isinstance(loop, Loop):
         return loop
@@ -144,7 +148,7 @@ def interpreted(loop: Function) -> Function:
 def bound(loop: Function, *arguments: Any) -> Function:
     """A loop over rows whose call takes a third of the time, for callers at every step.
 
-    Only for arguments of the types and layout of `arguments`: these are not checked.
+    Its calls must have arguments of the types and layouts of `arguments`: it does not check them.
     """
     return cast("Function", loop.code_for(*arguments)) if isinstance(loop, Loop) else loop
 
@@ -165,26 +169,27 @@ def keep_code(loop: Any) -> Any:
 def _name_code_apart() -> None:
     """Give machine code that this process compiles names that no other process gives.
 
-    A name is the function's own, a count and types. In numba counts begin at 1, so two rules that
-    one function made, compiled by two processes, may have one name. A process that loads both would
-    then run the first in place of the second. Here counts begin at random, also after a fork.
+    numba makes a name of the function's name, a count of functions and the types. Its counts begin
+    at 1 in each process. So two rules that `each_row` has made, compiled by two processes, may have
+    one name, and a process that loads both would run the first for the second. Here counts begin
+    at random, also after a fork.
     """
     functions = importlib.import_module("numba.core.bytecode").FunctionIdentity
 
-    def begin() -> None:
+    def begin_count() -> None:
         functions._unique_ids = itertools.count(int.from_bytes(os.urandom(6)))
 
-    begin()
+    begin_count()
     if hasattr(os, "register_at_fork"):
-        os.register_at_fork(after_in_child=begin)
+        os.register_at_fork(after_in_child=begin_count)
 
 
 @functools.cache
 def kept_code() -> Any:
     """The class of numba caches that keep one sealed file for each loop and types of arguments.
 
-    numba's own cache has one index file a loop: two processes that write at once make it name the
-    wrong code, and it trusts damaged files.
+    numba's own cache has one index file a loop. If two processes write it at once, it may name the
+    wrong code. numba's cache also trusts damaged files.
 
     Uses internals of numba, tested with numba 0.68; SUMO_EVAL_PLAIN=1 avoids them.
     """
@@ -199,7 +204,7 @@ def kept_code() -> Any:
 
         def load_overload(self, signature: Any, target: Any) -> Any:
             """Load the code for arguments of these types; None: numba has to compile it."""
-            # what machine code needs to run; numba's own cache imports the compiler too, 0.5 s
+            # all that machine code needs to run; numba's own cache also loads the compiler, 0.5 s
             importlib.import_module("numba.core.runtime").rtsys.initialize(target)
             try:
                 content = read_input(self._path(signature, target.codegen()), "machine code")
@@ -258,16 +263,16 @@ def cache_folder() -> Path:
     make it compile the loop again.
     """
     digest = hashlib.sha256(bytes(_PACKAGE))
-    made_for = _processor(), sys.version, importlib.metadata.version("numba")
-    digest.update(repr(made_for).encode())
+    platform_versions = _processor(), sys.version, importlib.metadata.version("numba")
+    digest.update(repr(platform_versions).encode())
     for room in _ROOMS:
         folder = _PACKAGE / room
         for path in sorted(folder.rglob("*.py")) if folder.is_dir() else [folder]:
             digest.update(path.name.encode())
             digest.update(path.read_bytes())
-    requested = os.environ.get("NUMBA_CACHE_DIR")
+    users_folder = os.environ.get("NUMBA_CACHE_DIR")
     caches = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    return Path(requested or caches) / "sumo_eval" / "kernels" / digest.hexdigest()[:16]
+    return Path(users_folder or caches) / "sumo_eval" / "kernels" / digest.hexdigest()[:16]
 
 
 def _processor() -> str:
@@ -288,36 +293,36 @@ def _processor() -> str:
 def _interpreted(function: Callable[..., Any]) -> Callable[..., Any]:
     """A loop over rows in plain Python, which is quick on objects but slow on structured arrays.
 
-    So each structured array becomes an array of objects, one a record, for the time of the call,
-    and is filled from them afterwards.
+    So the call works on arrays of objects, one for each record, and its end copies their values
+    back into the structured arrays.
     """
 
     @functools.wraps(function)
     def loop(*arguments: Any) -> Any:
-        opened = [_opened(argument) for argument in arguments]
-        result = function(*opened)
-        _write_back(arguments, opened)
+        object_arrays = [_as_objects(argument) for argument in arguments]
+        result = function(*object_arrays)
+        _write_back(arguments, object_arrays)
         return result
 
     return loop
 
 
-def _write_back(arguments: Sequence[Any], opened: Sequence[Any]) -> None:
-    """Fill structured arrays from the objects that `_opened` made of them."""
-    for argument, records in zip(arguments, opened, strict=True):
+def _write_back(arguments: Sequence[Any], object_arrays: Sequence[Any]) -> None:
+    """Fill structured arrays from the objects that `_as_objects` made of them."""
+    for argument, objects in zip(arguments, object_arrays, strict=True):
         if isinstance(argument, tuple):
-            _write_back(argument, records)
-        elif records is not argument:
-            closed = [_closed(record, argument.dtype) for record in records.flat]
-            argument[...] = np.array(closed, argument.dtype).reshape(argument.shape)
+            _write_back(argument, objects)
+        elif objects is not argument:
+            values = [_values(record, argument.dtype) for record in objects.flat]
+            argument[...] = np.array(values, argument.dtype).reshape(argument.shape)
 
 
-def _opened(argument: Any) -> Any:
-    """A structured array as an array of objects; a named tuple with each item opened; any other
-    argument as it is.
+def _as_objects(argument: Any) -> Any:
+    """A structured array as an array of objects; a named tuple of arrays as one of such arrays; any
+    other argument as it is.
     """
     if isinstance(argument, tuple):
-        return type(argument)(*map(_opened, argument))
+        return type(argument)(*map(_as_objects, argument))
     if not isinstance(argument, np.ndarray) or argument.dtype.names is None:
         return argument
     objects = np.empty(argument.size, object)
@@ -326,7 +331,7 @@ def _opened(argument: Any) -> Any:
 
 
 def _record(values: tuple[Any, ...], dtype: np.dtype[Any]) -> SimpleNamespace:
-    """An object with an attribute for each field; of a field that is a record an object too."""
+    """An object with an attribute for each field; a nested record becomes an object too."""
     record = SimpleNamespace()
     for name, value in zip(dtype.names or (), values, strict=True):
         inner = dtype[name]
@@ -334,12 +339,12 @@ def _record(values: tuple[Any, ...], dtype: np.dtype[Any]) -> SimpleNamespace:
     return record
 
 
-def _closed(record: SimpleNamespace, dtype: np.dtype[Any]) -> tuple[Any, ...]:
+def _values(record: SimpleNamespace, dtype: np.dtype[Any]) -> tuple[Any, ...]:
     """The values of an object that `_record` made, as numpy fills a record from them."""
     values = []
     for name in dtype.names or ():
         inner, value = dtype[name], getattr(record, name)
-        values.append(value if inner.names is None else _closed(value, inner))
+        values.append(value if inner.names is None else _values(value, inner))
     return tuple(values)
 
 
@@ -349,17 +354,17 @@ def _closed(record: SimpleNamespace, dtype: np.dtype[Any]) -> tuple[Any, ...]:
 def warm(scripts: Sequence[str]) -> None:
     """Run scripts that compile loops, each in a child process, all at the same time, and wait.
 
-    scripts: Python code. What it compiles is then on disk for this process.
+    scripts: Python code. This process then finds their machine code on disk.
 
     Threads would not help: numba compiles under the interpreter's lock. The children import from
-    where this process does, and not from the current folder (-P): it may hold another copy of this
-    package, or files with names of modules.
+    where this process does, and not from the current folder (-P): that may hold another copy of
+    this package, or files with names of modules.
     """
-    begin = f"import sys; sys.path[:] = {sys.path!r}\n"
-    # compiling makes many objects and little garbage: the search for it takes a tenth of the time
-    begin += "import gc; gc.disable()\n"
+    preamble = f"import sys; sys.path[:] = {sys.path!r}\n"
+    # compiling makes little garbage: without the search for garbage it takes a tenth less time
+    preamble += "import gc; gc.disable()\n"
     children = [
-        subprocess.Popen([sys.executable, "-P", "-c", begin + script]) for script in scripts
+        subprocess.Popen([sys.executable, "-P", "-c", preamble + script]) for script in scripts
     ]
     try:
         for child in children:

@@ -1,10 +1,13 @@
 """Numbers of a case: the records of bodies, egos, actors and what rules see of them.
 
-The loop of `cosim` and the rules of `ads` and `drivers` share them.
+The loop of `cosim` and the rules of `ads` and `drivers` share these records.
 
-A row is a case: its ego in `EGO`, its m actors in `OTHER`. x, y and heading of a body are relative
-to the road; `map` has them on the map, where they are the same numbers for a straight road. Rules
-see a body as a `MOVER`.
+A row is a case: an `EGO` record for its ego, `OTHER` records for its m actors. x, y and heading of
+a body are relative to the road: x along the road's line, y to the left of it. `map` has x, y and
+heading on the map, the same numbers on a straight road. Rules see a body as a `MOVER`.
+
+Fields of numbers have eight bytes each (`numbers_of`), and code elsewhere reads some of them by
+index (`first_number`, the first eight of a body). Append new fields at the end.
 
 Users: `ads/`, `cosim/`, `drivers/synthetic/driver.py`, `record/loops.py`.
 """
@@ -26,8 +29,8 @@ class Scenes(NamedTuple):
     seen: the actors as rules see them, (n, m).
     samples: (n, 1 + m, instants, channels).
     shown: x and y of the front bumper, angle and speed of the actors, (n, m, 4).
-    kept: what moved the egos in each step, (n, steps, values): commands where the vehicle model
-        moves them all, else their motion as in `_NEXT`.
+    kept: what moved the egos in each step, (n, steps, values): their commands if the vehicle model
+        moves all egos, else their motion as in `_NEXT`.
     """
 
     egos: Records
@@ -86,22 +89,28 @@ EGO = np.dtype(
 )  # fmt: skip
 """The ego of a case.
 
-The first fields are those of a `Body`.
-before: at the start of the step.
+The first fields are those of a `touch.Body`: centre, heading, speed, sizes, speed across the road.
+acceleration: m/s2. steering: angle of the steering wheel, rad.
+before: its motion at the start of the step.
 next: the state that a plant gave; of an ego that SUMO moves only its speed, m/s along its lane.
+command: acceleration, m/s2, and steering wheel angle, rad, for the next step.
+seen: the ego as rules see it.
+time: s since the case began.
 stood: for how long it has stood, s.
-scripted_until: when the actors' scripts are over, s.
-placed: what moves it: `SUMO`, `MODEL` or `PLANT`.
-stale: 1 if SUMO has not received its last motion; of an ego that SUMO moves: 1 if SUMO began to in
-    this step.
-reason: why the case has ended, a place in `REASONS`; 0: it has not.
-struck: number of the actor that it touched.
 share: share of the step that had passed at the contact.
+scripted_until: when the actors' scripts are over, s.
+front_x, front_y: centre of the front bumper on the map, m.
+live: 0 once its case has ended and left the loop.
+placed: what moves it: `SUMO`, `MODEL` or `PLANT`.
+stale: of an ego that SUMO moves: 1 in the first step in which SUMO moves it. Of any other ego: 1 if
+    SUMO has not received its last motion.
+reason: why the case has ended, an index of `REASONS`; 0: it has not.
+struck: index of the actor that it touched.
 settled: 1 if its ADS will do nothing new.
 samples: number of its samples.
 begun: step of the world at which the case began.
-slip, yaw_rate: of the dynamic vehicle model, rad and rad/s.
-way: as in `_WAY`."""
+way: as in `_WAY`.
+slip, yaw_rate: of the dynamic vehicle model, rad and rad/s."""
 
 
 def first_number(field: str) -> int:
@@ -110,10 +119,11 @@ def first_number(field: str) -> int:
 
 
 COMMAND = slice(first_number("command"), first_number("command") + 2)
-"""Place of the command in the numbers of an ego."""
+"""Where the command stands among the numbers of an ego."""
 MAP = first_number("map")
+"""Index of x on the map among these numbers; y and heading follow."""
 NEXT = slice(first_number("next"), first_number("next") + 6)
-"""Place of a plant's next state."""
+"""Where a plant's next state stands among these numbers."""
 
 OTHER = np.dtype(
     [
@@ -122,9 +132,9 @@ OTHER = np.dtype(
         ("map", _MAP),
     ]
 )  # fmt: skip
-"""An actor.
+"""An actor; fields without a line here as in `EGO`.
 
-rate: of its speed over the last step, m/s2. acceleration: along its heading, m/s2.
+rate: change of its speed over the last step, m/s2. acceleration: along its heading, m/s2.
 present: 0 once it has left the network.
 told: 0 if SUMO moved it by itself in this step, 1 if not, 2 if SUMO also received it.
 strays: 1 once it has been beside the lanes, from where SUMO moves no vehicle.
@@ -139,8 +149,11 @@ _ROAD = [
     *flags("lanes", "bent", "shaped"),
     *fields(*(f"{side}_{name}" for side in ("right", "left") for name in PLACES)),
 ]
-"""A road; the fields of `PLACES` are x, m, at which the outermost lane of each side begins to open,
-is open, begins to end, is gone, stops being an on-ramp and becomes an exit ramp.
+"""A road.
+
+bent: 1 if it is curved. shaped: 1 if lanes open or end on it, or roads cross it.
+Fields of `PLACES`: x, m, at which the outermost lane of each side begins to open, is open, begins
+to end, is gone, stops being an on-ramp and becomes an exit ramp.
 """
 LIMITS = fields(
     "length", "width", "wheelbase", "steering_ratio", "max_steering_wheel_angle_deg",
@@ -149,6 +162,7 @@ LIMITS = fields(
     "max_speed", "brake_jerk",
     "dynamic", "mass", "yaw_inertia", "front_share", "centre_height", "cornering_stiffness",
 )  # fmt: skip
+"""A vehicle's limits: fields of `VehicleSettings`, in their units."""
 SCENARIO = np.dtype(
     [
         ("road", _ROAD), ("vehicle", LIMITS),
@@ -158,14 +172,14 @@ SCENARIO = np.dtype(
 )  # fmt: skip
 """Values that all rows share; `road`, `vehicle` and `step` as in a `Briefing`.
 
-There are always two of them. The second has a cycle of decisions as its `step`: see `CYCLE`.
+There are always two such records. The second has a cycle of decisions as its `step`: see `CYCLE`.
 """
 CYCLE = 0.05
-"""Cycle of decisions, s; a step where that is longer.
+"""Cycle of decisions, s; one step of the simulation if that is longer.
 
-A rule that releases the brake below a threshold exceeds the threshold again at once: the finer the
-step, the more often. So such a rule decides once a cycle, as a control unit does. The step of the
-simulation may be any part of a cycle.
+A rule that brakes above a threshold, and releases the brake below it, would switch at every step:
+the finer the step, the more often. So such a rule decides once a cycle, as a control unit does. A
+cycle is a whole number of steps.
 """
 
 SUMO, MODEL, PLANT = 0, 1, 2  # what moves the ego
@@ -179,13 +193,14 @@ OFF_ROAD, TIME_LIMIT, DECIDED = range(4, 7)
 ADS_ERROR, SIM_ERROR = 7, 9
 
 TO_ITS_END: tuple[EndReason, ...] = ("road_end", "time_limit")
-"""Reasons of cases that ran to their end: a condition that never became true is reported."""
+"""Reasons of cases that ran to their end. Only of these a condition that never became true is
+reported."""
 
 WHATS = (*LIMITED, "actor_off_its_script")
+"""Kinds of the clips that kernels count, by number."""
 OFF_SCRIPT = len(LIMITED)
 SCRIPT_TOLERANCE = 0.05  # m that SUMO may show an actor off its script
 STRAIGHT = 90.0  # deg clockwise from north, SUMO's angle along the road
 ALONG = 1e-9  # rad, a smaller heading counts as 0
-# rad off the road's direction, up to which an ego in a curve counts as keeping its lane
-ALONG_A_BEND = 0.01
+ALONG_A_BEND = 0.01  # rad, a smaller heading in a curve counts as keeping the lane
 DEGREES = 180.0 / math.pi

@@ -1,12 +1,12 @@
-"""Cases through SUMO: one at a time, or many that are driven together, in the same loop and to the
-same bits.
+"""Drives of cases through SUMO: one at a time, or many together as a batch, in the same loop and to
+the same bits.
 
-Cases on one road with the same settings and number of actors can share one simulation, where
-the ADS looks through observations: baselines, synthetic drivers, and users' policies. A hook, the
-TraCI code of one function or class, shares a simulation too; some of its cases are driven alone as
-well and compared. An ADS that needs the simulation to itself (listeners, programs, TraCI code that
-keeps state) is driven alone; when a batch fails as a whole, each of its cases is driven alone too.
-The caller receives the reason for each case that is driven alone.
+Cases on one road with the same settings and number of actors can share one simulation (`_kind`).
+Baselines, synthetic drivers and users' policies share it. So does a hook, the TraCI code of one
+function or class; some cases of each batch are then driven alone as well, and compared. ADSs that
+need the simulation to themselves are driven alone: listeners, programs, TraCI code that keeps
+state. If a batch fails as a whole, each of its cases is driven alone. The caller receives the
+reason for each case that is driven alone (`trajectory.Alone`).
 
 Users: `record/`, `cosim/no_return.py`, `cosim/doors/contract.py`, `extras/`; users' own code calls
 `sumo_eval.simulate`.
@@ -76,10 +76,10 @@ SORTED_AT_ONCE = 4096
 # cases in one simulation: enough to share a step's fixed cost, few enough for the processor's
 # caches
 TOGETHER = 512
-HOOKS_TOGETHER = 128  # fewer of hooks, since SUMO itself moves all their vehicles
+HOOKS_TOGETHER = 128  # cases of a hook in one simulation: fewer, as SUMO moves all their vehicles
 # Cases of a hook that are also driven alone and compared: its first ones, where kept state usually
-# shows, and a share of all cases, which finds state that shows later.
-_COMPARED_FIRST, _COMPARED_LATER = 3, 0.01  # cases; share of the cases
+# shows, and a share of each batch, which finds state that shows later.
+_COMPARED_FIRST, _COMPARED_LATER = 3, 0.01  # cases; share of a batch's cases
 
 USUAL = SimulationSettings()  # the defaults, validated once and not for every case
 # reasons to drive a case alone; `trajectory.Alone` explains them
@@ -104,14 +104,14 @@ def simulate(
         `sumo_eval.cosim.doors.controller`).
     folder: where relative paths in a locator start.
     step_timeout: longest wall time of one controller step, s.
-    seed: of what `settings.conditions` leave to chance.
+    seed: of the random effects of `settings.conditions`.
     period: s from one call of the controller to the next; its answer holds in between. None: as
         its locator says.
 
-    A fault of the ADS (an exception, a command that is not a finite number, motion that no vehicle
-    can do, touching SUMO's clock) ends the run with `end_reason` "ads_error" and a sentence in
-    `error`, too slow a step with "ads_timeout", a fault of SUMO with "sim_error". What was driven
-    until then is kept.
+    A fault ends the drive with an error message in `error`; the recording holds the motion until
+    then. `end_reason` is "ads_error" after a fault of the ADS: an exception, a command that is not
+    a finite number, motion that no vehicle can do, touching SUMO's clock. It is "ads_timeout" after
+    a step that took too long, "sim_error" after a fault of SUMO.
     """
     settings = concrete.simulation(settings or USUAL)  # with the case's own changes
     _check_intervals(settings)
@@ -126,13 +126,13 @@ def simulate(
         raise InputError("Baselines and step listeners drive at every step; they take no `period`.")
     on_traci = not (is_rule or ads.is_policy)
     world = World([concrete], settings, SUMO if on_traci else MODEL)
-    driver = _control([target if is_rule else ads], [seed], terms)
+    control = _control([target if is_rule else ads], [seed], terms)
     try:
         with _opened(concrete, settings, ads, step_timeout, on_traci) as traci, seen_as_traci():
             stage = Traffic if world.reacts else Stage
             # as_read: actors are as SUMO shows them
-            drive(world, driver, stage(traci, world, ads_asks=not is_rule, as_read=on_traci))
-    # raised while the simulation is opened: `drive` turns its own errors into end reasons
+            drive(world, control, stage(traci, world, ads_asks=not is_rule, as_read=on_traci))
+    # an error of `_opened`: `drive` turns the errors within it into end reasons
     except (ControllerError, SimulationError) as error:
         break_off(world, error)
         world.end(0)
@@ -154,8 +154,8 @@ def _steps_per_call(
 
 
 def _driven_object(ads: Adapter) -> Any:
-    """The user's object that is called at every step, or the baseline; None where the ADS is a
-    policy, which is driven through observations.
+    """The user's object that is called at every step, or the baseline; None for a policy, which
+    sees observations.
     """
     return None if ads.is_policy else ads.target
 
@@ -197,7 +197,8 @@ def _opened(
         return served(concrete, settings, ads, step_timeout)
     road = concrete.road
     if not on_traci and road.network is None:
-        asks = ads.is_policy  # it may ask SUMO for lanes: the network must hold this road alone
+        # a policy may ask SUMO for lanes, so the network must have the lanes and names of the case
+        asks = ads.is_policy
         return running(
             shared_network_xml([concrete], ads_asks=asks),
             shared_routes_xml([concrete], settings, own_lanes=asks),
@@ -248,18 +249,19 @@ def simulate_many(
 ) -> Iterator[Recording]:
     """Recordings of concrete scenarios in their order; `folder` and errors as in `simulate`.
 
-    controller: an ADS, or a list with one controller for each case. Of a locator, a class or a
-        function every case gets a fresh object; a single object serves all cases in order.
-    alone: counts the cases that are driven one by one, by reason.
+    controller: an ADS, or a list with one controller for each case. A locator, a class or a
+        function gives each case a fresh object; a single object serves all cases in order.
+    alone: receives the number of cases that are driven alone, by reason.
     """
     terms = Terms(folder=folder)
-    for index, driven in enumerate(simulate_together(cases, controller, settings, terms=terms)):
-        if isinstance(driven, Alone):
+    together = simulate_together(cases, controller, settings, terms=terms)
+    for index, recording in enumerate(together):
+        if isinstance(recording, Alone):
             if alone is not None:
-                alone[driven] += 1
+                alone[recording] += 1
             own = controller[index] if isinstance(controller, list | tuple) else controller
-            driven = simulate(cases[index], own, settings, folder=folder)
-        yield driven
+            recording = simulate(cases[index], own, settings, folder=folder)
+        yield recording
 
 
 def simulate_together(
@@ -272,8 +274,8 @@ def simulate_together(
     wrap: Callable[[Adapter], Adapter] = lambda ads: ads,
     batches: bool = True,
 ) -> Iterator[Recording | Alone]:
-    """Recordings of cases driven together, in their order; the reason instead of a recording for a
-    case that has to be driven alone.
+    """Recordings of cases driven together, in the order of the cases; a case that has to be driven
+    alone gives the reason instead.
 
     terms: how long a step may take, and where relative paths start.
     seeds: of each case, for the random numbers of the conditions.
@@ -293,30 +295,9 @@ def simulate_together(
         terms = terms._replace(every=_steps_per_call(controller, None, basis))
         manners = [_manner(controller, terms.folder, wrap, batches)] * len(cases)
 
+    requested = _Batch(cases, manners, seeds, terms, basis)
     for window in _chunks(range(len(cases)), SORTED_AT_ONCE):
-        drives: dict[int, Recording | Alone] = {}
-        # indices of the cases
-        by_kind = grouped((_kind(cases[index], manners[index], basis), index) for index in window)
-        for kind, members in by_kind.items():
-            if kind is None:
-                drives.update({index: manners[index].alone or NOT_TOGETHER for index in members})
-                continue
-            # settings that the kind shares: one case's without its changes, which the world applies
-            common = replace(cases[members[0]], changes=()).simulation(basis)
-            by_end = sorted(
-                members,
-                key=lambda index: probable_end(cases[index], decided=common.end_when_decided),
-            )
-            size = HOOKS_TOGETHER if manners[members[0]].is_hook else TOGETHER
-            for part in _chunks(by_end, size):
-                driven = _drive_batch(
-                    [cases[index] for index in part],
-                    [manners[index] for index in part],
-                    [seeds[index] for index in part],
-                    terms,
-                    common,
-                )
-                drives.update(zip(part, driven, strict=True))
+        drives = _drive_window(requested, window)
         # a later batch of this window may have shown that a hook keeps state; drives of earlier
         # windows have been yielded already
         for index in window:
@@ -325,25 +306,70 @@ def simulate_together(
             yield drive_or_reason if code is None else _KEEPS_STATE.get(code, drive_or_reason)
 
 
+class _Batch(NamedTuple):
+    """Cases and how each is driven, all that are requested or those of one simulation.
+
+    manners, seeds: of each case.
+    settings: without the cases' own changes, which the world applies.
+    """
+
+    cases: Sequence[ConcreteScenario]
+    manners: Sequence[_Manner]
+    seeds: Sequence[int]
+    terms: Terms
+    settings: SimulationSettings
+
+    def part(self, indices: Sequence[int], settings: SimulationSettings) -> _Batch:
+        """The cases with these indices, in this order."""
+        return _Batch(
+            [self.cases[i] for i in indices],
+            [self.manners[i] for i in indices],
+            [self.seeds[i] for i in indices],
+            self.terms,
+            settings,
+        )
+
+
+def _drive_window(requested: _Batch, window: Sequence[int]) -> dict[int, Recording | Alone]:
+    """By its index, the recording of each case of a window, or why it has to be driven alone."""
+    cases, manners, basis = requested.cases, requested.manners, requested.settings
+    drives: dict[int, Recording | Alone] = {}
+    # indices of the cases
+    by_kind = grouped((_kind(cases[index], manners[index], basis), index) for index in window)
+    for kind, members in by_kind.items():
+        if kind is None:
+            drives.update({index: manners[index].alone or NOT_TOGETHER for index in members})
+            continue
+        # equal for all cases of the kind, except for their own changes
+        common = replace(cases[members[0]], changes=()).simulation(basis)
+        by_end = sorted(
+            members, key=lambda index: probable_end(cases[index], decided=common.end_when_decided)
+        )
+        size = HOOKS_TOGETHER if manners[members[0]].is_hook else TOGETHER
+        for indices in _chunks(by_end, size):
+            drives.update(zip(indices, _drive_batch(requested.part(indices, common)), strict=True))
+    return drives
+
+
 def _kind(
     concrete: ConcreteScenario, manner: _Manner, basis: SimulationSettings
 ) -> tuple[object, ...] | None:
     """The kind of a case: cases of equal kinds share a simulation; None: it has to be driven alone.
 
     Kinds are equal only where driving together gives the same bits as driving alone: on one road,
-    with equally many actors that look alike to SUMO (for a stream: of equal density).
+    with equally many actors that look alike to SUMO. Streams also need the same density.
     """
     road, ego = concrete.road, concrete.ego
     if (
         manner.alone is not None
-        or basis.plant is not None  # it moves one ego
-        or basis.conditions.step_budget is not None  # a step's wall time is one case's own
+        or basis.plant is not None  # a plant moves one ego
+        or basis.conditions.step_budget is not None  # needs the wall time of one case's step
         or road.network is not None
         or not concrete.actors
         or not road.right_edge_at(ego.x) <= ego.y <= road.left_edge_at(ego.x)  # off the road
     ):
         return None
-    # a hook may ask SUMO for objects that a batch does not show there: lanes that end or cross,
+    # a hook may ask SUMO for objects that a batch's network lacks: lanes that end or cross,
     # vehicles placed on the map, vehicles against the road's direction
     not_shown = road.shaped or any(
         abs(it.heading) > 0.5 * pi or it.on_map is not None for it in concrete.actors
@@ -368,45 +394,38 @@ def _kind(
     )  # fmt: skip
 
 
-def _drive_batch(
-    cases: list[ConcreteScenario],
-    manners: list[_Manner],
-    seeds: list[int],
-    terms: Terms,
-    settings: SimulationSettings,
-) -> Sequence[Recording | Alone]:
+def _drive_batch(batch: _Batch) -> Sequence[Recording | Alone]:
     """The recording of each case of one kind, or why it has to be driven alone.
 
     Some cases of a hook, or of a policy that keeps state, are driven alone as well and compared.
     """
-    control = _control([manner.make() for manner in manners], seeds, terms)
-    code, is_hook = manners[0].code, manners[0].is_hook
+    code, is_hook = batch.manners[0].code, batch.manners[0].is_hook
+    control = _control([manner.make() for manner in batch.manners], batch.seeds, batch.terms)
     if code is None:
-        return _together(cases, control, settings)
+        return _together(batch, control)
     if code not in _KEEPS_STATE:
-        before = kept_state(code)
-        drives = _together(cases, control, settings)
+        before = kept_state(code)  # after the controllers are made
+        drives = _together(batch, control)
         changed = first_change(before, kept_state(code))
-        differs = partial(_difference, cases, manners[0], seeds, terms, settings, drives)
         if is_hook:
-            changed = changed or differs()
-        elif changed and not differs():
+            changed = changed or _difference(batch, drives)
+        elif changed and not _difference(batch, drives):
             changed = None  # a cache, which changes no drive
         if changed is None:
             return drives
         _KEEPS_STATE[code] = Alone("keeps_state", changed)
-    return [_KEEPS_STATE[code]] * len(cases)
+    return [_KEEPS_STATE[code]] * len(batch.cases)
 
 
 class _Manner(NamedTuple):
     """Manner in which an ADS drives its cases.
 
-    driver_key: the type of what drives, or the `id` of a policy over arrays; only cases with
-        equal keys share a simulation.
-    make: gives what drives one case.
-    alone: why it is driven alone; None: it may share a simulation.
+    driver_key: the type of the object that drives, or the `id` of a policy over arrays; only cases
+        with equal keys share a simulation.
+    make: makes the object that drives one case, as in `_control`.
+    alone: why a case is driven alone; None: it may share a simulation.
     over_arrays: one policy drives all cases at once.
-    code: the class or function of a user, of which each case has a fresh object; else None.
+    code: the user's class or function that gives each case a fresh object; else None.
     is_hook: whether it is TraCI code, which sees its own row of SUMO only.
     """
 
@@ -425,57 +444,75 @@ def _manner(
 ) -> _Manner:  # fmt: skip
     """Manner of an ADS: replay, baseline, hook, policy over arrays, or plain policy.
 
+    wrap, batches: as in `simulate_together`.
     one_case: the controller serves one case only.
     """
-
-    def alone(reason: Alone) -> _Manner:
-        return _Manner(None, lambda: None, reason)
-
     if isinstance(controller, Replay):
         return _Manner(Replay, lambda: controller)
     # user_code: class, function or object
     user_code, name, entry = located(controller, folder)
     if not entry.batch:
-        return alone(Alone("asked", "batch=false"))
+        return _alone(Alone("asked", "batch=false"))
     if one_case and entry.period:  # a batch has one period
-        return alone(Alone("asked", "period"))
+        return _alone(Alone("asked", "period"))
     make = partial(adapted, user_code, name, entry.options)
-    is_code = inspect.isclass(user_code) or inspect.isfunction(user_code)
-    keeps_state = _KEEPS_STATE.get(user_code) if is_code else None
     ads: Any = make()
     target = _driven_object(ads)
     if Compiled.rides(target):
         return _Manner(type(target), lambda: target)
     if not isinstance(ads, PolicyController):
-        own_type = getattr(user_code, "vehicle_type", None)
-        if own_type is not None or not isinstance(ads, ObjectController):
-            return alone(ON_TRACI)
-        if not is_code:
-            return alone(ONE_OBJECT)
-        if reaches_libsumo(user_code, target):
-            return alone(ON_TRACI)
-        if getattr(user_code, "batch", True) is False:
-            return alone(Alone("asked", "batch = False"))
-        if keeps_state is not None:
-            return alone(keeps_state)
-        return _Manner(ObjectController, lambda: wrap(make()), code=user_code, is_hook=True)
+        return _manner_of_hook(user_code, ads, lambda: wrap(make()))
     policy = ads.target
     if _asks_traci(policy if policy is not None else ads.act):
-        return alone(ASKS_SUMO)
+        return _alone(ASKS_SUMO)
     if takes_arrays(policy):
-        shared = wrap(ads)
         if not batches:
-            return alone(Alone("batch"))
+            return _alone(Alone("batch"))
+        shared = wrap(ads)
         # `id`, not type: in a list of controllers, each such policy drives its own cases
         return _Manner(id(policy), lambda: shared, over_arrays=True)
     if one_case:
         return _Manner(type(ads), lambda: ads)
-    # a function or a class: fresh for each case
-    if policy is None or isinstance(user_code, type):
-        if keeps_state is not None:
-            return alone(keeps_state)
-        return _Manner(type(ads), lambda: wrap(make()), code=user_code if is_code else None)
-    return alone(ONE_OBJECT)
+    if policy is not None and not inspect.isclass(user_code):
+        return _alone(ONE_OBJECT)
+    if reason := _keeps_state(user_code):
+        return _alone(reason)
+    code = user_code if _gives_fresh_objects(user_code) else None
+    return _Manner(type(ads), lambda: wrap(make()), code=code)
+
+
+def _manner_of_hook(user_code: Any, ads: Adapter, make: Callable[[], Adapter]) -> _Manner:
+    """Manner of an ADS that drives through TraCI.
+
+    make: makes an adapter like `ads` for one case.
+    """
+    own_type = getattr(user_code, "vehicle_type", None)
+    if own_type is not None or not isinstance(ads, ObjectController):
+        return _alone(ON_TRACI)
+    if not _gives_fresh_objects(user_code):
+        return _alone(ONE_OBJECT)
+    if reaches_libsumo(user_code, ads.target):
+        return _alone(ON_TRACI)
+    if getattr(user_code, "batch", True) is False:
+        return _alone(Alone("asked", "batch = False"))
+    if reason := _keeps_state(user_code):
+        return _alone(reason)
+    return _Manner(ObjectController, make, code=user_code, is_hook=True)
+
+
+def _alone(reason: Alone) -> _Manner:
+    """Manner of an ADS whose cases are driven alone."""
+    return _Manner(None, lambda: None, reason)
+
+
+def _gives_fresh_objects(user_code: Any) -> bool:
+    """Whether the user's code is a class or a function: each case gets an object of its own."""
+    return inspect.isclass(user_code) or inspect.isfunction(user_code)
+
+
+def _keeps_state(user_code: Any) -> Alone | None:
+    """Reason to drive an ADS alone that an earlier batch has shown to keep state."""
+    return _KEEPS_STATE.get(user_code) if _gives_fresh_objects(user_code) else None
 
 
 def _asks_traci(target: Any) -> bool:
@@ -490,16 +527,19 @@ def _asks_traci(target: Any) -> bool:
 
 
 def _chunks(items: Sequence[int], size: int) -> Iterator[Sequence[int]]:
+    """Parts of `size` items; the last may be shorter."""
     return (items[begin : begin + size] for begin in range(0, len(items), size))
 
 
 def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
-    """Estimated end of a case, s: cases that end together share a simulation, which lasts as long
-    as its last.
+    """Estimated end of a case, s. Cases are sorted by it: a simulation lasts as long as its longest
+    case.
 
-    decided: cases end once they are decided: when the ego would reach an actor ahead, both at
-        their first speeds. Else: when it would reach the road's end at the lowest first speed
-        above 0 of any vehicle.
+    It is the time at which the ego would reach the road's end at the lowest first speed above 0 of
+    any vehicle.
+
+    decided: cases end once they are decided: the estimate is then the time at which the ego would
+        reach an actor ahead, both at their first speeds.
     """
     ego = concrete.ego
     starts = [actor.start for actor in concrete.actors]
@@ -520,51 +560,51 @@ _KEEPS_STATE = WeakKeyDictionary[Any, Alone]()
 """By hook or policy that keeps state: why all its cases are driven alone."""
 
 
-def _difference(
-    cases: Sequence[ConcreteScenario],
-    manner: _Manner,
-    seeds: Sequence[int],
-    terms: Terms,
-    settings: SimulationSettings,
-    drives: list[Recording | Alone],
-) -> str | None:
-    """Drive a few cases of a batch, spread over it, alone as well; return words on the first that
-    differs, for the text of `Alone("keeps_state", ...)`; None: none differs.
+def _difference(batch: _Batch, drives: list[Recording | Alone]) -> str | None:
+    """Drive a few cases of a batch alone as well; return the text for `Alone("keeps_state", ...)`
+    about the first drive that differs; None: none differs.
 
-    drives: recordings of the batch; recordings that do not differ are marked as compared.
+    drives: of the batch; drives that do not differ are marked as compared.
     """
-    batched = [index for index, drive in enumerate(drives) if isinstance(drive, Recording)]
-    compared = _COMPARED.get(manner.code, 0)
-    # compare the first few cases of this code, and of a hook also a share of each batch
-    later = max(round(_COMPARED_LATER * len(batched)), 1) if manner.is_hook else 0
-    wanted = max(_COMPARED_FIRST - compared, later)
-    if not wanted:
-        return None
-    chosen = batched[:: max(len(batched) // wanted, 1)][:wanted]  # evenly spread
-    _COMPARED[manner.code] = compared + len(chosen)
-    for index in chosen:
+    manner, terms, settings = batch.manners[0], batch.terms, batch.settings
+    for index in _compared_cases(manner, drives):
         own = simulate(
-            cases[index], manner.make(), settings, folder=terms.folder, seed=seeds[index],
-            step_timeout=terms.step_timeout,
+            batch.cases[index], manner.make(), settings, folder=terms.folder,
+            seed=batch.seeds[index], step_timeout=terms.step_timeout,
             period=terms.every * settings.step,
         )  # fmt: skip
         together = drives[index]
         if not (isinstance(together, Recording) and own.same_drive(together)):
-            # the report names this in place of the state that changed
+            # the report shows this text where it else names the state that changed
             return (
                 "unknown which, or it reads a clock or draws without a seed: "
-                f"{cases[index].label} drives differently when it is alone"
+                f"{batch.cases[index].label} drives differently when it is alone"
             )
         drives[index] = replace(together, batched=together.batched and "compared")
     return None
 
 
-def _together(
-    cases: Sequence[ConcreteScenario], driver: EgoControl, settings: SimulationSettings
-) -> list[Recording | Alone]:
+def _compared_cases(manner: _Manner, drives: Sequence[Recording | Alone]) -> Sequence[int]:
+    """Indices of the cases to compare, spread evenly over a batch; counts them in `_COMPARED`.
+
+    They are the first few cases of this code, and of a hook also a share of each batch.
+    """
+    batched = [index for index, drive in enumerate(drives) if isinstance(drive, Recording)]
+    compared = _COMPARED.get(manner.code, 0)
+    share = max(round(_COMPARED_LATER * len(batched)), 1) if manner.is_hook else 0
+    count = max(_COMPARED_FIRST - compared, share)
+    if not count:
+        return []
+    indices = batched[:: max(len(batched) // count, 1)][:count]
+    _COMPARED[manner.code] = compared + len(indices)
+    return indices
+
+
+def _together(batch: _Batch, control: EgoControl) -> list[Recording | Alone]:
     """The recording of each case, or why it has to be driven alone."""
     began = clock.perf_counter()
-    ads_asks = isinstance(driver, OnTraci)
+    cases, settings = batch.cases, batch.settings
+    ads_asks = isinstance(control, OnTraci)
     texts = (
         shared_network_xml(cases, ads_asks=ads_asks),
         shared_routes_xml(cases, settings, ads_asks=ads_asks),
@@ -577,8 +617,8 @@ def _together(
             _rare_garbage_collection(),
         ):
             stage = Traffic if world.reacts else Stage
-            drive(world, driver, stage(traci, world, ads_asks=ads_asks, as_read=ads_asks))
-    # any error: the cases can still be driven alone. The log gets the traceback
+            drive(world, control, stage(traci, world, ads_asks=ads_asks, as_read=ads_asks))
+    # after any error the cases can still be driven alone; the log gets the traceback
     except Exception as error:  # noqa: BLE001
         _LOG.error(
             "%d cases that were driven together failed; each is driven alone.\n%s",
@@ -593,16 +633,16 @@ def _together(
 @contextmanager
 def _rare_garbage_collection() -> Iterator[None]:
     """Let Python search for cycles of garbage a hundredth as often: a batch makes none."""
-    before = gc.get_threshold()
-    gc.set_threshold(100 * before[0], *before[1:])
+    usual = gc.get_threshold()
+    gc.set_threshold(100 * usual[0], *usual[1:])
     try:
         yield
     finally:
-        gc.set_threshold(*before)
+        gc.set_threshold(*usual)
 
 
 class _Refused(ModuleType):
-    """The module of `import traci` where SUMO holds many cases: it answers nothing."""
+    """The module of `import traci` for policies of a batch: it refuses every use."""
 
     def __getattr__(self, name: str) -> Any:
         GUARD.refuse(f"The ADS asked for traci.{name}", "it is driven together with others")

@@ -1,7 +1,10 @@
 """One step of every row: vehicles move, scripts continue, bodies touch, cases end.
 
-The vehicle model moves the ego on the map, and contact is found there. The frame is along and
-across the road's line; on a straight road frame and map are the same numbers.
+Map: where the vehicle model moves the ego, and where contact is found. Frame: along and across the
+road's line, where actors' scripts and the ends of cases are defined. On a straight road frame and
+map are the same numbers.
+
+The order of operations decides the last bits of recorded values: keep it.
 
 `cosim/world.py` runs the functions marked `@rows`, before SUMO's step (`move_rows`) and after it
 (`read_rows`, `see_rows`); `cosim/loop.py` runs `stop_rows`. Kernels of other files call the rest.
@@ -55,6 +58,8 @@ from sumo_eval.scenario.touch import (
 )
 from sumo_eval.trajectory import FloatArray
 
+_SAME_TIME = 1e-9  # s, rounding of sums of steps
+
 # -- what rules see --------------------------------------------------------------------------------
 
 
@@ -64,9 +69,9 @@ def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
     and across the road.
 
     line: knots of the road's line; none: it is straight.
-    rear: m from the centre back to the rear axle, which follows the lane. In a curve the body's
-        heading therefore lags the lane's by atan(rear * curvature). The extents have this angle
-        added back: a body that keeps its lane is as wide as on a straight.
+    rear: m from the centre back to the axle that follows the lane. In a curve the body's heading
+        lags the lane's by atan(rear * curvature). The extents are those of a body turned back by
+        this angle: a body that keeps its lane is as wide as on a straight road.
     """
     curvature = line_at(line, body.x).curvature
     # inner: m driven at the offset y for each metre of the line
@@ -80,7 +85,7 @@ def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
     mover.curvature = curvature / inner
     lean = heading + math.atan(rear * mover.curvature)
     c, s = abs(math.cos(lean)), abs(math.sin(lean))
-    if s < ALONG:
+    if s < ALONG:  # rounding
         c, s = 1.0, 0.0
     mover.half_length = 0.5 * (length * c + width * s)
     mover.half_width = 0.5 * (length * s + width * c)
@@ -88,8 +93,8 @@ def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
 
 @kernel
 def put_on_map(body: Any, line: Any) -> float:
-    """Write a vehicle's place on the map, and that of its front bumper, from its place in the
-    frame; return the metres that it drives for each metre of the line.
+    """Write a vehicle's place and front bumper on the map, from its place in the frame; return the
+    metres that it drives for each metre of the line.
     """
     at, pose = body.map, to_map(line, body.x, body.y, body.heading)
     at.x, at.y, at.heading = pose[:3]
@@ -114,13 +119,13 @@ def _put_front(body: Any) -> None:
 
 @kernel
 def _tell(tell: Any, count: int, number: int, body: Any, line: Any, along: float) -> int:
-    """Append a vehicle's row to `tell`, as in `move_rows`; return how many rows there are then.
+    """Append a vehicle's row to `tell`, as in `move_rows`; return the new number of rows.
 
     count: rows of `tell` so far.
-    number: of the vehicle.
+    number: of the vehicle, as in `tell`.
     along: dx/dt, m/s.
     """
-    near = body.x + 0.5 * body.length  # m, about its front: the search along the line begins there
+    near = body.x + 0.5 * body.length  # m, near its front: where the search along the line begins
     s, d = to_frame(line, body.front_x, body.front_y, body.map.heading, near)[:2]
     angle = STRAIGHT - body.map.heading * DEGREES
     values = float(number), body.front_x, body.front_y, angle, body.speed, s, d, along
@@ -145,10 +150,10 @@ def first_of(scenario: Any, row: int) -> int:
 def _sample(samples: Any, vehicle: Any, time: float, acceleration: float, steering: float) -> None:
     """Record a vehicle as it is now, unless there is a sample of this instant.
 
-    samples: (instants, channels).
+    samples: (instants, channels), in the order of `trajectory.CHANNELS`.
     """
     count = vehicle.samples
-    if count > 0 and time - samples[count - 1, 0] < 1e-9:
+    if count > 0 and time - samples[count - 1, 0] < _SAME_TIME:
         return
     values = time, vehicle.x, vehicle.y, vehicle.heading, vehicle.speed, acceleration, steering
     for k, value in enumerate(values):
@@ -174,19 +179,18 @@ def begin_rows(cast: Cast, seen: Records, samples: FloatArray, scenario: Records
         ego = egos[i]
         put_on_map(ego, line)
         _restate(ego.before, ego)
-        show_body(ego.seen, ego, line, 0.5 * scenario[0].vehicle.wheelbase)
         for j in range(len(others[i])):
             other = others[i, j]
             play_actor(cast, i, j, 0.0)
             put_on_map(other, line)
             _restate(other.before, other)
-            show_body(seen[i, j], other, line, 0.0)
+        _show_row(ego, others[i], seen[i], line, scenario[0].vehicle)
         _sample_row(ego, others[i], samples[i])
 
 
 @rows
 def stop_rows(egos: Records, others: Records, samples: FloatArray, back: int) -> None:
-    """Record a case that is alone, and broken off.
+    """Record a case that is alone where an error or SUMO has broken it off.
 
     back: not 0 within a step: its vehicles return to the step's start.
     """
@@ -207,9 +211,10 @@ def move_rows(
 ) -> int:
     """Move all vehicles by one step; return how many rows of `tell` there are.
 
-    tell: receives what is to be sent to SUMO, a row a vehicle: its number (row by row, each ego
-        first); x and y of the front bumper's centre on the map, SUMO's angle, speed; the front's
-        x and y along and across the road, dx/dt.
+    tell: receives what is to be sent to SUMO, a row for each vehicle, (rows, 8). 0: the vehicle's
+        number (row by row, each ego first). 1, 2: x and y of the front bumper's centre on the map,
+        m. 3: SUMO's angle, deg. 4: speed, m/s. 5, 6: the front bumper along and across the road,
+        m. 7: dx/dt, m/s.
     steps: of the world, this one included.
     to_sumo: 0: SUMO receives nothing, 1: all, 2: egos, and actors that it cannot move by itself.
     """
@@ -221,51 +226,71 @@ def move_rows(
 def _move_egos(
     cast: Cast, clips: Records, tell: FloatArray, scenario: Records, to_sumo: int
 ) -> int:
-    """Move the egos by one step as commanded, and copy all vehicles' motion to `before`; return how
-    many rows of `tell` there are.
+    """Move the egos by one step, and copy all vehicles' motion to `before`; return how many rows of
+    `tell` there are.
 
-    An ego is stale while SUMO has not received its last motion.
+    SUMO receives only egos that are `stale`.
     """
     count = 0
     egos, others, step = cast.egos, cast.others, scenario[0].step
     for i in range(len(egos)):
-        ego, limits = egos[i], scenario[first_of(scenario, i)].vehicle
+        ego = egos[i]
         if ego.live == 0 or ego.reason != 0:
             continue
-        before = ego.before
-        _restate(before, ego)
-        if ego.placed == MODEL:
-            wanted, steering = ego.command.acceleration, ego.command.steering
-            if not math.isfinite(wanted + steering):
-                ego.reason = ADS_ERROR
-                continue
-            if limits.dynamic > 0.0:
-                move_dynamic(ego, ego.map, wanted, steering, limits, step, clips[i])
-            else:
-                move(ego, ego.map, wanted, steering, limits, step, clips[i])
-        elif ego.placed == PLANT:
-            state, at = ego.next, ego.map
-            at.x, at.y, at.heading = state.x, state.y, state.heading
-            ego.speed, ego.acceleration = state.speed, state.acceleration
-            ego.steering = state.steering
+        _restate(ego.before, ego)
+        _move_on_map(ego, scenario[first_of(scenario, i)].vehicle, step, clips[i])
+        if ego.reason != 0:
+            continue
         if ego.placed != SUMO:
-            near = before.x + before.speed * step  # where the search along the line begins
-            pose = to_frame(cast.line, ego.map.x, ego.map.y, ego.map.heading, near)
-            ego.x, ego.y, ego.heading = pose[:3]
-            _put_front(ego)
-            # SUMO continues a straight motion at one speed by itself, but not along a curve
-            turned = ego.heading != 0.0 or before.heading != 0.0
-            if len(cast.line) or turned or ego.speed != before.speed:
-                ego.stale = 1
+            curvature = _place_in_frame(ego, cast.line, step)
             if to_sumo and ego.stale:
                 ego.stale = 0
-                along = ego.speed * math.cos(ego.heading) / (1.0 - pose[3] * ego.y)
+                along = ego.speed * math.cos(ego.heading) / (1.0 - curvature * ego.y)
                 count = _tell(tell, count, i * (1 + len(others[i])), ego, cast.line, along)
         for j in range(len(others[i])):
             other = others[i, j]
             _restate(other.before, other)
             other.told = 0
     return count
+
+
+@kernel
+def _move_on_map(ego: Any, limits: Any, step: float, clips: Any) -> None:
+    """Move an ego by its vehicle model as commanded, or as its plant says; end a case whose command
+    is not finite.
+
+    clips: as of `move`.
+    """
+    at = ego.map
+    if ego.placed == MODEL:
+        wanted, steering = ego.command.acceleration, ego.command.steering
+        if not math.isfinite(wanted + steering):
+            ego.reason = ADS_ERROR
+        elif limits.dynamic > 0.0:
+            move_dynamic(ego, at, wanted, steering, limits, step, clips)
+        else:
+            move(ego, at, wanted, steering, limits, step, clips)
+    elif ego.placed == PLANT:
+        state = ego.next
+        at.x, at.y, at.heading = state.x, state.y, state.heading
+        ego.speed, ego.acceleration, ego.steering = state.speed, state.acceleration, state.steering
+
+
+@kernel
+def _place_in_frame(ego: Any, line: Any, step: float) -> float:
+    """Write an ego's place in the frame, and its front bumper, from its place on the map; return
+    the curvature of the road's line there, 1/m.
+    """
+    before = ego.before
+    near = before.x + before.speed * step  # where the search along the line begins
+    pose = to_frame(line, ego.map.x, ego.map.y, ego.map.heading, near)
+    ego.x, ego.y, ego.heading = pose[:3]
+    _put_front(ego)
+    # SUMO continues a straight motion at one speed by itself, but not along a curve
+    turned = ego.heading != 0.0 or before.heading != 0.0
+    if len(line) or turned or ego.speed != before.speed:
+        ego.stale = 1
+    return float(pose[3])
 
 
 @kernel
@@ -277,24 +302,26 @@ def goes_straight(
     ahead, aside: motion of its front bumper in the step, m.
     speed, before: at the step's end and start, m/s.
     """
-    gained, half = (speed - before) / step, 0.5 * step
-    # off: m from the motion at the mean speed; at most that of the motion at the first or the last
-    # speed. `gained` lies within the limits: at one of them, SUMO may have held the ego back.
+    acceleration, half = (speed - before) / step, 0.5 * step
+    # off: m by which the motion differs from that at the mean speed. most: the difference of the
+    # motion at the first or the last speed.
     off, most = abs(ahead - half * (speed + before)), half * abs(speed - before) + JUMP_TOLERANCE
     grip = vehicle.friction * GRAVITY
+    # strictly within the limits: at a limit, SUMO may have held the ego back
     return (
         aside == 0.0
         and off <= most
         and LOWEST_SPEED < speed < FASTEST
-        and LIMIT_TOLERANCE - min(vehicle.max_deceleration, grip) <= gained
-        and gained <= min(vehicle.max_acceleration, grip) - LIMIT_TOLERANCE
+        and LIMIT_TOLERANCE - min(vehicle.max_deceleration, grip) <= acceleration
+        and acceleration <= min(vehicle.max_acceleration, grip) - LIMIT_TOLERANCE
     )
 
 
 @kernel
 def _goes_along(ego: Any, shown: FloatArray, road: Any) -> bool:
-    """Whether an ego that SUMO moves, not for the first time, pointed along a straight road before
-    and after the step, and is on it.
+    """Whether SUMO moved an ego along a straight road, and on it, not for the first time.
+
+    shown: as of `_read_ego`.
     """
     along = ego.map.heading == 0.0 and shown[2] == STRAIGHT and road.bent == 0
     again = ego.placed == SUMO and ego.stale == 0
@@ -305,7 +332,7 @@ def _goes_along(ego: Any, shown: FloatArray, road: Any) -> bool:
 def _read_ego(ego: Any, shown: FloatArray, scenario: Any) -> bool:
     """Take in an ego from SUMO if it drove straight on along a lane; return whether it did.
 
-    shown: x and y of its front bumper, angle and speed.
+    shown: x and y of its front bumper, m, angle, deg, and speed, m/s.
     """
     at, step = ego.map, scenario.step
     x, speed = shown[0] - 0.5 * ego.length, shown[3]
@@ -326,7 +353,7 @@ def _read_ego(ego: Any, shown: FloatArray, scenario: Any) -> bool:
 def _read_actor(last: FloatArray, shown: FloatArray) -> bool:
     """Take in an actor from SUMO, unless its motion is impossible; return whether it was possible.
 
-    last, shown: x and y of its front bumper, angle and speed, a step ago and now.
+    last, shown: as of `_read_ego`, a step ago and now; `last` receives `shown`.
     """
     near = abs(shown[0] - last[0]) < FARTHEST and abs(shown[1] - last[1]) < FARTHEST
     if not (near and 0.0 <= shown[2] <= 360.0 and LOWEST_SPEED < shown[3] < FASTEST):
@@ -338,33 +365,33 @@ def _read_actor(last: FloatArray, shown: FloatArray) -> bool:
 
 @rows
 def read_rows(scenes: Scenes, scenario: Records, numbers: Any, read: FloatArray, odd: Any) -> int:
-    """Take in the vehicles that SUMO moves; return how many are left to be read one by one.
+    """Take in the vehicles that SUMO moves; return how many remain to be read one by one.
 
-    Left are egos that turned or changed lane, and vehicles where SUMO shows an impossible motion.
+    These are egos that turned or changed lane, and vehicles whose motion is impossible.
 
-    numbers: of the vehicles, row by row, each row's ego first.
-    read: x and y of the front bumper, angle and speed of each.
-    odd: receives the numbers of the vehicles that are left.
+    numbers: of the vehicles, as in `tell` of `move_rows`.
+    read: what SUMO shows of each, as `shown` of `_read_ego`, (k, 4).
+    odd: receives the numbers of the vehicles that remain.
     """
-    left = 0
-    width = 1 + scenes.shown.shape[1]
+    remaining = 0
+    width = 1 + scenes.shown.shape[1]  # vehicles of a row
     for k, number in enumerate(numbers):
         row, j = number // width, number % width
         if j > 0:
-            fine = _read_actor(scenes.shown[row, j - 1], read[k])
+            possible = _read_actor(scenes.shown[row, j - 1], read[k])
         else:
-            fine = _read_ego(scenes.egos[row], read[k], scenario[first_of(scenario, row)])
-        if not fine:
-            odd[left] = number
-            left += 1
-    return left
+            possible = _read_ego(scenes.egos[row], read[k], scenario[first_of(scenario, row)])
+        if not possible:
+            odd[remaining] = number
+            remaining += 1
+    return remaining
 
 
 @kernel
 def _stand(other: Any, shown: FloatArray, line: Any) -> None:
     """Put an actor where SUMO shows it.
 
-    shown: x and y of its front bumper, angle and speed.
+    shown: as of `_read_ego`.
     """
     half, at, angle = 0.5 * other.length, other.map, shown[2]
     at.heading = within_a_turn((STRAIGHT - angle) / DEGREES) if angle != STRAIGHT else 0.0
@@ -377,12 +404,11 @@ def _stand(other: Any, shown: FloatArray, line: Any) -> None:
 def _go_back(body: Any, share: float) -> None:
     """Put a vehicle where it was when a share of the step had passed."""
     was, at = body.before, body.map
-    # on the map, then in the frame
     on_map = between(body_of(was.map, was, body), body_of(at, body, body), share)
     at.x, at.y, at.heading = on_map.x, on_map.y, on_map.heading
-    here = between(body_of(was, was, body), body_of(body, body, body), share)
-    body.x, body.y, body.heading = here.x, here.y, here.heading
-    body.speed, body.across = here.speed, here.across
+    in_frame = between(body_of(was, was, body), body_of(body, body, body), share)
+    body.x, body.y, body.heading = in_frame.x, in_frame.y, in_frame.heading
+    body.speed, body.across = in_frame.speed, in_frame.across
 
 
 @kernel
@@ -394,10 +420,11 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
         return OFF_ROAD
     if ego.x >= road.length:
         return ROAD_END
-    if ego.stood >= scenario.standstill_time - 1e-9:
+    if ego.stood >= scenario.standstill_time - _SAME_TIME:
         return STANDSTILL
-    if now >= scenario.time_limit - 1e-9:
+    if now >= scenario.time_limit - _SAME_TIME:
         return TIME_LIMIT
+    # decided: the ego keeps its motion, and no vehicle that also does would touch it
     if scenario.end_when_decided == 0 or ego.settled == 0 or ego.acceleration != 0.0:
         return 0
     if abs(ego.heading) > (ALONG_A_BEND if road.bent else 0.0):
@@ -414,7 +441,7 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
 
 @kernel
 def _keep(kept: FloatArray, ego: Any) -> None:
-    """Keep what moved an ego in a step, from which `no_return` drives a contact again.
+    """Keep what moved an ego in a step: `cosim/no_return.py` replays it.
 
     kept: receives the command, 2 numbers, or the motion, 6, as in `Scenes`.
     """
@@ -439,9 +466,8 @@ def see_rows(
     sampling: not 0 if this step is recorded.
     as_read: not 0 if the actors are where SUMO shows them, not where their scripts put them.
     """
-    egos, others, clips = scenes.egos, scenes.others, scenes.clips
-    seen, samples, shown = scenes.seen, scenes.samples, scenes.shown
-    kept = scenes.kept
+    egos, others, seen = scenes.egos, scenes.others, scenes.seen
+    samples, kept = scenes.samples, scenes.kept
     ended = 0
     step = scenario[0].step
     for i in range(len(egos)):
@@ -452,50 +478,25 @@ def see_rows(
             _sample_row(ego, others[i], samples[i])
             ended += 1
             continue
-        if (
-            steps <= kept.shape[1]
-        ):  # false only in a `EpisodeRows`: it steps for ever and reads none
+        # false only in `EpisodeRows`, which steps without end and never reads `kept`
+        if steps <= kept.shape[1]:
             _keep(kept[i, steps - 1], ego)
         now = (steps - ego.begun) * step
-        before, body = body_of(ego.before.map, ego.before, ego), body_of(ego.map, ego, ego)
-        first = 2.0  # share of the step at the first touch; 2: no touch
-        for j in range(len(others[i])):
-            other = others[i, j]
-            if other.present == 0:
-                continue
-            if as_read:
-                at = shown[i, j]
-                ahead, left = at[0] - other.front_x, at[1] - other.front_y
-                off = math.sqrt(ahead * ahead + left * left)
-                # inf: no script says where the actors should be
-                if sampling and off > SCRIPT_TOLERANCE and ego.scripted_until < math.inf:
-                    count_clip(clips[i], OFF_SCRIPT, now, 0.0, off)
-                _stand(other, at, line)
-            was = other.before
-            other.rate = (other.speed - was.speed) / step
-            share = share_at_touch(
-                before, body, body_of(was.map, was, other), body_of(other.map, other, other)
-            )
-            # below 0: they do not touch
-            if 0.0 <= share < first:
-                first, ego.struck = share, j
+        if as_read:
+            _stand_row(ego, others[i], scenes.shown[i], scenes.clips[i], line, now, sampling)
+        share = _first_touch(ego, others[i], step)
         # a touch beyond `length` does not count: the case ends there
-        touched_at = ego.before.x + first * (ego.x - ego.before.x)
-        if first <= 1.0 and not touched_at > scenario[0].road.length:
-            ego.reason, ego.share = CONTACT, first
-            _go_back(ego, first)
-            ego.time = now - step + first * step
+        touched_at = ego.before.x + share * (ego.x - ego.before.x)
+        if share <= 1.0 and not touched_at > scenario[0].road.length:
+            ego.reason, ego.share = CONTACT, share
+            _go_back(ego, share)
+            ego.time = now - step + share * step
             for j in range(len(others[i])):
-                _go_back(others[i, j], first)
+                _go_back(others[i, j], share)
         else:
             ego.time = now
             ego.reason = _end(ego, others[i], scenario[0], now)
-            show_body(ego.seen, ego, line, 0.5 * scenario[0].vehicle.wheelbase)
-            for j in range(len(others[i])):
-                other = others[i, j]
-                show_body(seen[i, j], other, line, 0.0)
-                if other.present == 0:
-                    seen[i, j].x = math.nan
+            _show_row(ego, others[i], seen[i], line, scenario[0].vehicle)
         if sampling or ego.reason != 0:
             _sample_row(ego, others[i], samples[i])
         if ego.reason != 0:
@@ -504,9 +505,62 @@ def see_rows(
 
 
 @kernel
+def _stand_row(
+    ego: Any, others: Any, shown: FloatArray, clips: Any, line: Any, now: float, sampling: int
+) -> None:
+    """Put the actors of a row where SUMO shows them, and count those that are off their scripts.
+
+    shown: of each actor, as of `_read_ego`.
+    now: time of the case, s. sampling: as of `see_rows`.
+    """
+    for j in range(len(others)):
+        other, at = others[j], shown[j]
+        if other.present == 0:
+            continue
+        ahead, left = at[0] - other.front_x, at[1] - other.front_y
+        off = math.sqrt(ahead * ahead + left * left)
+        # inf: no script says where the actors should be
+        if sampling and off > SCRIPT_TOLERANCE and ego.scripted_until < math.inf:
+            count_clip(clips, OFF_SCRIPT, now, 0.0, off)
+        _stand(other, at, line)
+
+
+@kernel
+def _first_touch(ego: Any, others: Any, step: float) -> float:
+    """Share of the step that had passed when the ego first touched an actor, its `struck`; above 1:
+    it touched none. Also writes the actors' `rate`.
+    """
+    before, body = body_of(ego.before.map, ego.before, ego), body_of(ego.map, ego, ego)
+    first = 2.0
+    for j in range(len(others)):
+        other = others[j]
+        if other.present == 0:
+            continue
+        was = other.before
+        other.rate = (other.speed - was.speed) / step
+        share = share_at_touch(
+            before, body, body_of(was.map, was, other), body_of(other.map, other, other)
+        )
+        # below 0: they do not touch
+        if 0.0 <= share < first:
+            first, ego.struck = share, j
+    return first
+
+
+@kernel
+def _show_row(ego: Any, others: Any, seen: Any, line: Any, vehicle: Any) -> None:
+    """Write what rules see of the vehicles of a row."""
+    show_body(ego.seen, ego, line, 0.5 * vehicle.wheelbase)
+    for j in range(len(others)):
+        show_body(seen[j], others[j], line, 0.0)
+        if others[j].present == 0:
+            seen[j].x = math.nan
+
+
+@kernel
 def _at_work(other: Any, play: Any, acts: Any, now: float, scenario: Any) -> bool:
-    """Whether SUMO cannot move an actor by itself: it is in a move, turned against the road, or has
-    been beside the lanes once.
+    """Whether SUMO cannot move an actor by itself: it carries out an act, is turned from the road's
+    direction, or has been beside the lanes once.
     """
     road, reach = scenario.road, 0.5 * other.width - LOSS_MARGIN
     if not road.right_edge - reach <= other.y <= road.left_edge + reach:
@@ -523,11 +577,11 @@ def _at_work(other: Any, play: Any, acts: Any, now: float, scenario: Any) -> boo
 def _move_actors(
     cast: Cast, tell: FloatArray, scenario: Records, steps: int, count: int, to_sumo: int
 ) -> int:
-    """Move the actors by one step of their scripts, and append their rows to `tell`; return how
-    many rows there are then.
+    """Move the actors by one step of their scripts, and append their rows to `tell`; return the new
+    number of rows.
 
     count: rows of `tell` so far.
-    other.told: 2 if it has a row, 0 if SUMO moves it by itself on its lane, else 1.
+    `told` of an actor becomes 2 if it has a row, 0 if SUMO moves it by itself on its lane, else 1.
     """
     egos, others = cast.egos, cast.others
     plays, acts = cast.plays, cast.acts

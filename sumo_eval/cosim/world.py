@@ -1,7 +1,8 @@
 """State of one simulation, of one case or a batch: positions of all vehicles, scripts, contacts,
 ends of cases, recordings.
 
-Its records are defined in `cosim.records`, the rules of a step in `cosim.step_rules`.
+`cosim/records.py` defines its records, `cosim/step_rules.py` the rules of a step.
+`cosim/loop.py` calls `move` before SUMO's step and `see` after it.
 
 Users: `cosim/`, `record/loops.py`.
 """
@@ -49,6 +50,7 @@ from sumo_eval.text import clean, clean_log, traceback_of
 from sumo_eval.trajectory import (
     CHANNELS,
     Alone,
+    BoolArray,
     Clip,
     Collision,
     EndReason,
@@ -59,47 +61,55 @@ from sumo_eval.trajectory import (
 )
 
 _CODES: dict[Any, Any] = {}
-"""The rules of a step as machine code: the same for all worlds, as their arrays have the same
-types. Called so, a rule takes a third of the time of an ordinary call."""
-_HELD = 0.99  # share of the tyres' grip that an ego uses at most as it begins in a curve
+"""The rules of a step as machine code (`kernels.bound`), which is called in a third of the time.
+One for all worlds, as their arrays have the same types."""
+_HELD = 0.99  # largest share of the tyres' grip that an ego uses when it begins in a curve
 _ARRIVED = 0.101  # m; SUMO removes a vehicle whose front is nearer to the end of the last lane
 
 
 def described(road: Road, vehicle: VehicleSettings, settings: SimulationSettings) -> Records:
     """Two `SCENARIO` records for all rows with this road and vehicle.
 
-    They differ in `step`: the first has the time step, the second the cycle of decisions
-    (`records.CYCLE`), in whole steps.
+    They differ in `step`: the first has the time step, s, the second the cycle of decisions
+    (`records.CYCLE`), rounded to whole steps.
     """
     # all values in the order of the fields of `SCENARIO`
-    ends: list[float] = []
-    for lane in (0, road.lanes - 1):  # the right and the left one
-        span = road.span(lane)
-        ends += *span.places, span.parted_until, span.parted_from
-    edges = road.length, road.right_edge, road.left_edge, road.lane_width
-    of_road = *edges, road.lanes, road.bent, road.shaped, *ends
     limits = tuple(getattr(vehicle, name) for name, _ in LIMITS)
     steps = settings.step, max(round(CYCLE / settings.step), 1) * settings.step
     stands = settings.standstill_speed, settings.standstill_time
-    times = settings.time_limit, *stands, settings.end_when_decided
-    return np.array([(of_road, limits, step, *times) for step in steps], SCENARIO)
+    ends = settings.time_limit, *stands, settings.end_when_decided
+    of_road = _road_values(road)
+    return np.array([(of_road, limits, step, *ends) for step in steps], SCENARIO)
+
+
+def _road_values(road: Road) -> tuple[float, ...]:
+    """The values of `records._ROAD`, in their order."""
+    places: list[float] = []  # x, m, as in `records.PLACES`
+    for lane in (0, road.lanes - 1):  # the right and the left one
+        span = road.span(lane)
+        places += *span.places, span.parted_until, span.parted_from
+    edges = road.length, road.right_edge, road.left_edge, road.lane_width
+    return *edges, road.lanes, road.bent, road.shaped, *places
 
 
 def kind_of(concrete: ConcreteScenario) -> tuple[object, ...]:
     """Values that all cases of a batch must share."""
-    limits = concrete.time_limit, concrete.standstill_time
-    return concrete.road, concrete.ego_body, *limits, len(concrete.actors)
+    times = concrete.time_limit, concrete.standstill_time
+    return concrete.road, concrete.ego_body, *times, len(concrete.actors)
 
 
 def _code(rule: Any, *arguments: Any) -> Any:
-    """A rule of `_CODES`; arguments: of the same types as in every call."""
+    """Machine code of a rule.
+
+    arguments: of the types that every call has.
+    """
     if rule not in _CODES:
         _CODES[rule] = bound(rule, *arguments)
     return _CODES[rule]
 
 
 def _run(rule: Any, *arguments: Any) -> Any:
-    """Call a rule of `_CODES`."""
+    """Call the machine code of a rule."""
     return _code(rule, *arguments)(*arguments)
 
 
@@ -108,17 +118,22 @@ class World:
 
     At most 29 attributes: Python 3.11 reads those of a larger object more slowly.
 
-    rows: indices of the cases that have a row in the arrays, in the arrays' order; rows of ended
-        cases stay until `keep`.
+    A case is an index of `cases` throughout. Its row in the arrays may change: `keep` drops rows.
+
+    rows: the case of each row; rows of ended cases stay until `keep`.
     each: settings of each case.
     placed: `MODEL`, `SUMO` or `PLANT`: what moves the egos.
     egos (n,), others (n, m): the vehicles' records.
+    players: the actors' scripts.
+    scenes, cast: named tuples that hold these arrays for the kernels (`gather`).
     tell: what SUMO receives in this step, a row for each vehicle, as in `move_rows`.
     shown: x, y, angle and speed of the actors as SUMO shows them, (n, m, 4).
     going: number of cases that have not ended.
-    left: reason why a case has left its batch.
-    ended: maker of the recording of a case that has ended.
+    left: by case, the reason why it has left its batch.
+    ended: by case, the maker of its recording.
     scenario: two `SCENARIO` records, or two for each row where the cases change the vehicle.
+    end_of_lanes: x at which SUMO removes a vehicle, m.
+    none_leaves_before: time until which no actor can reach that x, s.
     """
 
     def __init__(
@@ -126,7 +141,7 @@ class World:
     ) -> None:
         self.cases, self.settings = cases, settings
         self.each = [concrete.simulation(settings) for concrete in cases]
-        n, m = len(cases), len(cases[0].actors)
+        self.going = n = len(cases)
         self.rows = np.arange(n)
         self.steps = 0
         self.ended: dict[int, Callable[..., Recording]] = {}
@@ -142,47 +157,62 @@ class World:
         )
         self.left: dict[int, Alone] = {}
         self.latencies = Latencies(n)
+        self._make_vehicles(placed)
+        self._take_scripts()
+        self._make_room(placed)
+        self.gather()
+        # without a call: compiled or loaded here, not within a timed step
+        _code(move_rows, self.cast, self.clips, self.tell, self.scenario, 0, 0)
+        _code(see_rows, self.scenes, self.scenario, self.cast.line, 0, 0, 0)
+        _run(wake_rows, self.cast, 0.0, 0.0)
+        _run(begin_rows, self.cast, self.seen, self.samples, self.scenario)
+
+    def _make_vehicles(self, placed: int) -> None:
+        """Make the records of the scenario, the egos and the actors, at their start."""
+        settings, road = self.settings, self.cases[0].road
         vehicles = [case.vehicle for case in self.each]
-        alike = vehicles.count(vehicles[0]) == n
-        self.scenario = np.concatenate([
-            described(cases[0].road, vehicle, settings)
-            for vehicle in (vehicles[:1] if alike else vehicles)
-        ])  # fmt: skip
-        line = knots_of(cases[0].road.line)
-        self.egos, self.others = _egos(cases, settings.vehicle, placed), _others(cases)
-        if placed == MODEL and cases[0].road.bent:
+        if vehicles.count(vehicles[0]) == len(vehicles):  # one for all rows
+            vehicles = vehicles[:1]
+        self.scenario = np.concatenate([described(road, it, settings) for it in vehicles])
+        self.egos = _egos(self.cases, settings.vehicle, placed)
+        self.others = _others(self.cases)
+        if placed == MODEL and road.bent:
+            # every second record: the first of each pair
             limits = self.scenario["vehicle"][::2].view(np.recarray)
-            _put_in_curve(self.egos, cases[0].road, limits)
-        self.players = players([case.actors for case in cases])
-        self.egos["scripted_until"] = [case.script_end + settings.step for case in cases]
-        self.end_of_lanes = cases[0].road.end - _ARRIVED
-        self.none_leaves_before = 0.0  # s
+            _put_in_curve(self.egos, road, limits)
+        for bodies in (self.egos, self.others):
+            for name in ("x", "y", "heading", "speed"):
+                bodies["before"][name] = bodies[name]
+
+    def _take_scripts(self) -> None:
+        """Make the records of the actors' scripts, and the cast that plays them."""
+        road = self.cases[0].road
+        self.players = players([case.actors for case in self.cases])
+        self.egos["scripted_until"] = [it.script_end + self.settings.step for it in self.cases]
+        self.end_of_lanes = road.end - _ARRIVED
+        self.none_leaves_before = 0.0
+        acts = self.players.acts
+        # whether moves wait for conditions or the end of a step
+        self.waits = bool(((acts["steps"] > 0) | (acts["kind"] == FOLLOW)).any())
+        self.cast = Cast(self.egos, self.others, *self.players, knots_of(road.line))
+
+    def _make_room(self, placed: int) -> None:
+        """Make arrays for what the steps write: clips, sights, samples, commands."""
+        settings = self.settings
+        n, m = self.others.shape
         self.clips = np.zeros((n, len(WHATS)), CLIP)
         self.seen = np.zeros((n, m), MOVER)
         self.shown = np.zeros((n, m, 4))
         self.tell = np.zeros((n * (1 + m), 8))  # as in `move_rows`
-        room = 512 if n == 1 else 64
+        room = 512 if n == 1 else 64  # instants
         self._free = room - 3  # free instants of `samples`, less the first and two spare
         self.samples = np.zeros((n, 1 + m, room, len(CHANNELS)))
         every = round(settings.record_interval / settings.step)  # steps from one sample to the next
         model = placed == MODEL and settings.plant is None  # the vehicle model moves all egos
         self.kept = np.zeros((n, room * every, 2 if model else 6))
-        acts = self.players.acts
-        # whether moves wait for conditions or the end of a step
-        self.waits = bool(((acts["steps"] > 0) | (acts["kind"] == FOLLOW)).any())
-        for bodies in (self.egos, self.others):
-            for name in ("x", "y", "heading", "speed"):
-                bodies["before"][name] = bodies[name]
-        self.cast = Cast(self.egos, self.others, *self.players, line)
-        self.gather()
-        _code(move_rows, self.cast, self.clips, self.tell, self.scenario, 0, 0)
-        _code(see_rows, self.scenes, self.scenario, self.cast.line, 0, 0, 0)
-        _run(wake_rows, self.cast, 0.0, 0.0)
-        _run(begin_rows, self.cast, self.seen, self.samples, self.scenario)
-        self.going = n
 
     def begin_as_model(self, case: int) -> None:
-        """Begin a case again at its start, where the vehicle model takes over the ego."""
+        """Begin a case again, before its first step: the vehicle model takes over the ego."""
         road = self.cases[0].road
         row = self.rows.tolist().index(case)
         # the steering wheel in the first sample, nan as long as SUMO moves the ego
@@ -193,7 +223,7 @@ class World:
             _run(begin_rows, self.cast, self.seen, self.samples, self.scenario)
 
     def gather(self) -> None:
-        """Renew `scenes` and `cast`, which hold the arrays, after an array has been replaced."""
+        """Make `scenes` and `cast` again, after an array that they hold has been replaced."""
         self.scenes = Scenes(
             self.egos, self.others, self.clips, self.seen, self.samples, self.shown, self.kept
         )
@@ -201,7 +231,7 @@ class World:
 
     def move(self, *, to_sumo: int, as_read: bool = False) -> tuple[int, Sequence[int]]:
         """Move all vehicles to the end of the coming step; return the number of rows of `tell`, and
-        the numbers of the vehicles that have left.
+        the numbers, as in `tell`, of the actors that have left.
 
         to_sumo: what SUMO receives in this step, as in `move_rows`.
         as_read: whether the actors are where SUMO shows them.
@@ -212,7 +242,7 @@ class World:
         return self.let_leave(now, count, as_read) if self.may_leave(now) else (count, ())
 
     def see(self, *, sampling: bool = False, as_read: bool = False) -> int:
-        """Take in what SUMO shows at the end of the step; the number of cases that ended."""
+        """Take in what SUMO shows at the end of the step; return how many cases ended."""
         self.steps += 1
         see = _CODES[see_rows]
         return int(see(self.scenes, self.scenario, self.cast.line, self.steps, sampling, as_read))
@@ -224,42 +254,51 @@ class World:
     def may_leave(self, now: float) -> bool:
         """Whether an actor may come to the end of its lanes in the step that ends `now`, s.
 
-        For most steps this is known from the last look: even the fastest vehicle is too far away.
+        Most steps end before `none_leaves_before`: even the fastest vehicle is too far away.
         """
         if now < self.none_leaves_before:
             return False
-        # the foremost front bumper is behind this x
+        # all front bumpers are behind this x, m
         near = float((self.others["x"] + self.others["length"]).max(initial=-math.inf))
         self.none_leaves_before = now + (self.end_of_lanes - near) / FASTEST - self.settings.step
         return now > self.none_leaves_before
 
     def let_leave(self, now: float, count: int, as_read: bool) -> tuple[int, Sequence[int]]:
         """Remove the actors that come to the end of their lanes in the step that ends `now`, s;
-        the number of rows of `tell` without them, and their numbers in `tell`.
+        return the number of rows of `tell` without them, and their numbers in `tell`.
 
         count: number of rows of `tell`.
-        as_read: as of `move`; SUMO reports the end of those it moves.
+        as_read: as of `move`.
         """
-        others = self.others
-        road = self.cases[0].road
-        half = 0.5 * self.others["length"]
-        front = others["x"] + half * np.cos(others["heading"])
-        front_before = others["before"]["x"] + half * np.cos(others["before"]["heading"])
-        # present actors on the lanes whose front passes the end, in cases that have not ended
-        gone = (front_before <= self.end_of_lanes) & (front > self.end_of_lanes)
-        gone &= others["present"] == 1
-        gone &= (others["y"] >= road.right_edge) & (others["y"] <= road.left_edge)
-        gone &= (others["told"] > 0) | (not as_read)  # 0: SUMO moves it by itself
-        gone &= (self.egos["live"] == 1)[:, None] & (self.egos["reason"] == 0)[:, None]
-        others["present"][gone] = 0
-        rows, actors = np.nonzero(gone)
+        leaving = self._pass_the_end(as_read)
+        self.others["present"][leaving] = 0
+        rows, actors = np.nonzero(leaving)
         for row in rows.tolist():
             self.note(self.case_of(row), "actor_left_the_network", now, now)
 
-        numbers = rows * (1 + gone.shape[1]) + 1 + actors  # as in `tell`: each row's ego first
-        kept = self.tell[:count][~np.isin(self.tell[:count, 0], numbers)]
-        self.tell[: len(kept)] = kept
-        return len(kept), numbers.tolist()
+        numbers = rows * (1 + leaving.shape[1]) + 1 + actors  # as in `tell`: each row's ego first
+        staying = self.tell[:count][~np.isin(self.tell[:count, 0], numbers)]
+        self.tell[: len(staying)] = staying
+        return len(staying), numbers.tolist()
+
+    def _pass_the_end(self, as_read: bool) -> BoolArray:
+        """Whether each actor's front passes the end of its lanes in this step, (n, m).
+
+        False off the lanes, and in cases that have ended.
+
+        as_read: as of `move`; SUMO itself reports the end of actors that it moves.
+        """
+        others, egos, road = self.others, self.egos, self.cases[0].road
+        before, now = (
+            bodies["x"] + 0.5 * others["length"] * np.cos(bodies["heading"])
+            for bodies in (others["before"], others)
+        )  # x of the fronts, m
+        passes = (before <= self.end_of_lanes) & (now > self.end_of_lanes)
+        passes &= others["present"] == 1
+        passes &= (others["y"] >= road.right_edge) & (others["y"] <= road.left_edge)
+        passes &= (others["told"] > 0) | (not as_read)  # 0: SUMO moves it by itself
+        passes &= ((egos["live"] == 1) & (egos["reason"] == 0))[:, None]
+        return np.asarray(passes)
 
     def wake(self, now: float) -> None:
         """Begin the moves whose conditions became true in the step that ends `now`, s."""
@@ -296,16 +335,18 @@ class World:
         values: `count`, and `first`, the first time, s, where they are not 1 and now.
         """
         notes = self.notes[case]
-        name: Any = what  # instead of the number that kernels use
+        name: Any = what  # a name; kernels pass `count_clip` a number
         count_clip(notes, name, self.time, float(requested), float(applied))
         vars(notes[what]).update(values)
 
-    def keep_fault(self, case: int, error: BaseException, driver: Any, folder: Path | None) -> None:
-        """Keep the traceback of an exception for the log, and its place in the user's code.
+    def keep_fault(self, case: int, error: BaseException, code: Any, folder: Path | None) -> None:
+        """Keep the place of an exception in the user's code, and its traceback for the log.
 
-        Not for a refused or late answer that no line of the user's code led to.
+        The log leaves out the traceback of a refused or late answer without such a place.
+
+        code: the user's function or object. folder: as of `fault_place`.
         """
-        place = fault_place(error, driver, folder)
+        place = fault_place(error, code, folder)
         if place or not isinstance(error, ControllerError):
             self.logs[case] += traceback_of(error)
         self.places[case] = self.places[case] or place
@@ -360,43 +401,56 @@ class World:
         reason = REASONS[ego["reason"]]
         assert reason is not None
         if reason in TO_ITS_END:
-            acts = self.players.acts[row]
-            # not a `FOLLOW`: SUMO need not take over an actor
-            waiting = (acts["state"] == WAITS) & (acts["kind"] != FOLLOW)
-            used = np.arange(waiting.shape[1]) < self.players.plays["acts"][row][:, None]
-            if count := int((waiting & used).sum()):
-                self.note(case, "trigger_never_fired", count, 0.0, count=count)
-        way = ego["way"]
-        concrete = self.cases[case]
-        actors = concrete.actors
-        vehicle = self.settings.vehicle
-        # m from the ego to the middle of the lane that it had to change to
-        aside = abs(ego["y"] - (way["start"] + way["offset"]))
-        if way["asked"] and aside > 0.5 * concrete.road.lane_width and ego["x"] >= way["by"]:
-            self.note(case, "goal_missed", way["by"], ego["y"])
-        if concrete.ego.recorded:
+            self._note_waiting(row, case)
+        self._note_missed_goal(row, case)
+        if self.cases[case].ego.recorded:
             self._note_departure(row, case)
+            self._note_reactions(row, case)
+        actors = self.cases[case].actors
         hit = self._collision(row, actors) if reason == "contact" else None
         if hit is not None and hit.side == "rear" and actors[ego["struck"]].model is not None:
             self.note(case, "struck_from_behind", hit.relative_speed, self._in_its_lane_for(row))
         counts = self.others["samples"][row].tolist()
-        commands = None if hit is None else self.kept[row, : self.steps].copy()
         self.ended[case] = partial(
             Recording,
-            self._trajectory(row, 0, ego["samples"], vehicle),
+            self._trajectory(row, 0, ego["samples"], self.settings.vehicle),
             {it.name: self._trajectory(row, 1 + j, counts[j], it) for j, it in enumerate(actors)},
             hit,
             reason,
             self._clips(row, case),
-            commands=commands,
+            commands=None if hit is None else self.kept[row, : self.steps].copy(),
         )
 
+    def _note_waiting(self, row: int, case: int) -> None:
+        """Record how many acts still wait for their conditions."""
+        acts = self.players.acts[row]
+        # not a `FOLLOW`: SUMO need not take over an actor
+        waiting = (acts["state"] == WAITS) & (acts["kind"] != FOLLOW)
+        # an actor with fewer acts than the array has columns uses the first ones
+        used = np.arange(waiting.shape[1]) < self.players.plays["acts"][row][:, None]
+        if count := int((waiting & used).sum()):
+            self.note(case, "trigger_never_fired", count, 0.0, count=count)
+
+    def _note_missed_goal(self, row: int, case: int) -> None:
+        """Record an ego that is beyond the x by which it had to change lanes, and has not."""
+        ego = self.egos[row]
+        way = ego["way"]
+        # m from the ego to the middle of the lane that it had to change to
+        aside = abs(ego["y"] - (way["start"] + way["offset"]))
+        half_lane = 0.5 * self.cases[case].road.lane_width
+        if way["asked"] and aside > half_lane and ego["x"] >= way["by"]:
+            self.note(case, "goal_missed", way["by"], ego["y"])
+
     def _note_departure(self, row: int, case: int) -> None:
-        """Record how far the ego was from the recorded one, and when actors began to react."""
+        """Record how far the ego was from the recorded ego."""
+        # the first of `CHANNELS`
         time, x, y = self.samples[row, 0, : self.egos["samples"][row], :3].T
-        apart = departures(self.cases[case].ego.recorded, time, x, y)
+        apart = departures(self.cases[case].ego.recorded, time, x, y)  # m, at each time
         most = apart.argmax()
         self.note(case, "departed", apart[most], apart[-1], first=float(time[most]))
+
+    def _note_reactions(self, row: int, case: int) -> None:
+        """Record when SUMO took over actors of a recorded scene, which react from then on."""
         acts = self.players.acts[row]
         begins = acts["begin"][(acts["kind"] == FOLLOW) & (acts["state"] == BEGUN)]
         if len(begins):
@@ -408,8 +462,8 @@ class World:
         count = self.egos["samples"][row]
         width = self.scenario["road"]["lane_width"][0]
         time, y = self.samples[row, 0, :count, 0], self.samples[row, 0, :count, 2]
-        # a lane's number: y = 0 is the middle of lane 0
-        elsewhere = np.flatnonzero(np.round(y / width) != np.round(y[-1] / width))
+        lane = np.round(y / width)  # y = 0 is the middle of lane 0
+        elsewhere = np.flatnonzero(lane != lane[-1])
         return float(time[-1] - time[elsewhere[-1]] if len(elsewhere) else time[-1])
 
     def recordings(self, wall_time: float, batched: str = "") -> list[Recording | Alone]:
@@ -424,6 +478,7 @@ class World:
                 recordings.append(self.left[case])
                 continue
             error = self.errors.get(case)
+            # the fields of a `Recording` after those that `end` has given
             recordings.append(self.ended[case](
                 None if error is None else clean(error), clean_log(self.logs[case]),
                 self.latencies.of(case), wall_time / len(self.cases), self.places[case],
@@ -434,10 +489,12 @@ class World:
     def _trajectory(
         self, row: int, vehicle: int, count: int, body: VehicleSettings | Actor
     ) -> Trajectory:
+        """The first `count` samples of a vehicle: 0 the ego, then the actors."""
         block = self.samples[row, vehicle, :count].T.copy()
         return Trajectory.of_block(block, length=body.length, width=body.width)
 
     def _collision(self, row: int, actors: Sequence[Actor]) -> Collision:
+        """The contact by which a row has ended."""
         ego = self.egos[row]
         x = float(ego["x"])
         struck = int(ego["struck"])
@@ -447,7 +504,10 @@ class World:
         return describe(time, actors[struck].name, *bodies)
 
     def _touching(self, vehicle: Any, x: float) -> Body:
-        """A vehicle at its position on the map, in the axes that the road has at x."""
+        """A vehicle where it is on the map, in the axes of the road's line at x, m.
+
+        In a curve, a place along and across the line does not give distances between bodies.
+        """
         body = Body(*vehicle.tolist()[:7])
         if not len(self.cast.line):
             return body
@@ -456,6 +516,7 @@ class World:
         return body._replace(x=x + ahead, y=left, heading=turned)
 
     def _clips(self, row: int, case: int) -> tuple[Clip, ...]:
+        """The clips that kernels counted in a row, and the notes of its case, by their names."""
         counted = np.flatnonzero(self.clips["count"][row])
         clips = [Clip(WHATS[what], *self.clips[row, what].tolist()) for what in counted]
         # a note has the fields of a clip after `what`, in their order
@@ -464,17 +525,21 @@ class World:
 
 
 def _twice_as_long(array: FloatArray) -> FloatArray:
-    """An array, (..., instants, values), with room for as many instants more.
+    """An array, (..., instants, values), with room for twice the instants.
 
     `np.concatenate` would write the zeros, and so take the memory, before they are needed.
     """
-    before, values = array.shape[-2:]
-    grown = np.zeros((*array.shape[:-2], 2 * before, values))
-    grown[..., :before, :] = array
-    return grown
+    instants, values = array.shape[-2:]
+    longer = np.zeros((*array.shape[:-2], 2 * instants, values))
+    longer[..., :instants, :] = array
+    return longer
 
 
 def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: int) -> Records:
+    """The egos at their start, (n,).
+
+    placed: as of `World`.
+    """
     egos = np.zeros(len(cases), EGO)
     for name in ("x", "y", "speed", "heading"):
         egos[name] = [getattr(concrete.ego, name) for concrete in cases]
@@ -497,12 +562,14 @@ def way_of(way: Way | None, y: float, speed: float) -> tuple[float, ...]:
 
 
 def _put_in_curve(egos: Records, road: Road, limits: Any) -> None:
-    """Turn egos that begin in a curve as if they had driven it before: the rear axle along it, the
-    steering wheel turned.
+    """Turn egos that begin in a curve as if they had driven the curve before: the rear axle along
+    it, the steering wheel turned.
 
-    The rear axle is on the circle of the lane's curvature k, the centre is h = wheelbase / 2 ahead.
-    So the centre is sqrt(1 / k^2 + h^2) from the circle's centre: further out by
-    k h^2 / (1 + sqrt(1 + (k h)^2)). Tyres that slip turn the body further in.
+    The rear axle is on the circle of the lane's curvature k, 1/m. The body's centre is h =
+    wheelbase / 2 ahead of the axle, so sqrt(1 / k^2 + h^2) from the circle's centre: further out
+    than the lane by k h^2 / (1 + sqrt(1 + (k h)^2)). Tyres that slip turn the body further in.
+
+    limits: as of `corner`.
     """
     bend = corner(egos, curvatures(road.line, egos["x"]), limits)
     half = 0.5 * limits.wheelbase
@@ -510,14 +577,14 @@ def _put_in_curve(egos: Records, road: Road, limits: Any) -> None:
 
 
 def corner(egos: Records, of_line: Any, limits: Any) -> Any:
-    """Turn egos that point along their lane, wheels and tyres too, as if they had driven its curve;
-    return the curvature of their lane, 1/m.
+    """Turn egos that point along their lane, and their wheels and tyres, as if they had driven the
+    lane's curve; return the curvature of their lanes, 1/m.
 
-    of_line: the road's curvature, 1/m.
+    of_line: curvature of the road's line beside each ego, 1/m.
     limits: `VehicleSettings` or an array of their records.
 
     Both axles of the dynamic model have one slip angle alpha at the curvature k: v^2 k = mu g
-    tanh(C alpha).
+    tanh(C alpha), of the speed v, friction mu, g = 9.81 m/s2 and cornering stiffness C.
     """
     bend = of_line / (1.0 - of_line * egos["y"])
     speed = egos["speed"]
