@@ -333,4 +333,4 @@ def test_choices_that_stay_keep_their_weights(tmp_path):
     rows = tuple((float(k), (("k", float(k)),)) for k in range(3))
     axis = Axis("k", ("k",), 0.0, 2.0, 1.0, rows, weights=(1.0, 2.0, 3.0))
     space = FileSpace("", "", tmp_path, (), (axis,), "1.2", FileOptions())
-    assert space.chosen({"k": rows[1:]}).axes[0].weights == (2.0, 3.0)
+    assert space.with_choices({"k": rows[1:]}).axes[0].weights == (2.0, 3.0)

@@ -1,8 +1,8 @@
 """An OpenSCENARIO file as a logical scenario: its parameters span the space, its storyboard gives
 the scene at each point. The front of this package: `format`, `describe` and `written` use it.
 
-A space has one road. Where the road is a parameter, the file gives a logical scenario for each,
-which an option picks: `file.xosc?road=2`.
+A logical scenario has one road. Where a file's parameters change the road, the file gives a logical
+scenario for each road, and an option picks it: `file.xosc?road=2`.
 
 Users: `extras/openscenario/collections.py`, `extras/openscenario/command.py`,
 `extras/openscenario/describe.py`, `extras/openscenario/format.py`,
@@ -48,9 +48,10 @@ from sumo_eval.scenario.reachable import never_begin
 from sumo_eval.scenario.road.table import bend_name, check_line
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-_MOST = 2_000_000  # points of a grid
-_LOOKED_AT = 2_000  # points at which a file is tried before the first case
+_MOST = 2_000_000  # points of a grid, at most
+_LOOKED_AT = 2_000  # points of a grid that are all tried before the first case, at most
 _SEARCHED = 3  # parameters of a space in which zones are searched, at most
+_LISTED = 12  # values of a parameter that its description lists, at most
 _ROUND = 10.0  # m: a road's end is a multiple of it
 _ALONG = 0.5  # cosine of the largest angle to the road at which an actor still drives along it
 # m from the ego's front to the road's end when the case ends: at the end SUMO removes the ego
@@ -67,21 +68,25 @@ _OPTIONS = (
 """Options behind a file's name: name, unit, meaning."""
 
 Scenes = Sequence[tuple[dict[str, float], FileCase]]
+"""Points of the space that are supported, each with the scene there."""
 
 
 @frozen
 class PlacedByFile:
-    """Function of a point: the ego's start and the actors, as the file has them there."""
+    """Function of a point: the ego's start and the actors, as the file has them there.
+
+    road: of the logical scenario, the same at all of its points.
+    """
 
     space: FileSpace
     road: Frame
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
-        """The scene at a point; also where constraints forbid it, because a search for zones looks
-        there.
+        """The scene at a point, also at one that the file's constraints forbid: a search for zones
+        looks there too.
         """
         space = self.space
-        case = read_case(space.file, space.given(values), space.options)
+        case = read_case(space.file, space.parameters(values), space.options)
         if case.frame.shape != self.road.shape:
             raise InputError(
                 f"{space.name}: the road must be the same at all points, got {case.frame.name}."
@@ -93,9 +98,9 @@ class PlacedByFile:
 class Holds:
     """Function of points: whether the file's constraints hold and the scene there is supported.
 
-    allowed: the answer at every grid point, a byte each, the last axis fastest, if all of them were
-        tried. Otherwise it is empty: then each point is tried, or, if over `_LOOKED_AT` points are
-        asked at once, the file's constraints alone.
+    allowed: the answer at every grid point, a byte each, the last axis fastest. Empty: the grid has
+        more than `_LOOKED_AT` points. Then each point is tried when it is asked for, but of more
+        than `_LOOKED_AT` points at once only the file's constraints are checked.
     """
 
     space: FileSpace
@@ -117,7 +122,7 @@ class Holds:
         for index in np.ndindex(holds.shape):
             point = {axis.name: float(row[index]) for axis, row in zip(axes, rows, strict=True)}
             if holds.size > _LOOKED_AT:
-                _, broken = declared(self.space.given(point))
+                _, broken = declared(self.space.parameters(point))
                 holds[index] = not broken
             else:
                 holds[index] = refusal(self.space, self.road, point) is None
@@ -126,22 +131,25 @@ class Holds:
 
 @frozen
 class Weighted:
-    """Density of points: a density of continuous parameters, times the weights of listed values."""
+    """Density of points: a density of continuous parameters, times the weights of listed values.
+
+    axes: those with weights.
+    """
 
     density: PointFunction
     axes: tuple[Axis, ...]
 
     def __call__(self, values: Values) -> FloatArray:
         """The density, up to a factor; between listed values that of the nearest."""
-        weights = [np.array(it.weights)[it.nearest(values[it.name])] for it in self.axes]
+        weights = [np.array(axis.weights)[axis.nearest(values[axis.name])] for axis in self.axes]
         return math.prod(weights, start=self.density(values))
 
 
 def refusal(space: FileSpace, road: Frame, point: Mapping[str, float]) -> str | None:
-    """Reason why a point is not driven; None: it is.
+    """Reason why a point is not driven; None: it is driven.
 
-    `= ` stands before a reason that the file intends: it forbids the point, or the road differs
-    there.
+    `= ` stands before a reason that the file intends: a constraint forbids the point, or the point
+    has another road than `road`. Other reasons are faults, or content that is not supported.
     """
     case = _looked_at(space, point)
     if isinstance(case, str):
@@ -150,24 +158,24 @@ def refusal(space: FileSpace, road: Frame, point: Mapping[str, float]) -> str | 
 
 
 def _looked_at(space: FileSpace, point: Mapping[str, float]) -> FileCase | str:
-    """The scene at a point, or why there is none, as `refusal` gives it."""
-    given = tuple(sorted(space.given(point).items()))
-    return _case_or_why(space.file, changes(space.file), given, space.options)
+    """The scene at a point, or why it is not driven, as `refusal` gives it."""
+    assignments = tuple(sorted(space.parameters(point).items()))
+    return _case_or_why(space.file, changes(space.file), assignments, space.options)
 
 
 # maxsize: above `_LOOKED_AT`, because each road of a file asks for the same points again
 @lru_cache(maxsize=8_192)
 def _case_or_why(
-    path: Path, changed: int, given: Assignments, options: FileOptions
+    path: Path, changed: int, assignments: Assignments, options: FileOptions
 ) -> FileCase | str:
-    """`_looked_at`, cached: again only once files have changed (`changed` counts their changes)."""
-    values = dict(given)
+    """`_looked_at`, cached. changed: number of changes of files, so that a change reads again."""
+    values = dict(assignments)
     try:
         _, broken = read_openscenario(path).declared(values)
         if broken:
             return f"= {broken[0]}"
         case = read_case(path, values, options)
-        if not case.whole:  # not an exported case
+        if not case.whole:  # a case that `sumo-eval export` wrote was checked in its run
             _check_possible(path, case)
         return case
     except InputError as error:
@@ -182,26 +190,29 @@ def _check_possible(path: Path, case: FileCase) -> None:
     frame = case.frame
     road = Road(frame.name, frame.length, frame.lanes, frame.lane_width, 0.0, line=frame.line)
     entities = read_openscenario(path).child("Entities")
-    parts = defaultdict(
+    # the element that a message names: of an entity whose name was changed for SUMO, all entities
+    element_of = defaultdict(
         lambda: entities, ((it.get("name"), it) for it in entities.all("ScenarioObject"))
     )
-    parts["ego"] = parts[case.ego_name]
+    element_of["ego"] = element_of[case.ego_name]
 
     for wrong in misplaced(road, case.ego, case.ego_body, case.actors):
-        raise parts[wrong.name].fault(f"{wrong.what} must be {wrong.must}")
+        raise element_of[wrong.name].fault(f"{wrong.what} must be {wrong.must}")
     if case.ego.x + 0.5 * case.ego_body.length + _BEFORE_END >= frame.length:
-        raise parts["ego"].fault(f"its front must be over {_BEFORE_END:g} m before its road's end")
+        raise element_of["ego"].fault(
+            f"its front must be over {_BEFORE_END:g} m before its road's end"
+        )
     for name, start in ("ego", case.ego), *((it.name, it.start) for it in case.actors):
         if start.speed > road.speed_limit:
             fastest = f"at most {road.speed_limit:g} m/s, the fastest that roads here allow"
-            raise parts[name].fault(f"its speed at the start must be {fastest}")
+            raise element_of[name].fault(f"its speed at the start must be {fastest}")
     if any(act.program for actor in case.actors for act in actor.acts):
-        drawn = ConcreteScenario(
+        concrete_scenario = ConcreteScenario(
             path.stem, {}, 1.0, road, case.ego, case.actors, ego_body=case.ego_body
         )
-        for actor, number in never_begin(drawn, case.ends):
+        for actor, number in never_begin(concrete_scenario, case.ends):
             if not changes_nothing(actor.acts[number]):
-                raise parts[actor.name].fault(
+                raise element_of[actor.name].fault(
                     "the condition of a move of it can never hold, with any ADS"
                 )
 
@@ -209,10 +220,11 @@ def _check_possible(path: Path, case: FileCase) -> None:
 class Read(NamedTuple):
     """A file that was read: its logical scenario for one road, and notes on it.
 
-    roads: short names of the roads of the file.
-    road: number of this one among them, from 0 on.
-    notes: what of the file has no effect here.
-    refused: number of the points that are not supported, by reason.
+    frame: this road.
+    roads: short names of all roads of the file.
+    road: index of this road in `roads`.
+    notes: sentences on what of the file has no effect here.
+    refused: reason -> number of points that are not supported, of those that were tried.
     """
 
     logical: LogicalScenario
@@ -227,7 +239,7 @@ class Read(NamedTuple):
 def read_file(path: Path, given: Mapping[str, str] | None = None) -> Read:
     """An OpenSCENARIO file, read and tried at points of its space.
 
-    given: options by name (`road` and others of `_OPTIONS`), their values as written in text.
+    given: option, one of `_OPTIONS` -> its value as the user wrote it.
 
     Raises InputError with file, line and element for what is not supported.
     """
@@ -237,18 +249,12 @@ def read_file(path: Path, given: Mapping[str, str] | None = None) -> Read:
 
 @lru_cache(maxsize=128)
 def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
+    """`read_file`, cached. changed: number of changes of files, so that a change reads again."""
     options = dict(given)
     check_known(f"option of {path.name}", [it.name for it in _OPTIONS], *options)
-
-    def number_of(name: str, most: int) -> int:  # an option that is a number, from 1 on
-        written = options.get(name, "1")
-        if not written.isdecimal() or not 1 <= int(written) <= most:
-            must = "1" if most == 1 else f"a whole number within 1..{most}"
-            raise must_be(f"`{name}`", path.name, must, written)
-        return int(written)
-
-    chosen = FileOptions(options.get("ego"), options.get("map"))
-    whole = read_space(path, chosen)
+    for name in ("flat", "zones"):
+        _option_number(path, options, name, 1)
+    whole = read_space(path, FileOptions(options.get("ego"), options.get("map")))
     tried, refused = _tried(whole)
     if not tried:
         raise InputError(
@@ -256,18 +262,10 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
         )
     roads = grouped((case.frame.shape, case.frame) for _, case in tried)
     frames = [first for first, *_ in roads.values()]
-    for name in ("flat", "zones"):  # checked only: 1, or not there at all
-        number_of(name, 1)
-    number = number_of("road", len(frames)) - 1
+    number = _option_number(path, options, "road", len(frames)) - 1
     frame = frames[number]
     scenes = [(point, case) for point, case in tried if case.frame.shape == frame.shape]
     space, dropped = _without_doubles(_without_roads(whole, frame, tried), scenes)
-    name, names = whole.name, _road_names(frames)
-    if len(frames) > 1:
-        name += f"_{names[number]}"
-    if chosen.ego:
-        name = f"{name}_{re.sub(r'[^A-Za-z0-9]+', '_', chosen.ego)}"
-    ignored = tuple(dict.fromkeys(kind for _, case in scenes for kind in case.ignored))
     if "zones" in options and len(space.axes) > _SEARCHED:
         # a search looks at the 3^k neighbours of a point again and again, k being the number of
         # parameters, and reads the file at each of them
@@ -276,16 +274,8 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
             f"asked of a file with at most {_SEARCHED} parameters (without it every point counts "
             "as safe)", len(space.axes),
         )  # fmt: skip
-    logical = _logical(space, frame, scenes)
-    notes = []
-    if dropped:
-        notes.append(
-            f"Points that differ in {', '.join(dropped)} alone are driven alike, and are one point."
-        )
-    if ignored:
-        notes.append(f"Not simulated: {', '.join(ignored)}.")
-    if read_openscenario(path).find("ParameterValueDistribution/Stochastic"):
-        notes.append("`numberOfTestRuns` and `randomSeed` are not used: the sampling's are.")
+    logical, names = _logical(space, frame, scenes), _road_names(frames)
+    notes = _notes(path, scenes, dropped)
     further = [
         f"{count} of the points that were tried are not supported: {why}"
         for why, count in refused.items()
@@ -300,14 +290,43 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
             "No zones are searched, so every point counts as safe: `?zones=1` behind the file's "
             "name asks for them."
         )
+    road = [names[number]] if len(frames) > 1 else []
+    ego = [re.sub(r"[^A-Za-z0-9]+", "_", options["ego"])] if options.get("ego") else []
+    name = "_".join([whole.name, *road, *ego])
     logical = replace(logical, name=name, notes=(*notes, *further))
     return Read(logical, space, frame, names, number, tuple(notes), refused)
+
+
+def _option_number(path: Path, options: Mapping[str, str], name: str, most: int) -> int:
+    """An option that is a whole number within 1..`most`; 1 where it is not given."""
+    written = options.get(name, "1")
+    if not written.isdecimal() or not 1 <= int(written) <= most:
+        must = "1" if most == 1 else f"a whole number within 1..{most}"
+        raise must_be(f"`{name}`", path.name, must, written)
+    return int(written)
+
+
+def _notes(path: Path, scenes: Scenes, dropped: Sequence[str]) -> list[str]:
+    """Sentences on what of a file has no effect.
+
+    dropped: parameters on which no drive depends.
+    """
+    notes = []
+    if dropped:
+        notes.append(
+            f"Points that differ in {', '.join(dropped)} alone are driven alike, and are one point."
+        )
+    if ignored := dict.fromkeys(kind for _, case in scenes for kind in case.ignored):
+        notes.append(f"Not simulated: {', '.join(ignored)}.")
+    if read_openscenario(path).find("ParameterValueDistribution/Stochastic"):
+        notes.append("`numberOfTestRuns` and `randomSeed` are not used: the sampling's are.")
+    return notes
 
 
 def _road_names(frames: Sequence[Frame]) -> tuple[str, ...]:
     """Short names of several roads: without the words that all begin with, numbered if equal."""
     parts = [frame.name.split("_") for frame in frames]
-    # `commonprefix` compares lists, too, although it is in `os.path`
+    # `commonprefix` compares lists, too, although it is in `os.path`; the last word always stays
     shared = len(os.path.commonprefix([part[:-1] for part in parts]))  # noqa: RUF071
     names = ["_".join(part[shared:]) for part in parts]
     counts = [names[:number].count(name) for number, name in enumerate(names)]
@@ -316,8 +335,10 @@ def _road_names(frames: Sequence[Frame]) -> tuple[str, ...]:
 
 
 def _tried(space: FileSpace) -> tuple[Scenes, Counter[str]]:
-    """Scenes at all points of a small grid, of a large one along each axis; and why other points
-    that were tried are not supported, with their number.
+    """The supported points that were tried, and the number of those that are not, by reason.
+
+    All points of a grid of up to `_LOOKED_AT` are tried, of a larger one those along each axis.
+    Points that the file's constraints forbid are in neither result.
 
     Raises InputError with the first reason where no point is supported.
     """
@@ -336,29 +357,32 @@ def _tried(space: FileSpace) -> tuple[Scenes, Counter[str]]:
 
 
 def _without_roads(space: FileSpace, frame: Frame, scenes: Scenes) -> FileSpace:
-    """The space without those listed values of its axes at which the road is never this one.
+    """The space without those listed values of its axes at which the road is never `frame`.
 
-    Where only some points were tried, an axis is cut only if each of its values has one road.
+    Where only some points of the grid were tried, an axis loses values only if each of its values
+    was tried with one road.
     """
-    kept = {}
+    by_axis = {}
     own = frame.shape
     for axis in space.axes:
         roads = grouped((point[axis.name], case.frame.shape) for point, case in scenes)
         one_each = all(len(set(it)) == 1 for it in roads.values())
         if axis.choices and (space.size <= _LOOKED_AT or one_each):
-            # a value that is supported nowhere stays, to be counted with its reason
-            kept[axis.name] = tuple(it for it in axis.choices if own in roads.get(it[0], [own]))
-    return space.chosen(kept)
+            # a value without a supported point stays, so that its reason is reported
+            by_axis[axis.name] = tuple(
+                (value, assignments)
+                for value, assignments in axis.choices
+                if own in roads.get(value, [own])
+            )
+    return space.with_choices(by_axis)
 
 
 def _without_doubles(space: FileSpace, scenes: Scenes) -> tuple[FileSpace, tuple[str, ...]]:
-    """The space without the axes on which no drive depends, and their parameters.
-
-    Drives are compared that differ in the value of that axis alone.
-    """
+    """The space without the axes on which no drive depends, and the parameters of these axes."""
     dropped: list[str] = []
-    kept = {}
+    by_axis = {}
     for axis in space.axes:
+        # groups of scenes at points that differ in the value of this axis alone
         drives = grouped(
             (
                 tuple(value for name, value in point.items() if name != axis.name),
@@ -369,12 +393,13 @@ def _without_doubles(space: FileSpace, scenes: Scenes) -> tuple[FileSpace, tuple
         compared = [group for group in drives.values() if len(group) > 1]
         if compared and all(len(set(group)) == 1 for group in compared):
             dropped += axis.names
-            # one value is left; of a range, its lowest
-            kept[axis.name] = axis.choices[:1] or ((axis.low, axis.assigned(axis.low)),)
-    return space.chosen(kept), tuple(dropped)
+            # one value stays; of a range, its lowest
+            by_axis[axis.name] = axis.choices[:1] or ((axis.low, axis.assigned(axis.low)),)
+    return space.with_choices(by_axis), tuple(dropped)
 
 
 def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
+    """The logical scenario of a space in which every scene has the road `frame`."""
     limit = max(case.ends for _, case in scenes)
     body, *bodies = {case.ego_body for _, case in scenes}
     if bodies:
@@ -382,31 +407,23 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
             f"{space.name}.xosc, <ParameterValueDistribution>: the ego must be the same vehicle at "
             "all points."
         )
-    parts = [_parameter(axis, space) for axis in space.axes]
+    whole = scenes[0][1].whole
     samples: tuple[NamedSample, ...] = ()
     constraints: tuple[Constraint, ...] = ()
-    # An exported case keeps its road and body, and its parameters as numbers without a choice,
-    # after ONLY, which is 0: each needs a range of its own.
-    whole = scenes[0][1].whole
-    if not parts:
-        point = {ONLY: 0.0} | dict(whole.changes if whole else ())
-        parts = [
-            Parameter(name, value, value + 1.0, 1.0, "1",
-                "as exported" if name != ONLY else "nothing: the file has one case",
-                (value, value + 1.0))
-            for name, value in point.items()
-        ]  # fmt: skip
-        samples = (NamedSample("the_case", "the one case of the file", (tuple(point.values()),)),)
-    else:
+    if space.axes:
+        parameters = [_parameter(axis, space) for axis in space.axes]
         points = space.grid() if space.size <= _LOOKED_AT else ()
         allowed = bytes(refusal(space, frame, point) is None for point in points)
         about = "one that the file's constraints allow and that is supported"
         constraints = (Constraint(about, Holds(space, frame, allowed)),)
+    else:
+        parameters, sample = _the_case(whole)
+        samples = (sample,)
     logical = LogicalScenario(
         name=space.name,
         about=space.about,
         source=f"{space.name}.xosc, OpenSCENARIO {space.version}",
-        parameters=tuple(parts),
+        parameters=tuple(parameters),
         constraints=constraints,
         road=_road(frame, scenes, limit),
         place=PlacedByFile(space, frame),
@@ -422,34 +439,57 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
             for actor in case.actors
         ),
     )
-    if whole:
+    if whole:  # an exported case keeps its own road, body and limits
         return replace(
             logical, road=whole.road, ego_body=whole.ego_body, time_limit=whole.time_limit,
             standstill_time=whole.standstill_time,
         )  # fmt: skip
-    weighted = tuple(axis for axis in space.axes if axis.weights)
-    names = [f"{it.name} as {it.distribution}" for it in parts if it.distribution]
+    return _with_exposure(logical, space.axes)
+
+
+def _the_case(whole: ConcreteScenario | None) -> tuple[list[Parameter], NamedSample]:
+    """Parameters of a file without axes, and the sample with its one case.
+
+    ONLY, which is 0, is the first. The changes of an exported case `whole` are further ones. Each
+    has one value, but a parameter needs a range: it ends 1 above this value.
+    """
+    point = {ONLY: 0.0} | dict(whole.changes if whole else ())
+    parameters = [
+        Parameter(name, value, value + 1.0, 1.0, "1",
+            "as exported" if name != ONLY else "nothing: the file has one case",
+            (value, value + 1.0))
+        for name, value in point.items()
+    ]  # fmt: skip
+    return parameters, NamedSample("the_case", "the one case of the file", (tuple(point.values()),))
+
+
+def _with_exposure(logical: LogicalScenario, axes: Sequence[Axis]) -> LogicalScenario:
+    """The logical scenario with the densities and weights of the file as exposure, if it has any."""
+    weighted = tuple(axis for axis in axes if axis.weights)
+    names = [f"{it.name} as {it.distribution}" for it in logical.parameters if it.distribution]
     names += [f"{axis.name} by its weights" for axis in weighted]
     if not names:
         return logical
     from sumo_eval.scenario.expression import Definitions
     from sumo_eval.scenario.formulas import ExposureDensity
 
-    exposure = Weighted(ExposureDensity(tuple(parts), None, Definitions(())), weighted)
-    return replace(logical, exposure=exposure, exposure_about=", ".join(names))
+    density = ExposureDensity(logical.parameters, None, Definitions(()))
+    return replace(logical, exposure=Weighted(density, weighted), exposure_about=", ".join(names))
 
 
 def _parameter(axis: Axis, space: FileSpace) -> Parameter:
+    """An axis as a parameter of the logical scenario."""
     about = f"of {space.file.name}"
     others = [name for name in axis.names if name != axis.name]
     if others:
         about += f", with {', '.join(others)}"
     # where the axis only numbers the values of its parameter, list what each number stands for
     if any(dict(row)[axis.name] != value for value, row in axis.choices):
-        listed = (
-            f"{value:g}: " + ", ".join(f"{it}" for _, it in row) for value, row in axis.choices[:12]
+        meanings = (
+            f"{value:g}: " + ", ".join(f"{it}" for _, it in row)
+            for value, row in axis.choices[:_LISTED]
         )
-        about += f" ({'; '.join(listed)})"
+        about += f" ({'; '.join(meanings)})"
     # a name may end with its unit: OpenSCENARIO has none
     units = {"_kph": "km/h", "_mps": "m/s", "_mps2": "m/s2", "_m": "m", "_s": "s", "_rad": "rad"}
     unit = units.get("".join(axis.name.rpartition("_")[1:]), "1")
@@ -460,9 +500,9 @@ def _parameter(axis: Axis, space: FileSpace) -> Parameter:
 
 
 def _road(frame: Frame, scenes: Scenes, time_limit: float) -> Road:
-    """The road, as far as the fastest ego drives in the time limit, or to its end in the file.
+    """The road up to where the fastest ego is after the time limit, s, or to its end in the file.
 
-    time_limit: s.
+    Its speed at the start counts. The rest of the file's road stays behind the end of the cases.
     """
     reach = max(case.ego.x + case.ego.speed * time_limit for _, case in scenes)
     # an ego that starts from rest drives as fast as the ADS wants: the whole road
@@ -478,12 +518,14 @@ def _road(frame: Frame, scenes: Scenes, time_limit: float) -> Road:
 
 
 def _moves(actor: Actor) -> bool:
+    """Whether an actor drives at any time."""
     return actor.start.speed > 0.0 or any(act.kind != KEEP for act in actor.acts)
 
 
 def _search(scenes: Scenes, road: Road) -> Search | str:
-    """The actor that zones are searched from: the nearest that stands in the ego's way, otherwise
-    the first that moves. A reason where no zone can be defined.
+    """The actor that zones are searched from, or a reason why no zone can be defined.
+
+    It is the nearest actor that stands in the ego's way, otherwise the first that moves.
     """
     if road.bent:
         return "the road is curved"
@@ -501,9 +543,7 @@ def _search(scenes: Scenes, road: Road) -> Search | str:
 
 
 def concrete_points(read: Read) -> Iterator[tuple[dict[str, float], str | None]]:
-    """All grid points of a file that was read, each with why it is not supported, None where it
-    is.
-    """
+    """All grid points of a file that was read, each with its `refusal`: why it is not driven."""
     for point in read.space.grid():
         yield point, refusal(read.space, read.frame, point)
 

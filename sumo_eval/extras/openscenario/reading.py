@@ -29,13 +29,13 @@ from sumo_eval.text import shown
 Choice = TypeVar("Choice")
 _VERSIONS = ("1.0", "1.1", "1.2", "1.3")
 _BOOLEAN = {"true": True, "false": False, "1": True, "0": False}
-# a value such as `$Ego_kph`, without an expression around it
+# a parameter whose name says km/h, such as `$Ego_kph`, without an expression around it
 _IN_KMH = re.compile(r"\$(\w+_)?(kph|kmh|kmph)", re.IGNORECASE)
 
 
 @lru_cache(maxsize=64)
 def _read_once(path: Path, changed: int) -> Node:
-    """`read_openscenario`, once for each time `changed` at which the file was changed."""
+    """`read_openscenario`, cached. changed: time of the file's last change, a part of the key."""
     root = read_xml(path, "OpenSCENARIO file")
     if root.tag != "OpenSCENARIO":
         raise InputError(
@@ -53,18 +53,20 @@ def _read_once(path: Path, changed: int) -> Node:
 
 
 def read_openscenario(path: Path) -> Node:
-    """The root of an OpenSCENARIO file of a version that is known."""
+    """The root of an OpenSCENARIO file of a supported version."""
     return _read_once(path, watch(input_file(path, "OpenSCENARIO file")))
 
 
 _WATCHED: dict[Path, int] = {}
-"""Files and folders on which scenes depend, each with the time of its last change that was seen."""
+"""Files and folders on which scenes depend -> time of the last change that `watch` noticed."""
 _CHANGES: list[Path] = []
-"""One entry for each change that was seen."""
+"""One entry for each change that `watch` noticed."""
 
 
 def watch(path: Path) -> int:
-    """Record that scenes depend on a file or folder; return its time of change (`changed_at`)."""
+    """Note that scenes depend on a file or folder; return the time of its last change
+    (`changed_at`).
+    """
     now = changed_at(path)
     if _WATCHED.setdefault(path, now) != now:
         _WATCHED[path] = now
@@ -73,12 +75,12 @@ def watch(path: Path) -> int:
 
 
 def changes(*paths: Path) -> int:
-    """Number of changes of files and folders that were seen so far, after a look at `paths`.
+    """Number of changes of files and folders that `watch` has noticed since the program began.
 
     A scene depends on its file, on catalogs and on a map. Caches of scenes have this number in
     their key, so that each change makes them read again.
 
-    paths: none: all on which scenes depend.
+    paths: those to look at now; none: all on which scenes depend.
     """
     for path in paths or [*_WATCHED]:
         watch(path)
@@ -87,12 +89,15 @@ def changes(*paths: Path) -> int:
 
 @dataclass(slots=True, eq=False)
 class Node:
-    """An element of a file, and the parameters that are known in it.
+    """An element of a file, and the parameters that are declared where it stands.
 
-    Its methods refuse what is missing or wrong, with file, line and element.
+    Methods raise an InputError with file, line and element where something is missing or wrong.
+    `get`, `attribute` and `parameter` return an attribute as it is written. The other methods for
+    attributes work its value out: a literal, `$name` or `${expression}`.
 
-    values: of parameters, by name.
-    entries: (catalog, entry) of each reference that led here, to find references in a circle.
+    values: parameter -> its value.
+    entries: (catalog, entry) of each reference that led to this element. A reference to one of
+        them again would be a circle.
     """
 
     element: Element
@@ -101,39 +106,40 @@ class Node:
 
     @property
     def tag(self) -> str:
-        """Its kind."""
+        """The element's kind, as `SpeedAction`."""
         return str(self.element.tag)
 
     @property
     def file(self) -> Path:
-        """The file that it was read from."""
+        """The file that the element was read from."""
         return Path(str(self.element.getroottree().docinfo.URL))
 
     @property
     def where(self) -> str:
-        """`CCRs.xosc, line 120, <SpeedAction>`."""
+        """Place of the element for messages, as `CCRs.xosc, line 120, <SpeedAction>`."""
         return f"{self.file.name}, line {self.element.sourceline}, <{self.tag}>"
 
     def fault(self, text: str) -> InputError:
-        """The error that says what is wrong with it.
+        """The error that says what is wrong with the element.
 
         text: `value must be a number, got 'x'`, with or without a full stop or question mark.
         """
         text = text.rstrip(".")
         return InputError(f"{self.where}: {text}{'' if text.endswith('?') else '.'}")
 
-    def unsupported(self, but: str = "") -> InputError:
-        """The error that it is not supported.
+    def unsupported(self, alternatives: str = "") -> InputError:
+        """The error that the element is not supported.
 
-        but: what is supported, as `moves that are: SpeedAction`.
+        alternatives: what is supported, as `moves that are: SpeedAction`.
         """
-        rest = f": {but}" if but else ""
+        rest = f": {alternatives}" if alternatives else ""
         return self.fault(f"this is not supported{rest}, and nothing is guessed instead")
 
     def chosen(self, known: Mapping[str, Choice], what: str) -> Choice:
-        """The entry of `known` for its kind; refused without one.
+        """The entry of `known` for the element's kind. A kind without an entry is not supported.
 
-        what: name of the known kinds in the error, `moves`.
+        known: kind -> entry, such as the function that reads it.
+        what: name of the known kinds in the error, as `moves`.
         """
         if self.tag not in known:
             raise self.unsupported(f"{what} that are: {', '.join(known)}")
@@ -146,29 +152,32 @@ class Node:
         return self.element.get(name, default)
 
     def all(self, path: str) -> list[Node]:
-        """The elements at a path below it."""
+        """The elements at an XPath below this one."""
         return [replace(self, element=it) for it in self.element.iterfind(path)]
 
     def find(self, path: str) -> Node | None:
-        """The first element at a path below it; refused where there is a second inside it."""
+        """The first element at an XPath below this one; None: there is none.
+
+        A second child of one name is a fault. A path with `/` may lead to several elements.
+        """
         parts = self.all(path)
         if len(parts) > 1 and "/" not in path:
             raise self.fault(f"it must hold one <{path.partition('[')[0]}>, got {len(parts)}")
         return parts[0] if parts else None
 
     def children(self) -> list[Node]:
-        """The elements inside it, without comments."""
+        """The child elements; `*` leaves out comments."""
         return self.all("*")
 
     def only(self) -> Node:
-        """The one element inside it."""
+        """The only child element."""
         parts = self.children()
         if len(parts) != 1:
             raise self.fault(f"it must hold one element, got {len(parts)}")
         return parts[0]
 
     def child(self, name: str) -> Node:
-        """The one element of a name inside it."""
+        """The only child element of a name."""
         part = self.find(name)
         if not part:
             raise self.fault(f"<{name}> is missing in it")
@@ -188,7 +197,7 @@ class Node:
         return self.attribute(name).removeprefix("$")
 
     def one_of(self, name: str, known: tuple[str, ...], default: str | None = None) -> str:
-        """An attribute, worked out, that must be one of some words."""
+        """An attribute that must be one of some words; default: the word where it is missing."""
         word = self.text(name, default)
         if word != default and word not in known:
             near = did_you_mean(word, known)
@@ -198,14 +207,14 @@ class Node:
         return word
 
     def worked_out(self, written: str) -> Value:
-        """The value of what is written in it: a literal, `$name`, or `${expression of $names}`."""
+        """The value of a written literal, `$name` or `${expression of $names}`."""
         try:
             return worked_out(written, self.values)
         except WrongValueError as error:
             raise self.fault(str(error)) from None
 
     def text(self, name: str, default: str | None = None) -> str:
-        """An attribute as text, worked out."""
+        """An attribute as text; a whole number without its decimal point."""
         if default is not None and self.get(name) is None:
             return default
         value = self.worked_out(self.attribute(name))
@@ -214,7 +223,7 @@ class Node:
         return str(int(value)) if value.is_integer() else repr(value)
 
     def number(self, name: str, default: float | None = None) -> float:
-        """An attribute as a finite number, worked out."""
+        """An attribute as a finite number."""
         if default is not None and self.get(name) is None:
             return default
         written = self.attribute(name)
@@ -231,21 +240,21 @@ class Node:
         return value
 
     def above_zero(self, name: str, unit: str = "") -> float:
-        """An attribute as a number above 0."""
+        """An attribute as a number above 0; unit: for the message, as ` m`."""
         value = self.number(name)
         if value <= 0.0:
             raise self.fault(f"`{name}` must be above 0{unit}, got {value:g}")
         return value
 
     def not_negative(self, name: str, default: float | None = None, unit: str = "") -> float:
-        """An attribute as a number of at least 0."""
+        """An attribute as a number of at least 0; unit: for the message, as ` m`."""
         value = self.number(name, default)
         if value < 0.0:
             raise self.fault(f"`{name}` must be at least 0{unit}, got {value:g}")
         return value
 
     def whole(self, name: str) -> int:
-        """An attribute as a whole number, worked out."""
+        """An attribute as a whole number."""
         value = self.number(name)
         if not value.is_integer():
             raise self.fault(f"`{name}` must be a whole number, got {value:g}")
@@ -259,9 +268,11 @@ class Node:
         return _BOOLEAN[text]
 
     def compared(self, one: Value, two: Value, default: str | None = None) -> bool:
-        """Whether its attribute `rule`, such as `lessThan`, holds between two values.
+        """Whether the element's `rule`, such as `lessThan`, holds between two values.
 
-        Texts can only be equal or not. default: the rule where it has none.
+        Texts can only be equal or not.
+
+        default: the rule where the element has none.
         """
         rule = self.one_of("rule", RULES, default)
         truth = holds(rule, one, two)
@@ -273,15 +284,15 @@ class Node:
 
     def declared(self, given: Mapping[str, Value]) -> tuple[Node, list[str]]:
         """The element with the parameters that its <ParameterDeclarations> add or replace, and
-        the constraints that do not hold.
+        a text on each parameter whose constraints do not hold.
 
-        given: values instead of the declared ones.
+        given: parameter -> value instead of the declared one.
 
         Raises InputError for a given value without a declaration.
         """
         values = dict(self.values)
         written = dict[str, str]()
-        # all parts share `values`, filled below
+        # all parts share the dictionary `values`, which the loop over them fills
         parts = [
             (part.parameter("name"), replace(part, values=values))
             for part in self.all("ParameterDeclarations/ParameterDeclaration")
@@ -296,7 +307,7 @@ class Node:
             value = part.get("value", "")
             if written.setdefault(name, value) != value:
                 raise part.fault(f"parameter `{name}` is declared twice, with other values")
-            # a value of one parameter may name those before it
+            # a value may name parameters that are declared above it
             values[name] = given[name] if name in given else part.worked_out(value)
         broken = [why for name, part in parts for why in part._broken(name)]
         return replace(self, values=values), broken
@@ -309,9 +320,9 @@ class Node:
         return inner
 
     def _broken(self, name: str) -> Iterator[str]:
-        """The constraints of this declaration, as one text; nothing where they hold.
+        """The constraint groups of a parameter's declaration as one text; nothing if they hold.
 
-        They hold if one of the groups does, with all of its constraints.
+        They hold where all constraints of one group hold, and where there is no group.
         """
         groups = [group.all("ValueConstraint") for group in self.all("ConstraintGroup")]
         for group in groups:

@@ -1,9 +1,9 @@
 """The space of an OpenSCENARIO file, for `logical`: its ParameterValueDistribution as axes.
 
-A range is an axis with a step, a set an axis of listed values, a list of sets of parameters one
-axis for all of them. The value of a listed axis is the number that the file gives, where these are
-numbers and all different, otherwise the index in the list, from 0 on. A file without a distribution
-is a space of one point.
+A range is an axis with a step, and a set an axis of listed values. Sets of several parameters are
+one axis for all of these. A listed axis has the numbers of the file where they are all different.
+Otherwise (texts, equal numbers) it has the indices in the list, from 0 on. A file without a
+distribution is a space of one point.
 
 Users: `extras/openscenario/logical.py`, `extras/openscenario/points.py`.
 """
@@ -30,7 +30,10 @@ from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.sampling.grid import decimal
 
 Assignments = tuple[tuple[str, Value], ...]
+"""Parameters of the scenario file, each with the value that it gets."""
 Choices = tuple[tuple[float, Assignments], ...]
+"""Values of a listed axis in ascending order, each with what it assigns."""
+_STEPS = 10.0  # of a stochastic range on a grid
 
 
 @frozen
@@ -38,12 +41,12 @@ class Axis:
     """An axis of the space.
 
     name: of the axis, one of `names`.
-    names: the parameters that it sets.
-    low, high: its least and its largest value.
+    names: the parameters that the axis sets.
+    low, high: least and largest value.
     step: of a range, otherwise 1.
-    choices: listed values, each with what it sets; empty: a range of values of the parameter.
-    distribution: of a range, where it has a density.
-    weights: of the choices, where the file gives any.
+    choices: listed values; empty: a range of values of one parameter.
+    distribution: density of a range; None: the file gives none.
+    weights: of the choices; empty: the file gives none.
     """
 
     name: str
@@ -58,17 +61,17 @@ class Axis:
     def assigned(self, value: float) -> Assignments:
         """The assignments at a value.
 
-        Maps of the space also ask between listed values: they get the value itself if the list
-        assigns its own values to one parameter, else the assignments of the nearest.
+        Maps of the space also ask between listed values. They get the value itself where each
+        listed value is assigned to the axis's own parameter, else what the nearest one assigns.
         """
-        # also true for a range, which has no choices
+        # `all` is also true for a range, which has no choices
         if all(sets == ((self.name, listed),) for listed, sets in self.choices):
             return ((self.name, value),)
         return min(self.choices, key=lambda choice: abs(choice[0] - value))[1]
 
     @property
     def values(self) -> list[float]:
-        """Its values on the grid."""
+        """The axis's values on the grid."""
         if self.choices:
             return [value for value, _ in self.choices]
         low, step = decimal(self.low), decimal(self.step)
@@ -76,14 +79,15 @@ class Axis:
 
     @property
     def count(self) -> int:
-        """The number of its values on the grid."""
+        """Number of the axis's values on the grid."""
         if self.choices:
             return len(self.choices)
         return (decimal(self.high) - decimal(self.low)) // decimal(self.step) + 1
 
-    def listing(self, choices: Choices) -> Axis:
+    def with_choices(self, choices: Choices) -> Axis:
         """The axis with some of its choices, at least one."""
-        pairs = zip(self.choices, self.weights, strict=False)  # none without weights
+        # no pairs where the file gives no weights
+        pairs = zip(self.choices, self.weights, strict=False)
         weights = tuple(weight for choice, weight in pairs if choice in choices)
         low, high = choices[0][0], choices[-1][0]
         return replace(self, choices=choices, low=low, high=high, weights=weights)
@@ -98,8 +102,12 @@ class Axis:
 class FileSpace:
     """The space of a file.
 
-    file: the scenario file.
+    name: of the file that was named, without its ending.
+    about: description in that file's header.
+    file: the scenario file, which that file may refer to.
     fixed: assignments at every point.
+    version: of the standard, as `1.2`.
+    options: what the user gave behind the file's name.
     """
 
     name: str
@@ -110,18 +118,21 @@ class FileSpace:
     version: str
     options: FileOptions
 
-    def given(self, values: Mapping[str, float]) -> dict[str, Value]:
-        """The parameters of the scenario file at a point."""
+    def parameters(self, values: Mapping[str, float]) -> dict[str, Value]:
+        """The parameters that the space sets in the scenario file at a point.
+
+        values: axis -> its value.
+        """
         varied = (axis.assigned(float(values[axis.name])) for axis in self.axes)
         return dict(itertools.chain(self.fixed, *varied))
 
     @property
     def size(self) -> int:
-        """The number of points of its grid."""
+        """Number of points of the grid."""
         return math.prod(axis.count for axis in self.axes)
 
     def grid(self) -> Iterator[dict[str, float]]:
-        """The points of its grid, the first axis slowest."""
+        """The points of the grid; the value of the first axis changes last."""
         names = [axis.name for axis in self.axes]
         for row in itertools.product(*(axis.values for axis in self.axes)):
             yield dict(zip(names, row, strict=True))
@@ -131,28 +142,30 @@ class FileSpace:
         first, last or middle value.
         """
         values = {axis.name: axis.values for axis in self.axes}
-        rows = values.values()
+        columns = values.values()
+        ends_and_middles = ((column[0], column[-1], column[len(column) // 2]) for column in columns)
         points = (
             (*centre[:k], value, *centre[k + 1 :])
-            for centre in zip(*((row[0], row[-1], row[len(row) // 2]) for row in rows), strict=True)
-            for k, row in enumerate(rows)
-            for value in row
+            for centre in zip(*ends_and_middles, strict=True)
+            for k, column in enumerate(columns)
+            for value in column
         )
         return [dict(zip(values, point, strict=True)) for point in dict.fromkeys(points)]
 
-    def chosen(self, kept: Mapping[str, Choices]) -> FileSpace:
+    def with_choices(self, by_axis: Mapping[str, Choices]) -> FileSpace:
         """The space with fewer choices; an axis with one choice becomes a fixed assignment.
 
-        kept: the choices that stay, by axis; an axis without an entry keeps its own.
+        by_axis: axis -> the choices that stay; an axis without an entry keeps its own.
         """
         fixed = list(self.fixed)
         axes = []
         for axis in self.axes:
-            choices = kept.get(axis.name, axis.choices)
+            choices = by_axis.get(axis.name, axis.choices)
             if len(choices) == 1:
-                fixed += choices[0][1]
+                ((_, assignments),) = choices
+                fixed += assignments
             else:
-                axes.append(axis.listing(choices) if choices else axis)
+                axes.append(axis.with_choices(choices) if choices else axis)
         return replace(self, fixed=tuple(fixed), axes=tuple(axes))
 
 
@@ -186,8 +199,8 @@ def read_space(path: Path, options: FileOptions) -> FileSpace:
             near = did_you_mean(name, known)
             raise distribution.fault(f"parameter `{name}` is not declared in {file.name}.{near}")
         names.append(name)
-    # `chosen` makes an axis with one value a fixed assignment
-    return FileSpace(path.stem, about, file, (), axes, version, options).chosen({})
+    # makes an axis with one value a fixed assignment
+    return FileSpace(path.stem, about, file, (), axes, version, options).with_choices({})
 
 
 def axes_of(distribution: Node) -> Iterator[Axis]:
@@ -207,6 +220,7 @@ def axes_of(distribution: Node) -> Iterator[Axis]:
 
 
 def _single(element: Node) -> Axis:
+    """A deterministic distribution of one parameter: a list of values, or a range with a step."""
     name, kind = element.parameter("parameterName"), element.only()
     if kind.tag == "DistributionSet":
         return _values(element, name, [plain(it.attribute("value")) for it in kind.all("Element")])
@@ -220,6 +234,7 @@ def _single(element: Node) -> Axis:
 
 
 def _together(element: Node) -> Axis:
+    """A deterministic distribution of several parameters: the sets of their values, listed."""
     rows = [
         tuple((it.parameter("parameterRef"), plain(it.attribute("value")))
             for it in part.all("ParameterAssignment"))
@@ -230,9 +245,9 @@ def _together(element: Node) -> Axis:
     shared = [name for name in names if len(columns[name]) == len(rows)]
     if not shared:
         raise element.fault("its <ParameterValueSet>s must have a parameter in common")
-    # The axis is named by a parameter with a value in each row: best with different numbers, else
-    # with different values, else by any. In a row without a value of another parameter, that one
-    # keeps the value that the scenario file declares.
+    # The axis has the name of a parameter with a value in every row: of one with different numbers,
+    # else of one with different values, else of any. A parameter without a value in some row keeps
+    # there the value that the scenario file declares.
     unique = [name for name in shared if len(set(columns[name])) == len(rows)]
     numeric = [name for name in unique if all(isinstance(value, float) for value in columns[name])]
     return _listed(element, (numeric or unique or shared)[0], names, rows)
@@ -244,7 +259,11 @@ def _values(element: Node, name: str, values: Sequence[Value]) -> Axis:
 
 
 def _listed(element: Node, name: str, names: tuple[str, ...], rows: Sequence[Assignments]) -> Axis:
-    """The axis of listed assignments, in the order of its values."""
+    """The axis of listed assignments, in the order of its values.
+
+    name: of the axis, a parameter with a value in every row.
+    names: of all parameters in the rows.
+    """
     if not rows:
         raise element.fault("it must list at least one value")
     pairs = itertools.chain(*rows)
@@ -265,18 +284,13 @@ def range_of(element: Node) -> tuple[float, float]:
 
 
 def _drawn(element: Node) -> Axis:
-    """A stochastic distribution: a range with a density, sampled as the evaluation says."""
+    """A stochastic distribution: values with weights, or a range with a density.
+
+    The sampling of the evaluation draws from it.
+    """
     name, kind = element.parameter("parameterName"), element.only()
     if kind.tag == "ProbabilityDistributionSet":
-        weight_of: dict[Value, float] = {}
-        for part in kind.all("Element"):
-            value = plain(part.attribute("value"))
-            weight_of[value] = weight_of.get(value, 0.0) + part.number("weight")
-        weights = weight_of.values() or [1.0]  # an empty set is refused by `_values`
-        if min(weights) < 0.0 or max(weights) == 0.0:
-            raise kind.fault("its weights must be at least 0, one of them above 0")
-        axis = _values(kind, name, list(weight_of))
-        return replace(axis, weights=tuple(weight_of[row[0][1]] for _, row in axis.choices))
+        return _weighted(name, kind)
     if kind.tag not in ("UniformDistribution", "NormalDistribution"):
         raise kind.unsupported(
             "stochastic distributions that are: ProbabilityDistributionSet, UniformDistribution "
@@ -291,5 +305,19 @@ def _drawn(element: Node) -> Axis:
         deviation = math.sqrt(kind.above_zero("variance"))
         loc = kind.number("expectedValue")
         density = Distribution("norm", (("loc", loc), ("scale", deviation)))
-    # on a grid the range has eleven values
-    return Axis(name, (name,), low, high, (high - low) / 10.0, (), density)
+    return Axis(name, (name,), low, high, (high - low) / _STEPS, (), density)
+
+
+def _weighted(name: str, kind: Node) -> Axis:
+    """The axis of a ProbabilityDistributionSet: the values of a parameter, each with a weight."""
+    weight_of: dict[Value, float] = {}
+    for part in kind.all("Element"):
+        value = plain(part.attribute("value"))
+        weight_of[value] = weight_of.get(value, 0.0) + part.number("weight")
+    weights = weight_of.values() or [1.0]  # an empty set is refused by `_values`
+    if min(weights) < 0.0 or max(weights) == 0.0:
+        raise kind.fault("its weights must be at least 0, one of them above 0")
+    axis = _values(kind, name, list(weight_of))
+    # the axis has another order, and its values may be indices: each assigns one value
+    values = (value for _, ((_, value),) in axis.choices)
+    return replace(axis, weights=tuple(weight_of[value] for value in values))

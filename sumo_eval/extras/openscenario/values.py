@@ -20,6 +20,7 @@ from sumo_eval.text import shown
 Value = float | str
 _LONGEST = 2_000  # characters of an expression
 _DEEPEST = 60  # levels of nested operations
+# `$name`, whose name does not begin with a digit
 _REFERENCE = re.compile(r"\$([^\W\d]\w*)")
 
 FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
@@ -31,7 +32,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
     "max": (max, 2),
     "sign": (lambda a: float((a > 0.0) - (a < 0.0)), 1),
 }  # fmt: skip
-"""Functions of an expression, and how many values each takes."""
+"""Functions of an expression: name -> function, and how many values it takes."""
 _OPERATIONS: dict[str, tuple[Callable[..., float], int]] = {
     "Add": (operator.add, 2), "Sub": (operator.sub, 2), "Mult": (operator.mul, 2),
     "Div": (operator.truediv, 2), "USub": (operator.neg, 1), "UAdd": (operator.pos, 1),
@@ -39,6 +40,7 @@ _OPERATIONS: dict[str, tuple[Callable[..., float], int]] = {
     "Mod": (lambda one, two: math.fmod(one, two) if two else operator.mod(one, two), 2),
     **{f"{name}()": known for name, known in FUNCTIONS.items()},
 }  # fmt: skip
+"""Operations by the names of `scenario.expression.operation`, with their numbers of values."""
 _RULES: dict[str, Callable[[float, float], bool]] = {
     "lessThan": operator.lt, "lessOrEqual": operator.le, "greaterThan": operator.gt,
     "greaterOrEqual": operator.ge,
@@ -144,13 +146,16 @@ def _evaluate(node: ast.expr, names: Mapping[str, float], depth: int) -> float:
         if len(parts) != count:  # only of a function, whose name ends with `()`
             raise WrongValueError(f"must give {count} values to `{name[:-2]}`, got {len(parts)}")
         return function(*(_evaluate(part, names, depth + 1) for part in parts))
-    held = re.sub(r"\bp_(?=[^\W\d])", "$", ast.unparse(node))  # as the file has it
-    raise WrongValueError(f"holds `{held[:60]}`; it has numbers, $names, + - * / %, pi and "
+    part = re.sub(r"\bp_(?=[^\W\d])", "$", ast.unparse(node))  # `p_name` is `$name` in the file
+    raise WrongValueError(f"holds `{part[:60]}`; it has numbers, $names, + - * / %, pi and "
                                 f"{', '.join(FUNCTIONS)}")  # fmt: skip
 
 
 def holds(rule: str, one: Value, two: Value) -> bool | None:
-    """Whether a rule holds between two values; None: it asks which of two texts is larger."""
+    """Whether a rule holds between two values; None where it would order texts.
+
+    rule: one of `RULES`.
+    """
     first, second = number_of(one), number_of(two)
     if first is not None and second is not None:
         return _RULES[rule](first, second)
