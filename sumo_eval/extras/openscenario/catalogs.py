@@ -1,4 +1,7 @@
-"""Catalogs: directories of files with entries, found by the catalog's name and the entry's.
+"""Catalogs of OpenSCENARIO: folders of files with entries, such as vehicles or manoeuvres.
+
+A reference names a catalog and one of its entries. Public catalogues of scenario files are another
+thing: `extras/openscenario/collections.py`.
 
 Users: `extras/openscenario/places.py`, `extras/openscenario/scene.py`,
 `extras/openscenario/space.py`.
@@ -18,7 +21,7 @@ class Catalogs:
     """The catalogs of a scenario file.
 
     root: of that file.
-    folders: each <Directory> with its path.
+    folders: <Directory> elements, each with the path of its folder.
     """
 
     def __init__(self, root: Node) -> None:
@@ -27,10 +30,10 @@ class Catalogs:
 
     @cached_property
     def _all(self) -> dict[str, list[Node]]:
-        """The catalogs by name; files may share a name, and then all their entries count."""
+        """The catalogs by name; where several files have a catalog of one name, all count."""
         for _, at in self.folders:
-            watch(at)  # adding a file changes the folder, and then scenes are read again
-        # one folder may be named for several kinds of catalogs
+            watch(at)  # adding a file changes the folder, so scenes are read again
+        # one folder may be named for several kinds of catalogs: its files count once
         files = dict.fromkeys(
             Path(realpath(it)) for _, at in self.folders for it in sorted(at.glob("*.xosc"))
         )
@@ -51,25 +54,23 @@ class Catalogs:
                 if not at.is_dir()
             )
             raise reference.fault(f"catalog `{name}` is not there.{near} {missing}".rstrip())
-        parts = [it for catalog in catalogs[name] for it in catalog.children()]
-        named = [part for part in parts if part.get("name") == entry]
-        if not named:
-            near = did_you_mean(entry, [str(part.get("name")) for part in parts])
+        entries = [it for catalog in catalogs[name] for it in catalog.children()]
+        same_name = [it for it in entries if it.get("name") == entry]
+        if not same_name:
+            near = did_you_mean(entry, [str(it.get("name")) for it in entries])
             raise reference.fault(f"entry `{entry}` is not in catalog `{name}`.{near}")
-        if len(named) > 1:
-            places = ", ".join(part.where for part in named)
+        if len(same_name) > 1:
+            places = ", ".join(it.where for it in same_name)
             raise reference.fault(
                 f"entry `{entry}` of catalog `{name}` is there more than once: {places}"
             )
-        # (catalog, entry) of the references that led here: the same one again is a circle
         if (name, entry) in reference.entries:
             raise reference.fault(f"entry `{entry}` of catalog `{name}` refers to itself")
         assigned = {
             it.parameter("parameterRef"): it.worked_out(it.attribute("value"))
             for it in reference.all("ParameterAssignments/ParameterAssignment")
         }
-        # the entry with these parameters, and the constraints that they break
-        part, broken = named[0].declared(assigned)
+        part, broken = same_name[0].declared(assigned)
         if broken:
             raise reference.fault(f"a value that it gives breaks a constraint: {broken[0]}")
         return replace(part, entries=(*reference.entries, (name, entry)))
@@ -86,8 +87,11 @@ class Catalogs:
 
 
 def named_file(part: Node, name: str | None = None) -> Path:
-    """A file that an element or else the user names, relative to the element's own; refused where
-    it is not there.
+    """A file that an element names, relative to the element's own file.
+
+    name: path that the user gives instead; None: the element's `filepath`.
+
+    Raises InputError where the file is missing.
     """
     path = part.file.parent / (part.text("filepath") if name is None else name)
     if watch(path) < 0:  # its time of change: -1 without a file

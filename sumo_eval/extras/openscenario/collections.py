@@ -1,7 +1,7 @@
-"""Public catalogues of OpenSCENARIO files: where they are in the user's own copy.
+"""Public catalogues of OpenSCENARIO files, of which the user has a copy: their files in it.
 
-`scenario.formats` turns them into entries of an evaluation (`entries_of`, through `format.py`), and
-the command `sumo-eval import` lists their files.
+An evaluation that names a catalogue or a file gets an entry for each file and road: `entries_of`,
+which `scenario.formats` finds through `format.py`. The command `sumo-eval import` lists the files.
 
 Users: `extras/openscenario/command.py`, `extras/openscenario/describe.py`,
 `extras/openscenario/format.py`.
@@ -22,11 +22,11 @@ from sumo_eval.settings import ScenarioSettings
 class Collection:
     """A public catalogue.
 
+    source: its repository on GitHub.
     folders: where its files may be below the user's copy, which may be the whole repository or a
-        part of it; the first with files counts.
+        part of it. The first folder with files counts.
     pattern: of the names of its files.
-    extra: patterns, below the same folder, of scenario files that no file of `pattern`
-        refers to.
+    extra: patterns, below the same folder, of scenario files to which no file of `pattern` refers.
     """
 
     source: str
@@ -35,9 +35,11 @@ class Collection:
     extra: tuple[str, ...] = ()
 
     def files(self, copy: Path) -> list[Path]:
-        """Its files.
+        """The files of the catalogue.
 
-        Raises InputError where none are there.
+        copy: the user's folder.
+
+        Raises InputError where the folder has none.
         """
         patterns = self.pattern, *self.extra
         for folder in self.folders:
@@ -87,7 +89,10 @@ def entries_of(entry: ScenarioSettings, folder: Path) -> tuple[ScenarioSettings,
 
 
 def uses_of(path: Path, use: str) -> Iterator[tuple[str, Read]]:
-    """Each road of an OpenSCENARIO file: an entry's `use` for it, and the file as read for it."""
+    """Each road of an OpenSCENARIO file: an entry's `use` for this road, and the file as read.
+
+    use: of the entry that names the file, with its options.
+    """
     given = options_of(use)[1]
     first = read_file(path, given)
     if len(first.roads) == 1:
@@ -99,7 +104,7 @@ def uses_of(path: Path, use: str) -> Iterator[tuple[str, Read]]:
 
 
 def _of_collection(entry: ScenarioSettings, folder: Path) -> list[ScenarioSettings]:
-    """The entries of a catalogue; the first one carries the files that are not supported."""
+    """The entries of a catalogue; the first one also has the files that are not supported."""
     if entry.folder is None:
         source = COLLECTIONS[entry.use].source
         raise InputError(f"Catalogue `{entry.use}` must have a `folder`: your copy of {source}.")

@@ -1,10 +1,13 @@
 """The elements of OpenSCENARIO that are played, ignored or refused: one list.
 
+`scene` ignores the actions that the list has as ignored; `sumo-eval import --conformity` prints the
+list. All other entries only describe what the readers of this package do.
+
 Users: `extras/openscenario/command.py`, `extras/openscenario/scene.py`.
 """
 
 NAMED = "named with its line"
-"""Words of a refusal: its message names the element and its line."""
+"""How most elements are refused: the message names the element and its line."""
 
 
 ROWS = {
@@ -141,7 +144,7 @@ ROWS = {
 how it is played, why it is ignored, or how it is refused.
 """
 IGNORED = tuple(ROWS["action", "ignored"])
-"""Actions that move no vehicle here; for `scene`."""
+"""Actions that move no vehicle here, for `scene`."""
 
 
 def table() -> str:

@@ -5,7 +5,7 @@ Users: `extras/openscenario/command.py`.
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,13 +20,14 @@ from sumo_eval.scenario.file import leaving
 
 _SHOWN = 5  # reasons that are listed, at most
 _MOST = 5_000  # points of a space in which all are tried
-_WHAT = {
+_VERBS = {
     played.SMOOTH: "moves across smoothly", played.CONSTANT: "moves across evenly",
     played.SINUS: "swings", played.COSINE: "moves across along half a cosine",
     played.SPEED: "changes its speed", played.KEEP: "keeps its speed",
     played.BY_TIME: "drives a speed by time", played.BY_PLACE: "drives a speed by place",
     played.PATH: "drives a path", played.MATCH: "keeps a speed relative to another vehicle's",
 }  # fmt: skip
+"""Kind of an act -> words for it."""
 
 
 def described(read: Read) -> Iterator[str]:
@@ -61,16 +62,21 @@ def described(read: Read) -> Iterator[str]:
     points = concrete_points(read) if playing else ()
     first = next((point for point, why in points if why is None), None)
     if first is not None:
-        case = concrete(read, first)
         yield "  at the first point:" if first else "  its scene:"
-        yield (
-            f"    the ego at x = {case.ego.x:.3f} m, y = {case.ego.y:.3f} m with "
-            f"{case.ego.speed:.3f} m/s"
-        )
-        for actor in case.actors:
-            yield from _of(actor)
-        point = [case.values[name] for name in read.logical.names]
-        yield from (f"    {it}" for it in leaving(read.logical, np.array([point])))
+        yield from _scene(read, first)
+
+
+def _scene(read: Read, point: Mapping[str, float]) -> Iterator[str]:
+    """Sentences on the vehicles at a point."""
+    case = concrete(read, point)
+    yield (
+        f"    the ego at x = {case.ego.x:.3f} m, y = {case.ego.y:.3f} m with "
+        f"{case.ego.speed:.3f} m/s"
+    )
+    for actor in case.actors:
+        yield from _of(actor)
+    values = [case.values[name] for name in read.logical.names]
+    yield from (f"    {it}" for it in leaving(read.logical, np.array([values])))
 
 
 def listed(name: str, paths: Sequence[Path]) -> Iterator[str]:
@@ -101,8 +107,9 @@ def listed(name: str, paths: Sequence[Path]) -> Iterator[str]:
 
 
 def _counted(read: Read) -> tuple[int | None, dict[str, int]]:
-    """Number of the points that play, None where they are too many to try, and of those that do
-    not, by reason.
+    """Number of the points that play, and reason -> number of those that do not.
+
+    The first is None where the points are too many to try all of them.
     """
     if read.space.size > _MOST:
         return None, dict(read.refused)
@@ -112,6 +119,7 @@ def _counted(read: Read) -> tuple[int | None, dict[str, int]]:
 
 
 def _of(actor: Actor) -> Iterator[str]:
+    """Sentences on an actor: its start, then each move."""
     start = actor.start
     heading = f", heading {math.degrees(actor.heading):.1f} deg" if actor.heading else ""
     size = f"{actor.body} of {actor.length:g} x {actor.width:g} m"
@@ -131,9 +139,9 @@ def _of(actor: Actor) -> Iterator[str]:
         if act.kind <= played.COSINE:  # a move across
             how = f" by {act.offset:.3f} m in {act.duration:.3f} s"
         elif act.kind == played.SPEED:
-            # a step, which takes `AT_ONCE`, has an acceleration of millions of m/s2
+            # a step takes `moments.AT_ONCE`, so its acceleration is millions of m/s2
             rate = f"{act.acceleration:.3g} m/s2" if act.acceleration < 1e3 else "once"
             how = f" to {act.speed:.3f} m/s at {rate}"
         elif act.kind == played.BY_TIME:
             how = ": " + ", ".join(f"{speed:.3f} m/s at {time:.3f} s" for time, speed in act.table)
-        yield f"      {_WHAT[act.kind]} {when}{how}"
+        yield f"      {_VERBS[act.kind]} {when}{how}"

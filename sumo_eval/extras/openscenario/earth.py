@@ -12,7 +12,7 @@ from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.values import number_of
 
 _RADIUS, _FLATTENING = 6_378_137.0, 1.0 / 298.257223563  # WGS 84
-# `+name=value` of a projection in PROJ's notation
+# `+name=value` in the text of a projection, in the notation of the library PROJ
 _PART = re.compile(r"\+(\w+)=([^\s+]+)")
 # Parts of a projection that are refused: another ellipsoid than WGS 84 (GRS80 differs by 0.1 mm),
 # a shift of the ellipsoid that is not 0, a pole as origin, another meridian or unit, other axes
@@ -21,7 +21,7 @@ _ELSEWHERE = re.compile(
     r"\+(ellps=(?!WGS84|GRS80)|datum=(?!WGS84)|towgs84=[0.,]*[^0.,\s+]|lat_0=-?90|axis=(?!en)"
     r"|(R|a|b|e|es|f|rf|pm|nadgrids|to_meter)=)"
 )
-# Krueger's third flattening n, the first eccentricity, and his coefficients alpha_1 to alpha_3
+# the third flattening n, the first eccentricity, and Krueger's coefficients alpha_1 to alpha_3
 _N = _FLATTENING / (2.0 - _FLATTENING)
 _E = 2.0 * math.sqrt(_N) / (1.0 + _N)
 _SERIES = (
@@ -42,16 +42,16 @@ def transverse_mercator(latitude: float, longitude: float) -> complex:
 
 
 def on_map(position: Node, root: Node) -> tuple[float, float]:
-    """x and y of a <GeoPosition>, m, by the header of an OpenDRIVE file.
+    """x and y of a <GeoPosition> on the map of an OpenDRIVE file, m.
 
-    root: of that file.
+    root: of that file, whose header has the projection.
     """
     it = _projection(position, root.find("header/geoReference"))
     latitude, longitude = position.number("latitudeDeg"), position.number("longitudeDeg")
     if not abs(latitude) < 90.0:
         raise position.fault(f"`latitudeDeg` must be between -90 and 90, got {latitude:g}")
+    # north + 1j east of the place, and from there of the map's origin at its central meridian
     at = transverse_mercator(math.radians(latitude), math.radians(longitude - it["lon_0"]))
-    # the origin of the map, at its central meridian
     at = it["k"] * (at - transverse_mercator(math.radians(it["lat_0"]), 0.0))
     for offset in root.all("header/offset"):
         if offset.number("hdg", 0.0):
@@ -63,14 +63,16 @@ def on_map(position: Node, root: Node) -> tuple[float, float]:
 def _projection(position: Node, reference: Node | None) -> dict[str, float]:
     """Numbers of a transverse Mercator projection by their names in PROJ.
 
-    x_0, y_0: of the origin, m. lat_0, lon_0: of the origin, degrees. k, k_0: scale, two names of
-    one number, of which PROJ reads `k_0` first.
+    x_0, y_0: of the origin, m. lat_0, lon_0: of the origin, degrees. k: scale.
+
+    position: the element that faults name.
+    reference: <geoReference> of the map; None: it has none.
     """
     text = "" if reference is None else str(reference.element.text)
     given = dict(_PART.findall(text))
     it: dict[str, Any] = {"k": 1.0}
     it |= dict.fromkeys(("x_0", "y_0", "lat_0", "lon_0", "k_0", "zone"), 0.0)
-    # PROJ reads `32N` and `49N` as numbers, too
+    # PROJ reads `32N` (a zone) and `49N` (a latitude) as numbers, too
     written = {name: number_of(given[name].removesuffix("N")) for name in it if name in given}
     kind = given.get("proj"), given.get("units", "m")
     utm = kind == ("utm", "m") and written.get("zone") in range(1, 61)
@@ -81,7 +83,7 @@ def _projection(position: Node, reference: Node | None) -> dict[str, float]:
             f"{text.strip() or 'none'}"
         )
     it |= written
-    it["k"] = it["k_0"] or it["k"]
+    it["k"] = it["k_0"] or it["k"]  # two names of the scale, of which PROJ reads `k_0` first
     if utm:  # zones of 6 degrees; in the south y begins at 10,000 km
         it |= {"x_0": 5e5, "y_0": 1e7 * ("+south" in text), "k": 0.9996}
         it["lon_0"] = 6.0 * it["zone"] - 183.0

@@ -1,6 +1,6 @@
 """The road of a scenario: a frame along and across the ego's road, and places in that frame.
 
-`scene` makes it and places every entity in it.
+`scene` makes the frame and places every entity in it.
 
 Users: `extras/openscenario/logical.py`, `extras/openscenario/moments.py`,
 `extras/openscenario/moves.py`, `extras/openscenario/scene.py`.
@@ -35,22 +35,24 @@ SAME = 1e-9  # rad, s or m/s: values that differ by less count as equal
 ORIGIN = Pose(0.0, 0.0, 0.0)
 
 _beside = lru_cache(maxsize=64)(beside)
+"""`opendrive.beside`, cached: a file has the same road at most of its points."""
 
 
 class Frame(NamedTuple):
     """The road on which the ego drives, as `concrete.Road` has it.
 
-    Its frame: x along the line, y to the left of it; the line is the centre of lane 0, which is the
-    rightmost one.
+    x is along the frame's line, y to the left of it. The line is the centre of lane 0, the
+    rightmost lane.
 
-    origin: where the frame begins on the map.
-    line: empty: straight.
-    lanes: their number. lane_width, length: m.
+    origin: where the line begins on the map, and its direction there.
+    line: pieces of the line; empty: it is straight.
+    lanes: number of lanes.
+    lane_width, length: m.
     name: for SUMO and the report.
-    offset: of lane 0's centre to the left of the reference line in the OpenDRIVE file, m.
+    offset: of lane 0's centre to the left of the road's reference line in the OpenDRIVE file, m.
     road: id in the OpenDRIVE file.
-    way: 1 where the ego drives along that reference line, -1 against it.
-    turns: the line is the path of an ego that turns, not a lane.
+    way: 1 where the ego drives along this reference line, -1 against it.
+    turns: whether the line is the path of an ego that turns, instead of a lane.
     """
 
     origin: Pose
@@ -79,8 +81,8 @@ class Frame(NamedTuple):
         return 1.0 - float(curvatures(self.line, at.x)) * at.y
 
     def pose_on_map(self, entity: Entity) -> Pose:
-        """The centre of an entity's body, which points along its path, on the map as seen from
-        `origin`. On a straight road this is its pose in the frame.
+        """The centre of an entity's body on the map as seen from `origin`, and its direction along
+        the entity's path. On a straight road this is its pose in the frame.
         """
         pose = entity.placed().pose._replace(heading=entity.heading)
         return pose.moved(entity.centre, entity.offset).seen_from(self.origin)
@@ -89,8 +91,8 @@ class Frame(NamedTuple):
 def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | None) -> Frame:
     """The road on which an ego drives.
 
-    course: its trajectory if it turns, else None.
-    end: of its route, up to which a straight road is lengthened.
+    course: the ego's trajectory; None: the ego does not turn.
+    end: of the ego's route, up to which a straight road is lengthened; None: no route.
     """
     spot = ego.placed()
     road, lane, way = spot.road, spot.lane, spot.way
@@ -105,6 +107,7 @@ def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | 
     if course:
         return _turning(ego, road, width, network.path.stem, course)
     centre, lanes = _lanes(ego, road, lane, way) if marked else (lane.centre, 2)
+    # against the road's reference line, the frame begins at the line's end
     begin, reference = (road.begin, road.line) if way > 0 else road.begin.backward(road.line)
     origin = begin.moved(0.0, way * centre)
     name = f"{network.path.stem}_{road.name}_{lanes}x{width:g}m_at_{centre:g}m"
@@ -120,9 +123,12 @@ def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | 
 
 
 def _lanes(ego: Entity, road: MapRoad, own: Lane, way: int) -> tuple[float, int]:
-    """The centre, m, of the rightmost of the lanes that become the frame's, and their number.
+    """The frame's lanes: the centre of the rightmost one, m, and their number.
 
-    These are the ego's own lane and all driving lanes of its width that adjoin it without a gap.
+    They are the ego's own lane and all driving lanes of its width that adjoin it without a gap.
+
+    own: the ego's lane.
+    way: as in `Frame`; lanes to the right have smaller `way * centre`.
     """
     driving = sorted(
         (it for it in road.lanes.values() if it.kind in DRIVEN),
@@ -134,7 +140,8 @@ def _lanes(ego: Entity, road: MapRoad, own: Lane, way: int) -> tuple[float, int]
         )
     first = last = driving.index(own)
 
-    def adjoin(lane: int) -> bool:  # the lane at this index, and the one to its right
+    def adjoin(lane: int) -> bool:
+        """Whether the lane at an index of `driving` adjoins the next one to its right."""
         apart = abs(driving[lane].centre - driving[lane - 1].centre)
         return abs(apart - own.width) < ON
 
@@ -146,9 +153,12 @@ def _lanes(ego: Entity, road: MapRoad, own: Lane, way: int) -> tuple[float, int]
 
 
 def _turning(ego: Entity, road: MapRoad, width: float, network: str, course: MapPath) -> Frame:
-    """The road of an ego that turns: its path, one lane wide, from its own road's beginning on.
+    """The road of an ego that turns: its path, one lane wide, from the beginning of its road on.
 
     At a junction no lane lies beside a path, and crossing actors use map coordinates.
+
+    network: name of the OpenDRIVE file.
+    course: the ego's trajectory.
     """
     spot = ego.placed()
     origin = road.pose(0.0, spot.t)
@@ -169,7 +179,7 @@ def _turning(ego: Entity, road: MapRoad, width: float, network: str, course: Map
 
 
 def framed(entity: Entity, frame: Frame) -> Pose:
-    """The centre of an entity's body along and across the road, and its heading there."""
+    """The centre of an entity's body along and across the frame's road, and its heading there."""
     spot = entity.placed()
     road, way = spot.road, spot.way
     # 1. a path that is straight on the map
@@ -185,10 +195,10 @@ def framed(entity: Entity, frame: Frame) -> Pose:
         at = pose.seen_from(frame.origin)
         return at._replace(heading=0.0) if along and way == frame.way else at
     # 4. on a curved road: the body of an entity that points along it lies ahead along the curve
-    assert road is not None
+    assert road is not None  # without a road it drives on the map, see 1
     if way:
         pose = road.pose(spot.s + way * entity.centre, spot.t + way * entity.offset)
-    # x, roughly: where the search for the foot of the perpendicular on the line begins
+    # about x: where the search for the foot of the perpendicular on the line begins
     near = spot.s + entity.centre if frame.way > 0 else road.length - spot.s
     x, y, heading = in_frame(pose, frame.origin, frame.line, near)
     if way:

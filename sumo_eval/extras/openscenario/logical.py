@@ -464,7 +464,7 @@ def _the_case(whole: ConcreteScenario | None) -> tuple[list[Parameter], NamedSam
 
 
 def _with_exposure(logical: LogicalScenario, axes: Sequence[Axis]) -> LogicalScenario:
-    """The logical scenario with the densities and weights of the file as exposure, if it has any."""
+    """The logical scenario with the file's densities and weights as exposure, if it has any."""
     weighted = tuple(axis for axis in axes if axis.weights)
     names = [f"{it.name} as {it.distribution}" for it in logical.parameters if it.distribution]
     names += [f"{axis.name} by its weights" for axis in weighted]

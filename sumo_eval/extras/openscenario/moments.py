@@ -1,8 +1,10 @@
 """Moments at which storyboard elements begin: a time, or a condition on what happens.
 
 A trigger that is known before the drive is a time. A condition on the drive becomes a program of
-`scenario.played`, as a `when` of a scenario file does. `scene` asks for moments, `moves` plans by
-them.
+`scenario.played`, as a `when` of a scenario file does: a list of operations on a stack of values.
+`scene` reads moments with `Conditions`, and `moves` plans moves with them.
+
+Users: `extras/openscenario/moves.py`, `extras/openscenario/scene.py`.
 """
 
 from __future__ import annotations
@@ -48,16 +50,16 @@ from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import length_of, tightest
 from sumo_eval.text import shown
 
-Fact = float | Move
+Past = float | Move
 """A time that has passed, s, or a move that has ended."""
 NEVER = math.inf
 AT_ONCE = 1e-6  # s: duration of a change that is a step
 _BENT = 0.1  # m: largest error of a straight distance that is computed along and across a curve
-_ACROSS = 0.1  # a body whose heading has a smaller cosine to the road moves across it
+_ACROSS = 0.1  # cosine of a heading to the road; where it is smaller, a body moves across the road
 
 
 def operation(op: int) -> Step:
-    """The step of a program for an operation that takes its values from the stack."""
+    """The step of a program for an operation without operands, which works on the stack alone."""
     return op, 0, 0, 0.0
 
 
@@ -66,24 +68,23 @@ def from_time(time: float) -> Program:
     return (VALUE, 0, 0, time), operation(TIME), operation(AT_MOST)
 
 
-def implied(program: Program) -> set[Fact]:
-    """The facts that are true whenever a condition holds: times that have passed, s, and moves that
-    have ended.
+def implied(program: Program) -> set[Past]:
+    """Times and moves that are certainly past whenever a condition holds.
 
-    It runs the program with a set of facts for each value on the stack. AND unites two sets, OR
-    keeps what both have. Operations up to `ENDED` put a value on the stack. Later ones join two
-    values, except `ABSOLUTE`.
+    The function runs the program with a set instead of each value on the stack. AND unites two
+    sets, OR keeps what both have. Of the operations that programs here use, those up to `ENDED` put
+    a value on the stack. Later ones join two values, except `ABSOLUTE`.
     """
-    stack: list[set[Fact]] = [set()]  # what an empty program implies: nothing
+    stack: list[set[Past]] = [set()]  # what an empty program implies: nothing
     for k, (op, one, two, _) in enumerate(program):
         if op == ENDED:
             stack.append({(one, two)})
         elif op < ENDED:
-            # of a number only `TIME` implies a fact: the step before it has the time (`from_time`)
+            # TIME implies that the time of the step before it has passed (`from_time`)
             stack.append({program[k - 1][3]} if op == TIME else set())
         elif op != ABSOLUTE:
             last = stack.pop()
-            # BELOW implies no fact: it compares numbers, or "has ended" with 0.5 to negate it
+            # BELOW implies nothing: it compares numbers, or "has ended" with 0.5 to negate it
             if op in (OR, BELOW):
                 stack[-1] &= last
             else:
@@ -95,8 +96,8 @@ def implied(program: Program) -> set[Fact]:
 class DriveNumber:
     """A number that changes during the drive.
 
-    program: leaves it on the stack.
-    start: its value at the start.
+    program: leaves the number on the stack.
+    start: the number at the start.
     """
 
     program: Program
@@ -125,14 +126,19 @@ def constant(value: float) -> DriveNumber:
 
 
 def of_vehicle(op: int, number: int, start: float = 0.0) -> DriveNumber:
-    """A number of a vehicle: its place or speed by an operation such as `played.X`."""
+    """A number of a vehicle, as its place or speed.
+
+    op: operation that gives it, such as `played.X`.
+    number: of the vehicle among the actors.
+    start: the number at the start.
+    """
     return DriveNumber(((op, number, 0, 0.0),), start)
 
 
 class Truth(NamedTuple):
     """A condition on the drive.
 
-    holds, fails: programs that leave on the stack whether it holds, or whether it fails.
+    holds, fails: programs that leave 1 on the stack where it holds, or where it fails; else 0.
     start: whether it holds at the start.
     """
 
@@ -145,10 +151,11 @@ class Truth(NamedTuple):
 class Moment:
     """A time, or a condition on the drive.
 
-    time: s, inf for never; with a program the delay, s, after its condition holds.
-    until: time from which on nothing can begin any more, s; inf: no such time.
+    time: s, inf for never. With a program: the delay after its condition holds, s.
+    program: of the condition; empty: the moment is a time.
+    until: time from which on nothing begins any more, s; inf: no such time.
     past: whether it is enough that the condition held before, as for the start of an element.
-        Otherwise it must still hold when all conditions joined with it do.
+        Otherwise it must still hold when all conditions joined with it hold.
     """
 
     time: float
@@ -158,16 +165,16 @@ class Moment:
 
     @property
     def known(self) -> bool:
-        """Whether it is a time."""
+        """Whether the moment is a time."""
         return not self.program
 
 
 @dataclass(slots=True)
 class Span:
-    """From when to when an element of the storyboard runs.
+    """Begin and end of an element of the storyboard.
 
-    end: s, if its end is a time; otherwise inf.
-    ended: the condition that it has ended, where that is not a time; empty with `end` inf: never.
+    end: s; inf: the end has no known time.
+    ended: the condition that the element has ended, where `end` is inf; empty: it never ends.
     """
 
     begin: Moment
@@ -176,7 +183,7 @@ class Span:
 
     @classmethod
     def over(cls, begin: Moment, parts: Sequence[Span]) -> Span:
-        """The span until the last of its parts ends; without parts it ends as it begins."""
+        """The span of an element that ends with the last of its parts; without parts at once."""
         end = max((it.end for it in parts), default=begin.time)
         unending = any(it.end == NEVER and not it.ended for it in parts)
         if unending or not any(it.ended for it in parts):
@@ -189,7 +196,8 @@ class Conditions:
     """Reads the conditions of a file as moments.
 
     actors: in the order of their numbers; empty until the numbers are known.
-    spans: kind, path of names and span of each element read so far, for conditions on elements.
+    spans: of the elements read so far, for conditions on elements. Each is a tuple: tag in small
+        letters; its name after those of the elements around it, joined by `::`; its span.
     """
 
     places: Places
@@ -200,26 +208,26 @@ class Conditions:
     def latch(self, program: Program, delay: float) -> Program:
         """The condition that `program` held `delay` s ago or earlier, even if it fails again.
 
-        Programs remember nothing. The first actor gets a move that changes nothing, which begins
-        `delay` s after `program` holds: the result is that this move has ended.
+        Programs remember nothing. So the first actor gets a move that changes nothing and begins
+        `delay` s after `program` holds. The result is the condition that this move has ended.
         """
-        if not self.actors:  # their numbers are not known yet, so no move can wait for it
+        if not self.actors:  # before their numbers are known, no move can wait for the condition
             return program
         actor = self.actors[0]
         actor.acts.append(Act(COSINE, delay, AT_ONCE, program=program))
         return actor.ended()
 
     def note(self, element: Node, span: Span) -> Span:
-        """Remember when an element of the storyboard runs, for conditions below it."""
+        """Note when an element of the storyboard runs, for conditions further down in the file."""
         above: Any = element.element.xpath("ancestor::*/@name[. != '']")
         path = "::".join((*above, element.attribute("name")))
         self.spans.append((element.tag.lower(), path, span))
         return span
 
     def _span(self, element: Node) -> Span:
-        """When the element runs that a condition names; it must stand above the condition.
+        """The span of the storyboard element that a condition names; it must stand above it.
 
-        `act::event` tells elements of one kind and name apart.
+        A path such as `act::event` tells elements of one kind and name apart.
         """
         kind = element.text("storyboardElementType")
         name = element.attribute("storyboardElementRef")
@@ -236,9 +244,11 @@ class Conditions:
         return spans[0]
 
     def moment(self, element: Node, after: Moment, kind: str = "StartTrigger") -> Moment:
-        """When an element begins, or by its <StopTrigger> ends, not before `after`.
+        """The moment of an element's trigger, not before `after`.
 
-        One of the trigger's groups of conditions must hold. Without groups it is at `after`.
+        One of the trigger's groups of conditions must hold. Without groups the moment is `after`.
+
+        kind: `StartTrigger` or `StopTrigger`.
         """
         trigger = element.find(f"{kind}[ConditionGroup]")
         if not trigger:
@@ -247,7 +257,8 @@ class Conditions:
         live = [group for group in groups if group.time < NEVER]
         if not live:
             return Moment(NEVER)
-        # 1. all groups are times: the earliest counts; of equal ones the one that lasts longest
+        # 1. All groups are times: the earliest counts, and of equal ones the one with the latest
+        # `until`. Where `after` is a condition, it is joined with this one below.
         if all(group.known for group in live):
             if after.known:
                 return Moment(min(self._later(after, group, trigger).time for group in live))
@@ -265,9 +276,9 @@ class Conditions:
         return replace(self._later(after, begin, trigger), past=True)
 
     def _later(self, one: Moment, two: Moment, element: Node) -> Moment:
-        """The later of two moments: when both conditions hold, or both times have come.
+        """The later of two moments: when both conditions hold, or both times have passed.
 
-        element: names the fault.
+        element: that a fault names.
         """
         time, until = max(one.time, two.time), min(one.until, two.until)
         if one.known and two.known:
@@ -288,7 +299,8 @@ class Conditions:
                 "a delay after a condition on the drive is not supported together with a time or "
                 "another such condition"
             )
-        # conditions first, then times as conditions; where `past` is enough, it is latched
+        # Conditions first, then times as conditions. A condition is latched where it is enough that
+        # it held before.
         programs = [
             self.latch(it.program, it.time)
             if it.past and it.program
@@ -305,6 +317,7 @@ class Conditions:
         return moment
 
     def _condition(self, element: Node) -> Moment:
+        """The moment of one <Condition>."""
         edge = element.one_of("conditionEdge", ("none", "rising", "falling", "risingOrFalling"))
         delay = element.not_negative("delay", 0.0, " s")
         kind = element.only()
@@ -316,24 +329,31 @@ class Conditions:
             raise kind.unsupported()
         return replace(moment, time=moment.time + delay, until=moment.until + delay)
 
+    def _by_time(self, element: Node, edge: str) -> Moment:
+        """The moment of a <SimulationTimeCondition>.
+
+        The time only grows: `less` holds until a time, all other rules from a time on.
+        """
+        rule, value = element.one_of("rule", RULES), element.number("value")
+        less = rule.startswith("less")
+        if edge == ("rising" if less else "falling"):
+            raise element.fault(
+                f"the time grows, so `{rule}` never has the edge `{edge}`: use `none`"
+            )
+        if less and not element.compared(0.0, value):
+            return Moment(NEVER)
+        if less:
+            return Moment(0.0, until=value) if edge == "none" else Moment(value)
+        if rule == "equalTo" and value < 0.0:
+            return Moment(NEVER)
+        # `notEqualTo` holds from the start; with an edge it counts from `value` on
+        at_start = rule == "notEqualTo" and edge == "none"
+        return Moment(0.0 if at_start else max(value, 0.0))
+
     def _by_value(self, element: Node, edge: str) -> Moment:
+        """The moment of a condition on a value; element: child of <ByValueCondition>."""
         if element.tag == "SimulationTimeCondition":
-            # the time only grows: `less` holds until a time, all other rules from a time on
-            rule, value = element.one_of("rule", RULES), element.number("value")
-            less = rule.startswith("less")
-            if edge == ("rising" if less else "falling"):
-                raise element.fault(
-                    f"the time grows, so `{rule}` never has the edge `{edge}`: use `none`"
-                )
-            if less and not element.compared(0.0, value):
-                return Moment(NEVER)
-            if less:
-                return Moment(0.0, until=value) if edge == "none" else Moment(value)
-            if rule == "equalTo" and value < 0.0:
-                return Moment(NEVER)
-            # `notEqualTo` holds from the start; with an edge it counts from `value` on
-            at_start = rule == "notEqualTo" and edge == "none"
-            return Moment(0.0 if at_start else max(value, 0.0))
+            return self._by_time(element, edge)
         if edge == "falling":
             raise element.fault("the edge `falling` is not supported of it")
         if element.tag == "ParameterCondition":
@@ -352,17 +372,18 @@ class Conditions:
         )
 
     def _state(self, element: Node) -> Moment:
+        """The moment of a <StoryboardElementStateCondition>."""
         span = self._span(element)
         begin = span.begin
         state = element.text("state")
         if state in ("startTransition", "runningState"):
-            # until its end, where both are times; otherwise the begin alone counts
-            lasts = begin.known and span.end > begin.time
-            return replace(begin, until=span.end) if lasts else begin
+            # it holds until the element's end where both are times, else from the begin on
+            has_end = begin.known and span.end > begin.time
+            return replace(begin, until=span.end) if has_end else begin
         if state not in ("completeState", "endTransition"):
             raise element.fault(f"the state `{state}` is not supported")
         if span.ended:
-            return Moment(0.0, span.ended, past=True)  # what has ended stays so
+            return Moment(0.0, span.ended, past=True)  # what has ended does not run again
         # an element that takes no time ends as it begins, which may be by a condition
         at_once = not begin.known and span.end < NEVER
         return begin if at_once else Moment(span.end)
@@ -370,8 +391,8 @@ class Conditions:
     def _by_entity(self, element: Node, edge: str) -> Program:
         """The program of a condition on entities.
 
-        edge: `none`: it holds; `rising`: it holds after it was false; `falling`: it is false after
-            it was true; `risingOrFalling`: the one of these two that can come first.
+        edge: `none`: the condition holds. `rising`: it holds after it was false. `falling`: it is
+            false after it was true. `risingOrFalling`: whichever of these two comes first.
         """
         triggering = element.child("TriggeringEntities")
         every = triggering.one_of("triggeringEntitiesRule", ("any", "all")) == "all"
@@ -393,6 +414,7 @@ class Conditions:
         return (*holds, *self.latch(fails, 0.0), operation(AND))
 
     def _number(self, entity: Entity, element: Node) -> int:
+        """Number of an entity in programs; an InputError if it takes no part."""
         if entity.deleted:
             raise element.fault(
                 f"entity `{entity.name}` is deleted at the start, so nothing depends on it"
@@ -400,7 +422,7 @@ class Conditions:
         return entity.number
 
     def _of_entity(self, element: Node, entity: Entity) -> Truth:
-        """A condition on one entity."""
+        """A condition on one entity; element: child of <EntityCondition>."""
         known = {
             "RelativeDistanceCondition": self._distance, "DistanceCondition": self._distance,
             "ReachPositionCondition": self._reach, "TimeHeadwayCondition": self._headway,
@@ -409,13 +431,14 @@ class Conditions:
             "TraveledDistanceCondition": self._travelled,
         }  # fmt: skip
         number, limit = element.chosen(known, "conditions on an entity")(element, entity)
-        # kinds without the attribute `rule`
+        # the rule of kinds without the attribute `rule`
         default = {
             "TraveledDistanceCondition": "greaterOrEqual", "ReachPositionCondition": "lessOrEqual"
         }.get(element.tag)  # fmt: skip
-        rule = element.one_of("rule", RULES[:4], default)  # without equality of numbers
+        # the first four rules compare: numbers of a drive are never exactly equal
+        rule = element.one_of("rule", RULES[:4], default)
         sides = (number.program, constant(limit).program)
-        # it holds where low < high (or <=), and fails where high <= low (or <)
+        # the condition holds where low < high (or <=), and fails where high <= low (or <)
         low, high = sides if rule.startswith("less") else sides[::-1]
         strict, equal = operation(BELOW), operation(AT_MOST)
         holds, fails = (strict, equal) if rule.endswith("Than") else (equal, strict)
@@ -447,11 +470,11 @@ class Conditions:
 
         axis: `played.X` or `played.Y`.
         """
-        k = axis - X  # 0 for x, 1 for y
+        k = axis - X  # index in a pose: 0 for x, 1 for y
         if isinstance(body, Pose):
             return constant(body[k])
         centre = of_vehicle(axis, self._number(body, element), body.frame[k])
-        # from the centre to the reference point, as at the start
+        # from the centre to the reference point with the heading at the start
         shift = body.frame.moved(-body.centre, -body.offset)[k] - centre.start
         if shift == 0.0 or element.flag("freespace"):
             return centre
@@ -468,7 +491,8 @@ class Conditions:
         apart, free = abs(self._ahead(element, one, other, axis)), element.flag("freespace")
         bodies = constant(_half(one, axis) + _half(other, axis))
         if free and axis == X and isinstance(other, Entity):
-            # GAP takes the bodies' headings at that time; the larger of both gaps is that in front
+            # GAP uses the bodies' present headings. It assumes that its first body is behind: the
+            # larger of both orders has the right one.
             a, b = self._number(one, element), self._number(other, element)
             gaps = (GAP, a, b, 0.0), (GAP, b, a, 0.0), operation(LARGER)
             apart = DriveNumber(gaps, apart.start - bodies.start)
@@ -481,22 +505,25 @@ class Conditions:
     def _scale(self, element: Node, entity: Entity) -> float:
         """Metres that a condition measures for each metre along the frame's line.
 
-        In the systems `entity` and `lane` it measures along the parallel of that line through the
-        entity's start, in the system `road` along the file's reference line. In a curve, a metre of
-        the line is 1 - curvature * left on the parallel `left` m to its left. The mean curvature of
-        the whole line counts.
+        In the systems `entity` and `lane` the condition measures along the parallel of that line
+        through the entity's start, in the system `road` along the file's reference line. In a
+        curve, a metre of the line is 1 - curvature * left metres on the parallel `left` m to its
+        left. The mean curvature of the whole line counts.
         """
         default = "lane" if element.flag("alongRoute") else "entity"
         system = element.one_of("coordinateSystem", ("entity", "lane", "road"), default)
         frame = self.frame
         if not frame.line:
             return 1.0
-        # angle from the first heading to the last, rad: curvature times length of each piece
+        # angle from the first heading to the last, rad: mean curvature of each piece by its length
         turned = sum(0.5 * (it.begin + it.end) * it.length for it in frame.line)
         # m to the left of the frame's line: the file's reference line, or the entity's start
         left = -frame.way * frame.offset if system == "road" else entity.frame.y
         curvature = turned / length_of(frame.line)  # mean, 1/m
         return 1.0 - curvature * left
+
+    # Each function for a kind of condition takes its element and the triggering entity, and returns
+    # the two numbers that the rule compares.
 
     def _distance(self, element: Node, entity: Entity) -> Compared:
         default = "euclidianDistance" if element.tag == "DistanceCondition" else None
@@ -509,8 +536,10 @@ class Conditions:
         return self._straight(element, entity, other, value)
 
     def _straight(self, element: Node, one: Entity, other: Entity | Pose, value: float) -> Compared:
-        """The square of the distance in a straight line, m2, and the square of `value`, m, with the
-        sign of `value`.
+        """The square of the distance in a straight line, m2, and the square of `value`, m2, with
+        the sign of `value`.
+
+        value: the distance that the condition states, m.
         """
         # From x and y of the frame; along a curve of radius r a distance d is off by d^3 / (24 r^2)
         line = self.frame.line

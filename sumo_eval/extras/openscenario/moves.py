@@ -1,10 +1,10 @@
 """Actions of a scenario file during the drive, as acts of an actor. `scene` calls them in the order
 of the file.
 
-Readings, where the standard leaves a choice or this package supports less:
+Interpretations, where the standard leaves a choice or this package supports less:
 
 - A speed, lane or offset relative to the ego is relative to the one at its start, because an ADS's
-  motion is unknown before the drive. Only a move of `_relative` follows the drive.
+  motion is unknown before the drive. Only a move made by `_relative` follows the drive.
 - SynchronizeAction is planned once, when it begins, for a master that keeps its speed
   (`synchronized`).
 - A `rate` is the peak rate of a change, `maxLateralAcc` the peak lateral acceleration.
@@ -24,8 +24,8 @@ from sumo_eval.extras.openscenario.frame import ORIGIN, SAME, Frame
 from sumo_eval.extras.openscenario.moments import (
     AT_ONCE,
     NEVER,
-    Fact,
     Moment,
+    Past,
     Span,
     constant,
     from_time,
@@ -34,7 +34,7 @@ from sumo_eval.extras.openscenario.moments import (
     operation,
 )
 from sumo_eval.extras.openscenario.network import ON, Lane, MapRoad, in_frame
-from sumo_eval.extras.openscenario.places import Entity, Places, UnplacedError
+from sumo_eval.extras.openscenario.places import Entity, MapPath, Places, UnplacedError
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.scenario.played import (
     ALONG,
@@ -63,33 +63,37 @@ _STRONGEST = {"sinusoidal": 0.5 * math.pi**2, "cubic": 6.0}
 """Peak lateral acceleration of a move by 1 m in 1 s, m/s2, by its shape."""
 _DIMENSIONS = ("rate", "time", "distance")
 _SHAPES = ("linear", "step", "cubic", "sinusoidal")
-# kinds of acts that change a speed, and of those that move across
+# kinds of acts that change a speed, and of acts that move across the road
 _SPEEDS, _ACROSS = (SPEED, BY_TIME, MATCH), (COSINE, CONSTANT)
-# a move (actor's number, act's index) that no act is, since the ego has none
+# a move (actor's number, act's index) that stands for none: the ego has no acts
 _NO_MOVE = EGO, 0
 _SHARES = np.arange(1, 33) / 32  # knots of a curved change of speed, as shares of its time
 _THERE = 0.05  # m and m/s: a distance and a speed within this count as reached
 _MOST = 1e3  # m/s or m/s2: a limit that never acts, where the file has none
+# faults
 _STEADY = "over the distance of a lateral move the speed must stay the same, above 0 m/s"
+_FROM_ZERO = "the times of a trajectory must begin with 0 s when it begins"
 
 
 def synchronized(distance: float, time: float, speed: float, final: float, steady: float) -> Pairs:
-    """Knots (s, m/s) of the speed with which an entity is at its place, `distance` m ahead, after
-    `time` s.
+    """Knots (s, m/s) of the speed with which an entity drives `distance` m in `time` s.
 
-    It begins with `speed` and has `final` over the last `steady` m. Before that it changes its
-    speed once, as gently as possible: it keeps the first speed and then changes, or changes and
-    then keeps the final one. Where neither is possible, it has two even changes, each half of the
-    remaining time, through a speed in the middle. Where that speed would be below 0, it brakes,
-    stands and starts.
+    speed: at first, m/s.
+    final: over the last `steady` m, m/s.
 
-    Raises InputError where no forward motion does it.
+    Before the steady part the speed changes once, as gently as possible. The entity keeps the first
+    speed and then changes, or changes and then keeps the final speed. Where neither is possible,
+    the speed changes twice, each time evenly over half of the remaining time, with a speed between.
+    Where this speed would be below 0, the entity brakes, stands and starts.
+
+    Raises InputError where no forward motion is possible.
     """
     if final <= 0.0:
         raise InputError(f"a final speed above 0 m/s is needed, got {final:g}")
     ahead, rest = distance - steady, time - steady / final  # m and s before the steady part
-    only_steady = rest <= AT_ONCE or ahead <= ON  # almost nothing is before the steady part
-    # the steady part is too long, or what is before it is too much to be left out
+    only_steady = rest <= AT_ONCE or ahead <= ON
+    # the steady part is too long; or there is no time or no way before it, but more than `_THERE`
+    # would be left out with the other
     if ahead < -ON or rest < -SAME or (only_steady and max(ahead, speed * rest) > _THERE):
         raise InputError(
             f"{distance:.2f} m in {time:.2f} s leave no room for {steady:g} m at {final:g} m/s"
@@ -101,7 +105,7 @@ def synchronized(distance: float, time: float, speed: float, final: float, stead
     if abs(mean - final) <= SAME and abs(mean - speed) <= SAME:
         return ((rest, final),)
     if min(speed, final) + SAME < mean < max(speed, final) - SAME:
-        # one change, of `ramp` s: at the end if the mean is nearer to the first speed, else at once
+        # one change over `ramp` s: last if the mean is nearer to the first speed, else first
         if abs(mean - speed) < abs(mean - final):
             ramp = 2.0 * (ahead - speed * rest) / (final - speed)
             return _knots((rest - ramp, speed), (rest, final))
@@ -110,7 +114,7 @@ def synchronized(distance: float, time: float, speed: float, final: float, stead
     middle = 2.0 * mean - 0.5 * (speed + final)
     if middle >= 0.0:
         return _knots((0.5 * rest, middle), (rest, final))
-    # brakes and starts at one rate, and stands in between
+    # brakes and starts at one rate, m/s2, and stands in between
     rate = (speed * speed + final * final) / (2.0 * ahead)
     if (speed + final) / rate > rest + SAME:
         raise InputError(
@@ -144,10 +148,13 @@ def is_step(dynamics: Node) -> bool:
 
 @dataclass(slots=True)
 class Moves:
-    """Actions of a file made acts.
+    """Maker of acts from the actions of a file.
 
     ego: the entity that the ADS drives.
-    actors: an actor's number is its index.
+    actors: by number.
+
+    Methods for one kind of action take the action's element, the entity that moves, and when the
+    move begins. They return when it begins and ends.
     """
 
     places: Places
@@ -156,7 +163,10 @@ class Moves:
     actors: list[Entity]
 
     def begin(self, element: Node, entity: Entity, moment: Moment) -> Span:
-        """Give an entity the act of an action; return when the action begins and ends."""
+        """Give an entity the act of an action; return when the action begins and ends.
+
+        element: the action, as <SpeedAction>, or its holder, as <LongitudinalAction>.
+        """
         if entity.deleted:
             return Span(moment, moment.time)
         if element.tag in ("LongitudinalAction", "LateralAction", "RoutingAction"):
@@ -168,18 +178,20 @@ class Moves:
         }  # fmt: skip
         move = entity.next_move
         span = element.chosen(known, "moves")(element, entity, moment)
-        # The action became no act, so the entity's next act gets its number: in the `reads` of
-        # other entities, a plan of this number (last item) would seem to be that act's.
+        # Where the action became no act, the entity's next act gets the number `move`. Plans that
+        # this action noted under this number, the last item of `reads`, must not count as that
+        # act's own.
         if entity.next_move == move:
             for other in self.places.entities.values():
                 other.reads = [(*it[:3], _NO_MOVE) if it[3] == move else it for it in other.reads]
         return span
 
     def _read(self, target: Node, mover: Entity, begin: Moment, kinds: tuple[int, ...]) -> Entity:
-        """The entity to which a move is relative; notes that the move depends on it (`_plan`).
+        """The entity to which a move is relative. Notes that the move depends on it (`_plan`).
 
-        kinds: kinds of that entity's moves on which the new move depends. Such moves further down
-            in the file must not begin before the new one (`_plan`).
+        target: element that refers to this entity.
+        mover: entity that moves.
+        kinds: as in `_plan`.
         """
         other = self.places.referred(target)
         if other is not mover:
@@ -191,10 +203,13 @@ class Moves:
     def _plan(
         self, entity: Entity, begin: Moment, kinds: tuple[int, ...], element: Node, move: Move
     ) -> None:
-        """Note that a move was planned from an entity's acts so far, of these kinds.
+        """Note that a move was planned from an entity's acts so far.
 
-        begin: when the move begins: `_add` refuses later acts of these kinds that may begin before.
-        element: where a fault is reported.
+        `_add` refuses a later act of the entity that may begin before the move does.
+
+        begin: when the move begins.
+        kinds: kinds of acts on which the move depends, `_SPEEDS` or `_ACROSS`.
+        element: that a fault names.
         move: the planned move.
         """
         fault = element.fault(
@@ -204,45 +219,44 @@ class Moves:
         entity.reads.append((begin.time if begin.known else math.inf, kinds, fault, move))
 
     def _add(self, entity: Entity, begin: Moment, act: Act, lasts: float) -> Span:
-        """Add an act and return its span. Raises a fault if it may begin too early for a move above
-        it in the file, which was planned without it.
+        """Give an entity an act; return when the act runs.
 
-        lasts: duration, s; not used where it begins by a condition.
+        Raises an InputError if the act may begin before a move above it in the file, which was
+        planned without the act.
+
+        lasts: duration, s; without effect where the act begins by a condition.
         """
         earliest, past = self._implied(begin)
         for until, kinds, fault, move in entity.reads:
-            # a plan of this act does not count, nor one whose move has ended when this act begins
-            planned = act.kind in kinds and move not in (*past, entity.next_move)
-            if planned and earliest < until and not changes_nothing(act):
+            # the act's own plan does not count, nor that of a move that ends before the act begins
+            matters = act.kind in kinds and move not in (*past, entity.next_move)
+            if matters and earliest < until and not changes_nothing(act):
                 raise fault
         entity.acts.append(act._replace(begin=begin.time, program=begin.program))
         if begin.known:
             return Span(begin, begin.time + lasts)
         return Span(begin, NEVER, entity.ended())
 
-    def _implied(self, begin: Moment) -> tuple[float, set[Fact]]:
-        """Earliest time of a moment, s, and the facts that are true then: times that have passed,
-        moves that have ended.
-        """
-        past = set[Fact]({0.0})
+    def _implied(self, begin: Moment) -> tuple[float, set[Past]]:
+        """Earliest time of a moment, s, and what is certainly past then."""
+        past = set[Past]({0.0})
         programs = [begin.program]
-        # the list grows in the loop: a move `it` that has ended has begun, so its condition held
+        # The list grows in the loop: a move that has ended has begun, so its own condition held.
         for program in programs:
             new = implied(program) - past
-            programs += (
-                self.actors[it[0]].acts[it[1]].program for it in new if isinstance(it, tuple)
-            )
+            ended = (item for item in new if isinstance(item, tuple))
+            programs += (self.actors[number].acts[index].program for number, index in ended)
             past |= new
-        return begin.time + max(it for it in past if isinstance(it, float)), past
+        return begin.time + max(item for item in past if isinstance(item, float)), past
 
     def follows(self, begin: Moment, span: Span) -> bool:
         """Whether a moment certainly comes at or after the end of an element."""
         earliest, past = self._implied(begin)
         if span.begin.known:
             return span.end - SAME <= earliest
-        # all facts that are true at the element's end must be true at the moment, too
-        _, at_end = self._implied(Moment(0.0, span.ended))
-        return earliest == NEVER or (bool(span.ended) and at_end <= past)
+        # all that is past at the element's end must be past at the moment, too
+        _, past_at_end = self._implied(Moment(0.0, span.ended))
+        return earliest == NEVER or (bool(span.ended) and past_at_end <= past)
 
     # -- speeds ------------------------------------------------------------------------------------
 
@@ -250,15 +264,10 @@ class Moves:
         speed = target_speed(element, self.places)
         dynamics = self.places.exact(element.child("SpeedActionDynamics"))
         target = element.child("SpeedActionTarget").only()
-        if target.flag("continuous"):  # relative to another's speed at every instant, without end
+        if target.flag("continuous"):
             if not is_step(dynamics):
                 raise dynamics.fault("a continuous speed is supported with the shape `step` only")
-            entity.pace, value = speed, target.number("value")
-            factor, added = (value, 0.0) if _by_factor(target) else (1.0, value)
-            number = float(self.places.referred(target).number)
-            # pairs as in `_distance`; kept 0: the speed alone, so the last pair is unused
-            return self._relative(entity, begin, (number, factor), (added, 0.0), (0.0, 0.0))
-        shape = dynamics.one_of("dynamicsShape", _SHAPES)
+            return self._continuous(target, entity, begin, speed)
         # During an earlier change, the speed lies between its ends: assume the end from which this
         # change takes longer.
         ends = (entity.pace, entity.before) if _changes(entity, begin) else (entity.pace,)
@@ -269,28 +278,24 @@ class Moves:
             if self._unsure(other, begin, _SPEEDS) or _changes(other, begin):
                 raise target.fault(f"the speed of `{other.name}` when this begins is unknown")
         unsure = self._unsure(entity, begin, _SPEEDS)
-        # it has the speed already: no act, but none further down may change it before (`_plan`)
+        # It has the speed already and needs no act. An event further down in the file must not
+        # change the speed before (`_plan`).
         if change <= SAME and begin.known and not unsure:
             self._plan(entity, begin, _SPEEDS, dynamics, _NO_MOVE)
             return Span(begin, begin.time)
-        # unsure: the speed at the begin is unknown; else it begins by a condition, and an event
-        # further down in the file may change the speed before
+        # The speed at the begin is unknown. Or the move begins by a condition: an event further
+        # down in the file may then change the speed before, and the act must set it again.
         if unsure or change <= SAME:
             return self._from_any_speed(dynamics, entity, begin, speed)
         step = is_step(dynamics)
+        shape = dynamics.one_of("dynamicsShape", _SHAPES)
         rate = change / AT_ONCE if step else self._rate(dynamics, entity, begin, speed)
         if rate == 0.0:  # it never reaches the speed
             return Span(begin, NEVER)
         lasts = change / rate
         act = Act(SPEED, speed=speed, acceleration=rate)
         if shape in _STRONGEST and not step:
-            # share of the change that is done after each share of the time: `cubic` 3 s^2 - 2 s^3
-            shares = _SHARES * _SHARES * (3.0 - 2.0 * _SHARES)
-            if shape == "sinusoidal":
-                shares = 0.5 * (1.0 - np.cos(math.pi * _SHARES))
-            speeds = entity.pace + (speed - entity.pace) * shares
-            table = np.column_stack([_SHARES * change / rate, speeds]).tolist()
-            act = Act(BY_TIME, table=tuple(map(tuple, table)))
+            act = _curved_change(shape, entity.pace, speed, rate)
         entity.before, entity.pace = first, speed
         entity.steady = begin.time + lasts if begin.known else 0.0
         # all but a step and a linear change by rate depend on the speed at which they begin
@@ -298,10 +303,22 @@ class Moves:
             self._plan(entity, begin, _SPEEDS, dynamics, entity.next_move)
         return self._add(entity, begin, act, lasts)
 
-    def _unsure(self, entity: Entity, begin: Moment, kinds: tuple[int, ...]) -> Move | None:
-        """The last earlier move of some kinds, if it may not have ended when another begins.
+    def _continuous(self, target: Node, entity: Entity, begin: Moment, speed: float) -> Span:
+        """A speed relative to another entity's at every instant, without end.
 
-        None where all begin at times: `busy_until` and `steady` say when such moves end.
+        target: <RelativeTargetSpeed>.
+        speed: its value by the other entity's speed so far, m/s.
+        """
+        entity.pace, value = speed, target.number("value")
+        factor, added = (value, 0.0) if _by_factor(target) else (1.0, value)
+        number = float(self.places.referred(target).number)
+        # pairs as in `_distance`: the second 0 keeps the speed alone, so the last pair is unused
+        return self._relative(entity, begin, (number, factor), (added, 0.0), (0.0, 0.0))
+
+    def _unsure(self, entity: Entity, begin: Moment, kinds: tuple[int, ...]) -> Move | None:
+        """The entity's last move of some kinds so far, if it may not have ended at a moment.
+
+        None where this move and the moment are times: `busy_until` and `steady` then give its end.
         """
         earlier = [k for k, act in enumerate(entity.acts)
                    if act.kind in kinds and not changes_nothing(act)]  # fmt: skip
@@ -311,7 +328,7 @@ class Moves:
         return None if last in self._implied(begin)[1] else last
 
     def _from_any_speed(self, dynamics: Node, entity: Entity, begin: Moment, speed: float) -> Span:
-        """A change from whatever speed the entity then has, at once or at an even rate."""
+        """A change from whatever speed the entity then has, at once or at a constant rate."""
         kind = dynamics.one_of("dynamicsDimension", _DIMENSIONS)
         if is_step(dynamics):
             act = Act(BY_TIME, table=((AT_ONCE, speed),))
@@ -325,7 +342,7 @@ class Moves:
                 return Span(begin, NEVER)
             act = Act(SPEED, speed=speed, acceleration=rate)
         entity.pace = speed
-        # unlike the span of `_add`: ends by a condition even where it begins at a time
+        # its duration is unknown: it ends by a condition even where it begins at a time
         self._add(entity, begin, act, NEVER)
         return Span(begin, NEVER, entity.ended())
 
@@ -340,8 +357,8 @@ class Moves:
             )
         if kind == "rate":
             return abs(dynamics.number("value")) / _PEAKS[shape]
-        change, value = abs(speed - entity.pace), dynamics.above_zero("value")
-        # over a distance: every shape is symmetric, so the mean speed is halfway
+        change, value = abs(speed - entity.pace), dynamics.above_zero("value")  # value: s or m
+        # Every shape is symmetric, so the mean speed over a distance is the mean of both ends.
         return change / value * (1.0 if kind == "time" else 0.5 * (speed + entity.pace))
 
     def _relative(self, entity: Entity, begin: Moment, *table: tuple[float, float]) -> Span:
@@ -354,7 +371,7 @@ class Moves:
                 "a speed relative to another's is not supported of an oncoming vehicle on a curve"
             )
         span = self._add(entity, begin, Act(MATCH, table=table), NEVER)
-        # only acts with a condition are looked at after every step, so a time becomes a condition
+        # `played` follows another vehicle in acts with a condition only: a time becomes a condition
         if begin.known:
             entity.acts[-1] = entity.acts[-1]._replace(begin=0.0, program=from_time(begin.time))
         return span
@@ -364,17 +381,18 @@ class Moves:
     def place_apart(self, element: Node, entity: Entity) -> None:
         """Put an entity at the distance of a LongitudinalDistanceAction at the start."""
         other, apart, gap = self._apart(element, entity)
-        # m ahead over the ground: the time gap at the speed of the vehicle behind; gap < 0: `other`
+        # m ahead over the ground: the time gap times the speed of the vehicle behind, which is
+        # `other` if the gap is below 0
         further = -gap * (other.speed if gap < 0.0 else entity.speed)
         x = other.frame.x + (apart + further / self.frame.ground(other.frame))
         entity.frame = entity.frame._replace(x=x)
 
     def _apart(self, element: Node, entity: Entity) -> tuple[Entity, float, float]:
-        """The other entity of a LongitudinalDistanceAction, and where the entity must be.
+        """Where a LongitudinalDistanceAction wants the entity, relative to a second entity.
 
-        Returns that entity; how far ahead of it the centre must be, m along the road's line; and
-        the time gap by which the centre must be behind it, s (`played.PLAY` under `match`). Both
-        may be below 0.
+        Returns the second entity; how far ahead of its centre the entity's centre must be, m along
+        the road's line; and the time gap by which the centre must be further behind, s, as in
+        `played.PLAY` under `match`. Both numbers may be below 0.
         """
         other = self.places.referred(element)
         if entity.on_map or other.on_map:
@@ -426,65 +444,71 @@ class Moves:
         """End a LongitudinalDistanceAction where the entity has the distance and the other's speed:
         from then on it keeps its speed.
 
-        apart, gap: as in `_apart`.
+        apart, gap: as `_apart` returns them.
         """
-        # a condition can read an act's end only: a move by 0 m shows that the action has begun
+        # A condition can read only the end of an act: that of a move by 0 m, which ends at once,
+        # shows that the action has begun.
         self._add(entity, begin, Act(COSINE, 0.0, AT_ONCE), 0.0)
         has_begun = entity.ended()
 
         x, target_x = (of_vehicle(X, it.number) for it in (entity, other))
         speed, target = (of_vehicle(ALONG, it.number) for it in (entity, other))
-        # m along the line that the time gap puts it behind, at the speed of the vehicle behind, as
-        # `played` has it: over the ground where the entity drives
+        # m along the line by which the time gap puts it behind, at the speed of the vehicle behind;
+        # `played` too converts the ground's metres where the entity drives
         behind = constant(gap / self.frame.ground(entity.frame)) * (target if gap < 0.0 else speed)
         # the larger of both differences must be below `_THERE`
         off = abs(target_x + constant(apart) - behind - x).joined(LARGER, abs(target - speed))
         ends = (*off.program, *constant(_THERE).program, operation(BELOW))
         has_arrived = (*has_begun, *ends, operation(AND))
         entity.acts.append(Act(KEEP, program=has_arrived))
-        # KEEP has no end that a condition could read: a second move remembers its begin
+        # KEEP never ends: the end of a second move by 0 m shows that KEEP has begun
         return self._add(entity, Moment(0.0, has_arrived), Act(COSINE, 0.0, AT_ONCE), NEVER)
 
     # -- lateral moves -----------------------------------------------------------------------------
 
     def _lane_change(self, element: Node, entity: Entity, begin: Moment) -> Span:
-        target = element.child("LaneChangeTarget").only()
-        if target.tag == "RelativeTargetLane":
-            other = self._read(target, entity, begin, _ACROSS)
-            # `value` counts to the left as seen by that entity
-            lanes = target.whole("value") * (other.placed().way or 1)
-            lane = self.places.lane_beside(*self._lane_now(other, target), lanes, target)
-        elif target.tag == "AbsoluteTargetLane":
-            road = entity.placed().road
-            if not road:
-                raise target.fault("the entity is on no road")
-            lane = self.places.network.lane(road, target.text("value"), target)
-        else:
-            raise target.unsupported()
+        lane = self._target_lane(element.child("LaneChangeTarget").only(), entity, begin)
         t = lane.centre + element.number("targetLaneOffset", 0.0)
         offset = self._y(t, element, entity) - entity.frame.y
         dynamics = self.places.exact(element.child("LaneChangeActionDynamics"))
         shape = self._shape(dynamics, "lateral move", *_PEAKS)
-        value = dynamics.above_zero("value")  # m/s, s or m; made s below
+        value = dynamics.above_zero("value")  # m/s, s or m
         kind = dynamics.one_of("dynamicsDimension", _DIMENSIONS)
-        if kind == "rate":
-            value = abs(offset - entity.moved) / value * _PEAKS[shape]
-        elif kind == "distance":
+        if kind == "time":
+            lasts = value
+        elif kind == "rate":
+            lasts = abs(offset - entity.moved) / value * _PEAKS[shape]
+        else:
             unsure = _changes(entity, begin) or self._unsure(entity, begin, _SPEEDS)
             if unsure or entity.pace <= 0.0:
                 raise dynamics.fault(_STEADY)
-            value /= entity.pace
-            # a later act must not change the speed before the move has ended; by 0 m there is none
+            lasts = value / entity.pace
+            # A later act must not change the speed before the move has ended. A move by 0 m
+            # becomes no act, and needs no steady speed.
             if abs(offset - entity.moved) > ON:
-                until = begin.time + value if begin.known else math.inf
+                until = begin.time + lasts if begin.known else math.inf
                 entity.reads.append((until, _SPEEDS, dynamics.fault(_STEADY), entity.next_move))
-        return self._across(element, entity, begin, offset, value, shape)
+        return self._across(element, entity, begin, offset, lasts, shape)
+
+    def _target_lane(self, target: Node, entity: Entity, begin: Moment) -> Lane:
+        """The lane that a <LaneChangeTarget> names; target: its child."""
+        if target.tag == "RelativeTargetLane":
+            other = self._read(target, entity, begin, _ACROSS)
+            # `value` counts to the left as seen by that entity
+            lanes = target.whole("value") * (other.placed().way or 1)
+            return self.places.lane_beside(*self._lane_now(other, target), lanes, target)
+        if target.tag != "AbsoluteTargetLane":
+            raise target.unsupported()
+        road = entity.placed().road
+        if not road:
+            raise target.fault("the entity is on no road")
+        return self.places.network.lane(road, target.text("value"), target)
 
     def _lane_offset(self, element: Node, entity: Entity, begin: Moment) -> Span:
         target = element.child("LaneOffsetTarget").only()
-        kept = element.flag("continuous")
+        continuous = element.flag("continuous")
         if target.tag == "RelativeTargetLaneOffset":
-            if kept:
+            if continuous:
                 raise target.fault("an offset that is kept to another entity is not supported")
             other = self._read(target, entity, begin, _ACROSS)
             y = other.frame.y + other.moved
@@ -498,11 +522,14 @@ class Moves:
         strongest = dynamics.above_zero("maxLateralAcc", " m/s2")
         lasts = math.sqrt(_STRONGEST[shape] * abs(offset - entity.moved) / strongest)
         span = self._across(element, entity, begin, offset, lasts, shape)
-        # an actor keeps its offset in the lane without end
-        return Span(begin, NEVER) if kept else span
+        # every actor keeps its offset; a continuous action never ends
+        return Span(begin, NEVER) if continuous else span
 
     def _shape(self, dynamics: Node, what: str, *shapes: str) -> str:
-        """The shape of a change, one of those that are supported."""
+        """The shape of a change; an InputError if it is not one of `shapes`.
+
+        what: name of the change in the message.
+        """
         shape = dynamics.one_of("dynamicsShape", _SHAPES)
         if shape not in shapes:
             names = " and ".join(f"`{name}`" for name in shapes)
@@ -510,8 +537,9 @@ class Moves:
         return shape
 
     def _lane_now(self, other: Entity, element: Node) -> tuple[MapRoad, Lane]:
-        """Road and lane of an entity when a move relative to it begins: of the mover itself, after
-        its lateral moves so far; of the ego, where it starts.
+        """Road and lane of an entity when a move relative to it begins.
+
+        They are those after its lateral moves so far; of the ego, which has none, at its start.
         """
         spot = other.placed()
         road, lane = spot.in_lane(element)
@@ -523,7 +551,7 @@ class Moves:
         return road, now
 
     def _y(self, t: float, element: Node, entity: Entity) -> float:
-        """y of a place `t` m to the left of the reference line of the ego's road."""
+        """y in the frame of a place `t` m to the left of the reference line of the ego's road."""
         road = entity.placed().road
         if not road or road.name != self.frame.road:
             raise element.fault("a lateral move is supported on the ego's road only")
@@ -532,7 +560,10 @@ class Moves:
     def _across(
         self, element: Node, entity: Entity, begin: Moment, to: float, lasts: float, shape: str
     ) -> Span:
-        """A lateral move to the offset `to` m from the actor's start, in `lasts` s."""
+        """A lateral move to the offset `to` m from the actor's start, in `lasts` s.
+
+        to: positive to the left of the frame's road.
+        """
         if entity.on_map:
             raise element.fault(
                 f"`{entity.name}` drives straight on the map, so it has no lane to move across"
@@ -542,8 +573,8 @@ class Moves:
             if begin.known:
                 raise element.fault(f"where `{entity.name}` is across when this begins is unknown")
             # it begins once its own condition holds and the last lateral move has ended
-            ended = ENDED, *last, 0.0
-            begin = replace(begin, program=(*begin.program, ended, operation(AND)))
+            last_ended = ENDED, *last, 0.0
+            begin = replace(begin, program=(*begin.program, last_ended, operation(AND)))
         if abs(offset) <= ON:
             return Span(begin, begin.time)
         if begin.known and begin.time < entity.busy_until - SAME:
@@ -575,7 +606,7 @@ class Moves:
                 "a curved trajectory, or any on a curved road, is supported from the start, or of "
                 "a standing entity"
             )
-        # 2. its path: a straight one only gives a heading; the body's centre follows any other
+        # 2. its path: a straight one only gives a heading, on any other the body's centre follows
         if straight:
             entity.path = pose[:2], course.points[-1]
         else:
@@ -590,21 +621,11 @@ class Moves:
         # 3. its speeds, where the trajectory has times
         if not course.times:
             return self._add(entity, begin, Act(KEEP), NEVER)
-        # without <Timing>: the element itself, which has none of its attributes
-        timing = element.find("TimeReference/Timing") or element
-        times = np.array(course.times) * timing.number("scale", 1.0) + timing.number("offset", 0.0)
-        domain = timing.one_of("domainAbsoluteRelative", ("absolute", "relative"), "relative")
-        if times[0] != 0.0 or ahead or (domain == "absolute" and not at_start):
-            raise element.fault("the times of a trajectory must begin with 0 s when it begins")
-        lasts = np.diff(times)
-        if not (lasts > 0.0).all():
-            raise element.fault("the times of its trajectory must ascend")
-        speeds = np.hypot(*np.diff(course.points, axis=0).T) / lasts
-        # a stretch has one speed, from just after its begin to its end
-        at = np.column_stack([times[:-1] + AT_ONCE, times[1:]]).ravel().tolist()
-        knots = tuple(zip(at, np.repeat(speeds, 2).tolist(), strict=True))
-        entity.pace = knots[-1][1]
-        return self._add(entity, begin, Act(BY_TIME, table=knots), knots[-1][0])
+        if ahead:
+            raise element.fault(_FROM_ZERO)
+        knots = _timed_speeds(element, course, at_start=at_start)
+        lasts, entity.pace = knots[-1]
+        return self._add(entity, begin, Act(BY_TIME, table=knots), lasts)
 
     def _synchronize(self, element: Node, entity: Entity, begin: Moment) -> Span:
         master = self.places.entity(element.text("masterEntityRef"), element)
@@ -658,6 +679,39 @@ class Moves:
         if steady.tag == "TargetTimeSteadyState":
             return final, steady.not_negative("time") * final
         return final, steady.not_negative("distance")
+
+
+def _timed_speeds(element: Node, course: MapPath, *, at_start: bool) -> Pairs:
+    """Knots (s, m/s) of the speeds on a trajectory with times.
+
+    element: <FollowTrajectoryAction>.
+    at_start: whether the action begins at 0 s.
+    """
+    # without <Timing>: the element itself, which has none of its attributes
+    timing = element.find("TimeReference/Timing") or element
+    times = np.array(course.times) * timing.number("scale", 1.0) + timing.number("offset", 0.0)
+    domain = timing.one_of("domainAbsoluteRelative", ("absolute", "relative"), "relative")
+    if times[0] != 0.0 or (domain == "absolute" and not at_start):
+        raise element.fault(_FROM_ZERO)
+    durations = np.diff(times)
+    if not (durations > 0.0).all():
+        raise element.fault("the times of its trajectory must ascend")
+    lengths = np.hypot(*np.diff(course.points, axis=0).T)
+    # a stretch has one speed, from just after its begin to its end
+    begins_and_ends = np.column_stack([times[:-1] + AT_ONCE, times[1:]]).ravel()
+    speeds = np.repeat(lengths / durations, 2)
+    return tuple(zip(begins_and_ends.tolist(), speeds.tolist(), strict=True))
+
+
+def _curved_change(shape: str, before: float, after: float, rate: float) -> Act:
+    """A cubic or sinusoidal change of a speed, m/s; rate: its mean, m/s2."""
+    # share of the change that is done after each share of the time: `cubic` 3 s^2 - 2 s^3
+    shares = _SHARES * _SHARES * (3.0 - 2.0 * _SHARES)
+    if shape == "sinusoidal":
+        shares = 0.5 * (1.0 - np.cos(math.pi * _SHARES))
+    speeds = before + (after - before) * shares
+    table = np.column_stack([_SHARES * abs(after - before) / rate, speeds]).tolist()
+    return Act(BY_TIME, table=tuple(map(tuple, table)))
 
 
 def _changes(entity: Entity, begin: Moment) -> bool:

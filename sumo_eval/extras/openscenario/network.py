@@ -1,6 +1,6 @@
-"""The OpenDRIVE file of a scenario: where a place on a road, in a lane, lies on the map.
+"""The OpenDRIVE file of a scenario: its roads and lanes, and places on them as places of the map.
 
-`scene` reads the network, `places` and `frame` look places up in it.
+`scene` reads the file; `places` and `frame` find places on its roads.
 
 Users: `extras/openscenario/frame.py`, `extras/openscenario/moments.py`,
 `extras/openscenario/moves.py`, `extras/openscenario/places.py`, `extras/openscenario/scene.py`.
@@ -28,21 +28,23 @@ from sumo_eval.scenario.road.reference_line import Line, bends, frame_places, le
 from sumo_eval.scenario.xml_file import read_xml
 
 WIDEST = 6.0  # m: a wider lane is an area without marks
-MARKED = 3.5  # m: the lane that the ego is given in such an area
+MARKED = 3.5  # m: width of the ego's lane in such an area
 ON = 1e-6  # m by which a place may miss a road or a line
 _LEFT_OUT = {
     "objects": "objects/*", "signals": "signals/*", "road surface": "surface/*",
     "speed limits": ".//speed", "heights of lanes": ".//lane/height", "rules of lanes": ".//access",
 }  # fmt: skip
-"""Contents of a road that have no effect: words for them, and their path."""
-_ROUNDS = 20  # of the fixed point in `ahead_in_lane`, which then changes no more
+"""Contents of a road that have no effect: words for them -> their XPath below the road."""
+_ROUNDS = 20  # of the iteration in `ahead_in_lane`, whose result then changes no more
 
 
 class Lane(NamedTuple):
     """A lane.
 
-    kind: the file's `type`, `driving` or `shoulder`.
-    centre: left of the road's reference line, m.
+    number: `id` in the file, above 0 to the left of the road's reference line, else below 0.
+    kind: `type` in the file, as `driving` or `shoulder`.
+    centre: of the lane to the left of the reference line, m.
+    width: m.
     """
 
     number: int
@@ -52,10 +54,10 @@ class Lane(NamedTuple):
 
 
 def in_frame(pose: Pose, begin: Pose, line: Line, near: float | None = None) -> Pose:
-    """A place on the map as one along and across a line that starts at `begin`.
+    """A place on the map in coordinates along and across a line that starts at `begin`.
 
-    line: empty: the straight line in the direction of `begin`.
-    near: as in `frame_places`.
+    line: pieces of the line; empty: it is straight, in the direction of `begin`.
+    near: where to search along the line, as in `frame_places`.
     """
     at = pose.seen_from(begin)
     if not line:
@@ -65,10 +67,13 @@ def in_frame(pose: Pose, begin: Pose, line: Line, near: float | None = None) -> 
 
 @frozen
 class MapRoad:
-    """A road of an OpenDRIVE file: where it begins and its reference line.
+    """A road of an OpenDRIVE file.
 
-    lanes: by number; float, because files also write `-1.0`.
-    left_out: properties in the file that are ignored (`_road`).
+    name: `id` in the file.
+    begin: where the reference line begins on the map, and its direction there.
+    line: the reference line.
+    lanes: by number; floats as keys, because files also write `-1.0`.
+    left_out: words for contents of the file that have no effect.
     """
 
     name: str
@@ -79,12 +84,12 @@ class MapRoad:
 
     @property
     def length(self) -> float:
-        """Length of its reference line, m."""
+        """Length of the reference line, m."""
         return length_of(self.line)
 
     @property
     def bent(self) -> bool:
-        """Whether it is curved."""
+        """Whether the road is curved."""
         return bends(self.line)
 
     def pose(self, s: float, t: float) -> Pose:
@@ -92,14 +97,14 @@ class MapRoad:
         return self.begin.along(self.line, s, t)
 
     def coordinates(self, pose: Pose) -> Pose:
-        """s and t of a place on the map, and its heading from the reference line's."""
+        """s, t and heading, relative to the reference line, of a place on the map."""
         return in_frame(pose, self.begin, self.line if self.bent else ())
 
     def ahead_in_lane(self, lane: Lane, s: float, length: float) -> float:
         """Length along the reference line, m, of a length along the middle of a lane from s.
 
-        Left of the line a lane is shorter by its distance times the angle by which the line turns.
-        That angle is the one up to the place that is sought: begin with `length`, and repeat.
+        Where the line turns by an angle, a lane to its left is shorter by the lane's distance times
+        this angle. The angle up to the sought place is unknown, so the loop approaches it.
         """
         longer = 0.0
         for _ in range(_ROUNDS if self.bent else 0):
@@ -108,7 +113,7 @@ class MapRoad:
         return length + longer
 
     def lane_at(self, t: float) -> Lane | None:
-        """The lane t m left of the reference line, if there is one."""
+        """The lane t m to the left of the reference line; None: no lane is there."""
         return next(
             (it for it in self.lanes.values() if abs(t - it.centre) <= 0.5 * it.width), None
         )
@@ -116,10 +121,12 @@ class MapRoad:
 
 @frozen
 class Network:
-    """The roads of a file by id.
+    """The roads of an OpenDRIVE file.
 
-    root: of the file.
-    unread: why a road cannot be read, by id; raised only for an entity on that road.
+    path, root: of the file.
+    roads: by id.
+    unread: id -> why this road cannot be read. It is raised only if a road is needed: other roads
+        of the file may be of any kind.
     """
 
     path: Path
@@ -128,9 +135,9 @@ class Network:
     unread: dict[str, InputError]
 
     def road(self, name: str, element: Node) -> MapRoad:
-        """A road by its id; refused where it is not there, or cannot be read.
+        """A road by its id; an InputError if the file has none, or if it cannot be read.
 
-        element: what asks for it.
+        element: that names the road.
         """
         if name in self.unread:
             raise self.unread[name]
@@ -142,10 +149,10 @@ class Network:
     def driving(self, pose: Pose) -> tuple[MapRoad, Lane, Pose] | None:
         """The road and driving lane in which a place on the map lies, and its s and t there.
 
-        Where roads overlap, as in a junction, the one whose direction is nearest, then the first
-        by name.
+        Where roads overlap, as in a junction, it is the road whose direction differs least from
+        that of `pose`; of equal ones the first by name.
         """
-        lanes = []  # (how far its direction is off, name, result)
+        lanes = []  # (sine of the difference of directions, name of the road, result)
         for road in self.roads.values():
             at = road.coordinates(pose)
             lane = road.lane_at(at.y)
@@ -154,7 +161,7 @@ class Network:
         return min(lanes)[2] if lanes else None
 
     def lane(self, road: MapRoad, number: str, element: Node) -> Lane:
-        """A lane of a road by what is written, `-1` or `-1.0`; refused where it is not there."""
+        """A lane of a road by its written number, `-1` or `-1.0`; an InputError without one."""
         try:
             return road.lanes[float(number)]
         except (KeyError, ValueError):
@@ -175,7 +182,7 @@ def read_network(path: Path) -> Network:
 
 @lru_cache(maxsize=32)
 def _read(path: Path, changed: int) -> Network:
-    """`read_network`, once for each time at which the file was changed."""
+    """`read_network`, cached. changed: time of the file's last change, a part of the key."""
     root = Node(read_xml(path, "OpenDRIVE file"))
     if root.tag != "OpenDRIVE":
         raise root.fault("the root of an OpenDRIVE file must be <OpenDRIVE>")
@@ -195,6 +202,7 @@ def _read(path: Path, changed: int) -> Network:
 
 
 def _road(element: Node, name: str) -> MapRoad:
+    """The road of a <road>; name: its id."""
     owner = f"road `{name}` of OpenDRIVE file {element.file.name}"
     line, begin = reference_line(element.element, owner)
     sections, length = element.all("lanes/laneSection"), length_of(line)
@@ -207,8 +215,8 @@ def _road(element: Node, name: str) -> MapRoad:
     heights, *tilts = (cubics_of(element.all(it), "s", Node.number) for it in PROFILES)
     level = constant(heights, length) and constant([(0.0, 0.0), *chain(*tilts)], length)
     widths = [it.width for it in lanes[0].values() if it.kind in DRIVEN]
-    # the report must say what an ADS cannot know: with left-hand traffic it overtakes on the left,
-    # and it leaves the road in a lane of another width
+    # The report names these contents, because an ADS cannot know of them: it overtakes on the left
+    # in left-hand traffic too, and a lane of another width than the ego's is off the road here.
     kinds = {
         "elevation": not level,
         "left-hand traffic": element.get("rule") == "LHT",
@@ -223,7 +231,8 @@ def _road(element: Node, name: str) -> MapRoad:
 def _lanes(section: Node, shift: float, length: float) -> dict[float, Lane]:
     """The lanes of a section by number.
 
-    shift: of all lanes to the left, m. length: of the road, m.
+    shift: of all lanes to the left, m.
+    length: of the road, m.
     """
     lanes: dict[float, Lane] = {}
     for side, sign, must in (("left", 1.0, "above"), ("right", -1.0, "below")):

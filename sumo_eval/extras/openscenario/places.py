@@ -1,11 +1,11 @@
 """Places of OpenSCENARIO on the map: positions, trajectories, routes, and entities with their
 places.
 
-The place of an entity is that of its reference point, which for a vehicle is the middle of its rear
-axle. `BoundingBox/Center` says where the body's centre lies from there. Without an <Orientation> an
-entity points towards growing s, even in a left lane, where traffic goes the other way (the UN R157
-file with its ego in lane 4 is written so). On a route towards falling s, number and offset of a
-lane keep the signs that they have on the road, and t changes its sign.
+The place of an entity is that of its reference point, for a vehicle the middle of its rear axle.
+`BoundingBox/Center` gives the body's centre relative to this point. Without an <Orientation> an
+entity points towards growing s, even in a left lane, where traffic goes the other way: the UN R157
+file with its ego in lane 4 is written so. On a route towards falling s, number and offset of a lane
+keep the signs that they have on the road, but t changes its sign.
 
 Users: `extras/openscenario/frame.py`, `extras/openscenario/moments.py`,
 `extras/openscenario/moves.py`, `extras/openscenario/scene.py`.
@@ -29,21 +29,25 @@ from sumo_eval.scenario.played import EGO, ENDED, Act, Move, Pairs, Program
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Line, length_of, map_places, piece_of_file
 
-ALONG = 0.01  # rad between headings of an entity and its lane, below which it drives along the lane
+# rad: an entity drives along its lane if their headings differ by less
+ALONG = 0.01
 EGO_ALONG = 0.1  # rad, the same for the ego, which must start along its lane
 _FINE = 0.25  # m between two points of a curved trajectory
 _STRAIGHT = 0.05  # m that a straight route or trajectory may be off the line through its ends
 
 
 NOWHERE = Pose(math.nan, math.nan, math.nan)
+"""Place of an entity in the scenario's road while the road is unknown."""
 
 
 @frozen
 class Spot:
     """A place: its pose on the map, and its road, lane, s and t where it lies on a road.
 
-    way: 1 along the road's reference line, -1 against it, 0 neither.
-    reason: why a road could not be read, as the end of an error message (`; ...`); else empty.
+    s, t: along the road's reference line and to the left of it, m.
+    way: 1: the pose points along this line; -1: against it; 0: neither, or on no road.
+    reason: why the place may be on no road, as the end of an error message (`; ...`): a road of the
+        file cannot be read. Empty: all roads can.
     """
 
     pose: Pose
@@ -56,12 +60,16 @@ class Spot:
 
     @property
     def room(self) -> float:
-        """Length of its road ahead, m; inf where it does not point along one."""
-        length = self.road.length if self.road else math.inf
-        return (math.inf, length - self.s, self.s)[self.way]
+        """Length of the road ahead, m; inf where the place does not point along a road."""
+        if not self.road or self.way == 0:
+            return math.inf
+        return self.road.length - self.s if self.way > 0 else self.s
 
     def in_lane(self, element: Node) -> tuple[MapRoad, Lane]:
-        """Its road and its lane; `element`, which is relative to it, is refused without them."""
+        """Road and lane of the place; an InputError without them.
+
+        element: that is relative to the place.
+        """
         if not (self.road and self.lane):
             raise element.fault(f"the entity that it is relative to is in no lane{self.reason}")
         return self.road, self.lane
@@ -73,7 +81,7 @@ class Spot:
 
 
 class UnplacedError(InputError):
-    """A place or a speed depends on that of an entity, which has none yet.
+    """A place or a speed depends on an entity whose own place or speed is not known yet.
 
     entity: its name.
     """
@@ -85,37 +93,38 @@ class UnplacedError(InputError):
 
 @dataclass(slots=True)
 class Entity:
-    """A vehicle, a person or an object. Reading the file changes it, step by step.
+    """A vehicle, a pedestrian or an object. Reading the file fills it in, step by step.
 
     From its <ScenarioObject>:
 
     length, width: of its body, m.
     centre, offset: the body's centre ahead of the reference point and to the left of it, m.
     body: as in `concrete.Actor`.
-    left_out: its parts that have no effect: limits of a vehicle, a controller, a trailer.
+    element: the <ScenarioObject>.
+    left_out: tags of its parts that have no effect: limits of a vehicle, a controller, a trailer.
 
     At the start:
 
-    spot: where its reference point is; None as long as that is unknown.
+    spot: place of its reference point; None: not known yet.
     speed: m/s.
     waits: number of actions of Init that set this speed and are not done yet.
     path: points on the map of the trajectory that it follows; empty: none.
     frame: the centre of its body along and across the scenario's road, m, and its heading relative
-        to it, once the road is known.
-    deleted: it takes no part.
-    on_map: its path is straight on the map and not along the road, which is curved.
+        to the road; `NOWHERE` while the road is unknown.
+    deleted: whether it takes no part.
+    on_map: whether its path is straight on the map, instead of along the curved road.
     number: its index among the actors, for a `Program`; of the ego `played.EGO`.
 
     By its moves so far, in the order of the file:
 
     acts: these moves.
-    before, pace: its speed before the last change and after it, m/s.
+    before, pace: its speed before the last change of speed and after it, m/s.
     steady: end of that change, s.
     moved: its offset to the left of its start, m.
     busy_until: end of its last lateral move, s.
-    reads: moves of any entity that were planned on the assumption that this entity begins no
-        further act of some kinds: (until that time, s, the kinds, the fault to raise if it begins
-        one, the planned move). After the planned move has ended it may begin one.
+    reads: moves of any entity that were planned as if this entity began no further act of some
+        kinds. Each is a tuple: time until which it must begin none, s; the kinds; the fault to
+        raise if it begins one; the planned move. Once this move has ended it may begin one.
     """
 
     name: str
@@ -144,24 +153,26 @@ class Entity:
 
     @property
     def next_move(self) -> Move:
-        """Identity of the move that it is given next."""
+        """Identity of the move that the entity will be given next."""
         return self.number, len(self.acts)
 
     def ended(self) -> Program:
-        """The condition that the last of its moves so far has ended."""
+        """The condition that the entity's last move so far has ended."""
         return ((ENDED, self.number, len(self.acts) - 1, 0.0),)
 
     @property
     def heading(self) -> float:
-        """The direction in which it drives on the map, rad."""
+        """The direction in which the entity drives on the map, rad."""
         if len(self.path) < 2:
             return self.placed().pose.heading
         return _towards(*self.path[:2]).heading
 
     def placed(self, asks: Node | None = None) -> Spot:
-        """Where it is.
+        """The place of the entity's reference point.
 
-        Raises UnplacedError while it has no place, with the line of the element that asks.
+        asks: element whose line the error names; None: the entity's own.
+
+        Raises UnplacedError while the place is unknown.
         """
         if not self.spot:
             fault = (asks or self.element).fault(
@@ -173,7 +184,7 @@ class Entity:
 
 
 def _towards(begin: tuple[float, float], end: tuple[float, float]) -> Pose:
-    """A point on the map, with the heading from it to a second point."""
+    """The point `begin` on the map, with the heading from there to `end`."""
     return Pose(*begin, math.atan2(end[1] - begin[1], end[0] - begin[0]))
 
 
@@ -182,9 +193,9 @@ class MapPath:
     """A trajectory on the map.
 
     points: (x, y), m.
-    times: at the points, s; empty without.
-    begin: the place of its first point.
-    pieces: of a clothoid spline.
+    times: at the points, s; empty: the file gives none.
+    begin: the place of the first point.
+    pieces: of a clothoid spline; empty: the path is a polyline.
     """
 
     points: Pairs
@@ -194,21 +205,21 @@ class MapPath:
 
     @property
     def straight(self) -> bool:
-        """Whether it is one straight line."""
+        """Whether the path is one straight line, within `_STRAIGHT`."""
         line = _towards(self.points[0], self.points[-1])
         return all(abs(Pose(*it, 0.0).seen_from(line).y) <= _STRAIGHT for it in self.points)
 
     def at(self, s: float, element: Node, t: float = 0.0) -> Pose:
-        """The place s m along it, and t m to its left; refused before its start and behind its end.
+        """The place s m along the path, and t m to its left; an InputError beyond its ends.
 
-        element: what asks.
+        element: that names the place.
         """
-        ahead = s  # s, counted from the start of the loop's stretch
-        length = 0.0
+        ahead = s  # from the beginning of the loop's stretch
+        length = 0.0  # of the loop's stretch
         pairs = list(pairwise(self.points))
         # a stretch between equal points has no direction: it counts only if there is no other
         for begin, end in [it for it in pairs if it[0] != it[1]] or pairs:
-            ahead -= length  # of the last stretch
+            ahead -= length
             length = math.dist(begin, end)
             if ahead <= length:
                 break
@@ -217,7 +228,7 @@ class MapPath:
         return _towards(begin, end).moved(ahead, t)
 
     def rest(self, s: float) -> Pairs:
-        """Its points further along than s m."""
+        """The points that lie further along the path than s m; 1e-9 m is a rounding."""
         lengths = accumulate(math.dist(*ends) for ends in pairwise(self.points))
         return tuple(it for it, at in zip(self.points[1:], lengths, strict=True) if at > s + 1e-9)
 
@@ -227,8 +238,9 @@ class Places:
     """Reader of places at one point of the file's space.
 
     entities: by name.
-    side: 1; -1 where y and headings point to the right, as in files for CARLA.
-    ignored: contents of the file without effect, in the order in which they were found.
+    side: factor of the file's y and headings: 1, or -1 in files for CARLA, where they point to the
+        right.
+    ignored: contents of the file without effect, in the order of reading; the values are not used.
     """
 
     network: Network
@@ -238,7 +250,7 @@ class Places:
     ignored: dict[str, None]
 
     def entity(self, name: str, element: Node) -> Entity:
-        """An entity by its name; refused where there is none."""
+        """An entity by its name; an InputError if the file has none of this name."""
         if name not in self.entities:
             raise element.fault(f"entity `{name}` is not among {', '.join(self.entities)}")
         return self.entities[name]
@@ -274,7 +286,7 @@ class Places:
         return replace(spot, pose=spot.pose._replace(heading=heading))
 
     def located(self, spot: Spot, along: float = ALONG) -> Spot:
-        """A place with its road, its lane and its `way`; off all roads it gets none of the three.
+        """A place completed by its road, lane and `way`; off all roads only by a `reason`.
 
         along: angle to the lane, rad, below which a place points along it.
         """
@@ -283,6 +295,7 @@ class Places:
         if not road:
             driving = self.network.driving(spot.pose)
             if not driving:
+                # the first road that cannot be read; no reason if all can be
                 errors = (f"; {it}".rstrip(".") for it in self.network.unread.values())
                 return replace(spot, reason=next(errors, ""))
             road, lane, (s, t, _) = driving
@@ -291,6 +304,7 @@ class Places:
         return Spot(spot.pose, road, lane or road.lane_at(t), s, t, way)
 
     def _on(self, road: MapRoad, s: float, t: float, lane: Lane | None, element: Node) -> Spot:
+        """The place at s and t of a road; an InputError where s is beyond its ends."""
         if not -ON <= s <= road.length + ON:
             raise element.fault(
                 f"s = {s:g} m is not on road `{road.name}`, which is {road.length:g} m long"
@@ -314,10 +328,10 @@ class Places:
 
     def lane_beside(self, road: MapRoad, lane: Lane, lanes: int, element: Node) -> Lane:
         """The lane that is `lanes` to the left of another; lane 0 does not count."""
-        chosen = lane.number + lanes
-        if chosen * lane.number <= 0:  # on the other side of lane 0, or 0 itself
-            chosen += 1 if lanes > 0 else -1
-        return self.network.lane(road, str(chosen), element)
+        number = lane.number + lanes
+        if number * lane.number <= 0:  # on the other side of lane 0, or 0 itself
+            number += 1 if lanes > 0 else -1
+        return self.network.lane(road, str(number), element)
 
     def _road(self, element: Node) -> Spot:
         road = self.network.road(element.text("roadId"), element)
@@ -368,14 +382,15 @@ class Places:
         return replace(course, times=()) if action.find("TimeReference/None") else course
 
     def exact(self, element: Node) -> Node:
-        """The element; a `followingMode` that allows deviations is noted as without effect: scripts
-        are always driven exactly.
+        """The element itself. A `followingMode` that allows deviations is noted as ignored, because
+        scripts are always driven exactly.
         """
         if element.one_of("followingMode", ("position", "follow"), "position") == "follow":
             self.ignored["followingMode `follow`"] = None
         return element
 
     def _polyline(self, shape: Node) -> MapPath:
+        """The path through the vertices of a <Polyline>."""
         vertices = shape.all("Vertex")
         if len(vertices) < 2:
             raise shape.fault(f"it must have at least two vertices, got {len(vertices)}")
@@ -385,12 +400,14 @@ class Places:
         spots = [self.spot(vertex.child("Position")) for vertex in vertices]
         points = tuple(spot.pose[:2] for spot in spots)
         for vertex, spot, ends in zip(vertices, spots, pairwise(points), strict=False):
-            told = vertex.all("Position/*[@h]") or vertex.all("Position/*/Orientation")
-            if told and _towards(*ends).off(spot.pose)[1] > EGO_ALONG:
+            has_heading = vertex.all("Position/*[@h]") or vertex.all("Position/*/Orientation")
+            # `off`: how far two poses lie apart, m, and the angle between them, rad
+            if has_heading and _towards(*ends).off(spot.pose)[1] > EGO_ALONG:
                 self.ignored["headings along a trajectory"] = None
         return MapPath(points, tuple(vertex.number("time") for vertex in timed), spots[0])
 
     def _spline(self, shape: Node) -> MapPath:
+        """The path of a <ClothoidSpline>, with a point every `_FINE` m."""
         first = shape.find("ClothoidSplineSegment[1]/PositionStart")
         if not first:
             raise shape.fault("its first segment must have a <PositionStart>")
@@ -410,9 +427,12 @@ class Places:
         )
         times = []
         if shape.get("timeEnd") or shape.all("ClothoidSplineSegment[@timeStart]"):
-            # one speed over a segment
-            at = [*(it.number("timeStart") for it in segments), shape.number("timeEnd")]
-            times = np.interp(s, [0.0, *accumulate(it.length for it in pieces)], at).tolist()
+            # each segment is driven at one speed, so its times are linear in s
+            ends = [0.0, *accumulate(it.length for it in pieces)]
+            times_of_ends = [
+                *(it.number("timeStart") for it in segments), shape.number("timeEnd")
+            ]  # fmt: skip
+            times = np.interp(s, ends, times_of_ends).tolist()
         return MapPath(points, tuple(times), begin, pieces)
 
     def _on_trajectory(self, element: Node) -> Spot:
@@ -439,9 +459,10 @@ class Places:
         return begin, spots[-1]
 
     def _route(self, element: Node) -> Spot:
+        """The place of a <RoutePosition>."""
         begin, end = self.route(element.child("RouteRef"))
         road = begin.road
-        assert road is not None
+        assert road is not None  # `route` refuses a begin off all roads
         at = element.child("InRoutePosition").only()
         way = -1 if end.road is road and end.s < begin.s else 1
         s = at.number("pathS")
@@ -467,36 +488,46 @@ class Places:
         return Spot(origin.moved(s, t), road, lane, begin.s + s, t)
 
 
-# bodies by the category of a vehicle
 BODY_OF = {
     "car": "car", "van": "van", "truck": "truck", "trailer": "truck", "semitrailer": "truck",
     "bus": "truck", "motorbike": "motorcycle", "bicycle": "bicycle",
 }  # fmt: skip
+"""`vehicleCategory` in a file -> body, as in `concrete.Actor`."""
 
 
 def entity_of(element: Node, catalogs: Catalogs) -> Entity:
-    """An entity of a <ScenarioObject>."""
-    holders = [part for part in element.children() if part.tag != "ObjectController"]
-    if len(holders) != 1:
-        raise element.fault(f"it must be one vehicle, pedestrian or object, got {len(holders)}")
-    held = catalogs.entry(holders[0]) if holders[0].tag == "CatalogReference" else holders[0]
-    # an object counts as a standing car; "": the body depends on the vehicle's category
-    body = {"Pedestrian": "pedestrian", "MiscObject": "car", "Vehicle": ""}.get(held.tag)
-    if body is None:
-        raise held.unsupported()
-    left_out = [it.tag for it in (*held.all("Performance"), *element.all("ObjectController"))]
-    # esmini's cars refer to the trailer "": they have none
-    if any(it.text("entityRef", "its own") for it in held.all("Trailer/*")):
+    """The entity of a <ScenarioObject>."""
+    descriptions = [part for part in element.children() if part.tag != "ObjectController"]
+    if len(descriptions) != 1:
+        raise element.fault(
+            f"it must be one vehicle, pedestrian or object, got {len(descriptions)}"
+        )
+    (described,) = descriptions
+    if described.tag == "CatalogReference":
+        described = catalogs.entry(described)
+    body = _body_of(described)
+    left_out = [it.tag for it in (*described.all("Performance"), *element.all("ObjectController"))]
+    # Of a reference its `entityRef`; esmini's cars refer to "", as they have no trailer. A trailer
+    # that stands here itself has no `entityRef`: any text but "" stands for it.
+    if any(it.text("entityRef", "its own") for it in described.all("Trailer/*")):
         left_out.append("Trailer")
-    if held.tag == "Vehicle":
-        category = held.text("vehicleCategory")
-        if category not in BODY_OF:
-            raise held.fault(f"a vehicle of category `{category}` is not supported")
-        body = BODY_OF[category]
-    box = held.child("BoundingBox")
+    box = described.child("BoundingBox")
     centre, size = box.child("Center"), box.child("Dimensions")
     return Entity(
         element.attribute("name"), size.above_zero("length", " m"), size.above_zero("width", " m"),
         centre.number("x"), centre.number("y"), body, element,
         tuple(left_out),
     )  # fmt: skip
+
+
+def _body_of(described: Node) -> str:
+    """Body of a <Vehicle>, <Pedestrian> or <MiscObject>; an object counts as a standing car."""
+    if described.tag != "Vehicle":
+        bodies = {"Pedestrian": "pedestrian", "MiscObject": "car"}
+        if described.tag not in bodies:
+            raise described.unsupported()
+        return bodies[described.tag]
+    category = described.text("vehicleCategory")
+    if category not in BODY_OF:
+        raise described.fault(f"a vehicle of category `{category}` is not supported")
+    return BODY_OF[category]

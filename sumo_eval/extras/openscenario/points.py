@@ -1,8 +1,9 @@
 """Points from an OpenSCENARIO parameter variation (ParameterValueDistribution), mapped onto the
 space of a logical scenario.
 
-A mapping file gives each parameter of the scenario as an expression of the variation's parameters.
-Below, "our" parameters are those of the scenario, "their" parameters those of the variation:
+A mapping file gives each parameter of the logical scenario as an expression of the variation's
+parameters. In this file, "our" parameters are those of the logical scenario, "their" parameters
+those of the variation. A mapping file:
 
     distribution = "ALKS_Scenario_4.4_1_CutInNoCollision_Variation.xosc"
     [parameters]
@@ -10,9 +11,9 @@ Below, "our" parameters are those of the scenario, "their" parameters those of t
     [only]
     CutInVehicle_Model = "car"
 
-Deterministic distributions give all combinations, stochastic ones as many draws as asked for. The
-constraint groups of the scenario file that the variation names are honoured as the standard has it:
-within a group all constraints hold, and of several groups at least one.
+Deterministic distributions give all combinations. Stochastic ones give `numberOfTestRuns` draws, or
+as many as the sampling's `count`. A combination must satisfy the constraint groups of the scenario
+file that the variation names: all constraints of at least one group.
 
 Users: `extras/openscenario/format.py`.
 """
@@ -37,8 +38,11 @@ from sumo_eval.settings import About, Checked
 from sumo_eval.settings.checked import empty_table
 from sumo_eval.settings.config import read_checked
 from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.trajectory import FloatArray
 
 Combination = dict[str, Value]
+"""Their parameter -> its value."""
+_ATTEMPTS = 1000  # times that all draws are drawn to find enough within the Range of a distribution
 
 
 @frozen
@@ -53,8 +57,11 @@ class MappingTable(Checked):
 
 
 class SpaceMapping(NamedTuple):
-    """A mapping file: the variation, our parameters as expressions of theirs, and the values that
-    theirs are held to.
+    """A mapping file.
+
+    distribution: file of the variation.
+    parameters: our parameter -> expression of theirs.
+    only: their parameter -> its only value that is kept.
     """
 
     distribution: Path
@@ -63,10 +70,10 @@ class SpaceMapping(NamedTuple):
 
 
 class Variation(NamedTuple):
-    """A parsed variation: combinations to try.
+    """A variation that was read.
 
-    combinations: each, name of their parameter -> value.
-    scenario: the file that declares the parameters; None where it is missing, or declares none.
+    scenario: root of the scenario file, which declares their parameters; None: it is missing, or
+        declares none.
     notes: sentences on parts of the file that have no effect.
     """
 
@@ -76,8 +83,9 @@ class Variation(NamedTuple):
 
 
 def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
-    """The points of the variation that the mapping file `request.file` names, `request.count` draws
-    if stochastic.
+    """The points of a variation, with the number of its combinations at each point as exposure.
+
+    request: `file`: the mapping file; `count`: number of draws of a stochastic variation.
     """
     if request.file is None:
         raise InputError(
@@ -85,13 +93,7 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
         )
     mapping = read_mapping((request.folder or Path.cwd()) / request.file, logical)
     variation = read_variation(mapping.distribution, request.count, request.seed)
-    theirs = {name for item in variation.combinations for name in item}
-    if variation.scenario:
-        parts = variation.scenario.all("ParameterDeclarations/*")
-        theirs |= {part.parameter("name") for part in parts}
-    for name, expression in mapping.parameters.items():
-        checked_names(expression, theirs, f"`{name}` of mapping {request.file}")
-    check_known(f"parameter in [only] of mapping {request.file}:", theirs, *mapping.only)
+    _check_names(mapping, variation, f"mapping {request.file}")
     # Keep the combinations that agree with [only], and set the parameters of [only] that a
     # combination lacks: declared, but not varied.
     kept = [
@@ -101,12 +103,7 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
     ]
     if not kept:
         raise InputError(f"[only] of mapping {request.file} keeps no combination.")
-    allowed = kept
-    if variation.scenario:
-        # for each combination: a scene, whose `values` also have the declared values of all other
-        # parameters, and the constraint groups that it violates
-        checked = map(variation.scenario.declared, kept)
-        allowed = [dict(scene.values) for scene, violated in checked if not violated]
+    allowed = _allowed(kept, variation.scenario)
     if not allowed:
         raise InputError(
             f"The constraints of {mapping.distribution.name} allow none of its {len(kept)} "
@@ -114,8 +111,8 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
         )
     rows = np.array([_row(mapping, item) for item in allowed])
     inside = logical.in_box(rows)
-    # rounded, as x / 3.6 can give equal points with different last digits
-    # times: number of combinations that give a point
+    # Rounded, because x / 3.6 can give equal points with different last digits. `times` is the
+    # number of combinations that give a point.
     points, times = np.unique(np.round(rows[inside], 9), axis=0, return_counts=True)
     if not len(points):
         raise InputError(
@@ -123,7 +120,7 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
         )
     used = {name for expression in mapping.parameters.values() for name in expression.names}
     # varied, but neither used by an expression nor in [only]
-    loose = sorted({name for item in kept for name in item} - used - mapping.only.keys())
+    unused = sorted({name for item in kept for name in item} - used - mapping.only.keys())
     forbidden, outside = len(kept) - len(allowed), int(np.sum(~inside))
     notes, total = [*variation.notes], len(variation.combinations)
     if len(kept) < total:
@@ -134,12 +131,37 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
         )
     if outside:
         notes.append(f"{outside} combinations lie outside the ranges of `{logical.name}`.")
-    if loose:
+    if unused:
         notes.append(
             f"Not mapped, so that {times.sum()} combinations are {len(points)} points: "
-            f"{', '.join(loose)}."
+            f"{', '.join(unused)}."
         )
     return Drawn(points, exposure=times.astype(float), notes=tuple(notes))
+
+
+def _check_names(mapping: SpaceMapping, variation: Variation, owner: str) -> None:
+    """Raise InputError where the mapping names a parameter that the variation does not have.
+
+    owner: name of the mapping in the message.
+    """
+    theirs = {name for item in variation.combinations for name in item}
+    if variation.scenario:
+        parts = variation.scenario.all("ParameterDeclarations/*")
+        theirs |= {part.parameter("name") for part in parts}
+    for name, expression in mapping.parameters.items():
+        checked_names(expression, theirs, f"`{name}` of {owner}")
+    check_known(f"parameter in [only] of {owner}:", theirs, *mapping.only)
+
+
+def _allowed(combinations: list[Combination], scenario: Node | None) -> list[Combination]:
+    """The combinations that the constraint groups of the scenario file allow.
+
+    Each also gets the declared values of all other parameters.
+    """
+    if scenario is None:
+        return combinations
+    declared = map(scenario.declared, combinations)
+    return [dict(root.values) for root, broken in declared if not broken]
 
 
 def read_mapping(path: Path, logical: LogicalScenario) -> SpaceMapping:
@@ -200,79 +222,89 @@ def read_variation(path: Path, count: int | None, seed: int) -> Variation:
 
 
 def _deterministic(distribution: Node, owner: str) -> tuple[Combination, ...]:
+    """All combinations of a deterministic variation; owner: name of its file."""
     axes = list(axes_of(distribution))
     total = math.prod(axis.count for axis in axes) if axes else 0
     if not 1 <= total <= MAX_POINTS:
         raise must_be("The combinations", owner, f"between 1 and {MAX_POINTS:,}", total)
-    # a value of an axis sets one or several parameters: (name, value) of each
+    # for each axis what each of its values assigns: one or several parameters
     assignments = [map(axis.assigned, axis.values) for axis in axes]
     combinations = itertools.product(*assignments)
     return tuple(dict(itertools.chain(*parts)) for parts in combinations)
 
 
 def _stochastic(element: Node, owner: str, count: int | None, seed: int) -> tuple[Combination, ...]:
+    """Draws of a stochastic variation; owner: name of its file."""
     runs = element.whole("numberOfTestRuns") if count is None else count
     if not 1 <= runs <= MAX_POINTS:
         within = f"within 1..{MAX_POINTS:,}, or give a `count`"
         raise element.fault(f"`numberOfTestRuns` must be {within}, got {runs}")
-    kinds = {  # their parameter -> node of its distribution
+    distributions = {
         it.parameter("parameterName"): it.only() for it in element.all("StochasticDistribution")
     }
-    if not kinds:
+    if not distributions:
         raise InputError(f"{owner} must have at least one StochasticDistribution.")
     columns = [
         _draws(kind, runs, random_stream(seed, "openscenario", owner, name))
-        for name, kind in kinds.items()
+        for name, kind in distributions.items()
     ]
-    return tuple(dict(zip(kinds, row, strict=True)) for row in zip(*columns, strict=True))
+    rows = zip(*columns, strict=True)
+    return tuple(dict(zip(distributions, row, strict=True)) for row in rows)
 
 
 def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
-    """Values of a stochastic distribution."""
-    tag = kind.tag
-    if tag == "UniformDistribution":
+    """Values (runs,) of a stochastic distribution."""
+    if kind.tag == "UniformDistribution":
         return list(stream.uniform(*range_of(kind), runs).tolist())
-    if tag in ("ProbabilityDistributionSet", "Histogram"):
-        parts = kind.all("Element") or kind.all("Bin")
-        weights = np.array([part.number("weight", 1.0) for part in parts])
-        if weights.min(initial=0.0) < 0.0 or not weights.sum() > 0.0:
-            raise kind.fault("its weights must be above 0")
-        picks = stream.choice(len(parts), runs, p=weights / weights.sum())
-        if tag != "Histogram":
-            return [plain(parts[pick].attribute("value")) for pick in picks]
-        low, high = np.array([range_of(part) for part in parts])[picks].T  # of each draw's bin
-        return list((low + stream.uniform(size=runs) * (high - low)).tolist())
-    if tag not in ("NormalDistribution", "LogNormalDistribution", "PoissonDistribution"):
+    if kind.tag in ("ProbabilityDistributionSet", "Histogram"):
+        return _weighted_draws(kind, runs, stream)
+    if kind.tag not in ("NormalDistribution", "LogNormalDistribution", "PoissonDistribution"):
         raise kind.unsupported()
     low, high = range_of(kind) if kind.find("Range") else (-math.inf, math.inf)
-    normal, variance = tag == "NormalDistribution", kind.not_negative("variance", 0.0)
-    mean = kind.number("expectedValue") if normal else kind.above_zero("expectedValue")
-    drawn = []
-    # Draw until `runs` values lie within the Range; refuse it if 1000 times `runs` draws do not
-    # suffice.
-    for _ in range(1000):
-        if normal:
-            values = stream.normal(mean, math.sqrt(variance), runs)
-        elif tag == "PoissonDistribution":
-            values = stream.poisson(mean, runs).astype(float)
-        else:  # mean and variance are those of the value, `spread` is the variance of its logarithm
-            spread = math.log1p(variance / mean**2)
-            values = stream.lognormal(math.log(mean) - spread / 2.0, math.sqrt(spread), runs)
+    drawn: list[Value] = []
+    for _ in range(_ATTEMPTS):
+        values = _unbounded_draws(kind, runs, stream)
         drawn += values[(values >= low) & (values <= high)].tolist()
         if len(drawn) >= runs:
             return drawn[:runs]
     raise kind.fault(f"its Range must have values of the distribution, got {low}..{high}")
 
 
+def _weighted_draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
+    """Values (runs,) of listed ones with weights, or within the weighted bins of a histogram."""
+    parts = kind.all("Element") or kind.all("Bin")
+    weights = np.array([part.number("weight", 1.0) for part in parts])
+    if weights.min(initial=0.0) < 0.0 or not weights.sum() > 0.0:
+        raise kind.fault("its weights must be above 0")
+    picks = stream.choice(len(parts), runs, p=weights / weights.sum())
+    if kind.tag != "Histogram":
+        return [plain(parts[pick].attribute("value")) for pick in picks]
+    low, high = np.array([range_of(part) for part in parts])[picks].T  # of each draw's bin
+    return list((low + stream.uniform(size=runs) * (high - low)).tolist())
+
+
+def _unbounded_draws(kind: Node, runs: int, stream: np.random.Generator) -> FloatArray:
+    """Values (runs,) of a normal, log-normal or Poisson distribution, whatever its Range."""
+    normal, variance = kind.tag == "NormalDistribution", kind.not_negative("variance", 0.0)
+    mean = kind.number("expectedValue") if normal else kind.above_zero("expectedValue")
+    if normal:
+        return stream.normal(mean, math.sqrt(variance), runs)
+    if kind.tag == "PoissonDistribution":
+        return stream.poisson(mean, runs).astype(float)
+    # the file has mean and variance of the value, numpy needs those of its logarithm
+    log_variance = math.log1p(variance / mean**2)
+    return stream.lognormal(math.log(mean) - log_variance / 2.0, math.sqrt(log_variance), runs)
+
+
 def _row(mapping: SpaceMapping, values: Mapping[str, Value]) -> list[float]:
     """Our parameters at a combination of theirs."""
     numbers = {
-        name: known for name, value in values.items() if (known := number_of(value)) is not None
+        name: parsed for name, value in values.items() if (parsed := number_of(value)) is not None
     }
     row = []
     for name, expression in mapping.parameters.items():
-        if lacking := expression.names - numbers.keys():
-            needed = min(lacking)
-            raise must_be(f"`{needed}`", f"the mapping of `{name}`", "a number", values[needed])
+        if not_numbers := expression.names - numbers.keys():
+            first = min(not_numbers)
+            raise must_be(f"`{first}`", f"the mapping of `{name}`", "a number", values[first])
         row.append(float(expression.value(numbers)))
     return row

@@ -2,7 +2,7 @@
 
 `logical` reads every point by `read_case`.
 
-Readings, where the standard leaves a choice or this package supports less:
+Interpretations, where the standard leaves a choice or this package supports less:
 
 - The ego belongs to the ADS from the start: its controllers and actions during the drive are
   ignored, its start is not.
@@ -77,6 +77,8 @@ class FileOptions(NamedTuple):
 class FileCase(NamedTuple):
     """The scenario at a point.
 
+    frame: the road.
+    ego: where the ego starts.
     ends: time at which the case ends at the latest, s.
     ignored: kinds of elements without a meaning here.
     ego_name: of the entity that the ADS drives, in the file.
@@ -96,7 +98,9 @@ class FileCase(NamedTuple):
 def read_case(path: Path, given: Mapping[str, Value], options: FileOptions) -> FileCase:
     """The case of a scenario file with given values of its parameters.
 
-    Its constraints are not checked here: `logical` does that where they must hold.
+    given: parameter -> value; other parameters have the value that the file declares.
+
+    The file's constraints are not checked here: `logical` checks them where they must hold.
 
     Raises InputError with file, line and element.
     """
@@ -117,13 +121,14 @@ def read_case(path: Path, given: Mapping[str, Value], options: FileOptions) -> F
 
 
 def _kinds(holder: Node) -> set[str]:
-    """Kinds of the actions in an event or an act that move an entity."""
+    """Tags of the actions in an event or an act that move an entity."""
     return {action.tag for action in holder.all(".//PrivateAction/*")}.difference(IGNORED)
 
 
 def _awaited(root: Node) -> set[str]:
-    """Names of the elements whose states a move waits for, directly or by way of other events."""
-    # for each condition on a state: the name it waits for, and the names around the condition
+    """Names of the elements whose states a move waits for, directly or through other events."""
+    # of each condition on an element's state: the name of this element, and the names of the event
+    # or act that waits for it, with those around it
     waits = []
     names = set()
     states: Any = root.element.xpath(".//StoryboardElementStateCondition")
@@ -141,7 +146,7 @@ def _awaited(root: Node) -> set[str]:
 
 
 def _names_around(element: Any) -> set[str]:
-    """The names of an element, of the elements around it and of its actions."""
+    """The names of an element, of the elements around it, and of the actions in it."""
     return set(element.xpath("ancestor-or-self::*/@name | .//Action/@name"))
 
 
@@ -156,9 +161,9 @@ def distinct(names: Iterable[str], *taken: str) -> list[str]:
 
 
 def _along_line(act: Act, ground: float) -> Act:
-    """A move with its speeds along the road's line.
+    """A move with its speeds along the road's line instead of over the ground.
 
-    ground: m that the actor drives for each metre along that line.
+    ground: metres that the actor drives over the ground for each metre along that line.
     """
     if act.kind == played.SPEED:
         return act._replace(speed=act.speed / ground, acceleration=act.acceleration / ground)
@@ -168,7 +173,10 @@ def _along_line(act: Act, ground: float) -> Act:
 
 
 def _map_of(root: Node, other: str | None) -> Path:
-    """The OpenDRIVE file: `other`, from the user, or if None, the one in the scenario file."""
+    """The OpenDRIVE file of a scenario file.
+
+    other: the user's own; None: the one that the scenario file names.
+    """
     if other is not None:
         return named_file(root, other)
     network = root.child("RoadNetwork")
@@ -183,14 +191,18 @@ def _map_of(root: Node, other: str | None) -> Path:
 
 
 class _Player:
-    """Reader of one scenario file at one point, for one use.
+    """Reader of one scenario file at one point; `scene` may be called once.
 
-    ignored: kinds of elements without a meaning here, in the order of the file.
+    root: of the file, with the parameters of the point.
+    ignored: kinds of elements without a meaning here, in the order of reading.
     distances: LongitudinalDistanceActions of Init; they place an entity once the road is known.
-    begun: actions of Init that are moves from 0 s on, with their entities.
-    ends: time of the first stop by time, s.
+    begun: actions of Init that are moves from 0 s on.
+    ends: time of the first stop by time, s; inf: the file has none.
     route_end: end of the ego's route or trajectory; None: it has neither.
-    turning: the ego's trajectory if it turns, else None.
+    turning: the ego's trajectory if it turns; None: it does not.
+
+    `scene` adds the `frame`, the `actors`, and with them `moves`, `conditions` and `awaited`, the
+    names of elements whose states a move waits for.
     """
 
     def __init__(self, root: Node, given: Mapping[str, Value], options: FileOptions) -> None:
@@ -227,8 +239,10 @@ class _Player:
         self.turning: MapPath | None = None
 
     def _only_controlled(self) -> str:
-        """`Ego`, or the only `ego` or `EGO`; without any, the only entity with a controller, or the
-        only one.
+        """Name of the entity that the ADS drives where the user names none.
+
+        It is the only one called `Ego` (in any case of letters), else the only one with a
+        controller, else the only one. Where several are possible, it is `Ego`.
         """
         egos = [name for name in self.places.entities if name.lower() == EGO.lower()]
         controlled = {
@@ -243,7 +257,7 @@ class _Player:
         return candidates.pop() if len(candidates) == 1 else EGO
 
     def scene(self) -> FileCase:
-        """The case. Each step needs the ones before it."""
+        """The case. Each of the five steps needs the results of the earlier ones."""
         # 1. starts: places and speeds on the map
         story, entities, ego = self.root.child("Storyboard"), self.places.entities, self.ego
         self._init(story.child("Init").child("Actions"))
@@ -255,13 +269,14 @@ class _Player:
             road = entity.placed().road
             self.ignored |= dict.fromkeys((*(road.left_out if road else ()), *entity.left_out))
         self.frame = frame = frame_of(ego, self.places.network, self.turning, self.route_end)
-        self.actors = actors = list[Entity]()  # filled in step 3; others share the list
+        # `moves` and `conditions` share this list, which step 3 fills
+        self.actors = actors = list[Entity]()
         self.moves = Moves(self.places, frame, ego, actors)
         for entity in entities.values():
             road = entity.placed().road
-            beside = not road or road.name != frame.road
+            elsewhere = not road or road.name != frame.road
             entity.on_map = entity is not ego and (
-                frame.turns or (beside and bool(frame.line))  # beside a curved road
+                frame.turns or (elsewhere and bool(frame.line))  # a line: the road is curved
             )
             entity.frame = framed(entity, frame)
         for distance, entity in self.distances:
@@ -281,7 +296,7 @@ class _Player:
             self.moves.begin(element, entity, Moment(0.0))
         for act in self._acts(story):
             self._act(act)
-        # 5. names as SUMO can have them: `ego` is the ADS's
+        # 5. names that SUMO accepts; `ego` is that of the ADS
         names = distinct((re.sub(r"[^\w.-]", "_", it.name) for it in actors), "ego")
         return FileCase(
             frame,
@@ -302,6 +317,7 @@ class _Player:
     # -- before the start --------------------------------------------------------------------------
 
     def _init(self, actions: Node) -> None:
+        """Carry out the actions of <Init>: places, speeds and moves at the start."""
         waiting = []
         for part in actions.children():
             inner = part.only() if part.tag == "GlobalAction" else part
@@ -314,15 +330,15 @@ class _Player:
                 waiting += [] if entity.deleted else [(action, entity)]
             else:
                 self._ignore(inner)
-        for element, entity in waiting:  # `waits`: number of its speed actions still to do
+        for element, entity in waiting:
             entity.waits += element.find("SpeedAction") is not None
         while waiting:
-            waiting = self._resolved(waiting)
+            waiting = self._do_possible(waiting)
 
-    def _resolved(self, waiting: Actions) -> Actions:
-        """Do the actions of Init that depend on no waiting one; return the rest.
+    def _do_possible(self, waiting: Actions) -> Actions:
+        """Do the actions of Init that need no unknown place or speed; return the rest.
 
-        Actions of different entities have no order between them.
+        An action may depend on one of another entity further down in the file.
         """
         rest = []
         faults = []
@@ -341,6 +357,7 @@ class _Player:
         raise rest[0][0].fault(f"the starts of {', '.join(names)} depend on each other in a circle")
 
     def _private_at_start(self, element: Node, entity: Entity) -> None:
+        """Do one action of an entity in Init. Raises UnplacedError where it must wait."""
         if element.tag in ("LongitudinalAction", "RoutingAction"):
             element = element.only()
         match element.tag:
@@ -362,8 +379,11 @@ class _Player:
                 self._ignore(element)
 
     def _speed_at_start(self, element: Node, entity: Entity) -> None:
-        """Set a first speed; a gradual change or continuous relative target is a move from 0 s."""
-        entity.waits -= 1  # or a speed relative to its own entity would wait for itself
+        """Set a speed at the start.
+
+        A gradual change, or a speed that is kept relative to another's, is a move from 0 s on.
+        """
+        entity.waits -= 1  # a speed relative to the entity's own must not wait for itself
         try:
             speed = target_speed(element, self.places)
         except UnplacedError:
@@ -378,6 +398,11 @@ class _Player:
         self.begun.append((element, entity))
 
     def _follow_from_start(self, element: Node, entity: Entity) -> None:
+        """Place an entity on the trajectory that it follows from the start.
+
+        A straight one without times only gives the path. Any other is a move of an actor from 0 s
+        on, or the path of an ego that turns.
+        """
         course = self.places.followed(element)
         begin = element.number("initialDistanceOffset", 0.0)
         first, pose = course.begin, course.at(begin, element)
@@ -420,11 +445,13 @@ class _Player:
                     self.places.referred(part).deleted = True
 
     def _act(self, act: Node) -> None:
+        """Make moves of an act's events, and let its <StopTrigger> stop them."""
         begin = self.conditions.moment(act, Moment(0.0))
-        span = self.conditions.note(act, Span(begin, NEVER))  # for its conditions; ends below
+        # conditions in the act may ask whether it runs: it is noted before its end is known
+        span = self.conditions.note(act, Span(begin, NEVER))
         before = [len(entity.acts) for entity in self.actors]
-        whole = Span.over(begin, [self._group(it, begin) for it in act.all("ManeuverGroup")])
-        span.end, span.ended = whole.end, whole.ended
+        over_groups = Span.over(begin, [self._group(it, begin) for it in act.all("ManeuverGroup")])
+        span.end, span.ended = over_groups.end, over_groups.ended
         stop = act.find("StopTrigger[ConditionGroup]")
         if not stop:
             return
@@ -441,26 +468,28 @@ class _Player:
         """Let a condition stop an act: further moves do not begin, speeds stay as they are.
 
         at: when the condition holds.
-        before: for each actor, how many moves it had before the act.
+        before: number of moves of each actor before the act.
         """
-        # appended, in postfix: and held < 0.5; held is 1 once the condition held, else 0
-        stays = *self.conditions.latch(at.program, 0.0), (played.VALUE, 0, 0, 0.5)
-        rest = (*stays, operation(played.BELOW), operation(played.AND))
+        # Appended to the program of a move, in postfix: "and has held < 0.5". `latch` gives 1 once
+        # the condition has held, else 0.
+        has_held = *self.conditions.latch(at.program, 0.0), (played.VALUE, 0, 0, 0.5)
+        and_not_held = (*has_held, operation(played.BELOW), operation(played.AND))
         for entity, count in zip(self.actors, before, strict=True):
             acts = entity.acts
             own = [k for k in range(count, len(acts)) if not changes_nothing(acts[k])]
+            # kinds up to COSINE are moves across the road
             if own and (at.time > 0.0 or any(acts[k].kind <= played.COSINE for k in own)):
-                # up to COSINE: across the road
                 raise stop.fault("an act that a condition stops is supported for changes of speed, "
                                  "without a delay")  # fmt: skip
             for k in own:
                 if not acts[k].program:
                     raise stop.fault("an act that a condition stops must begin by one as well")
-                acts[k] = acts[k]._replace(program=(*acts[k].program, *rest))
+                acts[k] = acts[k]._replace(program=(*acts[k].program, *and_not_held))
             if own:
                 acts.append(Act(played.KEEP, program=at.program))
 
     def _group(self, group: Node, begin: Moment) -> Span:
+        """Make moves of a <ManeuverGroup>; return when it runs."""
         if group.number("maximumExecutionCount", 1.0) != 1.0:
             raise group.fault("a group of manoeuvres must run once")
         actors = group.child("Actors")
@@ -473,6 +502,7 @@ class _Player:
         return self.conditions.note(group, Span.over(begin, spans))
 
     def _maneuver(self, maneuver: Node, names: list[str], begin: Moment) -> Span:
+        """Make moves of a <Maneuver>; return when it runs. names: of its group's entities."""
         running: list[tuple[Node, Span]] = []
         for event in maneuver.all("Event"):
             span = self._event(event, names, begin)
@@ -483,19 +513,21 @@ class _Player:
         return self.conditions.note(maneuver, Span.over(begin, [span for _, span in running]))
 
     def _check_priority(self, event: Node, span: Span, other: Node, running: Span) -> None:
-        """Refuse an event that would end a running move of its manoeuvre, or would be left out
-        because of it.
+        """Refuse an event whose priority would end a running move of its manoeuvre, or would leave
+        out the event itself.
 
+        span: when the event runs.
         other, running: another event of the manoeuvre, and when it runs.
         """
         priority = event.text("priority")
         skips, kinds, others = priority == "skip", _kinds(event), _kinds(other)
-        # supported: parallel events, and to overwrite a move by one of the same kinds
+        # supported: parallel events, and an event that overwrites a move of the same kinds
         if not (kinds and others) or (not skips and (priority == "parallel" or kinds == others)):
             return
-        # two speed changes, one with a condition, may overlap: `played` too ends the earlier one
+        # Two changes of speed of which one begins by a condition may overlap: as in the standard,
+        # `played` then ends the earlier one. All other pairs must not overlap.
         apart = skips or "LateralAction" in others or (span.begin.known and running.begin.known)
-        # other pairs: `other` begins later, or ends before this event begins
+        # apart: `other` begins after this event begins, or ends before
         if apart and not (
             self.moves.follows(running.begin, replace(span, end=span.begin.time))
             or self.moves.follows(span.begin, running)
@@ -508,8 +540,8 @@ class _Player:
     def _event(self, event: Node, names: list[str], begin: Moment) -> Span:
         """Make moves of an event's actions; return when it runs.
 
-        Without an action that has a meaning here, and without a condition that waits for it, it
-        counts as done at `begin`: its own trigger is not read.
+        An event counts as done at `begin`, and its own trigger is not read, if none of its actions
+        has a meaning here and no condition waits for it.
         """
         event.one_of("priority", ("overwrite", "override", "parallel", "skip"))
         actions = [(action, action.only()) for action in event.all("Action")]
@@ -533,13 +565,15 @@ class _Player:
                 span = Span.over(spans[0].begin, spans) if spans else Span(begin, NEVER)
             parts.append(self.conditions.note(action, span))
         span = self.conditions.note(event, Span.over(begin, parts))
-        # ends as it begins, by a condition
+        # an event that takes no time and begins by a condition: it ends as this condition holds
         if awaited and begin.program and span.end < NEVER and not span.ended:
             return replace(span, ended=self.conditions.latch(begin.program, begin.time))
         return span
 
     def _idle(self, action: Node, names: list[str]) -> bool:
-        """Whether an action has no meaning here; if so, note it. Refuses a move of the ego."""
+        """Whether an action has no meaning here; such an action is noted. A move of the ego is
+        refused.
+        """
         inner = action if action.tag == "UserDefinedAction" else action.only()
         if action.tag == "PrivateAction" and inner.tag not in IGNORED:
             if self.ego.name in names:
@@ -556,6 +590,7 @@ class _Player:
     # -- the result --------------------------------------------------------------------------------
 
     def _actor(self, name: str, entity: Entity) -> Actor:
+        """An entity as an actor of the concrete scenario."""
         frame, acts = entity.frame, list(entity.acts)
         spot = entity.placed()
         follows = spot.way and not entity.path and (entity.speed or acts)
@@ -563,7 +598,7 @@ class _Player:
             raise entity.element.fault(
                 "it must not drive along a curved road that is not the ego's"
             )
-        # of an actor on the ego's road, `scenario.file.leaving` reports it
+        # on the ego's road, `scenario.file.leaving` reports an actor that leaves it
         elsewhere = spot.road and spot.road.name != self.frame.road
         if elsewhere and not entity.path and self._farthest(entity) > spot.room:
             self.ignored[f"the end of the road of `{entity.name}`"] = None
@@ -573,9 +608,9 @@ class _Player:
         acts = [_along_line(act, ground) for act in acts]
         width = self.frame.lane_width
         on_lanes = -0.5 * width <= frame.y <= width * (self.frame.lanes - 0.5)
-        # off the lanes, at an angle or on the map, the script must move it and not SUMO
-        plain = not map_pose and heading == 0.0 and on_lanes
-        if not plain and all(act.timed for act in acts):
+        # off the lanes, at an angle or on the map, its script must move it instead of SUMO
+        by_sumo = not map_pose and heading == 0.0 and on_lanes
+        if not by_sumo and all(act.timed for act in acts):
             acts.append(keeps_on(acts))
         return Actor(
             name, Start(frame.x, frame.y, entity.speed / ground), tuple(acts), entity.length,
@@ -584,7 +619,7 @@ class _Player:
         )  # fmt: skip
 
     def _farthest(self, entity: Entity) -> float:
-        """Distance that an entity drives at most, m; a guess where its speed depends on others."""
+        """Distance that an entity drives at most, m; not exact where it follows another's speed."""
         speeds = [entity.speed, *(act.speed for act in entity.acts)]
         speeds += (speed for act in entity.acts for _, speed in act.table)
         return max(speeds) * self.limit

@@ -25,9 +25,10 @@ from sumo_eval.text import point_words
 
 Table = dict[str, Any]
 """A table of a scenario file."""
-# the words of scenario files for the operations of programs
-_OF_ONE = {op: name for name, op in OF_ONE.items()}  # of a participant
-_OF_TWO = {op: name for name, op in OF_TWO.items()}  # of two participants
+# Operation of a program -> its word in scenario files: of a participant, of two participants,
+_OF_ONE = {op: name for name, op in OF_ONE.items()}
+_OF_TWO = {op: name for name, op in OF_TWO.items()}
+# between two values, of one value, and of two values in brackets.
 _JOINED = {
     played.ADD: "+", played.SUBTRACT: "-", played.MULTIPLY: "*", played.DIVIDE: "/",
     played.BELOW: "<", played.AT_MOST: "<=", played.AND: "and", played.OR: "or",
@@ -114,8 +115,9 @@ def _names(actors: Sequence[Actor]) -> list[str]:
 
 
 def _road(road: Road) -> Table:
+    """The table of a road."""
     name = road.name
-    # without the ending for the curves, in either form: reading the scenario file adds it again
+    # without the ending for its curves, in both forms: reading the scenario file adds it again
     for named in (False, True):
         name = name.removesuffix(bend_name(road.line, named=named))
     return {
@@ -125,14 +127,16 @@ def _road(road: Road) -> Table:
 
 
 def _piece(piece: Piece) -> dict[str, float]:
+    """The table of a piece of a road's line: its length, and the radii of its ends where curved."""
     keys = ("radius",) if piece.begin == piece.end else ("begin_radius", "end_radius")
-    # 1/m; of a constant curvature only the first
-    curvatures = zip(keys, (piece.begin, piece.end), strict=False)
-    # a straight end has no radius
-    return {"length": piece.length} | {key: 1.0 / value for key, value in curvatures if value}
+    # curvatures, 1/m; one key takes only the first
+    ends = zip(keys, (piece.begin, piece.end), strict=False)
+    # an end with the curvature 0 is straight and has no radius
+    return {"length": piece.length} | {key: 1.0 / curvature for key, curvature in ends if curvature}
 
 
 def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> Table:
+    """The table of an actor; names: of all actors, for conditions."""
     x, y, heading = actor.on_map or (actor.start.x, actor.start.y, actor.heading)
     table = {
         "name": name, "speed": actor.start.speed, "x": x, "y": y, "body": actor.body,
@@ -148,6 +152,7 @@ def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> Table:
 
 
 def _act(act: played.Act, name: str, names: Sequence[str]) -> Table:
+    """The table of a move; names: of all actors, for its condition."""
     table = {"name": name, "begin": act.begin}
     if act.program:
         table["when"] = condition_text(act.program, names)
