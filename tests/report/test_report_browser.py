@@ -249,24 +249,39 @@ def test_play_at_a_contact_begins_at_the_start(opened):
 
 
 @needs_chromium
-def test_picture_of_a_contact_names_both_bodies(opened):
-    """The contact may be up to half a millisecond after the last sample of the struck body."""
-    names = opened.run("""(() => {
-        const drive = (x) => ({ time: [0, 1], x: [x, x + 9], y: [0, 0], heading: [0, 0],
-            speed: [9, 9], acceleration: [0, 0], steering_wheel_angle: [0, 0], length: 4, width: 2 });
-        const contact = { time: 1.0004, last: 0.2, other: "lead", side: "front", speed: 9 };
-        const road = { end: 100, left: 5, right: -2, lanes: 2, laneWidth: 3.5, crossings: [],
-            solid: [], gone: [], line: [] };
+@pytest.mark.parametrize("curvature", [0.0, 0.01])
+def test_names_in_the_picture_of_a_contact_are_whole(opened, curvature):
+    """The contact may be up to half a millisecond after the last sample of the struck body. Names
+    are inside the picture and apart, also where its left edge is near.
+    """
+    line = [[0.0, 0.0, 0.0, 0.0, curvature, 0.0]] if curvature else []
+    names = opened.run(f"""(() => {{
+        const drive = (x, length) => ({{ time: [0, 1], x: [x, x + 19], y: [0, 0], heading: [0, 0],
+            speed: [19, 19], acceleration: [0, 0], steering_wheel_angle: [0, 0], length, width: 2 }});
+        const contact = {{ time: 1.0004, last: 0, other: "adult", side: "front", speed: 19 }};
+        const road = {{ end: 100, left: 5, right: -2, lanes: 2, laneWidth: 3.5, crossings: [],
+            solid: [], gone: [], line: {json.dumps(line)} }};
         const canvas = document.body.appendChild(document.createElement("canvas"));
         const sheet = CanvasRenderingContext2D.prototype, write = sheet.fillText, names = [];
-        sheet.fillText = function (words) { names.push(`${words}, ${this.textAlign}`); };
-        sumoReplay.moment(canvas, { road, bodies: {}, ghosts: [] },
-            { ego: drive(0), actors: [["lead", drive(4)]], contact }, "#000", contact.time);
+        canvas.style = "width: 330px; height: 96px";
+        sheet.fillText = function (words, x, y) {{
+            const half = this.measureText(words).width / 2;
+            names.push([words, x - half, x + half, y, this.textAlign]);
+        }};
+        sumoReplay.moment(canvas, {{ road, bodies: {{}}, ghosts: [] }},
+            {{ ego: drive(0, 4), actors: [["adult", drive(3, 0.5)]], contact }}, "#000", contact.time);
         sheet.fillText = write;
         canvas.remove();
-        return names;
-    })()""")
-    assert {"ego, center", "lead, center"} <= set(names)
+        return names.filter(([words]) => !words.endsWith(" m"));
+    }})()""")
+    drawn_names = (
+        {"last moment to brake"} if curvature else {"ego", "adult", "last moment to brake"}
+    )
+    assert {words for words, *_ in names} == drawn_names
+    for words, left, right, y, align in names:
+        assert (align, left >= 0.0, right <= 330.0, 9.0 <= y <= 96.0) == ("center", *3 * [True])
+        others = [other for other in names if other[0] != words]
+        assert all(right < a or left > b or abs(y - c) >= 10.0 for _, a, b, c, _ in others)
 
 
 @needs_chromium

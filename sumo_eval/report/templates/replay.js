@@ -6,8 +6,8 @@ const sumoReplay = (() => {
   const MS = 1e-3; // s, to which recorded times are rounded
   const TOUCH = 1e-3; // m; the same as in sumo_eval/method/measures.py
   const COLOURS = { views: ["#0072b2", "#8a3d74"], ghost: "#8593a3", actor: "#b26a00", contact: "#c62828" };
-  const LIGHT = { ink: "#1b1f24", muted: "#57606a", hair: "#e6eaee", ground: "#f5f7f9", road: "#d9dde1", lines: COLOURS.views };
-  const DARK = { ink: "#e6eaee", muted: "#a3adb8", hair: "#2a323a", ground: "#12161a", road: "#2c343d", lines: ["#3d9ad6", "#d48cc0"] };
+  const LIGHT = { ink: "#1b1f24", muted: "#57606a", hair: "#e6eaee", ground: "#f5f7f9", road: "#d9dde1", lines: COLOURS.views, contact: COLOURS.contact };
+  const DARK = { ink: "#e6eaee", muted: "#a3adb8", hair: "#2a323a", ground: "#12161a", road: "#2c343d", lines: ["#3d9ad6", "#d48cc0"], contact: "#ff7b72" };
   let paper = LIGHT; // what is drawn on: that of the page, and white where it is printed
   let printing = false;
   for (const name of ["beforeprint", "afterprint"]) globalThis.window?.addEventListener(name, () => { printing = name === "beforeprint"; });
@@ -198,7 +198,7 @@ const sumoReplay = (() => {
     if (!sheet) return;
     const { context, width, height } = sheet, { road } = scene;
     const scale = Math.min(height / (road.left - road.right + 24), 9, span ? width / (span[1] - span[0]) : 9);
-    const s = span ? (span[0] + span[1]) / 2 : at(view.ego, "x", time), share = span ? 0.5 : 0.3;
+    const s = span ? (span[0] + span[1]) / 2 : at(view.ego, "x", time), share = span ? 0.5 : shareBehind(view, time, width / scale);
     const [x0, y0, level] = onMap(road, s, (road.left + road.right) / 2);
     const [c, n] = [Math.cos(level), Math.sin(level)];
     const px = ([x, y]) => [
@@ -258,9 +258,10 @@ const sumoReplay = (() => {
     }
     const car = (t, fill, hollow) => drawBody(context, mapped(road, t), time, px, fill, hollow);
     for (const ghost of scene.ghosts) if (time <= duration(ghost)) car(ghost, COLOURS.ghost, true);
-    for (const [name, actor] of present(view, time)) car(actor, touching(view, time) && name === view.contact.other ? COLOURS.contact : COLOURS.actor, false);
-    lastBody(context, view, mapped(road, view.ego), px);
-    car(view.ego, touching(view, time) ? COLOURS.contact : colour, false);
+    for (const [name, actor] of present(view, time)) car(actor, touching(view, time) && name === view.contact.other ? paper.contact : COLOURS.actor, false);
+    const corners_ = lastBody(context, view, mapped(road, view.ego), px);
+    car(view.ego, touching(view, time) ? paper.contact : colour, false);
+    lastWords(context, corners_, namer(context, width));
   }
 
   /** The roads that cross, each as a ring along and across this one; along a bend they keep their width at its line. */
@@ -315,23 +316,67 @@ const sumoReplay = (() => {
   /** The last moment at which full braking avoids the contact of a view, s; null where there is none. */
   const lastMoment = (view) => view.contact?.last ?? null;
 
-  /** A broken outline of the ego, of trajectory `t`, at its last moment to brake. */
+  /** Share of a sheet's width behind the ego. Once the last moment to brake is over, the sheet shows where the ego was then.
+   *  metres: of road along the sheet. */
+  function shareBehind(view, time, metres) {
+    const last = lastMoment(view), { ego } = view;
+    if (last === null || time < last) return 0.3;
+    const driven = at(ego, "x", time) - at(ego, "x", last);
+    return Math.min(0.7, Math.max(0.3, (driven + ego.length / 2 + 1) / metres)); // 1 m to the edge of the sheet
+  }
+
+  /** A broken outline of the ego, of trajectory `t`, at its last moment to brake. Returns its corners on the sheet, px; none
+   *  without such a moment. */
   function lastBody(context, view, t, px) {
     const last = lastMoment(view);
-    if (last === null) return;
+    if (last === null) return [];
     const places = corners(t, last).map(px);
     outline(context, places);
-    context.fillStyle = COLOURS.contact;
-    context.font = `10px ${FONT}`;
-    const [rear, above] = [0, 1].map((axis) => Math.min(...places.map((place) => place[axis]))), behind = rear >= 113;
-    context.textAlign = behind ? "right" : "left"; // behind the ego or above it, where no vehicle covers the words
-    context.fillText("last moment to brake", behind ? rear - 5 : 2, behind ? places.reduce((sum, [, y]) => sum + y, 0) / 4 + 3 : above - 4);
-    context.textAlign = "center"; // as of the names that follow
     context.setLineDash([4, 3]);
     context.lineWidth = 2;
-    context.strokeStyle = COLOURS.contact;
+    context.strokeStyle = paper.contact;
     context.stroke();
     context.setLineDash([]);
+    return places;
+  }
+
+  /** Names the outline with these corners: behind it, or above it where there is no room. */
+  function lastWords(context, places, names) {
+    if (!places.length) return;
+    const words = "last moment to brake", half = names.halfOf(words);
+    const [xs, ys] = [0, 1].map((axis) => places.map((place) => place[axis]));
+    const [rear, front] = [Math.min(...xs), Math.max(...xs)], middle = ys.reduce((sum, y) => sum + y, 0) / ys.length;
+    if (rear - 5 - 2 * half >= 0) names.write(words, rear - 5 - half, middle + 3, paper.contact);
+    else names.write(words, (rear + front) / 2, Math.min(...ys) - 4, paper.contact);
+  }
+
+  /** Writes names on a sheet, each on paper of its own, inside the sheet and above the names and bodies that it would cover. */
+  function namer(context, width) {
+    const taken = []; // boxes [left, right, top, bottom], px
+    /** Half the width of a name on its paper, px. */
+    const halfOf = (words) => {
+      context.font = `600 10px ${FONT}`;
+      return context.measureText(words).width / 2 + 2;
+    };
+    /** centre, base: of the words, px, where they cover nothing. */
+    function write(words, centre, base, ink) {
+      const half = halfOf(words), x = Math.max(half, Math.min(centre, width - half));
+      const boxAt = (y) => [x - half, x + half, y - 9, y + 3];
+      let y = base, covered;
+      const covers = ([left, right, top, bottom]) => {
+        const own = boxAt(y);
+        return own[0] < right && own[1] > left && own[2] < bottom && own[3] > top;
+      };
+      while ((covered = taken.find(covers))) y = covered[2] - 4;
+      const [left, right, top, bottom] = boxAt(Math.max(y, 9));
+      taken.push([left, right, top, bottom]);
+      context.fillStyle = paper.ground;
+      context.fillRect(left, top, right - left, bottom - top);
+      context.fillStyle = ink;
+      context.textAlign = "center";
+      context.fillText(words, x, bottom - 3);
+    }
+    return { halfOf, write, keepFree: (box) => taken.push(box) };
   }
 
   // --- from above ----------------------------------------------------------------------------------------------------
@@ -384,7 +429,7 @@ const sumoReplay = (() => {
     const strip = 24; // px below the road for the scale
     const [low, high] = roomOf(road, view);
     const scale = Math.min((height - strip - 8) / (high - low), 11, span ? width / (span[1] - span[0]) : 11);
-    const left = span ? (span[0] + span[1] - width / scale) / 2 : at(view.ego, "x", time) - 0.3 * width / scale;
+    const left = span ? (span[0] + span[1] - width / scale) / 2 : at(view.ego, "x", time) - shareBehind(view, time, width / scale) * width / scale;
     const above = span ? (height - strip - (high - low) * scale) / 2 : 6;
     const px = (x) => (x - left) * scale, py = (y) => above + (high - y) * scale;
     context.fillStyle = paper.ground;
@@ -423,32 +468,34 @@ const sumoReplay = (() => {
       context.fillRect(px(x), py(low) + 3, 1, 4);
       if (px(x) >= half && px(x) <= width - half) context.fillText(words, px(x), py(low) + 18);
     }
-    const car = (t, fill, label) => {
-      context.font = `600 10px ${FONT}`;
-      const inside = label && context.measureText(label).width <= t.length * scale - 6 && t.width * scale >= 12;
-      drawBody(context, t, time, ([x, y]) => [px(x), py(y)], fill, label === null, inside);
-      if (!label) return;
-      // A name that does not fit on the body stands above it, on paper of its own where lines of the road go by.
-      const [x, y, half] = [px(at(t, "x", time)), py(at(t, "y", time)), context.measureText(label).width / 2];
-      const place = Math.min(Math.max(x, half + 2), width - half - 2), over = y - t.width * scale / 2 - 4;
-      if (!inside) {
-        if (x + half < 0 || x - half > width) return;
-        context.fillStyle = paper.ground;
-        context.fillRect(place - half - 2, over - 9, 2 * half + 4, 12);
-      }
-      context.fillStyle = inside ? "#fff" : paper.ink;
-      context.fillText(label, inside ? x : place, inside ? y + 3.5 : over);
-    };
-    for (const ghost of scene.ghosts) if (time <= duration(ghost)) car(ghost, COLOURS.ghost, null);
-    for (const [name, actor] of present(view, time)) car(actor, COLOURS.actor, name);
-    lastBody(context, view, view.ego, ([x, y]) => [px(x), py(y)]);
-    car(view.ego, colour, "ego");
+    const names = namer(context, width), onSheet = ([x, y]) => [px(x), py(y)];
+    const isWide = (t, name) => 2 * names.halfOf(name) <= t.length * scale - 2 && t.width * scale >= 12;
+    const body = (t, fill, name) => drawBody(context, t, time, onSheet, fill, name === null, name !== null && isWide(t, name));
+    const vehicles = [["ego", view.ego], ...present(view, time)];
+    for (const ghost of scene.ghosts) if (time <= duration(ghost)) body(ghost, COLOURS.ghost, null);
+    for (const [name, actor] of vehicles.slice(1)) body(actor, COLOURS.actor, name);
+    const places = lastBody(context, view, view.ego, onSheet);
+    body(view.ego, colour, "ego");
+    // Names come after the bodies, which would cover them. First those that stand on a body, then those above one.
+    const [on, over] = [true, false].map((wide) => vehicles.filter(([name, t]) => isWide(t, name) === wide));
+    context.textAlign = "center";
+    context.fillStyle = "#fff";
+    for (const [name, t] of on) {
+      const half = names.halfOf(name), [x, y] = onSheet([at(t, "x", time), at(t, "y", time)]), side = t.width * scale / 2;
+      context.fillText(name, x, y + 3.5);
+      names.keepFree([x - half, x + half, y - side, y + side]);
+    }
+    for (const [name, t] of over) {
+      const half = names.halfOf(name), [x, y] = onSheet([at(t, "x", time), at(t, "y", time)]);
+      if (x + half >= 0 && x - half <= width) names.write(name, x, y - t.width * scale / 2 - 4, paper.ink);
+    }
+    lastWords(context, places, names);
     if (!touching(view, time)) return;
     const hit = view.actors.find(([name]) => name === view.contact.other);
     for (const t of [view.ego, ...(hit ? [hit[1]] : [])]) {
       outline(context, corners(t, time).map(([x, y]) => [px(x), py(y)]));
       context.lineWidth = 3;
-      context.strokeStyle = COLOURS.contact;
+      context.strokeStyle = paper.contact;
       context.stroke();
     }
   }
@@ -727,7 +774,7 @@ const sumoReplay = (() => {
       context.stroke();
       context.setLineDash([]);
       if (!contact) return;
-      context.fillStyle = context.strokeStyle = COLOURS.contact;
+      context.fillStyle = context.strokeStyle = paper.contact;
       context.fillRect(px(contact.time) - 1, top, 2, bottom - top);
       const last = lastMoment(scene.views[which]);
       if (last === null) return;
