@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from sumo_eval.report.page import write_csv
-from sumo_eval.report.study_page import write_study
+from sumo_eval.report.study_page import Table, write_study
 from sumo_eval.report.words import count
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
@@ -36,10 +36,11 @@ def write_points(
             "out. A larger mark occurs more often."
         ],
         figures={title: picture(logical, points)},
-        rows=[
+        data=Table(
             [*(item.title for item in logical.parameters), "exposure"],
-            *([f"{value:g}" for value in row] for row in rows),
-        ],
+            [[f"{value:g}" for value in row] for row in rows],
+            table.name,
+        ),
         least_width=330 * max(1, len(logical.parameters) - 1),
     )
     return table, page

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from sumo_eval.report.page import packed, template, write_page
 from sumo_eval.report.words import count
 
-MOST_ROWS = 400  # of the table of `write_study`; the files beside the page have all rows
+MOST_ROWS = 400  # that `write_study` shows where a file beside the page has all rows
 
 
 class Text(NamedTuple):
@@ -26,10 +26,14 @@ class Text(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A table, cells as text."""
+    """A table, cells as text.
+
+    file: name of the file beside the page that has all rows, too; "": there is none.
+    """
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
+    file: str = ""
 
     @property
     def numbers(self) -> tuple[bool, ...]:
@@ -104,14 +108,14 @@ def write_study(
     title: str,
     sentences: Sequence[str],
     figures: Mapping[str, Any],
-    rows: Sequence[Sequence[str]] = (),
+    data: Table | None = None,
     least_width: int = 640,
 ) -> Path:
     """Write a page of charts and their table, and return its path.
 
     kicker, sentences: as of `write_parts`.
     figures: plotly figures by title; their margins and legends change.
-    rows: of the table below them, the header first.
+    data: the table below them. Of a long one with a file, the page has the first rows only.
     least_width: of each chart, px.
     """
     for figure in figures.values():
@@ -120,12 +124,12 @@ def write_study(
             legend={"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "top", "yref": "container"},
         )
     parts: list[Piece] = [Chart(*item, least_width) for item in figures.items()]
-    if rows:
-        header, *rows = rows
-        about = count(len(rows), "row")
-        if len(rows) > MOST_ROWS:
-            about += f", the first {MOST_ROWS} here; the files beside this page have all"
-        parts.append(Fold("Table", about, (Table(header, rows[:MOST_ROWS]),)))
+    if data is not None:
+        about = count(len(data.rows), "row")
+        if data.file and len(data.rows) > MOST_ROWS:
+            about += f", the first {MOST_ROWS} here; {data.file} beside this page has all"
+            data = data._replace(rows=data.rows[:MOST_ROWS])
+        parts.append(Fold("Table", about, (data,)))
     return write_parts(path, kicker=kicker, title=title, sentences=sentences, parts=parts)
 
 

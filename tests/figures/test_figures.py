@@ -129,6 +129,11 @@ def test_fields_of_egos_that_stand_or_turn_are_drawn(done, monkeypatch, speed, l
     assert draw(done, "field").axes[0].collections
 
 
+def test_fields_stand_under_the_names_of_ads_and_driver(done):
+    axes = draw(done, "field", ads="no_reaction").axes
+    assert [ax.get_title() for ax in axes[:2]] == ["no_reaction", "driver_00"]
+
+
 def test_an_ads_without_an_outcome_has_no_boundary(done):
     first = done.ads_names[0]
     cases = [replace(it, status="sim_error") if it.ads == first else it for it in done.cases]

@@ -6,6 +6,7 @@ import pytest
 from browser import Page, needs_chromium
 
 from sumo_eval.report.study_page import (
+    MOST_ROWS,
     Chart,
     Fold,
     Table,
@@ -42,8 +43,19 @@ def test_a_column_is_one_of_numbers_when_all_its_cells_are(tmp_path, monkeypatch
 def test_a_table_of_one_row_has_one_row_and_not_rows(tmp_path):
     common = {"kicker": "k", "title": "t", "sentences": [], "figures": {}}
     for rows, words in (([["1"]], "1 row<"), ([["1"], ["2"]], "2 rows<")):
-        page = write_study(tmp_path / "page.html", **common, rows=[["a"], *rows])
+        page = write_study(tmp_path / "page.html", **common, data=Table(["a"], rows))
         assert words in page.read_text()
+
+
+@pytest.mark.parametrize("file, shown", [("all.csv", MOST_ROWS), ("", MOST_ROWS + 1)])
+def test_long_table_names_only_a_file_that_has_its_rows(tmp_path, file, shown):
+    data = Table(["a"], [["x"]] * (MOST_ROWS + 1), file)
+    common = {"kicker": "k", "title": "t", "sentences": [], "figures": {}}
+    page = write_study(tmp_path / "page.html", **common, data=data).read_text()
+    assert page.count('<th scope="row">x') == shown
+    assert (
+        ("beside this page" in page) == ("all.csv beside this page has all" in page) == bool(file)
+    )
 
 
 @pytest.mark.campaign

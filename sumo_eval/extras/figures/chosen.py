@@ -40,7 +40,7 @@ class DrivenPoint:
     @property
     def title(self) -> str:
         """Words above a figure of the drives."""
-        return f"{self.scenario.replace('_', ' ')}: {self.words}"
+        return f"{self.scenario}: {self.words}"
 
 
 class FigureRequest(NamedTuple):

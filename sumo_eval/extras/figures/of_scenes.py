@@ -81,7 +81,7 @@ def zone_map(request: FigureRequest) -> Figure:
     panels, learnt_maps = zip(*_map_panels(zones, view, cases, outcomes), strict=True)
 
     columns = min(len(panels), MOST_COLUMNS if request.width == "page" else 2)
-    title = f"{ads} in {label(scenario)}" + (f"\n{note}" if note else "")
+    title = f"{ads} in {scenario}" + (f"\n{note}" if note else "")
     figure = on_paper(panels, request.width, 0.9, columns, title)
     # the figure has more axes than maps where its last row is not full
     for ax, learnt_map in zip(figure.axes, learnt_maps, strict=False):
@@ -194,7 +194,7 @@ def boundary(request: FigureRequest) -> Figure:
         marks, "criticality y of the concrete scenario (0: the boundary, above: safe)",
         "share of its collisions so far", range_=(-1.0, 1.0)
     )  # fmt: skip
-    figure = on_paper([panel], request.width, 0.52, words=label(scenario))
+    figure = on_paper([panel], request.width, 0.52, words=scenario)
     for begin, colour in ((-1.0, HAZARDOUS), (0.0, SAFE)):
         figure.axes[0].axvspan(begin, begin + 1.0, color=colour, linewidth=0)
     return figure
@@ -237,7 +237,7 @@ def field(request: FigureRequest) -> Figure:
             )  # fmt: skip
             ax.plot(*map_places(scene.line, drive.x, drive.y)[:2], color="white", linewidth=0.8)
             ax.set(
-                title=label(name), ylabel=label("y", "m"), xlim=(east.min(), east.max()),
+                title=name, ylabel=label("y", "m"), xlim=(east.min(), east.max()),
                 ylim=(north.min(), north.max()),
                 aspect="equal" if scene.line else "auto"  # a curve keeps its shape
             )  # fmt: skip

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sumo_eval.extras.figures.chosen import FigureRequest
-from sumo_eval.extras.figures.style import label, look_of, new_figure, on_paper, styled
+from sumo_eval.extras.figures.style import look_of, new_figure, on_paper, styled
 from sumo_eval.extras.panels import FAINT, MUTED, Marks, Panel
 from sumo_eval.groups import grouped
 from sumo_eval.results import ScenarioResult
@@ -60,7 +60,7 @@ def _severity_panel(request: FigureRequest, scenario: str) -> Panel:
         marks.append(Marks(ads, pairs[:, 0], pairs[:, 1], colour, marker=marker))
     if most:
         marks.insert(0, Marks("", [0.0, most], [0.0, most], MUTED, "-"))
-    title = label(scenario) + ("" if most else ": no collision")
+    title = scenario if most else f"{scenario}: no collision"
     return Panel(marks, "U of the ideal vehicle", "U of the ADS", title)
 
 
@@ -100,7 +100,7 @@ def _name_lines(ax: Axes, scores: Sequence[ScenarioResult]) -> None:
     """Label the y axis with ADS and scenario of each score; line 0 is the uppermost."""
     ax.set_ylim(len(scores) - 0.5, -0.5)
     ax.tick_params(axis="y", length=0)
-    names = [f"{score.ads}, {label(score.scenario)}" for score in scores]
+    names = [f"{score.ads}, {score.scenario}" for score in scores]
     ax.set_yticks(range(len(scores)), names, fontsize=5.5, parse_math=False)
 
 

@@ -72,7 +72,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
     panels[-1] = replace(panels[-1], x="night (grey: one that failed)")
 
     height = 0.35 if width == "column" else 0.17  # of a panel, as a share of its width
-    figure = on_paper(panels, width, height, words=chosen.replace("_", " "))
+    figure = on_paper(panels, width, height, words=chosen)
     dates = [night.night[:10] for night in nights]
     for ax in figure.axes:
         ax.set_xticks(range(len(nights)), dates, rotation=45, ha="right")

@@ -168,6 +168,6 @@ def look_of(ads: str, names: Sequence[str]) -> tuple[str, str, Any]:
 
 
 def label(name: str, unit: str = "") -> str:
-    """An axis label, as `gap (m)`."""
+    """Axis label of a parameter or quantity, as `ego speed (m/s)`."""
     words = name.replace("_", " ")
     return f"{words} ({unit})" if unit else words

@@ -13,7 +13,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.extras.panels import LOOKS, Marks, Panel, on_page
 from sumo_eval.record.run_folder import FACTS, resolved_run
 from sumo_eval.record.store import EGO, open_store
-from sumo_eval.report.study_page import write_study
+from sumo_eval.report.study_page import Table, write_study
 from sumo_eval.scenario.concrete import departures
 from sumo_eval.text import point_words
 from sumo_eval.trajectory import FloatArray
@@ -119,6 +119,7 @@ def write_departures(run: Path, path: Path) -> list[str]:
     )
     write_study(
         path, kicker=run.name, title=title, sentences=sentences,
-        figures={title: on_page([panel], 1, 520)}, rows=[HEAD, *map(SceneDrive.cells, drives)],
+        figures={title: on_page([panel], 1, 520)},
+        data=Table(HEAD, [*map(SceneDrive.cells, drives)]),
     )  # fmt: skip
     return [*map(SceneDrive.sentence, drives), note]

@@ -14,7 +14,7 @@ from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.studies.boundary import FailureBoundary
 from sumo_eval.input_file import taking_apart
 from sumo_eval.report.page import Json, write_csv, write_json
-from sumo_eval.report.study_page import write_study
+from sumo_eval.report.study_page import Table, write_study
 from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.text import point_words
@@ -83,7 +83,9 @@ def write_boundary(boundary: FailureBoundary, content: Json, folder: Path) -> tu
         title=title,
         sentences=[*sentences(content), "The line is where both outcomes are equally likely."],
         figures={title: on_page(panels, len(panels), 560)},  # in one row, 560 px high
-        rows=[[*names, "collided"], *([f"{value:g}" for value in row] for row in trials)],
+        data=Table(
+            [*names, "collided"], [[f"{value:g}" for value in row] for row in trials], TRIALS
+        ),
         least_width=MAP_WIDTH * len(panels) if len(panels) > 1 else 300,  # px
     )
     return tuple(folder / name for name in (TRIALS, SUMMARY, PAGE, CHANCES))
@@ -180,7 +182,7 @@ def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
             _edge_panel(rows, trials[nearest == number], items, labels)
             for number, rows in enumerate(maps)
         ]
-        return f"{content['scenario'].replace('_', ' ')}: where {content['ads']} collides", panels
+        return f"{content['scenario']}: where {content['ads']} collides", panels
 
 
 def _edge_panel(

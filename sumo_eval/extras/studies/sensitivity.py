@@ -22,7 +22,7 @@ from sumo_eval.extras.panels import LOOKS, Marks, Panel, on_page
 from sumo_eval.groups import grouped
 from sumo_eval.method.score_terms import ordering_score, paper_score
 from sumo_eval.report.page import write_csv
-from sumo_eval.report.study_page import write_study
+from sumo_eval.report.study_page import Table, write_study
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.checked import hints_of
@@ -212,7 +212,10 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
     """Write a page with three charts for each scenario: the totals, D and H.
 
     A chart has a panel for each score and constant, with the score of every ADS over its value.
+
+    path: of the page; in the same folder is the file of `write_rows`, with the ending `.csv`.
     """
+    header, *cells = _table(rows)
     both = dict.fromkeys(_TOTALS, " and ".join(_TOTALS))  # in one chart
     charts = grouped((f"{row.scenario}: {both.get(row.index, row.index)}", row) for row in rows)
     write_study(
@@ -224,7 +227,7 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
             "them is better."
         ],
         figures={caption: _chart(chart) for caption, chart in charts.items()},
-        rows=_table(rows),
+        data=Table(header, cells, path.with_suffix(".csv").name),
         least_width=_PANEL_WIDTH * _PANELS_ACROSS,
     )
 

@@ -1099,7 +1099,7 @@
     const shows = (one) => sumoMaps.shows(scenario, view, [null], 0, one);
     plot.classList.toggle("strip", view.y === null);
     const where = held.map((k) => `${sumoMaps.words(scenario.parameters[k].name)} = ${Number(item.values[k].toPrecision(4))} ${scenario.parameters[k].unit}`).join(", ");
-    mapFigure.querySelector("figcaption").textContent = `${item.ads} in ${sumoMaps.words(scenario.name)}${where ? `, at ${where}` : ""}`;
+    mapFigure.querySelector("figcaption").textContent = `${item.ads} in ${scenario.name}${where ? `, at ${where}` : ""}`;
     const faint = (one) => (one.outcome === "collision" || one.outcome === "off road") && !(one.ads === item.ads && shows(one));
     const others = () => markers(scenario, view, null, faint).map((trace) => ({ ...trace, marker: { ...trace.marker, opacity: 0.5 } }));
     mapFigure.querySelector(".small").hidden = !scenario.cases.some(faint);
