@@ -27,7 +27,7 @@ from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command, EgoState
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
-from sumo_eval.kernels import Records, bound
+from sumo_eval.kernels import bound
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import EndReason, FloatArray, IntArray
 
@@ -212,20 +212,19 @@ class Rules(EgoControl):
             self._arrays = kind.foreseeing(self._ads, world.cases, world.each)
         else:
             self._arrays = kind.arrays(self._ads, world.scenario, world.seen.shape[1])
-        # a call without rows: the kernel is compiled or loaded here, not within a timed step
-        self._loop(world.egos[:0], world.seen[:0], *self._arrays, world.scenario, 0.0)
-        self._egos: Records | None = None
-        self._code = self._loop
+        self._bind(world)  # the kernel is compiled or loaded here, not within a timed step
+
+    def _bind(self, world: World) -> None:
+        """Find the machine code for the arrays as they are; again after `World.keep`."""
+        self._egos = world.egos
+        self._code = bound(self._loop, world.egos, world.seen, *self._arrays, world.scenario, 0.0)
 
     def step(self, world: World, time: float) -> None:
         """Call the kernel once for all rows."""
         started = clock.perf_counter()
-        arguments = (world.egos, world.seen, *self._arrays, world.scenario, time)
-        # machine code is for arrays of one layout: find it again after `World.keep` replaced them
-        if self._egos is not world.egos:
-            self._code = bound(self._loop, *arguments)
-            self._egos = world.egos
-        self._code(*arguments)
+        if self._egos is not world.egos:  # machine code is for arrays of one layout
+            self._bind(world)
+        self._code(world.egos, world.seen, *self._arrays, world.scenario, time)
         took = (clock.perf_counter() - started) / world.going
         world.latencies.shared.append(took)
         self._pass_on(world, took)

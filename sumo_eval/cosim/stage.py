@@ -23,14 +23,14 @@ import numpy as np
 
 from sumo_eval.cosim.doors.traci_module import GUARD
 from sumo_eval.cosim.impossible import FARTHEST, FASTEST, LOSS_MARGIN, LOWEST_SPEED, impossible
-from sumo_eval.cosim.records import STRAIGHT, SUMO
+from sumo_eval.cosim.records import STRAIGHT
 from sumo_eval.cosim.sumo.insides import simulation_step, vehicles
 from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
 from sumo_eval.cosim.sumo.shared_files import suffix, vehicle_names
 from sumo_eval.cosim.sumo.sumo_files import departure_speed
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, SimulationError
-from sumo_eval.trajectory import Alone, BoolArray, FloatArray, IntArray
+from sumo_eval.trajectory import Alone, IntArray
 
 # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
 EGO_SPEED_MODE = 6
@@ -45,11 +45,6 @@ _NOT_THERE = (0.0, 0.0, STRAIGHT, 0.0)
 _KEEPS_ROUTE = 2
 # moveToXY: the road is the vehicle's own, and the vehicle may be off it
 _KEEPS_ROUTE_OFF_ROAD = 3
-
-
-def joined(egos: Any, others: Any, name: str) -> FloatArray:
-    """One field of the vehicles of rows, (n, 1 + m), the egos first."""
-    return np.column_stack([egos[name], others[name]])
 
 
 class Stage:
@@ -351,37 +346,22 @@ class Stage:
 
     def compare(self, world: World) -> None:
         """Fail the cases in which SUMO shows a vehicle elsewhere than it received it."""
-        egos, others = world.egos, world.others
-        y, front_x, front_y = (joined(egos, others, name) for name in ("y", "front_x", "front_y"))
-        received = rows, columns = np.nonzero(self._received(egos, others, front_y))
-        numbers = rows * self._width + columns
-        shown = list(map(self.calls.getPosition, [self._flat[n] for n in numbers.tolist()]))
-        meant = np.column_stack([front_x[received], front_y[received]])
-        off = np.hypot(*(np.reshape(shown, (-1, 2)) - meant).T)
-        allowed = bend_tolerance(self._road, y[received]) if self._bent else self.tolerance
-        for k in np.flatnonzero(~(off <= allowed)).tolist():  # `~`: finds a nan as well
-            shown_x, shown_y = shown[k]
-            meant_x, meant_y = meant[k]
-            self._fail(
-                world, int(rows[k]), int(columns[k]),
-                f"put the front bumper of {{}} at ({shown_x:.3f}, {shown_y:.3f}) m "
-                f"instead of ({meant_x:.3f}, {meant_y:.3f}) m.",
-            )  # fmt: skip
-
-    def _received(self, egos: Any, others: Any, front_y: FloatArray) -> BoolArray:
-        """Whether SUMO received each vehicle, (n, 1 + m), and has a lane for it."""
-        road = self._road
-        x = joined(egos, others, "x")
-        half = 0.5 * joined(egos, others, "length")
-        actors = (others["told"] == 2) & (others["present"] == 1)  # 2: received in this step
-        received = np.column_stack([egos["placed"] != SUMO, actors])
-        received &= ((egos["live"] != 0) & (egos["reason"] == 0))[:, None]
-        received &= (x - half >= 0.0) & (x + half < road.end - LOSS_MARGIN)
-        reach = 0.5 * joined(egos, others, "width") - LOSS_MARGIN
-        beside = (front_y <= road.right_edge - reach) | (front_y >= road.left_edge + reach)
-        # beside a straight road SUMO shows other places than it received; beside a curved one
-        # `bend_tolerance` allows for that
-        return received & (self._bent | ~beside)
+        received = world.received(self._road.end - LOSS_MARGIN)
+        numbers = received[:, 0].astype(int).tolist()
+        places = received[:, 1:3].tolist()
+        shown = map(self.calls.getPosition, [self._flat[number] for number in numbers])
+        y = received[:, 3]
+        allowed = bend_tolerance(self._road, y) if self._bent else np.full(len(y), self.tolerance)
+        for number, (x, y), (shown_x, shown_y), most in zip(
+            numbers, places, shown, allowed.tolist(), strict=True
+        ):
+            if not math.hypot(shown_x - x, shown_y - y) <= most:  # `not`: finds a nan as well
+                row, column = divmod(number, self._width)
+                self._fail(
+                    world, row, column,
+                    f"put the front bumper of {{}} at ({shown_x:.3f}, {shown_y:.3f}) m "
+                    f"instead of ({x:.3f}, {y:.3f}) m.",
+                )  # fmt: skip
 
     def _fail(self, world: World, row: int, vehicle: int, words: str) -> None:
         """Fail a case of which SUMO shows a vehicle at another place; the ADS's fault if its calls

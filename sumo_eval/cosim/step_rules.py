@@ -388,6 +388,47 @@ def read_rows(scenes: Scenes, scenario: Records, numbers: Any, read: FloatArray,
 
 
 @kernel
+def _on_lanes(body: Any, road: Any, end: float) -> bool:
+    """Whether SUMO has a lane for a vehicle.
+
+    Beside a straight road SUMO shows other places than it received; beside a curved one the
+    tolerance of the comparison (`session.bend_tolerance`) allows for that.
+
+    end: of the last lane, m, less `LOSS_MARGIN`.
+    """
+    half, reach = 0.5 * body.length, 0.5 * body.width - LOSS_MARGIN
+    if not (body.x - half >= 0.0 and body.x + half < end):
+        return False
+    y = body.front_y
+    return bool(road.bent) or not (y <= road.right_edge - reach or y >= road.left_edge + reach)
+
+
+@rows
+def received_rows(cast: Cast, scenario: Records, end: float, received: FloatArray) -> int:
+    """Write the vehicles that SUMO received in this step and has a lane for; return how many.
+
+    end: of the last lane, m, less `LOSS_MARGIN`.
+    received: a row a vehicle: its number as in `move_rows`, x and y of its front bumper's centre on
+        the map, its centre's y across the road.
+    """
+    egos, others, road = cast.egos, cast.others, scenario[0].road
+    count = 0
+    for i in range(len(egos)):
+        ego, number = egos[i], i * (1 + len(others[i]))
+        if ego.live == 0 or ego.reason != 0:
+            continue
+        if ego.placed != SUMO and _on_lanes(ego, road, end):
+            received[count] = float(number), ego.front_x, ego.front_y, ego.y
+            count += 1
+        for j in range(len(others[i])):
+            it = others[i, j]
+            if it.told == 2 and it.present == 1 and _on_lanes(it, road, end):
+                received[count] = float(number + 1 + j), it.front_x, it.front_y, it.y
+                count += 1
+    return count
+
+
+@kernel
 def _stand(other: Any, shown: FloatArray, line: Any) -> None:
     """Put an actor where SUMO shows it.
 

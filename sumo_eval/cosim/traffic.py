@@ -22,7 +22,7 @@ import numpy as np
 from sumo_eval.cosim.doors.observation import lanes_at
 from sumo_eval.cosim.impossible import FASTEST, LOSS_MARGIN, LOWEST_SPEED, farthest_in
 from sumo_eval.cosim.records import STRAIGHT
-from sumo_eval.cosim.stage import EXACT_SPEED_MODE, Stage, joined
+from sumo_eval.cosim.stage import EXACT_SPEED_MODE, Stage
 from sumo_eval.cosim.sumo.session import NOWHERE
 from sumo_eval.cosim.sumo.shared_files import has_shadow, shadow_name
 from sumo_eval.cosim.world import World
@@ -165,7 +165,8 @@ class Traffic(Stage):
 
         def of_all(state: tuple[Any, Any], name: str) -> FloatArray:
             """A field of the vehicles that SUMO receives, in the order of `received`."""
-            return joined(*state, name).ravel()[number]
+            egos, others = state
+            return np.column_stack([egos[name], others[name]]).ravel()[number]
 
         half = 0.5 * of_all(now, "length")
         names = [self._flat[n] for n in number.tolist()]

@@ -36,7 +36,14 @@ from sumo_eval.cosim.records import (
     WHATS,
     Scenes,
 )
-from sumo_eval.cosim.step_rules import begin_rows, map_rows, move_rows, read_rows, see_rows
+from sumo_eval.cosim.step_rules import (
+    begin_rows,
+    map_rows,
+    move_rows,
+    read_rows,
+    received_rows,
+    see_rows,
+)
 from sumo_eval.cosim.vehicle_model import GRAVITY, count_clip
 from sumo_eval.errors import ControllerError
 from sumo_eval.kernels import Records, bound
@@ -250,6 +257,11 @@ class World:
     def read(self, numbers: IntArray, read: FloatArray, odd: IntArray) -> int:
         """Take in what SUMO shows of vehicles, as in `read_rows`."""
         return int(_run(read_rows, self.scenes, self.scenario, numbers, read, odd))
+
+    def received(self, end: float) -> FloatArray:
+        """Vehicles that SUMO received in this step and has a lane for, as in `received_rows`."""
+        received = np.empty((self.going * (1 + self.others.shape[1]), 4))
+        return received[: _run(received_rows, self.cast, self.scenario, end, received)]
 
     def may_leave(self, now: float) -> bool:
         """Whether an actor may come to the end of its lanes in the step that ends `now`, s.

@@ -105,6 +105,7 @@ def _load_world() -> None:
     world = World([_concrete(0.0)], SimulationSettings())
     world.move(to_sumo=1)
     world.read(np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0, np.int64))
+    world.received(0.0)
     world.see(sampling=True)
     stop_rows(world.egos, world.others, world.samples, 0)
 

@@ -405,7 +405,7 @@ def knows_the_scripts(driver: Any) -> bool:
     """Whether `driver` is the ideal vehicle of Eq. 17 itself, which alone knows what other vehicles
     will do: no ADS does, nor a subclass.
     """
-    return type(driver) is find_controller("ideal_braking")
+    return type(driver) is load_object(SHIPPED["ideal_braking"], None, "ADS")
 
 
 def _native_model(locator: str, text: str) -> NativeModel:
