@@ -1,8 +1,7 @@
 """The base of all settings: their meaning, unit and bounds, and the refusal of other values.
 
-The bounds in a setting's annotation are the only place where a limit is written. A table of
-settings that is made in Python checks them here; `sumo_eval.settings.config` has pydantic check the
-same annotations in evaluation.toml.
+The annotation of a setting is the only place where its kind and its bounds are written. `fitted`
+compares a value with them, in Python and in a file. pydantic makes JSON schemas of them.
 
 Users: `cosim/doors/features.py`, `report/readings.py`, `scenario/`, `scoring/gate_settings.py`,
 `settings/`, `extras/openscenario/points.py`, `extras/rates/campaign.py`,
@@ -14,8 +13,8 @@ from __future__ import annotations
 import functools
 import math
 import operator
-from collections.abc import Callable, Mapping
-from dataclasses import astuple, field, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, astuple, field, fields
 from numbers import Integral, Real
 from types import UnionType
 from typing import (
@@ -31,10 +30,12 @@ from typing import (
     get_type_hints,
 )
 
-from annotated_types import Ge, Gt, Le, Lt, MinLen
+from annotated_types import Ge, Gt, Le, Lt, MinLen, MultipleOf
 
-from sumo_eval.errors import must_be
+from sumo_eval.errors import InputError, did_you_mean, nearest
 from sumo_eval.frozen import frozen
+from sumo_eval.settings.toml_file import Place
+from sumo_eval.text import shown
 
 
 @frozen
@@ -109,18 +110,20 @@ def about(cls: Any, name: str) -> About:
     return next((mark for mark in marks if isinstance(mark, About)), of_default)
 
 
-# annotation: (accepted type, words for it). A union or a Literal accepts any type here: the rule's
-# `inner` or `choices` decide. `Any` accepts all.
+_UNIONS = (Union, UnionType)
+# annotation: (accepted type, words for it). A Literal accepts any type here: the rule's `choices`
+# decide. `Any` accepts all.
 _KINDS: dict[object, tuple[Any, str]] = {
     float: (Real, "a number"), int: (Integral, "a whole number"), bool: (bool, "true or false"),
     str: (str, "a text"), dict: (Mapping, "a table"), tuple: ((list, tuple), "a list"),
-    **dict.fromkeys((Union, UnionType, Literal, Any), (object, "")),
+    **dict.fromkeys((*_UNIONS, Literal, Any), (object, "")),
 }  # fmt: skip
-# bound, whose only field is its limit: (test of a value and the limit, words before the limit)
+# bound, whose only field is its limit: (test of a value and the limit, words with `{}` for it)
 _CHECKS: dict[type, tuple[Callable[[Any, Any], bool], str]] = {
-    Gt: (operator.gt, "greater than"), Ge: (operator.ge, "at least"),
-    Lt: (operator.lt, "less than"), Le: (operator.le, "at most"),
-    MinLen: (lambda value, least: len(value) >= least, "no shorter than"),
+    Gt: (operator.gt, "greater than {:g}"), Ge: (operator.ge, "at least {:g}"),
+    Lt: (operator.lt, "less than {:g}"), Le: (operator.le, "at most {:g}"),
+    MinLen: (lambda value, least: len(value) >= least, "non-empty"),
+    MultipleOf: (lambda value, step: value % step == 0, "a multiple of {:g}"),
 }  # fmt: skip
 
 
@@ -133,14 +136,16 @@ class Checked:
     """
 
     __slots__ = ()
+    # for JSON schemas: a table has no other keys
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
 
     def __post_init__(self) -> None:
         cls: type = type(self)
-        for name, rule in _rules(cls):
-            if wrong := _wrong(getattr(self, name), rule):
-                place, demand, value = wrong
-                raise must_be(f"`{name}{place}`", f"`{cls.__name__}`", demand, value)
+        for name, rule in _rules(cls).items():
+            mistakes: list[Mistake] = []
+            fitted(getattr(self, name), rule, (name,), mistakes)
+            if mistakes:
+                raise InputError(mistakes[0].sentence(f"of `{cls.__name__}`"))
 
 
 class _Rule(NamedTuple):
@@ -149,8 +154,8 @@ class _Rule(NamedTuple):
     form: outermost part of the annotation, e.g. dict of dict[str, float]; of a plain type: None.
     optional: whether None is accepted.
     choices: accepted values of a Literal; empty for other annotations.
-    kind, kind_words: as in `_KINDS`.
-    bounds: (test of a value and the limit, words before the limit, limit).
+    kind, kind_words: as in `_KINDS`; of settings in a table of their own, their class.
+    bounds: (test of a value and the limit, words with `{}` for it, limit).
     inner: rules of the kinds of a union, of a table's keys and values, or of a list's items.
     """
 
@@ -162,11 +167,16 @@ class _Rule(NamedTuple):
     bounds: tuple[tuple[Callable[[Any, Any], bool], str, Any], ...]
     inner: tuple[_Rule, ...]
 
+    @property
+    def is_table(self) -> bool:
+        """Whether values are settings in a table of their own."""
+        return isinstance(self.kind, type) and issubclass(self.kind, Checked)
+
 
 @functools.lru_cache(maxsize=64)
-def _rules(cls: Any) -> tuple[tuple[str, _Rule], ...]:
-    """The rules of a class, computed once: settings are made for every case."""
-    return tuple((item.name, _rule(hints_of(cls)[item.name])) for item in fields(cls))
+def _rules(cls: Any) -> dict[str, _Rule]:
+    """The rules of a class by key, computed once: settings are made for every case."""
+    return {item.name: _rule(hints_of(cls)[item.name]) for item in fields(cls)}
 
 
 def _rule(hint: Any) -> _Rule:
@@ -179,7 +189,7 @@ def _rule(hint: Any) -> _Rule:
         # The rule of the one kind beside None. `Annotated` must have a mark, and `marks` may be
         # empty: it also gets the mark None, which checks nothing.
         return _rule(Annotated[parts[0], *marks, None])._replace(optional=True)
-    kind, kind_words = _KINDS.get(form or base) or (base, f"a table (`{base.__name__}`)")
+    kind, kind_words = _KINDS.get(form or base) or (base, "a table")
     bounds = tuple(
         (*_CHECKS[type(mark)], *astuple(mark)) for mark in marks if type(mark) in _CHECKS
     )
@@ -188,46 +198,154 @@ def _rule(hint: Any) -> _Rule:
     return _Rule(form, optional, choices, kind, kind_words, bounds, inner)
 
 
-Wrong = tuple[str, str, object]
-"""A mistake: its place in a value (`.speed`, `[0]`, or "" for all of it), the demand on that part,
-and the part."""
+class Mistake(NamedTuple):
+    """A mistake in settings, of which `sentence` makes a message.
+
+    place: of the wrong value in its owner; (): the whole owner.
+    begin, end: of the message. The path of the place and the owner stand between them.
+    demand: what the value must be; "" for a missing or unknown key and for keys that contradict
+        each other.
+    """
+
+    place: Place
+    end: str
+    begin: str = ""
+    demand: str = ""
+
+    def sentence(self, owner: str) -> str:
+        """The message.
+
+        owner: of the value, as "of `RunSettings`" or "in evaluation.toml".
+        """
+        path = "".join(
+            f"[{part}]" if isinstance(part, int) else f".{part}" for part in self.place
+        ).removeprefix(".")
+        subject = f"`{path}` {owner}" if path else owner.removeprefix("in ")
+        return f"{self.begin}{subject}{self.end}"
 
 
-def _wrong(value: Any, rule: _Rule, place: str = "") -> Wrong | None:
-    """The first mistake in a value; None: it has none.
+def _wrong(place: Place, demand: str, value: object, choices: Sequence[str] = ()) -> Mistake:
+    """The mistake of a value that does not meet a demand.
 
-    place: of the value in the whole setting.
+    choices: accepted texts; the message offers the one that is most similar to the value.
+    """
+    near = nearest(value, choices) if isinstance(value, str) else None
+    hint = "" if near is None else f" Did you mean `{near}`?"
+    return Mistake(place, f" must be {demand}, got {shown(value)}.{hint}", demand=demand)
+
+
+def fitted(
+    value: Any, rule: _Rule, place: Place, mistakes: list[Mistake], *, plain: bool = False
+) -> Any:
+    """A value compared with the rule of its setting; returns the value that the setting keeps.
+
+    place: of the value, for messages.
+    mistakes: all mistakes in the value are added to it.
+    plain: whether the value comes from a file. Then tables of settings become objects, lists become
+        tuples, and whole numbers become floats, where the rule asks for these. A value from Python
+        must have its final type; the result is not used.
     """
     if value is None and rule.optional:
         return None
+    if rule.form in _UNIONS:
+        return _fitted_to_any(value, rule, place, mistakes, plain=plain)
+    if plain and rule.is_table and isinstance(value, dict):
+        return read_table(value, rule.kind, place, mistakes)
+
+    demand = (plain and _heading(value, rule, place)) or _unmet(value, rule)
+    if demand:
+        if rule.is_table and not plain:
+            demand += f" (`{rule.kind.__name__}`)"
+        mistakes.append(_wrong(place, demand, value, rule.choices))
+        return value
+    if rule.form is dict:
+        return {
+            key: fitted(item, rule.inner[1], (*place, key), mistakes, plain=plain)
+            for key, item in value.items()
+        }
+    if rule.form is tuple:
+        rules = rule.inner  # one for all items, or one for each
+        return tuple(
+            fitted(item, rules[index % len(rules)], (*place, index), mistakes, plain=plain)
+            for index, item in enumerate(value)
+        )
+    return float(value) if plain and rule.kind is Real else value
+
+
+def _unmet(value: Any, rule: _Rule) -> str:
+    """The first demand that a value as a whole does not meet; "" if there is none. `fitted` checks
+    the parts of a table or a list.
+    """
     if rule.choices and value not in rule.choices:
-        return place, "one of " + ", ".join(map(repr, rule.choices)), value
+        choices = ", ".join(map(repr, rule.choices))
+        return f"one of {choices}" if len(rule.choices) > 1 else choices
     number = rule.kind in (Real, Integral)
     if not isinstance(value, rule.kind) or (number and isinstance(value, bool)):
-        return place, rule.kind_words, value
+        return rule.kind_words
     if isinstance(value, float) and not math.isfinite(value):
-        return place, "a finite number" if math.isinf(value) else "a number", value
+        return "a finite number" if math.isinf(value) else "a number"
     for holds, words, limit in rule.bounds:
         if not holds(value, limit):
-            return place, f"{words} {limit:g}", value
-    if rule.form in (dict, tuple):
-        return _wrong_inside(value, rule, place)
-    # only a union still has inner rules here: one of its kinds must accept the value
-    wrongs = [wrong for it in rule.inner if (wrong := _wrong(value, it, place))]
-    if not wrongs or len(wrongs) < len(rule.inner):
+            return words.format(limit)
+    # one inner rule holds for all items
+    if rule.form is tuple and len(rule.inner) not in (1, len(value)):
+        return f"a list of {len(rule.inner)}"
+    return ""
+
+
+def _fitted_to_any(
+    value: Any, rule: _Rule, place: Place, mistakes: list[Mistake], *, plain: bool
+) -> Any:
+    """`fitted` for a union: the first kind that accepts the value decides. `int` stands before
+    `float` in an annotation, so that whole numbers of a file stay whole.
+    """
+    refusals: list[Mistake] = []
+    for kind in rule.inner:
+        of_kind: list[Mistake] = []
+        made = fitted(value, kind, place, of_kind, plain=plain)
+        if not of_kind:
+            return made
+        refusals += of_kind
+    # mistakes in a part of the value say more than the kinds' demands on the whole
+    inside = [mistake for mistake in refusals if mistake.place != place]
+    demands = dict.fromkeys(mistake.demand for mistake in refusals)
+    choices = [choice for kind in rule.inner for choice in kind.choices]
+    mistakes += inside or [_wrong(place, " or ".join(demands), value, choices)]
+    return value
+
+
+def _heading(value: Any, rule: _Rule, place: Place) -> str:
+    """The demand on a table that must be a list of tables, or the reverse; "" for other values."""
+    table = ".".join(part for part in place if isinstance(part, str))
+    if isinstance(value, dict) and rule.form is tuple and rule.inner[0].is_table:
+        return f"a list of tables: write [[{table}]], with two brackets, not [{table}]"
+    # an entry of a list of tables, `ads[0]`, has no brackets to be corrected
+    if isinstance(value, list) and rule.is_table and isinstance(place[-1], str):
+        return f"one table: write [{table}], with one bracket, not [[{table}]]"
+    return ""
+
+
+def read_table(content: Mapping[str, Any], kind: Any, place: Place, mistakes: list[Mistake]) -> Any:
+    """Settings of a kind from a table of a file; None if there is a mistake in it.
+
+    place, mistakes: as in `fitted`.
+    """
+    before = len(mistakes)
+    rules, values = _rules(kind), {}
+    for item in fields(kind):
+        name, here = item.name, (*place, item.name)
+        if name in content:
+            values[name] = fitted(content[name], rules[name], here, mistakes, plain=True)
+        elif item.default is MISSING and item.default_factory is MISSING:
+            mistakes.append(Mistake(here, " is missing."))
+    for name in content:
+        if name not in rules:
+            end = f".{did_you_mean(name, rules)}"
+            mistakes.append(Mistake((*place, name), end, "Unknown key "))
+    if len(mistakes) > before:
         return None
-    words = " or ".join(dict.fromkeys(demand for _, demand, _ in wrongs))
-    # a mistake in a part of the value says more than the kinds' demands on the whole: return it
-    return next((it for it in wrongs if it[0] != place), (place, words, value))
-
-
-def _wrong_inside(value: Any, rule: _Rule, place: str) -> Wrong | None:
-    """The first mistake in a table or a list."""
-    if rule.form is dict:
-        items = [(f".{key}", item, rule.inner[1]) for key, item in value.items()]
-    elif (length := len(rule.inner)) in (1, len(value)):  # 1: one rule for all items
-        items = [(f"[{i}]", item, rule.inner[i % length]) for i, item in enumerate(value)]
-    else:
-        return place, f"a list of {length}", value
-    wrongs = (_wrong(item, inner, place + at) for at, item, inner in items)
-    return next(filter(None, wrongs), None)
+    try:
+        return kind(**values)
+    except InputError as error:  # its keys do not fit each other
+        mistakes.append(Mistake(place, f": {error}"))
+        return None

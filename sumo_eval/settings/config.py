@@ -7,22 +7,19 @@ Users: `cli/`, `cosim/`, `evaluation.py`, `nightly/`, `record/`, `report/`, `sce
 `extras/`.
 """
 
-import functools
 import json
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Any, TypeVar
 
 import tomli_w
-from pydantic import TypeAdapter, ValidationError
 
-from sumo_eval.errors import InputError, check_known, did_you_mean, nearest
-from sumo_eval.groups import grouped
+from sumo_eval.errors import InputError, check_known, did_you_mean
 from sumo_eval.input_file import read_input_text
 from sumo_eval.settings import Checked, EvaluationSettings, ScenarioSettings
+from sumo_eval.settings.checked import Mistake, read_table
 from sumo_eval.settings.toml_file import line_of, read_toml, toml_from
 from sumo_eval.text import shown
 
@@ -119,15 +116,21 @@ def validated(content: Mapping[str, Any], kind: type[Settings], where: str | Pat
     """Settings of a kind.
 
     where: names the content in errors; a path gives them its lines, too.
+
+    Raises InputError that names every mistake, a line each.
     """
-    adapter: TypeAdapter[Settings] = _adapter(kind)
-    try:
-        return adapter.validate_json(json.dumps(content, default=str), strict=True)
-    except ValidationError as error:
-        raise InputError(mistakes(error, where, kind)) from None
-
-
-_adapter: Any = functools.cache(TypeAdapter)  # one for all settings takes 0.1 s to make
+    # as JSON has it: dates become texts, and tuples lists
+    plain = json.loads(json.dumps(content, default=str))
+    mistakes: list[Mistake] = []
+    settings: Settings = read_table(plain, kind, (), mistakes)
+    if not mistakes:
+        return settings
+    text = read_input_text(where, "file") if isinstance(where, Path) else ""
+    sentences = []
+    for mistake in mistakes:
+        line = line_of(text, mistake.place)
+        sentences.append(mistake.sentence(f"in {where}{f' (line {line})' if line else ''}"))
+    raise InputError("\n".join(sentences))
 
 
 def check_evaluation(settings: EvaluationSettings, where: object, *, own_ads: bool = True) -> None:
@@ -201,120 +204,3 @@ def _without_none(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_without_none(item) for item in value]
     return value
-
-
-def mistakes(error: ValidationError, where: str | Path, root: type) -> str:
-    """All mistakes that pydantic found, one sentence a line.
-
-    Of a value that may be of several kinds pydantic has a finding for each kind: they are one
-    mistake. A finding inside a table or list replaces the finding on all of it.
-
-    where: as in `validated`.
-    root: settings class that was read.
-    """
-    text = read_input_text(where, "file") if isinstance(where, Path) else ""
-    findings = grouped((_place(item), item) for item in error.errors())
-    return "\n".join(
-        _sentence(items, where, root, line_of(text, place))
-        for place, items in findings.items()
-        # unless another finding is inside this place
-        if not any(other != place and other[: len(place)] == place for other in findings)
-    )
-
-
-_BRANCH = re.compile(r"(constrained-)?int|float|str|dict\[.*\]|literal\[.*|[A-Z].*Table", re.DOTALL)
-"""Parts that pydantic adds to the place of a finding, to say which of several kinds it tried."""
-
-
-def _place(item: Any) -> tuple[Any, ...]:
-    """Keys and indices that lead to the value of a finding."""
-    return tuple(part for part in item["loc"] if not _BRANCH.fullmatch(str(part)))
-
-
-def _sentence(items: Sequence[Any], where: object, root: type, line: int | None) -> str:
-    """Error message for pydantic's findings at one place."""
-    item = items[0]
-    location = _place(item)
-    if line is not None:
-        where = f"{where} (line {line})"
-    path = "".join(
-        f"[{part}]" if isinstance(part, int) else f".{part}" for part in location
-    ).removeprefix(".")
-    if item["type"] == "unexpected_keyword_argument":
-        return (
-            f"Unknown key `{path}` in "
-            f"{where}.{did_you_mean(str(location[-1]), _keys_beside(location, root))}"
-        )
-    if item["type"] == "missing":
-        return f"`{path}` in {where} is missing."
-    if item["type"] == "string_too_short":
-        return f"`{path}` in {where} must not be empty."
-    if item["type"] == "value_error":
-        place = f"`{path}` in " if path else ""
-        return f"{place}{where}: {item['ctx']['error']}"
-    # `path` without indices, as the heading of a table
-    table, value = re.sub(r"\[\d+\]", "", path), item["input"]
-    if item["type"] in {"tuple_type", "list_type"} and isinstance(value, dict):
-        return (
-            f"`{table}` in {where} must be a list of tables: write [[{table}]], with two "
-            f"brackets, not [{table}]."
-        )
-    # an entry of a list of tables, `ads[0]`, has no brackets to be corrected
-    if item["type"] == "dataclass_type" and isinstance(value, list) and not path.endswith("]"):
-        return (
-            f"`{table}` in {where} must be one table: write [{table}], with one bracket, not "
-            f"[[{table}]]."
-        )
-    message = " or ".join(dict.fromkeys(map(_demand, items)))
-    allowed = [
-        name
-        for finding in items
-        if finding["type"] == "literal_error"
-        for name in re.findall(r"'([^']*)'", finding["ctx"]["expected"])
-    ]
-    near = nearest(value, allowed) if isinstance(value, str) else None
-    hint = "" if near is None else f" Did you mean `{near}`?"
-    return f"`{path}` in {where} must be {message}, got {shown(value)}.{hint}"
-
-
-def _demand(item: Any) -> str:
-    """The demand on a value, from one of pydantic's findings, in the words of `Checked`."""
-    if item["type"] in _DEMANDS:
-        return _DEMANDS[item["type"]].format(**item.get("ctx", {}))
-    return str(item["msg"]).removeprefix("Input should be ")
-
-
-_DEMANDS = {
-    "int_type": "a whole number",
-    "int_parsing": "a whole number",
-    "float_type": "a number",
-    "dict_type": "a table",
-    "list_type": "a list",
-    "tuple_type": "a list",
-    "dataclass_type": "a table",
-    "string_type": "a text",
-    "bool_type": "true or false",
-    "greater_than": "greater than {gt:g}",
-    "greater_than_equal": "at least {ge:g}",
-    "less_than": "less than {lt:g}",
-    "less_than_equal": "at most {le:g}",
-}
-"""Pydantic's demands in the words of `Checked`; other demands keep pydantic's words."""
-
-
-def _keys_beside(location: Sequence[Any], root: type) -> list[str]:
-    """Keys of the table that the last part of a path is in."""
-    owner: Any = root
-    for part in location[:-1]:
-        if isinstance(part, str) and owner is not None:
-            owner = _settings_class_in(get_type_hints(owner).get(part))
-    return [item.name for item in fields(owner)] if owner is not None else []
-
-
-def _settings_class_in(annotation: Any) -> Any:
-    """The settings class that an annotation holds, e.g. RunSettings or tuple[AdsSettings, ...];
-    None without one.
-    """
-    if isinstance(annotation, type) and issubclass(annotation, Checked):
-        return annotation
-    return next(filter(None, map(_settings_class_in, get_args(annotation))), None)

@@ -140,7 +140,7 @@ class FmuSettings(Checked):
         "input of the FMU = its signal, a number, or `start`: it keeps its start value"
     )
     outputs: dict[str, str] = empty_table("quantity that is read = output of the FMU")
-    parameters: dict[str, float | int | bool | str] = empty_table(
+    parameters: dict[str, int | float | bool | str] = empty_table(
         "parameter of the FMU = its value, or the signal whose value at the start it takes"
     )
 

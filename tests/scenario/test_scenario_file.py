@@ -170,12 +170,12 @@ truck_speed < ego_speed | truck_speed - ego_speed | a condition such as
 name = "truck" | name = "a truck" | must be without spaces and
 loc = 27.0 | lok = 27.0 | Did you mean `loc`?
 scale = 5.0 | scale = -5.0 | does not exist with
-scale = 5.0 | scale = inf | `parameter[0]` in scenario file
+scale = 5.0 | scale = inf | `parameter[0].distribution.scale` in scenario file
 loc = 27.0, scale = 5.0 | loc = 900.0, scale = 0.1 | possible within 15..35
 name = "norm", loc = 27.0, scale = 5.0 | name = "gamma", loc = 2.0 | must be given `a`
 deceleration = 4.0 | deceleration = 4.0, duration = 2.0 | has no `duration`
 do = "brake" | do = "break"
-| must be 'keep_speed', 'brake', 'change_lane', 'move_sideways', 'accelerate'
+| must be one of 'keep_speed', 'brake', 'change_lane', 'move_sideways', 'accelerate'
 obstacle = "truck" | obstacle = "trunk" | Did you mean `truck`?
 step = 5.0 | stp = 5.0 | Did you mean `step`?
 low = 15.0 | low = 35.0 | finite, low < high
@@ -209,7 +209,7 @@ default = 1.0 | default = inf | a finite number
 each = | eech = | Did you mean `each`?
 each = { truck_speed | each = { truck_sped | Did you mean `truck_speed`?
 km/h | km//h | Did you mean `km/h`?
-[[90], [108]] | [] | at least 1
+[[90], [108]] | [] | must be non-empty, got []
 [[90] | [[90, 3] | must be 1 numbers
 units = { ego_speed | units = { ego_sped | Did you mean `ego_speed`?
 each = { truck_speed = [10.0, 15.0] } | set = { truck_speed = "ego_sped" }

@@ -22,6 +22,7 @@ from sumo_eval.settings import (
     DriverSettings,
     FieldSettings,
     PopulationSettings,
+    ReportSettings,
     SamplingSettings,
     ScoreSettings,
     SimulationSettings,
@@ -102,7 +103,7 @@ DriverSettings | {"count": 1} | `count` of `DriverSettings` must be at least 2, 
 SamplingSettings | {"count": "5"} | `count` of `SamplingSettings` must be a whole number, got '5'
 SamplingSettings | {"aim": "risk"} | must be one of 's_plus', 'boundary', got 'risk'
 DriverSettings | {"source": 3} | `source` of `DriverSettings` must be a text, got 3
-AdsSettings | {"name": "", "controller": "idm"} | must be no shorter than 1, got ''
+AdsSettings | {"name": "", "controller": "idm"} | `name` of `AdsSettings` must be non-empty, got ''
 RunSettings | {"workers": 0} | `workers` of `RunSettings` must be at least 1, got 0
 ZoneSettings | {"target": "labels"}
 | `target` of `ZoneSettings` must be one of 'squared_time', 'label'
@@ -123,6 +124,8 @@ def test_a_value_outside_its_bounds_is_refused(cls, values, sentence):
         ("drivers", DriverSettings, {"tolerance": {"v": 0.0}}, "tolerance.v", "greater than 0"),
         ("drivers", DriverSettings, {"recordings": "a.csv"}, "recordings", "a list, got 'a.csv'"),
         ("simulation", SimulationSettings, {"vehicle": 3}, "vehicle", "a table"),
+        ("report", ReportSettings, {"axes": {"c": ["x"]}}, "axes.c", "a list of 2, got ['x']"),
+        ("drivers", DriverSettings, {"too_thin": "fil"}, "too_thin", "one of 'fill', 'leave_out'"),
     ],
 )
 def test_python_refuses_what_a_file_refuses(key, cls, values, place, demand):
