@@ -37,13 +37,14 @@ COLOURS = (
 yellow darker.
 """
 
-LOOKS = [(colour, line) for line in ("-", "--", "-.", ":") for colour in COLOURS]
-"""Colours and lines of ADSs on pages, in order: a ninth ADS has the first colour and dashes."""
+COLOURED_LINES = [(colour, line) for line in ("-", "--", "-.", ":") for colour in COLOURS]
+"""Colours and line styles of ADSs on pages, in order: a ninth ADS has the first colour and dashes.
+"""
 
 _ON_PAGES = {
     "": None, "o": "circle", "X": "x", "-": "solid", "--": "dash", "-.": "dashdot", ":": "dot",
 }  # fmt: skip
-"""matplotlib's style of a line or marker -> plotly's name; None where `mode` leaves it out."""
+"""matplotlib's style of a line or marker -> plotly's name; None: it is not drawn."""
 
 
 @frozen(eq=False)
@@ -51,9 +52,9 @@ class Marks:
     """Points of a panel, or a line through them.
 
     name: entry of the legend, which shows each name once; empty: no entry.
-    x, y: (n,).
-    line, marker: matplotlib's styles, on a page those of `_ON_PAGES` alone; empty: not drawn.
-    bars: draw bars instead of line and marker, on a page only.
+    x, y: of the points, (n,).
+    line, marker: matplotlib's styles; empty: not drawn. Pages have only those of `_ON_PAGES`.
+    bars: whether bars are drawn instead of line and marker; on a page only.
     spread: half the length of each point's error bar along x, (n,); None: no error bars.
     words: text of each point, on a page only.
     """
@@ -74,10 +75,11 @@ class Panel:
     """One chart.
 
     x, y: labels of its axes. Without x the panel shares the axis of the panel below.
+    title: above the panel.
     verticals: x of vertical lines across the whole panel.
     chance: map of safe and hazardous areas: x (m,), y (n,) and values (n, m), hazardous above 0.5.
         None: no map.
-    range_: ends of the x axis; None: chosen by the library from the marks.
+    range_: ends of the x axis; None: the library chooses them from the marks.
     """
 
     marks: Sequence[Marks]
@@ -98,7 +100,7 @@ def on_page(panels: Sequence[Panel], columns: int, height: int) -> go.Figure:
     from plotly.subplots import make_subplots
 
     rows = -(-len(panels) // columns)  # rounded up
-    # the spaces between panels are shares of the figure
+    # plotly takes the spaces between panels as shares of the figure
     figure = make_subplots(
         rows, columns, subplot_titles=[panel.title for panel in panels],
         vertical_spacing=0.3 / rows, horizontal_spacing=0.2 / columns,
@@ -152,11 +154,11 @@ def draw(ax: Axes, panel: Panel, named: set[str]) -> None:
         ax.contourf(*panel.chance, levels=[-np.inf, 0.5, np.inf], colors=[SAFE, HAZARDOUS])
         edge_of(ax, panel.chance, 0.5, INK, "-")
     for it in panel.marks:
-        # matplotlib leaves a label that begins with `_` out of the legend
+        # a space before: matplotlib leaves a label that begins with `_` out of the legend
         label = "" if it.name in named else re.sub("^_", " _", it.name)
         named.add(it.name)
-        # Unclipped, a marker at the axes' edge is drawn whole. But unclipped marks without points,
-        # as for the legend, would make the layout fail.
+        # An unclipped marker at the axes' edge is drawn whole. Marks without points, which only
+        # fill the legend, must be clipped: otherwise the layout fails.
         clipped = not it.marker or np.size(it.x) == 0
         ax.errorbar(
             it.x, it.y, xerr=it.spread, color=it.colour, ls=it.line, marker=it.marker, label=label,
@@ -180,9 +182,10 @@ def add_title_and_legend(figure: Figure, title: str) -> None:
     """Put a title above a figure, wrapped to its width, and a legend below it if marks have
     names.
     """
-    # figures are 3.5 inches wide, one column of a paper, or 7.1 inches, its page
+    # figures are 3.5 inches wide (one column of a paper) or 7.1 inches (its page)
     one_column = figure.get_figwidth() < 5.0
-    if any(ax.get_legend_handles_labels()[1] for ax in figure.axes):
+    handles_and_labels = (ax.get_legend_handles_labels() for ax in figure.axes)
+    if any(labels for _, labels in handles_and_labels):
         figure.legend(loc="outside lower center", ncols=2 if one_column else 4)
     longest_line = 50 if one_column else 100  # characters
     lines = (textwrap.fill(line, longest_line) for line in title.split("\n"))

@@ -3,7 +3,7 @@
 The tables of a scenario file make them. They are plain data: two readings of one file are equal,
 and both can be sent to another process.
 
-Users: `extras/openscenario/logical.py`, `extras/rates/met.py`, `scenario/file_tables.py`,
+Users: `extras/openscenario/logical.py`, `extras/rates/exposure.py`, `scenario/file_tables.py`,
 `scenario/streams.py`, `scenario/trigger.py`, `scenario/vehicle_tables.py`,
 `scenario/zone_table.py`.
 """

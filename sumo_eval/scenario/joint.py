@@ -15,8 +15,8 @@ long tail too low a density.
 `[joint]` of a scenario file and `sumo-eval learn` make these densities.
 scipy is imported only once a density is asked for.
 
-Users: `extras/rates/importance.py`, `extras/rates/learn_page.py`, `extras/rates/learned.py`,
-`extras/rates/met.py`, `scenario/file_tables.py`, `scenario/formulas.py`.
+Users: `extras/rates/exposure.py`, `extras/rates/importance.py`, `extras/rates/learn_page.py`,
+`extras/rates/learned.py`, `scenario/file_tables.py`, `scenario/formulas.py`.
 """
 
 from collections.abc import Mapping

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from sumo_eval.extras.rates.exposure import normalised_exposure
 from sumo_eval.extras.rates.importance import RareEvents
-from sumo_eval.extras.rates.met import how_met
 from sumo_eval.scenario.file import scenario_from
 
 SPREAD = {"ego_speed": (25.0, 1.5), "lead_speed": (15.0, 1.5), "headway": (2.5, 0.25)}
@@ -47,7 +47,7 @@ def collides(points, probability):
 
 
 def estimate(probability, budget, seed):
-    search = RareEvents(how_met(logical()), budget, seed)
+    search = RareEvents(normalised_exposure(logical()), budget, seed)
     while len((batch := search.ask()).points):
         hit = collides(batch.points, probability)
         search.tell(batch, hit, 0.5 * hit)

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.special import ndtri
 
 from sumo_eval.extras.rates.campaign import MILLION, EncounterSpace, part_of, summed
+from sumo_eval.extras.rates.exposure import Exposure
 from sumo_eval.extras.rates.importance import DEFENSIVE, estimated
-from sumo_eval.extras.rates.met import Met
 from sumo_eval.scenario.joint import Joint
 from sumo_eval.scenario.logical import Occurrence
 
@@ -57,21 +57,21 @@ def rate_of(known, drives, seed):
     for number, (per_km, probability) in enumerate(SCENARIOS):
         edge = -float(ndtri(probability))
         events = None if known == "given" else int(stream.poisson(per_km * kilometres))
-        met = Normal()
+        exposure = Normal()
         if known == "fitted":
             rows = tuple(map(tuple, stream.standard_normal((events or 0, 2)).tolist()))
             joint = Joint("kde", ("a", "b"), rows, (-REACH,) * 2, (REACH,) * 2)
-            met = Met(SimpleNamespace(name=str(number)), joint, 1.0, 1.0)
+            exposure = Exposure(SimpleNamespace(name=str(number)), joint, 1.0, 1.0)
         space = EncounterSpace(
-            str(number), SimpleNamespace(name=f"{seed} {number}"), met,
+            str(number), SimpleNamespace(name=f"{seed} {number}"), exposure,
             per_km if events is None else events / kilometres,
             None if events is None else Occurrence(events, kilometres),
         )  # fmt: skip
         points = np.where(
-            stream.uniform(size=(drives, 1)) < DEFENSIVE, met.base(drives, stream),
+            stream.uniform(size=(drives, 1)) < DEFENSIVE, exposure.base(drives, stream),
             stream.standard_normal((drives, 2)) + np.array([edge, 0.0]),
         )  # fmt: skip
-        p = met.base_density(points)
+        p = exposure.base_density(points)
         weights = p / (DEFENSIVE * p + (1.0 - DEFENSIVE) * normal_density(points, edge))
         collided = points[:, 0] > edge
         loss = np.minimum(0.2 + 0.2 * (points[:, 0] - edge), 1.0) * collided

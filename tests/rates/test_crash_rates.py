@@ -11,8 +11,8 @@ from rates.rare import estimate, logical
 
 from sumo_eval.extras.rates.campaign import EncounterSpace, part_of, summed
 from sumo_eval.extras.rates.campaign_page import lost_words, unseen_words
+from sumo_eval.extras.rates.exposure import normalised_exposure
 from sumo_eval.extras.rates.importance import DEFENSIVE, RareEvents, estimated
-from sumo_eval.extras.rates.met import how_met
 
 FILE = """
 name = "two drivers"
@@ -57,16 +57,18 @@ def test_intervals_of_one_in_a_million_hold_it():
 
 
 def test_a_density_of_encounters_integrates_to_one():
-    met = how_met(logical())
-    points = met.base(4000, np.random.default_rng(1))
-    assert np.mean(met.density(points) / met.base_density(points)) == pytest.approx(1.0, abs=1e-6)
-    assert met.density(np.array([[99.0, 15.0, 2.5]]))[0] == 0.0
+    exposure = normalised_exposure(logical())
+    points = exposure.base(4000, np.random.default_rng(1))
+    assert np.mean(exposure.density(points) / exposure.base_density(points)) == pytest.approx(
+        1.0, abs=1e-6
+    )
+    assert exposure.density(np.array([[99.0, 15.0, 2.5]]))[0] == 0.0
 
 
 def test_impossible_points_end_no_search():
     """1 point of 400 is possible, where 2.8 deviations less than the mean close in on the lead."""
     narrow = {"require": "ego_speed - lead_speed < 4", "about": "one that hardly closes in"}
-    search = RareEvents(how_met(logical(constraint=[narrow])), 40)
+    search = RareEvents(normalised_exposure(logical(constraint=[narrow])), 40)
     while len((draw := search.ask()).points):
         search.tell(draw, np.zeros(len(draw.points), bool), np.zeros(len(draw.points)))
     assert search.drives == 40
@@ -97,7 +99,7 @@ def test_a_sum_is_as_wide_as_its_largest_scenario():
         )
         search.points = np.zeros((len(weights), 3))
         return part_of(
-            EncounterSpace(name, logical(), how_met(logical()), 0.1, None),
+            EncounterSpace(name, logical(), normalised_exposure(logical()), 0.1, None),
             search,
             1,
             "budget",

@@ -88,6 +88,14 @@ def test_an_ads_that_never_answers_has_no_boundary(tmp_path):
         find_boundary(logical, "broken.py:drive", trials, budget=16)
 
 
+def test_a_point_without_a_fact_is_an_error(tmp_path, monkeypatch):
+    with trials_in(tmp_path, SETUP, ["idm"], "", resume=False) as trials:
+        monkeypatch.setattr(trials.recorder.store, "fact", lambda key: None)
+        points = CUT_OUT.from_unit(np.full((1, 3), 0.5))
+        with pytest.raises(RuntimeError, match="-0000-ads was driven, but has no fact in"):
+            trials.at(points, CUT_OUT, ("ads", "idm"), first=0, ended=lambda done: None)
+
+
 def test_a_stopped_search_goes_on_where_it_was(tmp_path):
     logical, kept = slice_of(CUT_OUT, {"ego_speed": 30.0}), []
 

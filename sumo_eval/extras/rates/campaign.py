@@ -1,8 +1,8 @@
 """Crash rates of ADSs per million kilometres, with intervals, for `sumo-eval campaign`.
 
-A scenario has a rate of encounters per kilometre ([met] of its file). `importance` estimates the
-probability that an encounter ends in a collision. The crash rate is the sum of their products over
-the scenarios of the campaign. Its interval covers four uncertainties:
+A scenario has a rate of encounters per kilometre, from the table [met] of its file. `importance`
+estimates the probability that an encounter ends in a collision. The crash rate is the sum, over the
+scenarios, of rate times probability. Its interval covers four uncertainties:
 
 - The drives are few.
 - The rate of encounters is counted from few recorded events.
@@ -26,13 +26,14 @@ from scipy.special import stdtrit
 from sumo_eval.cases import EVALUATED
 from sumo_eval.errors import InputError
 from sumo_eval.extras.rates import BUDGET
+from sumo_eval.extras.rates.exposure import Exposure, normalised_exposure, resampled
 from sumo_eval.extras.rates.importance import (
+    LARGEST_EXPONENT,
     CollisionEstimate,
     RareEvents,
     degrees_of_freedom,
 )
 from sumo_eval.extras.rates.intervals import LEVEL, Limits, rate_interval
-from sumo_eval.extras.rates.met import Met, how_met, resampled
 from sumo_eval.extras.studies.trials import Trials
 from sumo_eval.frozen import frozen
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
@@ -61,7 +62,7 @@ DRAWS = 4000  # of each rate: intervals of sums come from summed draws
 
 @frozen
 class CampaignScenario(Checked):
-    """A scenario of the campaign."""
+    """A [[scenario]] of the campaign file."""
 
     use: Annotated[str, About("a scenario file or a shipped name")]
     per_km: PositiveOrNone = optional("how often it occurs; default: [met] of its file", "1/km")
@@ -89,20 +90,21 @@ class EncounterSpace(NamedTuple):
     """A scenario of the campaign, the exposure of its points and its rate of encounters.
 
     use: its name or file in the campaign file.
-    met: exposure of its points.
-    per_km: encounters, 1/km.
-    counted: what the rate was counted from; None: the campaign file gives the rate.
+    exposure: of its points.
+    per_km: rate of encounters, 1/km.
+    counted: events and kilometres from which the rate was counted; None: the campaign file gives
+        the rate.
     """
 
     use: str
     logical: LogicalScenario
-    met: Met
+    exposure: Exposure
     per_km: float
     counted: Occurrence | None
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % limits of `per_km`; a given rate has no uncertainty."""
+        """95 % limits of `per_km`; a rate of the campaign file has no uncertainty."""
         if self.counted is None:
             return self.per_km, self.per_km
         return rate_interval(self.counted.events, self.counted.vehicle_km)
@@ -113,8 +115,8 @@ class ScenarioRate(NamedTuple):
 
     collisions, loss: per million km, with limits.
     draws: possible values of both rates, (2, 2, `DRAWS`). The first axis has collisions and loss.
-        The second has two forms of the points' distribution (`scenario.joint`): the narrow one,
-        and the driven one, from which the drives' points were drawn.
+        The second has two forms of the points' distribution (`scenario.joint`): the narrow form,
+        and the driven form, from which the drives' points were drawn.
     limit: upper limit of collisions per million km, valid wherever in the space they lie.
     stopped: why the drives ended, `width` or `budget`.
     not_evaluated: number of drives that could not be evaluated, by status.
@@ -171,9 +173,8 @@ def read_campaign(path: Path) -> CampaignSettings:
     ):
         if not names:
             raise InputError(f"{path} must have at least one [[{table}]].")
-        for name in sorted(names):
-            if names.count(name) > 1:
-                raise InputError(f"Each [[{table}]] of {path} must differ, got {name!r} twice.")
+        if repeated := [name for name, count in Counter(names).items() if count > 1]:
+            raise InputError(f"Each [[{table}]] of {path} must differ, got {repeated[0]!r} twice.")
     return settings
 
 
@@ -196,11 +197,14 @@ def spaces_of(settings: CampaignSettings, folder: Path) -> tuple[EncounterSpace,
                 f"Scenario `{item.use}` needs an encounter rate: [met] with events in its file, "
                 "or `per_km` in its [[scenario]]."
             )
-        spaces.append(EncounterSpace(item.use, logical, how_met(logical), per_km, counted))
+        spaces.append(
+            EncounterSpace(item.use, logical, normalised_exposure(logical), per_km, counted)
+        )
     return tuple(spaces)
 
 
 Watch = Callable[[str, int, int], None]
+"""Receives scenario and ADS in words, the number of drives that ended, and the budget."""
 
 
 def run_campaign(
@@ -209,7 +213,6 @@ def run_campaign(
     """Drive every ADS through every scenario.
 
     folder: where relative paths start.
-    watch: receives scenario and ADS, the number of drives done, and the budget.
     """
     spaces = spaces_of(settings, folder)
     rates = []
@@ -227,7 +230,7 @@ def _drive(
     watch: Watch,
 ) -> ScenarioRate:
     """Drive one ADS through one scenario until its interval is narrow or the budget is spent."""
-    search = RareEvents(space.met, settings.budget, settings.seed)
+    search = RareEvents(space.exposure, settings.budget, settings.seed)
     not_evaluated: Counter[str] = Counter()
     stopped = "budget"
     while len((draw := search.ask()).points):
@@ -243,7 +246,7 @@ def _drive(
         estimate = search.estimate()
         _, low, high = estimate.probability
         narrow = low > 0.0 and high <= settings.width * low
-        # from a single hit no spread can be estimated, so its narrow interval does not count
+        # of a single hit no spread can be estimated: its interval is narrow, but means nothing
         if narrow and estimate.hits > 1 and not search.exploring:
             stopped = "width"
             break
@@ -265,7 +268,7 @@ def part_of(
     stopped: str,
     not_evaluated: dict[str, int],
 ) -> ScenarioRate:
-    """The rates of one ADS in one scenario, from the search's drives.
+    """The rates of one ADS in one scenario, from the drives of its search.
 
     stopped, not_evaluated: as in `ScenarioRate`.
     """
@@ -285,15 +288,15 @@ def part_of(
 
 
 def _rate(own: FloatArray, draws: FloatArray, most: float) -> Limits:
-    """A rate per million km, with the wider of two intervals.
+    """A rate per million km with an interval that covers two: by the drives alone, and by `draws`.
 
-    own: the rate and its limits by the drives alone, (3,). Where few collided, these are wider.
+    own: the rate and its limits by the drives alone, (3,); these are wider where few collided.
     draws: of the rate, (2, `DRAWS`).
     most: largest possible rate.
     """
     value, low, high = own.tolist()
-    lowest, highest = _limits(draws)
-    return value, min(lowest, low), min(max(highest, high), most)
+    drawn_low, drawn_high = _limits(draws)
+    return value, min(drawn_low, low), min(max(drawn_high, high), most)
 
 
 def _drawn_rates(
@@ -317,8 +320,8 @@ def _drawn_rates(
     errors = [
         stdtrit(degrees_of_freedom(row), (stream.permutation(DRAWS) + 0.5) / DRAWS) for row in terms
     ]
-    # (2, 1, `DRAWS`); 50: exp stays finite, `part_of` limits such draws
-    noise = np.exp(np.minimum(sigma * np.stack(errors), 50.0))[:, None]
+    # factors (2, 1, `DRAWS`), the same for both forms; `part_of` limits the largest rates
+    noise = np.exp(np.minimum(sigma * np.stack(errors), LARGEST_EXPONENT))[:, None]
     return np.broadcast_to(MILLION * rates * noise / search.drawn, (2, 2, DRAWS))
 
 
@@ -334,26 +337,27 @@ def _summed_rates(
     points: of the hits, (h, k).
     terms: weight of each hit, and its weight times L, (2, h).
 
-    The result broadcasts to (2, 2, `DRAWS`), as in `ScenarioRate`. Its second axis has length 1
-    where the points' distribution has no events. Where the rate is given, so has the third.
+    The result broadcasts to (2, 2, `DRAWS`), the axes of `ScenarioRate.draws`. The second axis has
+    length 1 where the points' distribution has no events. Where the campaign file gives the rate,
+    the second and the third have.
     """
-    sums: FloatArray = terms.sum(axis=1)[:, None, None]
+    sums: FloatArray = terms.sum(axis=1)[:, None, None]  # (2, 1, 1)
     counted = space.counted
     if counted is None:
         return space.per_km * sums
 
-    resamples = resampled(space.met, RESAMPLED, seed)
-    if not resamples:  # only the rate comes from events
+    resamples = resampled(space.exposure, RESAMPLED, seed)
+    if not resamples:  # Only the rate comes from events: draws of a Poisson rate, by Jeffreys.
         return stream.gamma(counted.events + 0.5, size=DRAWS) / counted.vehicle_km * sums
 
-    # density of each hit by form and resample, over that of the driven form
-    driven = np.maximum(space.met.base_density(points), 1e-300)
+    # ratios (form, resample, hit): density of a hit over its density by the driven form
+    driven = np.maximum(space.exposure.base_density(points), 1e-300)
     ratios = np.empty((2, len(resamples), len(points)))
     for number, (joint, _) in enumerate(resamples):
         for k, form in enumerate((replace(joint, narrow=True), joint)):
             ratios[k, number] = form.density(points) / form.mass() / driven
     # a resample with twice the events has twice the rate of encounters
-    factors = np.array([factor for _, factor in resamples])
+    factors = np.array([factor for _, factor in resamples])  # (resample,)
     chosen = stream.integers(len(resamples), size=DRAWS)  # resample of each draw
     return space.per_km * np.stack([(factors * (ratios @ row))[:, chosen] for row in terms])
 
@@ -389,9 +393,9 @@ def _total(rates: Sequence[Limits], draws: FloatArray, limit: float) -> Limits:
     draws: of the sum, (2, `DRAWS`).
     limit: its upper limit where all rates are 0.
     """
-    seen = [rate for rate in rates if rate[0] > 0.0]
-    if not seen:
+    above_zero = [rate for rate in rates if rate[0] > 0.0]
+    if not above_zero:
         return 0.0, 0.0, limit
-    if len(seen) == 1:
-        return seen[0]
-    return sum(rate[0] for rate in seen), *_limits(draws)
+    if len(above_zero) == 1:  # its own interval may be wider than that of the draws
+        return above_zero[0]
+    return sum(value for value, _, _ in above_zero), *_limits(draws)

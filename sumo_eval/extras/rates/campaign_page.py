@@ -141,7 +141,7 @@ def lost_words(lost: Mapping[str, int]) -> str:
 
 
 def unseen_words(rate: AdsRate) -> str:
-    """A sentence on the scenarios without a collision; "" if this is none or all of them."""
+    """A sentence on the scenarios without a collision; empty if these are none or all."""
     unseen = [part for part in rate.parts if part.collisions[0] == 0.0]
     if not unseen or len(unseen) == len(rate.parts):
         return ""
@@ -209,10 +209,14 @@ def _of_ads(rate: AdsRate, content: Json) -> Fold:
 
 
 def _recorded_drivers(campaign: Campaign) -> list[tuple[str, float, float]]:
-    """Drivers of each recording: its roads, km, and upper limit of collisions per million km.
+    """Drivers of each recording: where it was recorded, its km, and the upper limit of their
+    collisions per million km.
 
-    The limit assumes that no collision occurred. Recordings show none: an event with the gap of a
-    collision counts as a ghost of the tracker (`drivers.recorded.events`) and is dropped.
+    The limit is that of a recording without a collision. No recording has one, because an event
+    with the gap of a collision counts as a ghost of the tracker (`drivers.recorded.events`) and is
+    dropped.
     """
-    roads = {(met.where, met.vehicle_km) for it in campaign.spaces if (met := it.counted)}
+    roads = {
+        (counted.where, counted.vehicle_km) for it in campaign.spaces if (counted := it.counted)
+    }
     return [(where, km, MILLION * -math.log(1.0 - LEVEL) / km) for where, km in sorted(roads)]

@@ -20,7 +20,7 @@ NAMED = 3  # files that a sentence names one by one
 
 
 def called(recordings: Sequence[Path]) -> str:
-    """Names of files for a sentence; of more than `NAMED` files their number, first and last."""
+    """Names of files for a sentence; more than `NAMED` files as their number, first and last."""
     names = [path.name for path in recordings]
     if len(names) <= NAMED:
         return ", ".join(names)
@@ -47,7 +47,7 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
     from sumo_eval.extras.rates.learn_page import sentences, write_lesson
     from sumo_eval.extras.rates.learned import learn as learn_from
 
-    # all before the first is read, which may take long
+    # before the first is read, because reading takes long
     for path in recordings:
         if not path.exists():
             raise InputError(f"Recordings {path} are not there.")

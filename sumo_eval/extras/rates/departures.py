@@ -1,6 +1,6 @@
-"""Distance of ADSs from the recorded ego: a page with a line for every drive in a recorded scene.
+"""Distance of ADSs from the recorded ego: the page of `sumo-eval humans departure`.
 
-`sumo-eval humans departure` writes it.
+It has a line for every drive in a recorded scene (`extras/rates/recorded_scene.py`).
 
 Users: `extras/rates/people_command.py`.
 """
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.errors import InputError
-from sumo_eval.extras.panels import LOOKS, Marks, Panel, on_page
+from sumo_eval.extras.panels import COLOURED_LINES, Marks, Panel, on_page
 from sumo_eval.record.run_folder import FACTS, resolved_run
 from sumo_eval.record.store import EGO, open_store
 from sumo_eval.report.study_page import Table, write_study
@@ -29,9 +29,10 @@ HEAD = (
 class SceneDrive(NamedTuple):
     """A drive in a recorded scene.
 
+    point: its parameters and their values.
     time: s, (n,).
     apart: distance from the recorded ego at these times, m, (n,).
-    reacted: when actors began to react to the ADS, s, and how many did; None: none did.
+    reacted: when the first actor began to react to the ADS, s, and how many did; None: none did.
     end: why the drive ended.
     """
 
@@ -81,7 +82,7 @@ def departures_in(run: Path) -> tuple[list[SceneDrive], int]:
             if drive is None:
                 left_out += bool(recorded)  # its trajectories were discarded, or it never began
                 continue
-            # an actor that begins to react is handed over to SUMO
+            # an actor that begins to react is handed over to SUMO, which the drive notes as a clip
             reactions = ((it.first_time, it.count) for it in fact.clips if it.what == "handed_over")
             drives.append(
                 SceneDrive(
@@ -105,7 +106,7 @@ def write_departures(run: Path, path: Path) -> list[str]:
     panel = Panel(
         [
             Marks(f"{it.ads}, {it.scenario}, {it.point}", it.time, it.apart, *look)
-            for it, look in zip(drives, cycle(LOOKS))
+            for it, look in zip(drives, cycle(COLOURED_LINES))
         ],
         "time, s",
         "distance from the recorded vehicle, m",

@@ -5,12 +5,12 @@ vehicles count; `measured` measures an event. The classes:
 
 - cut_in: a vehicle changes into the lane ahead of another, which it had not overtaken just before.
 - overtaken_and_cut_off: a cut-in by a faster vehicle that was behind at most `OVERTOOK` s before.
-- merging: a cut-in from a ramp or an auxiliary lane, whose lane number is negative.
-- cut_out: a lead leaves the lane and reveals the next vehicle.
-- braking: a lead at most 5 s ahead brakes.
-- approach: the gap to a slower lead falls through 3.5 s.
-- lane_change: the ego changes to the left, with a lead in its old lane and a vehicle behind in the
-  new one.
+- merging: a cut-in from a ramp or an auxiliary lane; these lanes have negative numbers.
+- cut_out: a lead vehicle leaves the lane and reveals the next vehicle.
+- braking: a lead vehicle at most `BRAKING_HEADWAY` ahead brakes.
+- approach: the gap to a slower lead vehicle falls below 3.5 s.
+- lane_change: the ego changes to the left, with a lead vehicle in its old lane and a vehicle behind
+  it in the new lane.
 
 Users: `extras/rates/learned.py`, `extras/rates/recorded_scene.py`.
 """
@@ -49,23 +49,25 @@ from sumo_eval.trajectory import FloatArray
 CLASSES = (
     "cut_in", "overtaken_and_cut_off", "merging", "cut_out", "braking", "approach", "lane_change",
 )  # fmt: skip
-OVERTOOK = 20.0  # s; at most so long before its lane change an overtaking vehicle was behind
-SPEEDS_EVERY = 10  # samples; quantiles of speeds use every tenth
-BRAKING_HEADWAY = 5.0  # s; a lead that brakes further ahead does not count
+OVERTOOK = 20.0  # s before its lane change within which an overtaking vehicle was behind
+SPEEDS_EVERY = 10  # quantiles of speeds use every tenth sample
+QUANTILES = 0.05, 0.5, 0.95  # of speeds
+LANES_APART = 2.5, 4.5  # m; other distances are not those of neighbouring lanes
+BRAKING_HEADWAY = 5.0  # s; a lead vehicle that brakes further ahead does not count
 REAR_HEADWAY = 4.0  # s; a vehicle further behind in the new lane does not count
-LEAD_HEADWAY = 6.0  # s; a lead further ahead in the old lane does not count
+LEAD_HEADWAY = 6.0  # s; a lead vehicle further ahead in the old lane does not count
 
 
 @dataclass
 class Encounters:
     """The encounters of one class.
 
-    rows: parameters of each encounter that has them.
-    sources: `recording`, `ego`, `other` and `t` of each of these.
-    motions: recorded motion of the actor of each of these.
-    events: number of all encounters, with or without parameters.
-    left_out: reason -> number of encounters without parameters.
-    ghosts: number of events that move as no vehicle can (`drivers.recorded.events`); they count
+    rows: parameters of each encounter that could be measured.
+    sources: of each row: names of `recording`, `ego` and `other` vehicle, and the time `t`, s.
+    motions: of each row: recorded motion of the actor.
+    events: number of all encounters, measured or not.
+    left_out: reason -> number of encounters that could not be measured.
+    ghosts: number of events that move as no vehicle can (`drivers.recorded.events`). They count
         nowhere else.
     """
 
@@ -85,7 +87,7 @@ class EncounterSurvey(NamedTuple):
     kilometres, hours: driven by all motor vehicles together.
     vehicles: number of motor vehicles.
     recordings: their names.
-    speeds: quantiles of the vehicles' speeds at 5, 50 and 95 %, m/s.
+    speeds: `QUANTILES` of the vehicles' speeds, m/s.
     lane_width: median distance between neighbouring lanes, m; `STANDARD_LANE` if there are none.
     notes: of the importers.
     """
@@ -105,7 +107,7 @@ def find_encounters(
 ) -> EncounterSurvey:
     """Find and measure every encounter in recordings.
 
-    parts: recordings, read one part at a time, so that memory holds only one.
+    parts: recordings; each part is read when the one before is done, so that memory holds only one.
     watch: receives the name of each recording that was read, and their number so far.
     Raises InputError if two recordings have the same name.
     """
@@ -129,7 +131,7 @@ def find_encounters(
             for track in traffic.slices.values():
                 kilometres += float(np.abs(np.diff(traffic.x[track])).sum()) / 1000.0
                 hours += (traffic.t[track.stop - 1] - traffic.t[track.start]) / 3600.0
-            # a view would hold the whole recording
+            # a copy: a view would keep the whole recording in memory
             speeds.append(traffic.speed[::SPEEDS_EVERY].copy())
             # ramps have numbers below 0
             lanes = [traffic.centres[lane] for lane in sorted(traffic.centres) if lane >= 0]
@@ -138,7 +140,7 @@ def find_encounters(
             watch(name, len(names))
     return EncounterSurvey(
         classes, kilometres, hours, vehicles, tuple(names),
-        tuple(np.quantile(np.concatenate(speeds or [np.zeros(1)]), [0.05, 0.5, 0.95]).tolist()),
+        tuple(np.quantile(np.concatenate(speeds or [np.zeros(1)]), QUANTILES).tolist()),
         round(float(np.median(gaps)), 2) if gaps else STANDARD_LANE,
         tuple(dict.fromkeys(notes)),
     )  # fmt: skip
@@ -149,9 +151,9 @@ def lane_gaps(middles: ArrayLike) -> FloatArray:
 
     middles: y of lanes with a vehicle, in order, m, (n,).
     """
-    gaps = np.diff(middles)
-    # other distances: a lane between has no vehicle, or one lane is recorded as two
-    return gaps[(gaps > 2.5) & (gaps < 4.5)]
+    gaps, (least, most) = np.diff(middles), LANES_APART
+    # without distances where a lane between has no vehicle, or where one lane is recorded as two
+    return gaps[(gaps > least) & (gaps < most)]
 
 
 def _measure_recording(
@@ -176,18 +178,18 @@ def _measure_recording(
 
 
 def _events_that_count(traffic: RecordedTraffic) -> Iterator[Any]:
-    """The events that count.
+    """The events of the recording that belong to a class.
 
     Each is a tuple: class, event, name of the actor, function that measures the event, and this
     function's arguments after traffic and event.
     """
     changes = find_lane_changes(traffic)
-    # an event has the vehicle that changes lane under its kind's name, and the change's time
-    crossings = {(change.vehicle, round(change.t, 3)): change for change in changes}
+    change_of = {(change.vehicle, round(change.t, 3)): change for change in changes}
     events = encounters(traffic, changes)
     for kind, measure in (("cut_in", cut_in), ("cut_out", cut_out)):
         for event in events[kind]:
-            change = crossings[event[kind], round(event["t"], 3)]
+            # under the name of its kind, an event has the vehicle that changes lane
+            change = change_of[event[kind], round(event["t"], 3)]
             name = _kind_of_cut_in(traffic, event, change) if kind == "cut_in" else kind
             yield name, event, change.vehicle, measure, change
     for event in events["lead_braking"]:
@@ -209,27 +211,27 @@ def _events_that_count(traffic: RecordedTraffic) -> Iterator[Any]:
 
 
 def _kind_of_cut_in(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange) -> str:
-    """The class of a cut-in."""
+    """The class of a cut-in; change: the lane change of the vehicle that cuts in."""
     if change.origin < 0:
         return "merging"
     if event["cut_in_speed"] > event["ego_speed"]:
         vehicles = change.vehicle, event["ego"]
         for time in np.arange(event["t"] - OVERTOOK, event["t"], 1.0):
-            with suppress(NotMeasuredError):
-                other, ego = (position_at(traffic, vehicle, time)[0] for vehicle in vehicles)
-                if other < ego:
+            with suppress(NotMeasuredError):  # not yet recorded at this time
+                other_x, ego_x = (position_at(traffic, vehicle, time)[0] for vehicle in vehicles)
+                if other_x < ego_x:
                     return "overtaken_and_cut_off"
     return "cut_in"
 
 
 def _neighbours(traffic: RecordedTraffic, change: RecordedLaneChange) -> tuple[str, str] | None:
-    """Names of the lead in the old lane and of the vehicle behind in the new one; None: not both.
+    """Names of the lead vehicle in the old lane and of the vehicle behind in the new lane.
 
-    Both must be within their headway at the lane change.
+    None where one of them is missing, or not within its headway at the lane change.
     """
     before, rear = change.row - 1, traffic.follower[change.row]
     lead = traffic.lead[before]
-    if lead < 0 or rear < 0:
+    if lead < 0 or rear < 0:  # rows of the table; below 0: no vehicle
         return None
     far_lead = traffic.gap[before] > LEAD_HEADWAY * traffic.speed[before]
     far_rear = traffic.gap[rear] > REAR_HEADWAY * traffic.speed[rear]

@@ -1,15 +1,16 @@
 """Probability of a collision in one scenario, from few drives, by importance sampling.
 
 `campaign` makes a `RareEvents` for each ADS in each scenario, and drives the points that it asks
-for. A point's weight is p/q: its exposure p over the density q that it was drawn with.
+for. A point's weight is p/q: its exposure p over the density q with which it was drawn.
 
-The first drives explore. They lie at exposed points where ideal braking comes near its limits, and
-later where the drives so far put the edge of the collisions. All other drives count. `DEFENSIVE` of
-these are drawn by exposure, the rest from Gaussians over the exposed points that probably collide.
+The first drives explore, and have no weight. They lie at exposed points where ideal braking comes
+near its limits, and later at the edge of the collisions so far. All later drives count. A share
+`DEFENSIVE` of these is drawn by exposure. The rest is drawn from mixtures of Gaussians over the
+exposed points that probably collide.
 
-The estimate is unbiased whatever the exploration saw, as each round's Gaussians are fixed before
-its points are drawn. A collision outside the explored region has a large weight, and widens the
-interval.
+The estimate is unbiased whatever the exploration found, because each round's Gaussians are fixed
+before its points are drawn. A collision outside the explored region has a large weight, and widens
+the interval.
 
 Users: `extras/rates/campaign.py`, `extras/rates/campaign_page.py`.
 """
@@ -23,8 +24,8 @@ import numpy as np
 from numpy.random import Generator
 from scipy.special import gammaincinv, stdtrit
 
+from sumo_eval.extras.rates.exposure import Exposure
 from sumo_eval.extras.rates.intervals import LEVEL, Limits
-from sumo_eval.extras.rates.met import Met
 from sumo_eval.extras.studies.straddle import BoundarySearch
 from sumo_eval.method.point_criticality import danger
 from sumo_eval.scenario.joint import bells
@@ -38,12 +39,13 @@ EXPLORED = 0.4  # share of the budget that explores, at most
 FIRST = 24  # drives of the first round, and 8 more for each parameter
 ROUND = 0.2  # share of the budget in each later round
 POOL = 4096  # points of each of the three kinds in `_pool`
-ASKED = 1024  # about how many points of the pool have their danger computed
-STRETCHED = 2.5  # factor by which the pool spreads exposed points away from their median
+WITH_DANGER = 1024  # points of the pool whose danger is computed, about
+STRETCH = 2.5  # factor by which the pool spreads exposed points away from their median
 LIKELY = 0.3  # the first mixture lies over points that collide with at least this probability
-SURE = 0.8  # the second mixture: the same
+NEARLY_SURE = 0.8  # the same of the second mixture
 CENTRES = 256  # Gaussians in a mixture
-POLISHED = 3  # times that a mixture is fitted again, to draws from itself
+REFITS = 3  # times that a mixture is fitted again, to draws from itself
+LARGEST_EXPONENT = 50.0  # so that exp stays finite
 
 
 class Mixture(NamedTuple):
@@ -73,8 +75,8 @@ class Draw(NamedTuple):
     """Points to drive.
 
     points: (n, k).
-    weights: p/q, (n,); 0 where they explore.
-    drawn: number of points drawn for the estimate, impossible ones included; 0: they explore.
+    weights: p/q, (n,); all 0: the points explore.
+    drawn: number of points drawn for the estimate, impossible ones included; 0: the points explore.
     """
 
     points: FloatArray
@@ -82,12 +84,24 @@ class Draw(NamedTuple):
     drawn: int
 
 
-Pool = tuple[FloatArray, FloatArray, FloatArray]
-"""Possible points (m, k), p there (m,), and the density that they were drawn with (m,)."""
+class Pool(NamedTuple):
+    """Possible points to choose from.
+
+    points: (m, k).
+    density: p at these points, (m,).
+    drawn_with: density with which they were drawn, (m,).
+    """
+
+    points: FloatArray
+    density: FloatArray
+    drawn_with: FloatArray
 
 
 class RareEvents:
     """Search for collisions: `ask` for points, `tell` their outcomes, `estimate`.
+
+    exposure: of the scenario's points.
+    budget: most drives.
 
     drives: number of points asked for.
     drawn: number of points drawn for the estimate, impossible ones included.
@@ -97,12 +111,12 @@ class RareEvents:
     The same seed and the same outcomes lead to the same points.
     """
 
-    def __init__(self, met: Met, budget: int, seed: int = 1) -> None:
-        self.met, self.budget, self.seed = met, budget, seed
+    def __init__(self, exposure: Exposure, budget: int, seed: int = 1) -> None:
+        self.exposure, self.budget, self.seed = exposure, budget, seed
         self.loss, self.weights = np.empty(0), np.empty(0)
         self.in_estimate = np.empty(0, bool)
         self.drawn = self.drives = self._rounds = 0
-        self._search = BoundarySearch(met.logical, seed)
+        self._search = BoundarySearch(exposure.logical, seed)
 
     @property
     def points(self) -> FloatArray:
@@ -121,11 +135,11 @@ class RareEvents:
 
     def ask(self) -> Draw:
         """The next points to drive; none once the budget is spent."""
-        stream = random_stream(self.seed, "importance", self.met.logical.name, self._rounds)
+        stream = random_stream(self.seed, "importance", self.exposure.logical.name, self._rounds)
         self._rounds += 1
         size = int(ROUND * self.budget)
         if self.drives == 0:
-            size = min(FIRST + 8 * len(self.met.logical.names), int(EXPLORED * self.budget))
+            size = min(FIRST + 8 * len(self.exposure.logical.names), int(EXPLORED * self.budget))
         size = min(size, self.budget - self.drives)
         if size == 0:
             return Draw(self.points[:0], np.empty(0), 0)
@@ -148,14 +162,14 @@ class RareEvents:
     def _explore(self, size: int, stream: Generator) -> Draw:
         """Draw at most `size` points that explore.
 
-        Every score of a point is divided by the density that the pool was drawn with, so that it
+        Every score of a point is divided by the density with which the pool was drawn, so that it
         does not depend on how the pool was drawn.
         """
         points, density, drawn_with = self._pool(stream)
         level = density / density.max()
         if self._knows_both:
-            # half of the points lie at the edge of the collisions; by the square root, points of
-            # little exposure are among them
+            # Half of the points lie at the edge of the collisions, the rest among them. The square
+            # root also admits points of little exposure at the edge.
             chance = self._search.probability(points)
             edge = np.sqrt(level) * chance * (1.0 - chance) / drawn_with
             core = level * (chance > 0.5) / drawn_with
@@ -165,8 +179,9 @@ class RareEvents:
         else:
             # The exponent admits points of little exposure. 0.05 admits some without danger, as the
             # ADS may collide where ideal braking would not.
-            some = _pick(points, level**0.25 / drawn_with, ASKED, stream)
-            rows = _pick(some, 0.05 + danger(self.met.logical, some, ZoneSettings()), size, stream)
+            exposed = _pick(points, level**0.25 / drawn_with, WITH_DANGER, stream)
+            score = 0.05 + danger(self.exposure.logical, exposed, ZoneSettings())
+            rows = _pick(exposed, score, size, stream)
         rows = np.unique(rows, axis=0)  # a point may be picked for the edge and for the core
         return Draw(rows, np.zeros(len(rows)), 0)
 
@@ -177,45 +192,46 @@ class RareEvents:
 
     def _pool(self, stream: Generator) -> Pool:
         """Draw points to choose from: a third each by exposure, spread wider, and evenly."""
-        met = self.met
-        logical = met.logical
-        base = met.base(POOL, stream)
+        exposure = self.exposure
+        logical = exposure.logical
+        base = exposure.base(POOL, stream)
         middle = np.median(base, axis=0)
-        wide = middle + STRETCHED * (met.base(POOL, stream) - middle)
+        wide = middle + STRETCH * (exposure.base(POOL, stream) - middle)
         points = np.concatenate([base, wide, evenly(logical, POOL, stream)])
-        density = met.density(points)
+        density = exposure.density(points)
         points, density = points[density > 0.0], density[density > 0.0]
 
-        # mean density of the three thirds; stretching divides the density of `base` by STRETCHED in
+        # mean density of the three thirds; stretching divides the density of `base` by STRETCH in
         # each direction
-        unstretched = middle + (points - middle) / STRETCHED
+        unstretched = middle + (points - middle) / STRETCH
         drawn_with = (
-            met.base_density(points)
-            + met.base_density(unstretched) / STRETCHED ** len(middle)
+            exposure.base_density(points)
+            + exposure.base_density(unstretched) / STRETCH ** len(middle)
             + 1.0 / np.prod(logical.high - logical.low)
         ) / 3.0
-        return points, density, drawn_with
+        return Pool(points, density, drawn_with)
 
     def _count(self, size: int, stream: Generator) -> Draw:
         """Draw `size` points that count; impossible ones have no drive."""
-        logical, mixtures = self.met.logical, self._mixtures(stream)
+        logical, mixtures = self.exposure.logical, self._mixtures(stream)
         defensive = DEFENSIVE if mixtures else 1.0
-        # for each mixture, which points (size,) it may draw: they take turns
+        # for each mixture, which points (size,) it may draw: the mixtures take turns
         turns = [np.arange(size) % len(mixtures) == turn for turn in range(len(mixtures))]
         drawn = 0
         density = np.zeros(size)
         while not density.any():  # until at least one point is possible
-            rows = self.met.base(size, stream)
-            lots = stream.uniform(size=size)  # below `defensive`: stays drawn by exposure
+            rows = self.exposure.base(size, stream)
+            lots = stream.uniform(size=size)  # below `defensive`: the point of `base` stays
             for mixture, turn in zip(mixtures, turns, strict=True):
                 chosen = turn & (lots >= defensive)
                 rows[chosen] = logical.from_unit(mixture.draw(size, stream))[chosen]
-            density = self.met.density(rows)
+            density = self.exposure.density(rows)
             drawn += size
         rows, density = rows[density > 0.0], density[density > 0.0]
 
         volume = np.prod(logical.high - logical.low)  # of the box, in the parameters' units
-        proposal = defensive * self.met.base_density(rows)
+        # q: density with which these points were drawn
+        proposal = defensive * self.exposure.base_density(rows)
         for mixture, turn in zip(mixtures, turns, strict=True):
             part = (1.0 - defensive) * turn.mean()
             proposal += part * mixture.density(logical.to_unit(rows)) / volume
@@ -230,35 +246,34 @@ class RareEvents:
         Where all drives collided, one mixture covers all points. Where none did, it covers the
         dangerous ones. A mixture that cannot be fitted is left out.
         """
-        pool = self._pool(stream)
+        logical, pool = self.exposure.logical, self._pool(stream)
         if self._knows_both:
-            mixtures = [self._polished(pool, least, stream) for least in (LIKELY, SURE)]
+            mixtures = [self._polished(pool, least, stream) for least in (LIKELY, NEARLY_SURE)]
         else:
             points, density, drawn_with = pool
             if not self.collided.any():
-                step = max(1, len(points) // ASKED)  # danger takes long to compute
+                step = max(1, len(points) // WITH_DANGER)  # danger takes long to compute
                 points, density, drawn_with = (column[::step] for column in pool)
-                density = density * danger(self.met.logical, points, ZoneSettings()) ** 2
-            mixtures = [_fitted(self.met.logical.to_unit(points), density / drawn_with, stream)]
+                density = density * danger(logical, points, ZoneSettings()) ** 2
+            mixtures = [_fitted(logical.to_unit(points), density / drawn_with, stream)]
         return [mixture for mixture in mixtures if mixture is not None]
 
     def _polished(self, pool: Pool, least: float, stream: Generator) -> Mixture | None:
         """A mixture over exposed points that collide with a probability above `least`.
 
-        It is fitted to the pool, then to draws from itself, of which more lie at such points.
+        The mixture is fitted to the pool, then to draws from itself, of which more lie there.
         """
-        logical = self.met.logical
-        points, density, drawn_with = pool
-        weight = density * (self._search.probability(points) > least) / drawn_with
-        mixture = _fitted(logical.to_unit(points), weight, stream)
+        logical = self.exposure.logical
+        weight = pool.density * (self._search.probability(pool.points) > least) / pool.drawn_with
+        mixture = _fitted(logical.to_unit(pool.points), weight, stream)
         if mixture is None:  # the pool has too few such points: take the drives that collided
             hits = self.points[self.collided]
-            mixture = _fitted(logical.to_unit(hits), np.sqrt(self.met.density(hits)), stream)
+            mixture = _fitted(logical.to_unit(hits), np.sqrt(self.exposure.density(hits)), stream)
         if mixture is None:
             return None
-        for _ in range(POLISHED):
+        for _ in range(REFITS):
             unit = mixture.draw(POOL, stream)
-            density = self.met.density(logical.from_unit(unit))
+            density = self.exposure.density(logical.from_unit(unit))
             unit, density = unit[density > 0.0], density[density > 0.0]
             if len(unit) < CENTRES // 4:  # too few for a better fit
                 break
@@ -274,7 +289,7 @@ class RareEvents:
             self.weights[hits],
             self.loss[hits],
             self.drawn,
-            self.met.heaviest,
+            self.exposure.heaviest,
             int(self.collided.sum()),
             self.drives,
         )
@@ -291,9 +306,10 @@ def _pick(points: FloatArray, weight: FloatArray, count: int, stream: Generator)
 
 
 def _fitted(unit: FloatArray, weight: FloatArray, stream: Generator) -> Mixture | None:
-    """A mixture over weighted points (n, k) of the unit box.
+    """A mixture over weighted points; None where fewer than two weights are above 0.
 
-    weight: (n,). None is returned where fewer than two are above 0.
+    unit: points in the coordinates of the unit box, (n, k).
+    weight: of each point, (n,).
     """
     if not np.all(np.isfinite(weight)) or weight.sum() <= 0.0:
         return None
@@ -310,9 +326,10 @@ def _fitted(unit: FloatArray, weight: FloatArray, stream: Generator) -> Mixture 
     centred = unit - share @ unit
     # 1e-8 of the box: points in a plane have a covariance too
     covariance = (centred * share[:, None]).T @ centred + 1e-8 * np.eye(k)
-    # systematic resampling: each point becomes a centre about `CENTRES` times its share
+    # systematic resampling: a point becomes a centre about `CENTRES` times its share
     picks = np.searchsorted(np.cumsum(share), (stream.uniform() + np.arange(CENTRES)) / CENTRES)
-    width = min(effective, CENTRES) ** (-1.0 / (k + 4))  # Scott's
+    width = min(effective, CENTRES) ** (-1.0 / (k + 4))  # Scott's rule for kernels
+    # by rounding, the last pick may lie beyond the last point
     return Mixture(unit[np.minimum(picks, len(unit) - 1)], width * np.linalg.cholesky(covariance))
 
 
@@ -321,7 +338,7 @@ class CollisionEstimate(NamedTuple):
 
     deviation: standard error of the probability over its value.
     upper_limit: 95 % limit of the probability wherever the collisions lie. It rests on the number
-        of points drawn by exposure. It is the upper limit of both without hits.
+        of points drawn by exposure. Without hits, it is the upper limit of probability and loss.
     drives, collisions: numbers of all drives, and of those with a collision.
     drawn, hits: numbers of points drawn for the estimate, and of their collisions.
     """
@@ -343,10 +360,10 @@ def estimated(
 
     weights, loss: p/q and L of each of these, (h,).
     drawn, collisions, drives: as in `CollisionEstimate`.
-    heaviest: as in `Met`.
+    heaviest: as in `Exposure`.
     """
-    # upper limit of the mean of a Poisson number of hits; -ln(1 - LEVEL) without any. Hits that
-    # were not drawn by exposure count, too, so it errs towards too large a limit
+    # Upper limit of the mean of a Poisson number of hits; without any it is -ln(1 - LEVEL). Hits
+    # that were not drawn by exposure count too, so the limit is rather too large than too small.
     hits = float(gammaincinv(len(weights) + 1.0, LEVEL))
     limit = min(1.0, hits * heaviest / (DEFENSIVE * drawn)) if drawn else 1.0
     probability = expected = 0.0, 0.0, limit
@@ -364,14 +381,15 @@ def _mean(terms: FloatArray, drawn: int) -> tuple[Limits, float]:
 
     terms: those that are not 0, (h,).
 
-    The limits are those of a log-normal distribution, but with Student's quantile.
+    The limits are those of a log-normal distribution with Student's quantile instead of the normal
+    one.
     """
     mean = terms.sum() / drawn
     variance = max((terms**2).sum() / drawn - mean**2, 0.0) / max(drawn - 1, 1)
     relative = sqrt(variance) / mean if mean > 0.0 else inf
     student = float(stdtrit(degrees_of_freedom(terms), (1.0 + LEVEL) / 2.0))
     reach = student * sqrt(log1p(relative**2))
-    high = mean * exp(min(reach, 50.0))  # 50: exp stays finite
+    high = mean * exp(min(reach, LARGEST_EXPONENT))
     return (min(mean, 1.0), mean * exp(-reach), min(high, 1.0)), relative
 
 

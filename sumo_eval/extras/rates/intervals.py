@@ -1,6 +1,5 @@
-"""95 % intervals of what is learnt from recorded events: rates, ends of ranges, correlations.
-
-`learned` and `campaign` use them.
+"""95 % intervals of quantities that are learnt from recorded events: rates, ends of ranges,
+correlations; and Kolmogorov distances.
 
 Users: `extras/rates/campaign.py`, `extras/rates/campaign_page.py`, `extras/rates/importance.py`,
 `extras/rates/learn_page.py`, `extras/rates/learned.py`.
@@ -47,15 +46,15 @@ def end_interval(values: FloatArray, *, upper: bool, level: float = LEVEL) -> tu
     values: within the range, (n,).
     upper: whether of the range's upper end; else of its lower one.
 
-    The interval begins at the outermost value. Let e be the distance from there to the end, and g
-    the distance from there to the value k further in. If the density is even over these values,
-    e / (e + g) has a beta distribution (1, k), so that e > c g with probability (1 + c)^-k. This is
-    1 - level for c = (1 - level)^(-1/k) - 1. If the density fades out, there is no end, and the
-    interval means little.
+    The interval begins at the outermost value. Let e be the distance from this value to the end of
+    the range, and g the distance from it to the value k further in. If the density is even over
+    these values, e / (e + g) has a beta distribution (1, k), so that e > c g with probability
+    (1 + c)^-k. This is 1 - level for c = (1 - level)^(-1/k) - 1. If the density fades out, there is
+    no end, and the interval means little.
 
     Source: after Robson and Whitlock (1964), who take k = 1.
     """
-    ordered = np.sort(values if upper else -values)
+    ordered = np.sort(values if upper else -values)  # the lower end of x is the upper end of -x
     k = min(OUTERMOST, len(ordered) - 1)
     last = ordered[-1]
     beyond = last + (last - ordered[-1 - k]) * ((1.0 - level) ** (-1.0 / k) - 1.0)

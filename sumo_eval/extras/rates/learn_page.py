@@ -42,7 +42,7 @@ SUMMARY = (
     "class", "events", "per_vehicle_km", "per_vehicle_km_interval", "fitted", "model",
     "replay_error",
 )  # fmt: skip
-"""Entries of `_plain_class` that the first table of the page compares between classes."""
+"""Entries of `_plain_class` that are the columns of the page's first table."""
 NOTES = (
     Text(
         "By chance: the Kolmogorov distance that as many events, drawn from the distribution "
@@ -157,7 +157,7 @@ def _plain_class(learnt: Learnt) -> Json:
 
 
 def _against(learnt: Learnt) -> int:
-    """Number of events with all parameters that a constraint of the scenario rules out."""
+    """Number of measured events that a constraint of the scenario rules out."""
     return int((~learnt.kept).sum())
 
 
@@ -230,7 +230,7 @@ def _class_parts(learnt: Learnt, content: Json) -> list[Text | Table | Chart]:
     else:
         caption = f"{encounters.name}: recorded and modelled"
         pieces = [Chart(caption, _marginals(learnt.joint)), *pieces, *_fit_parts(learnt, content)]
-    # without the tables that have no row
+    # a table without a row is left out
     return [piece for piece in pieces if not isinstance(piece, Table) or piece.rows]
 
 
@@ -268,7 +268,9 @@ def _fit_parts(learnt: Learnt, content: Json) -> list[Text | Table]:
 
 
 def _marginals(joint: Joint) -> Any:
-    """Histogram of each parameter as recorded, and its curve by the model."""
+    """A figure with a panel for each parameter: its recorded histogram, and its density by the
+    model.
+    """
     drawn = joint.draw(CURVE_POINTS, random_stream(0, "drawn", len(joint.names)))
     recorded = np.array(joint.events)
     panels = []

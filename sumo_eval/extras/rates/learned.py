@@ -1,7 +1,8 @@
 """Logical scenarios from recordings, one for each class of encounters, for `sumo-eval learn`.
 
-A scenario file has ranges, a joint distribution and a rate. `Learnt` also says how well the file
-describes the recordings: by vehicles that were held out of the fit, and by the motion of its actor.
+A scenario file has ranges, a joint distribution and a rate. `Learnt` also has how well the file
+describes the recordings: the likelihood of vehicles that were held out of the fit, and the distance
+of the file's actor from the recorded one.
 
 Users: `extras/rates/command.py`, `extras/rates/learn_page.py`.
 """
@@ -46,22 +47,25 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 FOLDS = 5  # groups of vehicles, each held out once
 FACTORS = (0.15, 0.2, 0.27, 0.36, 0.48, 0.64, 0.85)  # bandwidths to try, in addition to Scott's
-MOST_FITTED = 2000  # events that a distribution is fitted to; more only take longer
-LEAST_EVENTS = 5  # for each parameter; fewer have no distribution
+MOST_FITTED = 2000  # events to which a distribution is fitted; more only take longer
+LEAST_EVENTS = 5  # for each parameter; a class with fewer has no distribution
 # Kolmogorov distance within which models count as equally near the held-out vehicles
 NEAR = 0.1
-SAME = 1e-3  # in its unit; a parameter with a smaller deviation is a constant
+LEAST_DEVIATION = 1e-3  # in the parameter's unit; a smaller one makes it a constant
 PREFIX = "learnt_"  # of the scenarios' names
 STEP = 0.1  # s between two positions of the scripted motion
+EGO_WIDTH = 1.8  # m, in the replay
+MARGINAL_DRAWS = 8192  # points that give the distribution function of a parameter
 DATE = "2022-01-01T00:00:00"  # always the same, so that the same events give the same file
 
 
 class Fit(NamedTuple):
     """How well a model describes vehicles that were held out of its fit.
 
-    model: `even`, or kind and bandwidth of `joint`, as `copula 0.27`; without it Scott's.
+    model: `even`, or kind and bandwidth of `joint`, as `copula 0.27`. The kind alone: the bandwidth
+        is Scott's.
     log_likelihood: mean over the held-out events, nats.
-    kolmogorov: parameter -> Kolmogorov distance to the held-out events.
+    kolmogorov: parameter -> Kolmogorov distance to the held-out events; empty of `even`.
     joint: the model over all events; None of `even`.
     """
 
@@ -72,22 +76,27 @@ class Fit(NamedTuple):
 
 
 class Learnt(NamedTuple):
-    """Results for a class. `measure` gives those before a distribution is fitted, `_fitted` adds
-    the rest.
+    """Results for a class.
 
-    encounters: recorded ones.
+    By `measure`. With too few events for a distribution, `logical` is None, and the fields after it
+    are empty, except perhaps `kept`:
+
+    encounters: of the class.
     rate: of encounters, 1/km, and its 95 % limits.
     needed: least number of events for a distribution.
     constants: parameter that does not vary -> its value.
-    logical: the scenario, once fitted that of its file; None: too few events.
+    logical: the scenario; None: too few events.
     content: tables of its file without a distribution.
-    kept: whether each of the encounters' rows is within the ranges and constraints, (n,).
-    rows: parameters of the kept rows, (kept, k).
+    kept: whether each row of the encounters is within the ranges and constraints, (n,).
+    rows: parameters of these rows, (kept, k).
     ends: parameter -> intervals of the lower and of the upper end of its range.
     correlations: pair of parameters -> Spearman's rank correlation and its limits.
-    rate_together: limits of the rate that hold together with all `ends` and `correlations`, with
-        95 %. So each of these intervals is wider than one that holds alone.
-    joint: its distribution.
+    rate_together: limits of the rate. With 95 %, they hold together with all intervals of `ends`
+        and `correlations`: each of these is wider than an interval that holds alone.
+
+    By `_fitted`, which also replaces `logical` by the scenario of the file:
+
+    joint: distribution of the parameters.
     models: all that were tried, the best first.
     replay: error of the actor's motion in each fitted event, m, (n, 3), as by `replay_errors`.
     thinned: number of events beyond `MOST_FITTED`, which the distribution leaves out evenly.
@@ -133,7 +142,8 @@ def learn(
     recordings: read one by one, so that memory holds only one.
     folder: receives the files.
     source: name of the recordings in sentences.
-    watch: receives the work under way, and the number of its parts that are done.
+    watch: receives a recording that was read or a class that was fitted, and the number of those
+        done so far.
     """
     survey = find_encounters(recordings, watch)
     if not survey.kilometres > 0.0:
@@ -158,16 +168,16 @@ def measure(encounters: Encounters, survey: EncounterSurvey, source: str) -> Lea
     source: of the recordings, for the scenario's file.
     """
     quantities = {item.name: item for item in SCENES[encounters.name].quantities}
-    counts = encounters.events, survey.kilometres
-    rate = (encounters.events / survey.kilometres, *rate_interval(*counts))
+    events_and_kilometres = encounters.events, survey.kilometres
+    rate = (encounters.events / survey.kilometres, *rate_interval(*events_and_kilometres))
     columns = {name: np.array([row[name] for row in encounters.rows]) for name in quantities}
     constants = {
         name: np.median(column)
         for name, column in columns.items()
-        if len(column) > 1 and column.std() < SAME
+        if len(column) > 1 and column.std() < LEAST_DEVIATION
     }
     free = [name for name in quantities if name not in constants]
-    # without a free parameter only the report uses it
+    # `quantities`: where no parameter is free, the report still needs a number
     needed = LEAST_EVENTS * len(free or quantities)
     few = Learnt(encounters, rate, needed, constants)
     # events that are all alike have no distribution
@@ -183,14 +193,14 @@ def measure(encounters: Encounters, survey: EncounterSurvey, source: str) -> Lea
         "vehicle_km": round(survey.kilometres, 3),
         "where": source,
     }
-    # the scenario says which events its constraints rule out
+    # the scenario's own ranges and constraints decide which events are kept
     logical = scenario_from(content, f"learnt scenario `{encounters.name}`", Path())
     rows = np.column_stack([columns[name] for name in free])
     kept = logical.in_box(rows) & logical.feasible(rows)
     rows = rows[kept]
     if len(rows) < needed:
         return few._replace(kept=kept)
-    intervals = _intervals_at_once(dict(zip(free, rows.T, strict=True)), *counts)
+    intervals = _intervals_at_once(dict(zip(free, rows.T, strict=True)), *events_and_kilometres)
     return Learnt(encounters, rate, needed, constants, logical, content, kept, rows, *intervals)
 
 
@@ -200,6 +210,7 @@ def _intervals_at_once(
     """`ends`, `correlations` and `rate_together` of `Learnt`.
 
     columns: parameter -> its values, (n,).
+    events, kilometres: from which the rate was counted.
     """
     pairs = list(itertools.combinations(columns, 2))
     level = of_each(2 * len(columns) + len(pairs) + 1)  # of a single interval
@@ -217,7 +228,7 @@ def _fitted(measured: Learnt, path: Path) -> Learnt:
     path: of the files, without their ending.
     """
     if measured.logical is None:
-        for ending in (".toml", ".xosc", ".events.csv"):  # of earlier recordings
+        for ending in (".toml", ".xosc", ".events.csv"):  # that an earlier `learn` has written
             path.with_suffix(ending).unlink(missing_ok=True)
         return measured
     encounters = measured.encounters
@@ -229,21 +240,17 @@ def _fitted(measured: Learnt, path: Path) -> Learnt:
     rows = measured.rows[even]
     events = np.flatnonzero(measured.kept)[even].tolist()
     sources = [encounters.sources[event] for event in events]
-    table = path.with_suffix(".events.csv")
+    table, file = path.with_suffix(".events.csv"), path.with_suffix(".toml")
+    # `choose_model` tries every kind
     any_model = Joint("kde", names, _tuples(rows), low, high, source=table.name)
     models = choose_model(any_model, fold_of(sources))
-
-    lines = (
-        [*row, *(cell(str(value)) for value in source.values())]
-        for row, source in zip(rows.tolist(), sources, strict=True)
-    )
-    write_csv(table, [*names, *sources[0]], lines)
     joint = models[0].joint
-    assert joint is not None  # `even` is the last
+    assert joint is not None  # `even`, which has none, is the last
+
+    _write_events(table, names, rows, sources)
     distribution: dict[str, Any] = {"events": table.name, "kind": joint.kind}
     if joint.bandwidth is not None:
         distribution["bandwidth"] = joint.bandwidth
-    file = path.with_suffix(".toml")
     file.write_text(tomli_w.dumps({**measured.content, "joint": distribution}), encoding="utf-8")
     value_sets(names, measured.rate, rows, file)
 
@@ -254,6 +261,22 @@ def _fitted(measured: Learnt, path: Path) -> Learnt:
         replay=replay_errors(logical, encounters.name, rows, motions),
         thinned=len(measured.rows) - fitted,
     )  # fmt: skip
+
+
+def _write_events(
+    path: Path, names: Sequence[str], rows: FloatArray, sources: Sequence[Mapping[str, Any]]
+) -> None:
+    """Write events as CSV.
+
+    names: of the parameters.
+    rows: parameters of the events, (n, k).
+    sources: of the events, as in `Encounters`.
+    """
+    lines = (
+        [*row, *(cell(str(value)) for value in source.values())]
+        for row, source in zip(rows.tolist(), sources, strict=True)
+    )
+    write_csv(path, [*names, *sources[0]], lines)
 
 
 def value_sets(names: Sequence[str], rate: Limits, rows: FloatArray, file: Path) -> None:
@@ -298,8 +321,8 @@ def _tuples(rows: FloatArray) -> tuple[tuple[float, ...], ...]:
 def _range(values: FloatArray, quantity: Quantity) -> Bounds:
     """Range of a parameter: its values and one kernel deviation beyond, rounded outwards.
 
-    It ends at the quantity's ceiling or before. It begins below the floor only if values lie there,
-    and then with the lowest value.
+    The range ends at the quantity's ceiling or before. It begins at the floor or above it, except
+    where values lie below the floor: then it begins with the lowest value.
     """
     width = values.std(ddof=1) * len(values) ** -0.2  # Scott's, of one parameter
     # the range is rounded at the third digit of the values' spread
@@ -339,7 +362,7 @@ def choose_model(joint: Joint, folds: np.ndarray) -> tuple[Fit, ...]:
         for bandwidth in (None, *FACTORS)
         for kind in get_args(JointKind)
     ]
-    # the nearest first, all within `NEAR` alike; of these the likeliest
+    # by the largest distance of a parameter, all within `NEAR` alike; then by the likelihood
     fits.sort(key=lambda fit: (max(*fit.kolmogorov.values(), NEAR), -fit.log_likelihood))
     return (*fits, Fit("even", -math.log(np.prod(np.subtract(joint.high, joint.low))), {}))
 
@@ -363,7 +386,8 @@ def _fit(joint: Joint, folds: np.ndarray) -> Fit:
 
 def marginal_shares(joint: Joint, points: FloatArray) -> FloatArray:
     """Distribution function of each parameter alone at points (n, k), from draws within the box."""
-    drawn = np.sort(joint.draw(8192, random_stream(0, "marginals", len(joint.events))), axis=0)
+    stream = random_stream(0, "marginals", len(joint.events))
+    drawn = np.sort(joint.draw(MARGINAL_DRAWS, stream), axis=0)
     columns = zip(drawn.T, points.T, strict=True)
     return np.column_stack([np.searchsorted(own, at) / len(drawn) for own, at in columns])
 
@@ -380,7 +404,7 @@ def replay_errors(
 
     class_: of the encounters.
     rows: parameters of the events, (n, k).
-    motions: recorded ones, of each event.
+    motions: recorded motion of the actor in each event.
     """
     scene = SCENES[class_]
     squares = (
@@ -395,12 +419,16 @@ def _replay_squares(
 ) -> tuple[float, float]:
     """Mean squares, m2, of an event's distances along the road and across it.
 
-    Along the road, gaps to the ego are compared: all vehicles of the file have the same length.
+    Along the road, the gaps between the bodies of ego and actor are compared, because recorded
+    lengths differ from those of the file.
+
+    concrete: the event by the file.
+    motion: the recorded one.
     """
     number = [actor.name for actor in scene.actors].index(scene.replayed)
-    body = CAR_LENGTH, 1.8  # of the ego, m
+    body = CAR_LENGTH, EGO_WIDTH
     until = max(motion.time[-1], STEP)
-    # a row each `STEP`: x, y and more
+    # (steps, columns), a row each `STEP`; the first columns are x and y
     driven = tracks([concrete], [body], STEP, until).others[0, number]
     clock = np.arange(len(driven)) * STEP
     side = -1.0 if scene.behind else 1.0  # the actor is behind the ego, or ahead of it

@@ -1,9 +1,9 @@
 """Measurement of one manoeuvre in a recording, as parameters of its class's scenario.
 
-At t = 0 the vehicle that changes lane begins to move sideways, the lead begins to brake, or the gap
-passes 3.5 s. Sideways moves are fitted with the smooth step that scenario files have, motion along
-the road with constant acceleration. Moves to either side count alike, and a scenario has them to
-one side.
+At t = 0 the vehicle that changes lane begins to move sideways, the lead vehicle begins to brake, or
+the gap passes 3.5 s. Sideways moves are fitted with the smooth step that scenario files have,
+motion along the road with constant acceleration. Moves to both sides count alike; a scenario shows
+them to one side.
 
 Users: `extras/rates/encounters.py`, `extras/rates/learned.py`, `extras/rates/scenes.py`.
 """
@@ -24,10 +24,10 @@ from sumo_eval.trajectory import FloatArray
 
 AROUND = 2.0  # s before and after a lane change that are fitted with it
 SHORTEST, LONGEST = 1.0, 15.0  # s; durations of a fitted lane change
-NEAREST, FARTHEST = 1.5, 6.0  # m across; less is a move within a lane, more one over two lanes
-# s of a lead's motion that are measured; after that the scenario's lead keeps its speed
-APPROACH_WINDOW = 5.0
+NEAREST, FARTHEST = 1.5, 6.0  # m across; less is a move within a lane, more crosses two lanes
+APPROACH_WINDOW = 5.0  # s of the lead vehicle's motion that are measured from t = 0 on
 LEAST_BRAKING = 3  # samples; fewer do not determine an acceleration
+SLOWEST = 0.1  # m/s by which a headway is divided, at least
 
 # reasons why an event has no parameters
 NOT_WHOLE = "not recorded from its beginning to its end"
@@ -38,7 +38,7 @@ LEAD_MOVES = "the lead changes lane meanwhile"
 
 
 class NotMeasuredError(Exception):
-    """An event counts but has no parameters; the text is one of the reasons above."""
+    """An event counts but cannot be measured; the text is one of the reasons above."""
 
 
 class Motion(NamedTuple):
@@ -46,8 +46,8 @@ class Motion(NamedTuple):
 
     time: from t = 0 on, s, (n,).
     x: of its centre ahead of the ego's centre at t = 0, m, (n,).
-    y: of its centre to the left of the middle of the ego's lane at t = 0, m, (n,); mirrored where
-        the scene of its class shows the other side.
+    y: of its centre to the left of the middle of the ego's lane at t = 0, m, (n,). It is mirrored
+        where the recorded move is to the other side than that of the class's scene.
     bodies: half the sum of the lengths of actor and ego, m.
     """
 
@@ -58,13 +58,15 @@ class Motion(NamedTuple):
 
 
 Measurement = tuple[dict[str, float], Motion]
-"""Values of an event by name, among them all parameters of its class; the motion of its actor."""
+"""Values of an event by name, among them all parameters of its class (`scenes.Quantity`); the
+motion of its actor.
+"""
 
 
 def _part(traffic: RecordedTraffic, vehicle: str, begin: float, duration: float) -> slice:
-    """The rows of a vehicle from `begin` on for `duration`, s.
+    """The rows of a vehicle over `duration` s from the time `begin` on, s.
 
-    Raises NotMeasuredError if it is not recorded throughout.
+    Raises NotMeasuredError if the vehicle is not recorded throughout.
     """
     whole = traffic.slices[vehicle]
     since = begin - traffic.t[whole.start]
@@ -79,7 +81,7 @@ def _part(traffic: RecordedTraffic, vehicle: str, begin: float, duration: float)
 def position_at(traffic: RecordedTraffic, vehicle: str, time: float) -> tuple[float, float]:
     """Position along the road, m, and speed, m/s, of a vehicle at a time.
 
-    Raises NotMeasuredError if it is not recorded then.
+    Raises NotMeasuredError if the vehicle is not recorded at this time.
     """
     whole = traffic.slices[vehicle]
     clock = traffic.t[whole]
@@ -101,10 +103,12 @@ class _Pair:
     part: rows of the actor's motion.
 
     ego_x, x0: positions of ego and actor at t = 0, m.
+    ego_speed: of the ego at t = 0, m/s.
+    acceleration: of the actor, m/s2.
     bodies: as in `Motion`.
     gap: bumper to bumper from the ego to the actor ahead at t = 0, m.
     closing: speed of the ego less that of the actor at t = 0, m/s.
-    values: parameters that several classes have.
+    values: parameters that several classes have, by name.
     """
 
     def __init__(self, traffic: RecordedTraffic, ego: str, begin: float, part: slice) -> None:
@@ -128,7 +132,7 @@ class _Pair:
     def motion(self, lane: int, mirror: float = 1.0) -> Motion:
         """The actor's motion.
 
-        lane: the ego's at t = 0.
+        lane: number of the ego's lane at t = 0.
         mirror: factor of y, 1 or -1.
         """
         y = mirror * (self._traffic.y[self._part] - self._traffic.centres[lane])
@@ -151,9 +155,9 @@ def _sideways(traffic: RecordedTraffic, change: RecordedLaneChange) -> tuple[flo
         raise NotMeasuredError(NOT_WHOLE)
     whole = traffic.slices[change.vehicle]
     t = traffic.t[whole]
-    seen = (t >= change.onset - AROUND) & (t <= change.end + AROUND)
+    near = (t >= change.onset - AROUND) & (t <= change.end + AROUND)
     begin, duration, offset = fit_smooth_step(
-        t[seen], traffic.y[whole][seen], change.onset, change.duration
+        t[near], traffic.y[whole][near], change.onset, change.duration
     )
     if not (SHORTEST <= duration <= LONGEST and NEAREST <= abs(offset) <= FARTHEST):
         raise NotMeasuredError(NO_FIT)
@@ -176,9 +180,9 @@ def fit_smooth_step(
     minimize: Any = optimize.minimize
     across = y - y.mean()
 
-    def fit(step: FloatArray) -> tuple[float, float]:
-        """Sum of squares for `step`, begin and duration, and the offset that makes it least."""
-        share = smooth_step((time - step[0]) / max(abs(step[1]), INTERVAL))
+    def fit(begin: float, duration: float) -> tuple[float, float]:
+        """The least sum of squares of a step, and the offset that gives it."""
+        share = smooth_step((time - begin) / max(abs(duration), INTERVAL))
         share = share - share.mean()
         spread = (share**2).sum()
         offset = (share * across).sum() / spread if spread > 0.0 else 0.0
@@ -187,13 +191,13 @@ def fit_smooth_step(
 
     # a smooth step begins before its onset is seen, and ends later
     guess = np.array([onset - 0.1 * duration, 1.2 * max(duration, 0.5)])
-    best = minimize(
-        lambda step: fit(step)[0],
+    begin, duration = minimize(
+        lambda step: fit(*step)[0],
         guess,
         method="Nelder-Mead",
         options={"xatol": 1e-3, "fatol": 1e-9},
     ).x
-    return best[0], abs(best[1]), fit(best)[1]
+    return begin, abs(duration), fit(begin, duration)[1]
 
 
 def cut_in(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange) -> Measurement:
@@ -201,13 +205,14 @@ def cut_in(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange) -
     begin, duration, offset = _sideways(traffic, change)
     pair = _Pair(traffic, event["ego"], begin, _part(traffic, change.vehicle, begin, duration))
     values = pair.values | {"duration": duration}
-    # in the scenario the actor comes from a ramp on the right, or from the lane on the left
+    # In the scenario the actor comes from a ramp on the right and moves to the left, or from the
+    # left lane and moves to the right. `offset` is the recorded direction.
     mirror = 1.0 if change.origin < 0 else -1.0
     return values, pair.motion(change.to, mirror * np.sign(offset))
 
 
 def cut_out(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange) -> Measurement:
-    """Measure a lead that leaves the lane, and the vehicle that it reveals."""
+    """Measure a lead vehicle that leaves the lane, and the vehicle that it reveals."""
     ego, revealed = event["ego"], event["revealed"]
     if not revealed:
         raise NotMeasuredError(NOTHING_REVEALED)
@@ -229,7 +234,7 @@ def cut_out(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange) 
 
 
 def braking(traffic: RecordedTraffic, event: Event) -> Measurement:
-    """Measure a lead's braking, from `BRAKING_BELOW` until it eases off to that again."""
+    """Measure the braking of a lead vehicle, for as long as it exceeds `BRAKING_BELOW`."""
     whole = traffic.slices[event["lead"]]
     first = whole.start + round((event["t"] - traffic.t[whole.start]) / INTERVAL)
     acceleration = traffic.acceleration[first : whole.stop]
@@ -239,7 +244,7 @@ def braking(traffic: RecordedTraffic, event: Event) -> Measurement:
         raise NotMeasuredError(NOT_WHOLE)
     pair = _Pair(traffic, event["ego"], event["t"], slice(first, first + steps + 1))
     values = {
-        "headway": pair.gap / max(pair.ego_speed, 0.1),
+        "headway": pair.gap / max(pair.ego_speed, SLOWEST),
         "deceleration": -pair.acceleration,
         "duration": steps * INTERVAL,
     }
@@ -247,7 +252,7 @@ def braking(traffic: RecordedTraffic, event: Event) -> Measurement:
 
 
 def approach(traffic: RecordedTraffic, event: Event) -> Measurement:
-    """Measure the first seconds of an approach to a slower lead."""
+    """Measure the first `APPROACH_WINDOW` of an approach to a slower lead vehicle."""
     part = _part(traffic, event["lead"], event["t"], APPROACH_WINDOW)
     pair = _Pair(traffic, event["ego"], event["t"], part)
     return pair.values, pair.motion_in_lane(LEAD_MOVES)
@@ -256,7 +261,10 @@ def approach(traffic: RecordedTraffic, event: Event) -> Measurement:
 def lane_change(
     traffic: RecordedTraffic, event: Event, change: RecordedLaneChange, lead: str, rear: str
 ) -> Measurement:
-    """Measure a change to the left, between a lead and a vehicle behind."""
+    """Measure the ego's change to the left, between a lead vehicle and a vehicle behind it.
+
+    lead, rear: names of these vehicles.
+    """
     begin, duration, _ = _sideways(traffic, change)
     lead_x, lead_speed = position_at(traffic, lead, begin)
     pair = _Pair(traffic, change.vehicle, begin, _part(traffic, rear, begin, duration))

@@ -180,7 +180,7 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
     tell(f"`sumo-eval report {shlex.quote(str(run))}` shows it in the report from now on.")
 
 
-# click would cut longer ones in the help of the group
+# the whole first sentence: in the help of the group click would cut a long one
 for command in humans.commands.values():
     command.short_help = command.get_short_help_str(WHOLE)
 

@@ -3,9 +3,10 @@
 `sumo-eval humans scene` writes it. All other vehicles are actors: they drive along their recorded
 paths at their recorded speeds.
 
-The file's only parameter is `react_beyond`, a distance. If a model is named, SUMO takes over the
-actors when the ego is further than that from where the recorded ego was at the same time. An actor
-that is changing lane ends the change first. At `NEVER` no actor reacts.
+The file's only parameter is `react_beyond`, a distance. The ego departs from the recorded ego by
+the distance between both at the same time. If the user names a model, SUMO takes over the actors
+once the ego has departed by more than `react_beyond`. An actor that is changing lane ends the
+change first. At `NEVER` no actor reacts.
 
 Users: `extras/rates/people_command.py`.
 """
@@ -30,9 +31,11 @@ from sumo_eval.trajectory import FloatArray
 
 NEVER = 100_000.0  # m; no ADS departs that far
 REACH = 300.0  # m along the road; vehicles that are always further from the ego are left out
-LONGEST = 120.0  # s of a scene
+LONGEST, USUAL = 120.0, 30.0  # s of a scene: at most, and by default
 PATH_TOLERANCE = 0.03  # m; largest distance of a written path from the recorded one
 WITHIN_LANE = 0.6  # m from the middle of a lane; further off, SUMO does not take over an actor
+STANDS = 1.0  # m; a vehicle that drives no further in the scene stands
+SPEED_OVER = 0.5  # s over which a speed is a mean
 ROAD_BEHIND = 100.0  # m of road behind the last vehicle at the start
 ROAD_AHEAD = 500.0  # m of road ahead of the first vehicle at the end
 BODIES = {
@@ -49,12 +52,10 @@ ROAD_AS_WRITTEN = (
     "The lanes are straight and there throughout; curves, ramps and lanes that end are not written."
 )
 NO_REACTION = "no actor reacts"
-# why a vehicle is left out
-FAR, IN_ANOTHER, SHORT = (
-    f"never within {REACH:g} m of the ego",
-    "would stand in another vehicle where its track is continued to the start",
-    "recorded for less than a second",
-)
+# reasons why a vehicle is left out
+FAR = f"never within {REACH:g} m of the ego"
+IN_ANOTHER = "would stand in another vehicle where its track is continued to the start"
+SHORT = "recorded for less than a second"
 
 
 class WrittenScene(NamedTuple):
@@ -109,8 +110,8 @@ def write_scene(
     path: of the file.
     ego: name of the vehicle that an ADS is to replace.
     recording: name of its recording; None: the only one that the ego is in.
-    span: start and end of the scene, s of the recording; None: start and end of the ego's first
-        30 s.
+    span: start and end of the scene, s of the recording; None: start of the ego's recording, and
+        `USUAL` s after the start.
     model: SUMO's model by which the actors react; None: they do not react.
     beyond: the first value of `react_beyond`, m; the second is `NEVER`.
     Raises InputError if there is no such scene.
@@ -127,7 +128,7 @@ def write_scene(
         )
     first, last = _span_of(table[table["vehicle"] == ego], span)
     recorded, others, (width, lanes) = _recorded_tracks(table, ego, first, last)
-    # the ego of the scene: from its start to its end, as `[ego] recorded` of the file has it
+    # the ego from the start of the scene to its end, one position each `INTERVAL`
     clock = np.arange(round((last - first) / INTERVAL) + 1.0) * INTERVAL
     x, y = (np.interp(clock, recorded.time, values) for values in (recorded.x, recorded.y))
     scene_ego = recorded._replace(time=clock, x=x, y=y)
@@ -189,7 +190,7 @@ def _span_of(own: pd.DataFrame, span: tuple[float | None, float | None]) -> tupl
     """
     start, stop = own["t"].iloc[[0, -1]]
     first = start if span[0] is None else span[0]
-    last = min(first + 30.0, stop) if span[1] is None else span[1]
+    last = min(first + USUAL, stop) if span[1] is None else span[1]
     if not (start - 1e-6 <= first < last <= stop + 1e-6 and last - first <= LONGEST):
         raise must_be(
             "Begin and end", f"the scene of vehicle `{own['vehicle'].iloc[0]}`",
@@ -204,8 +205,8 @@ def _recorded_tracks(
 ) -> tuple[_Track, list[_Track], tuple[float, int]]:
     """Track of the ego; tracks of all other vehicles; width, m, and number of lanes.
 
-    The ego's track is whole. The other tracks are cut to the scene; the vehicle that was recorded
-    first is the first.
+    The ego's track is whole, also before and after the scene. The other tracks are cut to the
+    scene, in the order in which their vehicles first were recorded.
 
     table: rows of the recording.
     first, last: start and end of the scene, s of the recording.
@@ -222,12 +223,12 @@ def _recorded_tracks(
 
 
 def _actors_of(tracks: list[_Track], ego: _Track) -> tuple[list[_Track], int, Counter[str]]:
-    """Actors of the file; number of them that were not recorded throughout; vehicles left out.
+    """Actors of the file; number of them that were not recorded throughout; and reason -> number of
+    vehicles left out.
 
-    tracks: of the vehicles; if two overlap at the start, the later in the list is left out.
+    Each actor has a track from the start of the scene on, and a name that SUMO accepts.
 
-    Each actor has a track from the start of the scene on, and a name that SUMO accepts. The last
-    result is reason -> number of vehicles.
+    tracks: of the vehicles. If two overlap at the start, the later one in the list is left out.
     """
     left_out = Counter[str]()
     actors = list[_Track]()
@@ -244,7 +245,8 @@ def _actors_of(tracks: list[_Track], ego: _Track) -> tuple[list[_Track], int, Co
         elif any(_overlap(actor, other) for other in (ego, *actors)):
             left_out[IN_ANOTHER] += 1
         else:
-            # After its last position an actor keeps speed and lane, as after every script.
+            # Before its first position `_from_start` continues its track. After its last position
+            # an actor keeps speed and lane, as after every script.
             if track.time[0] >= INTERVAL or track.time[-1] <= ego.time[-1] - INTERVAL:
                 continued += 1
             actors.append(actor)
@@ -273,9 +275,9 @@ def _track(rows: pd.DataFrame, first: float, lowest: float) -> _Track:
 
 def _speed(track: _Track, time: float) -> float:
     """Mean speed along the road over the recorded half second around a time, m/s."""
-    begin = min(max(time - 0.25, track.time[0]), track.time[-1] - 0.5)
-    x = np.interp([begin, begin + 0.5], track.time, track.x)
-    return float(max(x[1] - x[0], 0.0) / 0.5)
+    begin = min(max(time - SPEED_OVER / 2.0, track.time[0]), track.time[-1] - SPEED_OVER)
+    before, after = np.interp([begin, begin + SPEED_OVER], track.time, track.x)
+    return float(max(after - before, 0.0) / SPEED_OVER)
 
 
 def _from_start(track: _Track) -> _Track:
@@ -283,11 +285,12 @@ def _from_start(track: _Track) -> _Track:
 
     Up to its first position the vehicle drives at the speed that it has there, in its lane.
     """
+    begin = track.time[0]
     # half an interval less: rounding must not repeat the first position
-    before = np.arange(0.0, track.time[0] - INTERVAL / 2.0, INTERVAL)
+    before = np.arange(0.0, begin - INTERVAL / 2.0, INTERVAL)
     return track._replace(
         time=np.append(before, track.time),
-        x=np.append(track.x[0] - _speed(track, track.time[0]) * (track.time[0] - before), track.x),
+        x=np.append(track.x[0] - _speed(track, begin) * (begin - before), track.x),
         y=np.append(np.full(len(before), track.y[0]), track.y),
     )
 
@@ -344,8 +347,8 @@ def _vehicle(track: _Track, width: float, lanes: int, model: str) -> dict[str, A
     return {
         "name": track.name, "speed": speed, "x": begin[0], "y": begin[1],
         "body": track.body, "length": track.length, "width": track.width,
-        # one that stands has no path
-        "manoeuvre": [follow] if driven[-1] <= 1.0 else [path, profile, follow],
+        # a vehicle that stands has no path
+        "manoeuvre": [follow] if driven[-1] <= STANDS else [path, profile, follow],
     }  # fmt: skip
 
 
@@ -355,12 +358,12 @@ def _error(path: Path, ego: _Track, actors: list[_Track]) -> tuple[float, float]
     driven = tracks([concrete], [(ego.length, ego.width)], INTERVAL, ego.time[-1]).others[0]
     clock = np.arange(driven.shape[1]) * INTERVAL
     errors = []
-    # of each actor x, y and more, each over all steps
+    # driven: (actors, steps, columns), of which the first are x and y
     for (x, y, *_), track in zip(driven.transpose(0, 2, 1), actors, strict=True):
         # the last recorded time may lie within half an interval after the end of the scene
-        seen = track.time <= ego.time[-1] + 1e-6
-        time = track.time[seen]
-        along = np.interp(time, clock, x) - track.x[seen]
-        errors.append(np.hypot(along, np.interp(time, clock, y) - track.y[seen]))
-    every = np.concatenate(errors)
-    return np.sqrt(np.mean(every**2)), every.max()
+        in_scene = track.time <= ego.time[-1] + 1e-6
+        time = track.time[in_scene]
+        along = np.interp(time, clock, x) - track.x[in_scene]
+        errors.append(np.hypot(along, np.interp(time, clock, y) - track.y[in_scene]))
+    distances = np.concatenate(errors)
+    return np.sqrt(np.mean(distances**2)), distances.max()

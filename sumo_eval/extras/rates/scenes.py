@@ -1,7 +1,7 @@
 """Each class of encounters as a scenario file: parameters, vehicles, moves.
 
-`learned` fills in the ranges. A vehicle that comes from the next lane comes from the left, and one
-from a ramp from the right; encounters from the other side are mirrored.
+`learned` fills in the ranges. A vehicle from the next lane comes from the left, a vehicle from a
+ramp from the right. `measured` mirrors encounters from the other side.
 
 Users: `extras/rates/learn_page.py`, `extras/rates/learned.py`.
 """
@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 
 from sumo_eval.extras.rates.measured import APPROACH_WINDOW
 
-# of all learnt scenarios
+# constants of all learnt scenarios
 CAR_LENGTH = 4.5  # m, of every vehicle
+EGO_X = 200.0  # m, where the ego starts
 END_X, END_TIME = 1500.0, 45.0  # m along the road, and s, at which a case ends
 ROAD_LENGTH = 5000.0  # m
 GRID_POINTS = 1500  # of the default grid, at most
@@ -37,11 +38,11 @@ class Quantity(NamedTuple):
 class SceneActor(NamedTuple):
     """A vehicle of a scene.
 
-    name: in the file; `NAME_speed` is its speed at t = 0 in formulas.
+    name: in the file. Formulas call its speed at t = 0 `NAME_speed`.
     speed: formula of this speed, m/s.
     words: its name in sentences.
-    place: keys of its table in the file for its position.
-    moves: tables of its manoeuvres in the file.
+    place: position, as keys of the vehicle's table in the file.
+    moves: manoeuvres, as tables of the file.
     """
 
     name: str
@@ -56,12 +57,13 @@ class EncounterScene(NamedTuple):
 
     about: its description in the file.
     quantities: its parameters.
-    obstacle: the actor by which points are safe or hazardous.
-    replayed: the actor whose motion is compared with the recorded motion.
-    ego: keys of its table in the file, in addition to its speed.
-    define: name -> formula, in addition to the speeds.
-    constraints: condition and description, in addition to those of the speeds.
-    level: the ego's lane, in lanes to the left of the right-most one.
+    obstacle: name of the actor by which points are safe or hazardous.
+    replayed: name of the actor whose motion is compared with the recorded motion.
+    ego: keys of the ego's table in the file, in addition to its speed.
+    define: name -> formula; those of the speeds are added.
+    constraints: conditions, each with its description; those of the speeds are added.
+    lanes: number of lanes.
+    level: index of the ego's lane; 0 is the right-most lane.
     behind: whether the replayed actor comes from behind the ego.
     """
 
@@ -83,9 +85,9 @@ DURATION = Quantity("duration", "s", "of the move to the side", 0.5)
 
 
 def _closing(name: str, words: str) -> Quantity:
-    """A closing speed.
+    """The speed of the ego less that of an actor, as a parameter.
 
-    words: for the other speed.
+    words: for the actor's speed.
     """
     return Quantity(name, "m/s", f"speed of the ego less {words}")
 
@@ -95,9 +97,9 @@ def _speed_change(
 ) -> dict[str, Any]:
     """The manoeuvre that changes a vehicle's speed from t = 0 on.
 
-    duration: s, or a formula.
-    later: speed after it, a formula, m/s.
-    slowest: least such speed, m/s.
+    duration: s, a number or a formula.
+    later: formula of the speed afterwards, m/s.
+    slowest: least speed afterwards, m/s.
     """
     return {"do": "speed_profile", "times": [duration], "speeds": [f"max({later}, {slowest})"]}
 
@@ -295,7 +297,7 @@ def content_of(
         ],
         "road": {"lanes": scene.lanes, "lane_width": lane_width, "length": ROAD_LENGTH},
         "end": {"x": END_X, "time": END_TIME},
-        "ego": {"x": 200.0, "speed": "ego_speed", **scene.ego},
+        "ego": {"x": EGO_X, "speed": "ego_speed", **scene.ego},
         "vehicle": vehicles,
         "zone": {"obstacle": scene.obstacle},
     }

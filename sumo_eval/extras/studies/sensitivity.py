@@ -18,7 +18,7 @@ from scipy import stats
 from sumo_eval.cli.sentences import aligned
 from sumo_eval.errors import check_known
 from sumo_eval.evaluation import score
-from sumo_eval.extras.panels import LOOKS, Marks, Panel, on_page
+from sumo_eval.extras.panels import COLOURED_LINES, Marks, Panel, on_page
 from sumo_eval.groups import grouped
 from sumo_eval.method.score_terms import ordering_score, paper_score
 from sumo_eval.report.page import write_csv
@@ -241,7 +241,7 @@ def _chart(rows: Sequence[SensitivityRow]) -> Any:
         lines = zip(*(row.scores for row in part), strict=True)
         marks = [
             Marks(ads, values, scores, *look)
-            for ads, scores, look in zip(part[0].ads, lines, itertools.cycle(LOOKS))
+            for ads, scores, look in zip(part[0].ads, lines, itertools.cycle(COLOURED_LINES))
         ]
         panels.append(Panel(marks, title=title))
     return on_page(

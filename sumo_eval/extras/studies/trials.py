@@ -1,7 +1,7 @@
-"""Trials: drives of an ADS at the points that `boundary` or `rates.campaign` asks for.
+"""Trials: drives of an ADS at the points that a study asks for, `boundary` or `rates.campaign`.
 
-Each is kept as it ends, until the study has written its results. A study asks for the same points
-every time, so a stopped one can continue.
+The outcome of each trial is kept in a file until the study has written its results. A study asks
+for the same points every time, so a stopped study continues with the kept outcomes.
 
 Users: `extras/rates/campaign.py`, `extras/rates/command.py`, `extras/studies/boundary.py`,
 `extras/studies/boundary_command.py`.
@@ -28,18 +28,19 @@ from sumo_eval.record.store import Fact, Store
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import FloatArray, Recording
 
-KEPT = "unfinished.sqlite"
-PAGES = "boundary.html", "campaign.html"  # of finished studies
+KEPT = "unfinished.sqlite"  # in the folder of a study that is not finished
+PAGES = "boundary.html", "campaign.html"  # in the folders of finished studies
 
 
 class _Outcomes(Store):
-    """A store without trajectories: a study of a million trials needs only their outcomes."""
+    """A store that keeps no trajectories: a study of a million trials needs only the outcomes."""
 
     def add(self, *outcomes: Outcome) -> None:
         super().add(*map(_without_trajectories, outcomes))
 
 
 def _without_trajectories(outcome: Outcome) -> Outcome:
+    """An outcome whose recording, if any, has no drives."""
     recording = outcome.recording
     if isinstance(recording, Recording):
         recording = keep(recording)
@@ -48,9 +49,10 @@ def _without_trajectories(outcome: Outcome) -> Outcome:
 
 @frozen(eq=False)
 class Trials:
-    """Drives the points of a study, and keeps the outcomes.
+    """Driver of a study's points, which keeps the outcomes.
 
-    identities: of the ADSs, by locator.
+    recorder: into the study's store.
+    identities: locator of an ADS -> hash of what its behaviour depends on.
     """
 
     recorder: Recorder
@@ -65,7 +67,7 @@ class Trials:
         first: int,
         ended: Callable[[int], None],
     ) -> list[Fact]:
-        """Outcomes of an ADS at points (n, k), in their order.
+        """Facts of an ADS's drives at points (n, k), one for each point, in their order.
 
         ads: name and locator.
         first: number of the first point among all points of the search.
@@ -83,19 +85,29 @@ class Trials:
         replace(recorder, progress=lambda stage, done, *_: ended(first + done)).do(
             [RoleCases(ads[0], logical.name, "ads", cases, len(cases))]
         )
-        return [fact for case in cases if (fact := recorder.store.fact(case.key))]
+        return [_fact_of(case, recorder.store) for case in cases]
+
+
+def _fact_of(case: Case, store: Store) -> Fact:
+    """The fact of a case that was driven. Without one, a search would mix up its points."""
+    fact = store.fact(case.key)
+    if fact is None:
+        raise RuntimeError(f"{case.key} was driven, but has no fact in {store.path}")
+    return fact
 
 
 @contextmanager
 def trials_in(
     folder: Path, setup: Setup, locators: Sequence[str], study: str, *, resume: bool
 ) -> Iterator[Trials]:
-    """Trials of a study of these ADSs; the `with` block writes results into the folder.
+    """Trials of a study of these ADSs. The `with` block must write the results into the folder:
+    then the kept outcomes are deleted.
 
-    study: words that identify it; another study cannot continue it.
-    resume: continue the study that was stopped there.
-    Raises InputError where an ADS cannot be loaded, the folder does not fit `resume`, or it holds
-    results.
+    locators: of the ADSs.
+    study: words that identify the study; no other study can continue it.
+    resume: whether to continue the study that was stopped in this folder.
+    Raises InputError where an ADS cannot be loaded, or where the folder holds results, a stopped
+    study without `resume`, or no stopped study with it.
     """
     path = folder / KEPT
     if results := [name for name in PAGES if (folder / name).exists()]:
@@ -126,7 +138,9 @@ def trials_in(
 
 
 def _refuse_another(store: Store, study: str, resume: bool) -> None:
-    """Refuse to lose drives of a stopped study, and to use foreign or damaged ones."""
+    """Raise InputError for a store with drives of a stopped study, unless it is `study` and
+    resumed. A damaged store is refused too.
+    """
     store.check()
     if not store.counts():
         return

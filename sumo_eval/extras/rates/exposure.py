@@ -1,4 +1,6 @@
-"""How often the points of a scenario occur: their exposure as a density, and its resamples.
+"""Exposure of a scenario's points: how often they occur, as a density, and its resamples.
+
+A campaign draws points with it (`importance`), and resamples the recorded events behind it.
 
 Users: `extras/rates/campaign.py`, `extras/rates/importance.py`.
 """
@@ -19,11 +21,11 @@ from sumo_eval.trajectory import FloatArray
 NORMALISED = 65_536  # draws that estimate the integral of the exposure
 
 
-class Met(NamedTuple):
+class Exposure(NamedTuple):
     """How often a scenario's points occur: their exposure as a density p with the integral 1.
 
-    `base` draws points by the parameters' distributions, but disregards constraints and the file's
-    `exposure`. `base_density` is their density.
+    `base` draws points by the parameters' distributions. It disregards constraints and the
+    `exposure` of the scenario's file. `base_density` is the density of these points.
 
     joint: distribution of all parameters; None: each parameter has its own.
     scale: integral of the exposure over the possible points, by which p is divided.
@@ -36,7 +38,10 @@ class Met(NamedTuple):
     heaviest: float = 1.0
 
     def base(self, count: int, stream: np.random.Generator) -> FloatArray:
-        """Draw points (count, k), some of which may be impossible."""
+        """Draw points (count, k), some of which may be impossible.
+
+        k: number of parameters.
+        """
         if self.joint is not None:
             return self.joint.draw(count, stream)
         shares = stream.uniform(size=(count, len(self.logical.names)))
@@ -64,14 +69,14 @@ class Met(NamedTuple):
         """p (n,) at points (n, k): 0 outside the box and where a constraint forbids them."""
         density = np.zeros(len(points))
         possible = self.logical.in_box(points)
-        # of those in the box, which also meet the constraints
+        # only points in the box can be checked against the constraints
         possible[possible] = self.logical.feasible(points[possible])
         density[possible] = self.logical.exposure(self.logical.columns(points[possible]))
         return density / self.scale
 
 
-def how_met(logical: LogicalScenario) -> Met:
-    """The exposure of a scenario's points.
+def normalised_exposure(logical: LogicalScenario) -> Exposure:
+    """The exposure of a scenario's points, with its scale and largest weight estimated.
 
     Raises InputError for a scenario with listed values or without possible points.
     """
@@ -82,9 +87,10 @@ def how_met(logical: LogicalScenario) -> Met:
             f"values of `{listed[0]}`."
         )
     joint = logical.exposure.joint if isinstance(logical.exposure, ExposureDensity) else None
-    unscaled = Met(logical, joint)
+    unscaled = Exposure(logical, joint)
     points = unscaled.base(NORMALISED, random_stream(0, "normalised", logical.name))
-    # 1e-300: a drawn point whose density is rounded to 0 must not divide by it
+    # p over the density of the draws: its mean estimates the integral of p.
+    # 1e-300: a drawn point whose density is rounded to 0 must not divide by 0.
     ratio = unscaled.density(points) / np.maximum(unscaled.base_density(points), 1e-300)
     scale = ratio.mean()
     if not (math.isfinite(scale) and scale > 0.0):
@@ -92,21 +98,21 @@ def how_met(logical: LogicalScenario) -> Met:
     return unscaled._replace(scale=scale, heaviest=ratio.max() / scale)
 
 
-def resampled(met: Met, count: int, seed: int) -> list[tuple[Any, float]]:
-    """Joint distributions over resampled events; none where the scenario has no joint distribution.
+def resampled(exposure: Exposure, count: int, seed: int) -> list[tuple[Any, float]]:
+    """Resamples of the recorded events, each as a joint distribution and the ratio of its number of
+    events to the recorded number. None where the scenario has no joint distribution.
+
+    An event counts a number of times that is a Poisson draw of mean 1: as often as an equal stretch
+    of road might have shown it.
 
     count: number of resamples.
-
-    Each comes with the ratio of its number of events to the recorded number. The number of times
-    that an event counts is a Poisson draw of mean 1, as another stretch of road might have shown
-    it.
     """
-    if met.joint is None:
+    if exposure.joint is None:
         return []
-    stream = random_stream(seed, "events", met.logical.name)
-    weights = stream.poisson(1.0, (count, len(met.joint.events))).astype(np.float64)
+    stream = random_stream(seed, "events", exposure.logical.name)
+    weights = stream.poisson(1.0, (count, len(exposure.joint.events))).astype(np.float64)
     return [
-        # 1e-9: all may be drawn 0 times
-        (replace(met.joint, weights=tuple((row + 1e-9).tolist())), row.mean())
+        # 1e-9: a distribution needs weights above 0, also where every event is drawn 0 times
+        (replace(exposure.joint, weights=tuple((row + 1e-9).tolist())), row.mean())
         for row in weights
     ]
