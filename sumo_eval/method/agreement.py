@@ -1,5 +1,5 @@
-"""Agreement of people's opinions with the scores, and with each other: rank correlation and
-Kendall's coefficient of concordance. For studies and the fits of `rates`.
+"""Agreement of people's opinions with scores (Spearman's rank correlation), and of people with each
+other (Kendall's coefficient of concordance).
 
 Users: `extras/rates/intervals.py`, `extras/studies/opinion.py`.
 """
@@ -15,18 +15,18 @@ from scipy import stats
 from sumo_eval.errors import must_be
 
 EXACT = 8
-"""Most pairs for which p is counted over all orders: 8! = 40,320.
+"""Most pairs for which p is counted over all orders, 8! = 40,320.
 
-For few pairs Student's t is wrong: four pairs in the same order would have p = 0.
+For few pairs p by Student's t is wrong: four pairs in the same order would have p = 0.
 """
 
 
 class Agreement(NamedTuple):
     """A coefficient of agreement.
 
-    value: -1..1, or 0..1 for Kendall's W; nan where it does not exist.
-    p_value: probability of a value as large without any agreement.
-    n: pairs or raters that it was computed from.
+    value: -1..1, or 0..1 for Kendall's W; nan if it does not exist.
+    p_value: probability of a value at least as large without any agreement.
+    n: number of pairs, or of raters, that it was computed from.
     """
 
     value: float
@@ -37,10 +37,12 @@ class Agreement(NamedTuple):
 def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
     """Spearman's rho of n scores and n opinions, -1..1, and its p.
 
-    Both are nan where either list is constant or contains a nan. p of up to 8 pairs is the share of
-    all n! orders with at least this |rho|, p of more pairs is by Student's t.
+    scores, opinions: of the same n items, (n,), in any unit.
 
-    scores, opinions: (n,), n at least 3; fewer raise InputError.
+    p of at most 8 pairs is the share of all n! orders with at least this |rho|, p of more pairs is
+    by Student's t. Both numbers are nan if one list is constant or contains a nan.
+
+    Raises InputError for lists of different lengths, and for fewer than 3 pairs.
     """
     first, second = np.asarray(scores, float), np.asarray(opinions, float)
     if first.shape != second.shape or first.ndim != 1 or first.size < 3:
@@ -54,7 +56,7 @@ def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
         mean_rank = 0.5 * (first.size + 1)
         ranks = stats.rankdata(first) - mean_rank
         orders = list(itertools.permutations(stats.rankdata(second) - mean_rank))
-        # proportional to |rho| of each order; the first is the order of the opinions as given
+        # in proportion to |rho| of each order; `permutations` begins with the opinions' own order
         sums = np.abs(np.array(orders) @ ranks)
         p_value = float(np.mean(sums >= sums[0] - 1e-9))  # 1e-9: rounding of equal sums
     return Agreement(float(rho.statistic), p_value, first.size)
@@ -63,11 +65,13 @@ def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
 def rank_interval(rho: float, n: int, level: float = 0.95) -> tuple[float, float] | None:
     """Interval of Spearman's rho of n pairs: tanh(atanh rho -+ z sqrt((1 + rho^2/2) / (n - 3))).
 
-    rho: -1..1 or nan.
-    n: pairs.
-    level: probability with which the interval covers rho.
+    rho: -1..1 or nan, from `rank_correlation`.
+    n: number of pairs.
+    level: probability with which the interval covers rho; z is its quantile of the normal
+        distribution.
 
-    None where the spread of rho is not known: under 4 pairs, for nan, for |rho| = 1 up to rounding.
+    None if the spread of rho is not known: for fewer than 4 pairs, nan, or |rho| = 1 up to
+    rounding.
 
     Source: Bonett and Wright, Psychometrika 65, 23 (2000).
     """
@@ -84,11 +88,12 @@ def concordance(ratings: ArrayLike) -> Agreement:
 
         W = 12 S / (m^2 (n^3 - n) - m sum(t^3 - t)), S = sum((R_i - mean R)^2), chi^2 = m (n - 1) W
 
-    ratings: (m, n).
-    R_i: sum of an item's ranks; t: sizes of the groups of equal ranks of each rater.
+    ratings: of the raters, (m, n), in any unit.
 
-    W is nan where every rater gave one score to all. Raises InputError for fewer than 2 raters or
-    items, or a missing rating.
+    R_i: sum of an item's ranks over the raters; t: size of each group of equal ranks of a rater.
+
+    W is nan if every rater gave one rating to all items. Raises InputError for fewer than 2 raters
+    or items, and for a rating that is not finite.
 
     Source: Kendall, Babington Smith, Ann. Math. Stat. 10, 275 (1939).
     """

@@ -3,17 +3,19 @@ concrete scenario.
 
 `compared_drives.py` has the drives at the slices, `index_terms.py` the terms of Eq. 11.
 
-Users: `extras/bench/costs.py`, `extras/studies/qualification/table.py`,
-`record/human_reference.py`, `report/explain.py`, `scoring/drive_beside.py`.
-
-Readings of the paper (docs/method.md) that this file is built on:
-- Slices end where the ADS was last seen, or earlier, at the drivers' mean reach: the distance from
-  a driver's own start to where this driver was last seen.
+Readings of the paper (docs/method.md):
+- Slices end where the ADS was last seen, or earlier, at the drivers' mean reach. A driver's reach
+  is the distance from the driver's own start to where the driver was last seen.
 - In mixture mode (`settings.mode`) the drivers are those who made the ADS's manoeuvre
-  (`method.manoeuvres`), and the similarity is multiplied by how usual that manoeuvre is.
-- `method.operations` defines an operation.
+  (`manoeuvres.py`), and the similarity is multiplied by how usual this manoeuvre is.
+- `operations.py` defines an operation.
 - The human-likeness of a case (`Likeness`) is computed together with D_i. Its similarity is always
   that of mixture mode.
+
+Users: `extras/bench/costs.py`, `extras/studies/qualification/table.py`,
+`record/human_reference.py`, `report/explain.py`, `scoring/drive_beside.py`. Fixed: names and
+arguments of `anthropomorphic_index`, `count_operations` and `exposure_weighted_index`, which users
+call; D_i to the last bit.
 """
 
 from collections.abc import Sequence
@@ -54,17 +56,19 @@ from sumo_eval.trajectory import FloatArray, Trajectory
 
 Mode = Literal["gaussian", "mixture"]
 
-# Operations; drivers who all make the same number of operations would have a deviation of 0.
+# Least deviation of the drivers' numbers of operations. Drivers who all make the same number would
+# have a deviation of 0.
 OPERATION_DEVIATION_FLOOR = 0.5
 
 
 @frozen
 class Likeness:
-    """Factors of a safe case's part in H, 0..1 each; plausibility is one more (scoring.quantities).
+    """Three factors of a safe case's part in H, 0..1 each. `scoring/quantities.py` multiplies them
+    by a fourth one, plausibility.
 
-    length_factor: f_L, in comparison with all drivers.
-    operation_tolerance: f_n+ (`operation_tolerance`).
-    similarity: that of mixture mode.
+    length_factor: f_L, by the mean length of all drivers.
+    operation_tolerance: f_n+, from the function `operation_tolerance`.
+    similarity: of mixture mode.
     """
 
     length_factor: float
@@ -110,11 +114,11 @@ class AnthropomorphicIndex:
     length_factor: f_L.
     operation_factor: f_n.
     similarity: mean over all sample points of centre term times field term. In mixture mode this is
-        multiplied by the manoeuvre's share / share of the most usual manoeuvre.
+        multiplied by (share of the manoeuvre) / (share of the most frequent manoeuvre).
     notes: special rules that were needed.
-    manoeuvre: the ADS's in mixture mode, else empty.
-    share: of drivers who made this manoeuvre; 1 in gaussian mode.
-    likeness: None where the `Pairing` does not ask for it.
+    manoeuvre: of the ADS in mixture mode, else empty.
+    share: share of drivers who made this manoeuvre; 1 in gaussian mode.
+    likeness: None if the `Pairing` does not ask for it.
     """
 
     value: float
@@ -131,8 +135,8 @@ class AnthropomorphicIndex:
 class Pairing(NamedTuple):
     """An ADS and the drivers it is compared with, as indices of a list of trajectories.
 
-    ads: index of its trajectory.
-    drivers: indices of theirs.
+    ads: index of the ADS's trajectory.
+    drivers: indices of the drivers' trajectories, at least two.
     spacing: of the slices, m.
     likeness: whether to compute `Likeness` together with D_i.
     """
@@ -152,15 +156,16 @@ def anthropomorphic_index(
     """Eqs. 11-12: D_i = f_L f_n mean(min(1, pt/pt_2sigma) min(1, pv/pv_2sigma)), one ADS in one
     concrete scenario.
 
-    f_L = min(1, L / mean human L); f_n = min(1, mean human n / n); the mean is over all points of
-    all slices, from the ADS's start to where it or, on average, the drivers were last seen.
+    f_L = min(1, L / mean of the drivers' L); f_n = min(1, mean of the drivers' n / n). The mean is
+    over all points of all slices. The slices begin at the ADS's start. They end where the ADS was
+    last seen, or at the drivers' mean reach if that is shorter.
 
-    ads: its trajectory in road coordinates.
-    drivers: trajectories of at least two, in the same concrete scenario.
+    ads: trajectory of the ADS in road coordinates.
+    drivers: trajectories of at least two drivers in the same concrete scenario.
     road: its end ends the slices, its edges narrow them.
     settings: `[method.anthropomorphic]`.
 
-    Raises InputError for fewer drivers and for an ADS that starts past the road's end.
+    Raises InputError for fewer than two drivers, and for an ADS that starts past the road's end.
     """
     pairing = Pairing(0, tuple(range(1, 1 + len(drivers))), settings.slice_spacing, likeness=True)
     ((index,),) = indexes_by_group([ads, *drivers], [[pairing]], road, settings)
@@ -173,28 +178,26 @@ def indexes_by_group(
     road: Road,
     settings: AnthropomorphicSettings = DEFAULTS,
 ) -> list[list[AnthropomorphicIndex]]:
-    """Eqs. 11-12: `anthropomorphic_index` of each pairing among the trajectories of one concrete
-    scenario, by group.
+    """Eqs. 11-12: D_i of each pairing among the trajectories of one concrete scenario, by group.
 
     trajectories: in road coordinates.
-    groups: pairings.
+    groups: pairings whose fields are computed together.
     road, settings: as in `anthropomorphic_index`.
 
-    Lengths, operations and far fields of each trajectory are computed once. The fields at the
-    points of all pairings of a group are computed together. Other groups do not
-    change the indexes of a group in which all their drivers occur, to the last bit.
+    Lengths, operations and far fields of each trajectory are computed once for all groups. All
+    drivers together decide the stretch of road with boxes (`shared_fields.py`), and so the last
+    bits. A group's indexes do not change, to the last bit, by further groups whose drivers all
+    occur in it.
+
+    Raises InputError as `anthropomorphic_index`.
     """
     pairings = [pairing for group in groups for pairing in group]
     for pairing in pairings:
-        if (n := len(pairing.drivers)) < 2:
-            raise must_be("The number of drivers", "the anthropomorphic index", "at least 2", n)
-        if (start := float(trajectories[pairing.ads].x[0])) >= road.length:
-            wanted = f"before its end at x = {road.length:g} m"
-            raise must_be("The ADS's start", f"road `{road.name}`", wanted, start)
+        _refuse_unusable(pairing, trajectories, road)
     if not pairings:
         return [[] for _ in groups]
     vehicles = [ComparedDrive.of(trajectory, road, settings) for trajectory in trajectories]
-    # fields are wanted on the part of the road where any driver was
+    # the fields are compared on the part of the road where any driver was
     drivers = [vehicles[index] for pairing in pairings for index in pairing.drivers]
     stretch = Stretch(
         west=min(driver.begin for driver in drivers),
@@ -203,7 +206,7 @@ def indexes_by_group(
         north=road.left_edge,
     )
     points_per_slice = 2 * settings.points_per_side + 1
-    # about as many points as the longest comparison has; `SharedFields` chooses its method by them
+    # about the number of points of the longest comparison; it decides whether boxes are used
     points = int(stretch.length / settings.slice_spacing) * points_per_slice
     shared = SharedFields(
         [vehicle.on_road for vehicle in vehicles], stretch, settings.field, points
@@ -211,8 +214,17 @@ def indexes_by_group(
     return [_indexes(group, vehicles, shared, road, settings) for group in groups]
 
 
+def _refuse_unusable(pairing: Pairing, trajectories: Sequence[Trajectory], road: Road) -> None:
+    """Raise InputError for fewer than two drivers, or an ADS that starts past the road's end."""
+    if (n := len(pairing.drivers)) < 2:
+        raise must_be("The number of drivers", "the anthropomorphic index", "at least 2", n)
+    if (start := float(trajectories[pairing.ads].x[0])) >= road.length:
+        wanted = f"before its end at x = {road.length:g} m"
+        raise must_be("The ADS's start", f"road `{road.name}`", wanted, start)
+
+
 _Slices = tuple[float, float, float]
-"""Slices of a comparison: the arguments of `slice_positions`, m."""
+"""Slices of a comparison: start, length and spacing, m, the arguments of `slice_positions`."""
 
 
 def _indexes(
@@ -222,12 +234,16 @@ def _indexes(
     road: Road,
     settings: AnthropomorphicSettings,
 ) -> list[AnthropomorphicIndex]:
-    """The indexes of one group."""
+    """The indexes of one group, in the order of its pairings.
+
+    vehicles: of all trajectories.
+    shared: fields of all trajectories.
+    """
     if not pairings:
         return []
-    # `Likeness` needs mixture mode too
+    # `Likeness` needs the similarity of mixture mode as well
     modes: tuple[Mode, Mode] = settings.mode, "mixture"
-    # drivers that count, and slices, of each comparison
+    # (pairing, mode) -> drivers that count, and slices
     choices = {
         (pairing, mode): _choice(pairing, mode, vehicles)
         for mode in modes
@@ -237,10 +253,10 @@ def _indexes(
 
     @cache
     def centres(index: int, slices: _Slices) -> FloatArray:
-        """Centres of a trajectory at slices, (m,), m."""
+        """Centres of a trajectory at m slices, (m,), m."""
         return lateral_position(vehicles[index].on_road, slice_positions(*slices))
 
-    # pairings of an ADS with the same slices share the sample points
+    # (ADS, slices) -> sample points, (m, p, 2); pairings with the same key share them
     points = {
         (pairing.ads, slices): slice_points(
             slice_positions(*slices), centres(pairing.ads, slices), road, settings
@@ -248,12 +264,7 @@ def _indexes(
         for (pairing, _), (_, slices) in choices.items()
     }
     used = sorted({index for pairing in pairings for index in (pairing.ads, *pairing.drivers)})
-    # Eq. 9: fields of these trajectories at all sample points, computed together, then split
-    together = np.concatenate(list(points.values()))
-    ends = np.cumsum([len(each) for each in points.values()])[:-1]
-    x, y = together[:, 0, 0], together[..., 1]  # a slice has one x
-    strengths = shared.at(x, y, used)
-    fields = dict(zip(points, np.split(strengths, ends, axis=1), strict=True))
+    fields = dict(zip(points, _fields_at(list(points.values()), used, shared), strict=True))
 
     @cache
     def index_of(pairing: Pairing, mode: Mode) -> AnthropomorphicIndex:
@@ -277,6 +288,20 @@ def _indexes(
     return indexes
 
 
+def _fields_at(
+    points: Sequence[FloatArray], trajectories: Sequence[int], shared: SharedFields
+) -> list[FloatArray]:
+    """Eq. 9: fields of t trajectories at the sample points of each comparison, (t, m, p) each, all
+    computed together.
+
+    points: of each comparison, (m, p, 2), m; the points of a slice have one x.
+    trajectories: indices, (t,).
+    """
+    together = np.concatenate(points)
+    ends = np.cumsum([len(each) for each in points])[:-1]
+    return np.split(shared.at(together[:, 0, 0], together[..., 1], trajectories), ends, axis=1)
+
+
 def _choice(
     pairing: Pairing, mode: Mode, vehicles: Sequence[ComparedDrive]
 ) -> tuple[Choice, _Slices]:
@@ -296,6 +321,10 @@ def _index(
     """Eqs. 11-12: D_i = f_L f_n mean(min(1, pt/pt_2sigma) min(1, pv/pv_2sigma)).
 
     f_L = min(1, L / mean of the drivers' L); f_n = min(1, mean of the drivers' n / n).
+
+    compared: the ADS and its drivers at the slices.
+    road: its edges and lane width.
+    settings: `[method.anthropomorphic]`.
     """
     ads, drivers, choice = compared.ads, compared.drivers, compared.choice
     lengths = np.array([driver.length for driver in drivers])[choice.members]
@@ -342,7 +371,7 @@ def _index(
 def _likeness(pairing: Pairing, vehicles: Sequence[ComparedDrive], similarity: float) -> Likeness:
     """The human-likeness of a case.
 
-    similarity: that of mixture mode, computed before.
+    similarity: of mixture mode.
     """
     ads = vehicles[pairing.ads]
     drivers = [vehicles[index] for index in pairing.drivers]
@@ -360,7 +389,8 @@ def exposure_weighted_index(values: ArrayLike, exposure: ArrayLike) -> float:
     exposure: p_i, naturalistic probability of each concrete scenario, (n,), at least 0, not all 0,
         from the logical scenario.
 
-    Raises InputError for arguments outside these meanings.
+    Raises InputError for values that are not finite, negative exposure, arrays of other shapes, and
+    exposure that is 0 everywhere.
     """
     owner = "the exposure-weighted index"
     indices = finite(owner, "values", values)
@@ -378,10 +408,11 @@ def exposure_weighted_index(values: ArrayLike, exposure: ArrayLike) -> float:
 
 
 def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
-    """f_n+ of H: 1 up to the drivers' mean number of operations, above it min(1, exp(2 - z^2 / 2)).
+    """f_n+ of H, the tolerant form of Eq. 12's f_n: 1 up to the drivers' mean n, above it
+    min(1, exp(2 - z^2 / 2)).
 
     z = (n - mean) / max(deviation, 0.5), with mean and sample deviation over the drivers. Eq. 11
-    gives the same tolerance to centre and field.
+    has the same tolerance for centre and field.
 
     operations: `most_operations` of the ADS.
     of_drivers: `most_operations` of each driver, at least two.

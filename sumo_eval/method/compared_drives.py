@@ -1,14 +1,14 @@
-"""A drive as Eqs. 11-12 compare it: its length L, how far it was seen, its centres at slices.
+"""A drive as Eqs. 11-12 compare it: its length L, its reach, its centres at slices.
 
-Readings of the paper (docs/method.md) that this file is built on:
+Readings of the paper (docs/method.md):
 - A trajectory's centre at a slice is the vehicle's own lateral position where it first gets there.
-- A trajectory ends at its first sample at or past the road's end. If its last sample lies before
-  the end, but the next one would lie past it, the vehicle has reached the end.
+- A trajectory ends at its first sample at or past the road's end. A vehicle has reached the end if
+  it has such a sample, or if its last step, repeated, would lead there.
 - The length L ends where the vehicle stopped or left the road. Otherwise it ends at the road's end,
   also for a vehicle that still drives at the end of the recording.
 
 Users: `extras/bench/costs.py`, `method/anthropomorphic.py`, `method/index_terms.py`,
-`scoring/drive_beside.py`.
+`scoring/drive_beside.py`. Fixed: all values, from which D_i and H follow.
 """
 
 from typing import NamedTuple, Self
@@ -33,14 +33,15 @@ class ComparedDrive(NamedTuple):
     whole: as recorded.
     on_road: up to its first sample at or past the road's end; `whole` itself if nothing is cut.
     begin: first x, m.
-    length: L of Eq. 12, m: up to the place where it stopped or left the road sideways, else to the
-        road's end. A vehicle that still drives at the end of its recording has not stopped.
+    length: L of Eq. 12, m: from `begin` to where it stopped or left the road sideways, else to the
+        road's end.
     reach: distance from `begin` to where it was last seen on the road, m.
-    operations: n of D_i.
-    most_operations: n of H.
-    manoeuvre: that of `whole`, because a lane change begun before the road's end may end beyond it.
-    still_driving, left_the_road: whether it neither stopped nor reached the road's end, and its
-        last sample is on the road, or off it.
+    operations: n of D_i (`operations.count_operations`).
+    most_operations: n of H (`operations.most_operations`).
+    manoeuvre: of `whole`, because a lane change begun before the road's end may end beyond it.
+    still_driving: whether it neither stopped, nor reached the road's end, nor left the road.
+    left_the_road: whether it neither stopped nor reached the road's end, and its last sample is
+        beside the road.
     """
 
     whole: Trajectory
@@ -56,7 +57,11 @@ class ComparedDrive(NamedTuple):
 
     @classmethod
     def of(cls, whole: Trajectory, road: Road, settings: AnthropomorphicSettings) -> Self:
-        """Quantities of a recorded trajectory."""
+        """Quantities of a recorded trajectory.
+
+        whole: the trajectory, in road coordinates.
+        settings: `[method.anthropomorphic]`.
+        """
         beyond = np.flatnonzero(whole.x >= road.length)
         on_road = whole
         if beyond.size and beyond[0] + 1 < len(whole):
@@ -66,10 +71,10 @@ class ComparedDrive(NamedTuple):
         last_y = on_road.y[-1]
         step = last_x - on_road.x[-2] if len(on_road) > 1 else 0.0
         furthest = on_road.x.max()
-        # a sample of the drive, or the next one at the same step, lies at or past the road's end
+        # whether a sample, or the one after the last at the same step, is at or past the road's end
         finished = max(furthest, last_x + step) >= road.length - SAME_PLACE
         stopped = on_road.speed[-1] < settings.stop_speed
-        # the vehicle's centre is off the road, to its side, at the last sample
+        # whether the vehicle's centre is beside the road at the last sample
         left = not road.right_edge_at(last_x) <= last_y <= road.left_edge_at(last_x)
         end = road.length if finished else last_x if stopped else furthest
         reach = max(float(end - begin), 0.0)
@@ -89,7 +94,7 @@ class ComparedDrive(NamedTuple):
 
 
 def first_samples(drive: Trajectory, number: int) -> Trajectory:
-    """The first samples of a drive, as a drive that ends with them."""
+    """A drive cut off after this number of samples."""
     channels = (getattr(drive, name)[:number] for name in CHANNELS)
     return Trajectory(*channels, length=drive.length, width=drive.width)
 
@@ -97,10 +102,11 @@ def first_samples(drive: Trajectory, number: int) -> Trajectory:
 def slice_positions(start: float, length: float, spacing: float) -> FloatArray:
     """Eq. 11: x of the slices, (m,), m.
 
-    start: x of the first slice, m: the ADS's start.
-    length: distance to the last slice, m: the lesser of the ADS's reach and the drivers' mean.
-    spacing: between neighbouring slices, m, `slice_spacing` of the settings; the last two may be
-        closer.
+    start: x of the first slice, the ADS's start, m.
+    length: distance from the first to the last slice, m: the lesser of the ADS's reach and the
+        drivers' mean reach.
+    spacing: between neighbouring slices, m, `slice_spacing` of the settings. The last two slices
+        may be closer.
     """
     steps = int(length / spacing)
     positions = start + spacing * np.arange(steps + 1, dtype=float)
@@ -131,19 +137,20 @@ def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray
 def slice_points(
     slices: FloatArray, centre: FloatArray, road: Road, settings: AnthropomorphicSettings = DEFAULTS
 ) -> FloatArray:
-    """Eq. 11: x and y of the ADS's centre and three points on each side of it, 0.5 m apart,
-    (m, 7, 2), m.
+    """Eq. 11: sample points, x and y of the ADS's centre and of three points on each side of it,
+    0.5 m apart, (m, 7, 2), m.
 
-    slices: x, (m,), m.
-    centre: y, (m,), m.
+    slices: x of the slices, (m,), m, from `slice_positions`.
+    centre: y of the ADS at the slices, (m,), m, from `lateral_position`.
     road: its edges.
-    settings: `side_width` and `points_per_side`, by default 1.5 m and 3.
+    settings: `side_width`, by default 1.5 m, and `points_per_side`, by default 3.
 
-    Near an edge the points of its side divide the distance to it into equal parts. Beyond the edge
-    the points of this side coincide with the centre.
+    Near an edge of the road, the points of this side divide the distance to the edge into equal
+    parts. If the centre is beyond the edge, the points of this side coincide with it.
     """
     number = settings.points_per_side
-    parts = np.arange(-number, number + 1) / number
+    parts = np.arange(-number, number + 1) / number  # -1..1, from right to left
+    # room for the points on each side, (m,), m
     right = np.clip(centre - road.right_edge_at(slices), 0.0, settings.side_width)
     left = np.clip(road.left_edge_at(slices) - centre, 0.0, settings.side_width)
     y = centre[:, None] + parts * np.where(parts < 0.0, right[:, None], left[:, None])

@@ -1,19 +1,22 @@
-"""Encounters with an actor that moves in two dimensions, and conflicts of two ways.
+"""Encounters with an actor that moves in two dimensions, and conflicts of two paths.
 
-Users: `point_criticality` (encounters, for zones), `scoring/` (conflicts), `record/` (compiles
-loops).
+An encounter decides the zone of a point: how critical is it if the ego brakes ideally on its path
+(Eqs. 2 and 5-6, searched over time)? The ego begins to brake at the obstacle's first move plus the
+scenario's delay, and brakes to a standstill. The obstacle follows its script; an actor that reacts
+keeps its speed. The inverse TTC counts while the bodies overlap across the road and the obstacle is
+ahead of the ego. It is infinite where the bodies touch. In a scenario with `conflict = true` the
+inverse time until the bodies would touch counts instead.
 
-Encounter: the ego brakes ideally on its path (Eqs. 2 and 5-6, searched in time). Braking begins at
-the obstacle's first move plus the scenario's delay, and ends at a standstill. The obstacle follows
-its script; an actor that reacts is assumed to keep its speed. Its inverse TTC counts while both
-overlap across the road and it is ahead; it is infinite where the bodies touch. Where ways conflict
-(`conflict = true`), the time until both would touch on them counts instead.
+A conflict is a measure of a case: two paths cross or join, as where one road leads into another. It
+has an area, a time to this area, and a PET, all of them if neither vehicle reacts.
 
-Conflict: two ways cross or join, as where one road leads into another. It has an area, a time to
-this area, and a PET. The ego's way is y as a function of x along the road, at a speed. The time to
-collision on conflicting ways is the time after which the bodies would touch if the ego kept its
-speed on its way while the actor follows its script (Hayward 1972: on a collision course, whatever
-the angle). For the area, the turned actor is its bounding rectangle along the road.
+The ego's path is y as a function of x along the road. The time to collision on conflicting paths is
+the time after which the bodies would touch if the ego kept its speed on its path and the actor
+followed its script (Hayward 1972: on a collision course, whatever the angle). For the area, a
+turned actor counts as its bounding rectangle along the road.
+
+Users: `point_criticality` (encounters), `scoring/` (conflicts), `record/` (compiles loops). Fixed:
+results to the last bit, because they decide zones.
 """
 
 import math
@@ -32,32 +35,39 @@ from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import FloatArray, half_extents
 
 # A look is an instant at which bodies are compared.
-STEP = 0.1  # s between looks on conflicting ways; between two looks the actors move evenly
-_PARTS = 5  # of a step; within each the ego moves evenly, at most 0.25 mm off while it brakes
-HORIZON = 6.0  # s ahead in which a collision counts; one in 6 s has an ITTC of 0.17 1/s
+STEP = 0.1  # s between looks on conflicting paths; between two looks the actors move evenly
+# Parts of a step. Within a part the ego counts as moving evenly, which is at most 0.25 mm wrong
+# while it brakes.
+_PARTS = 5
+HORIZON = 6.0  # s ahead in which a collision counts; a collision in 6 s has an ITTC of 0.17 1/s
 _LONGEST = 60.0  # s that are searched at most
-_FINER = 0.02  # s between looks where ways do not conflict
+_FINER = 0.02  # s between looks where paths do not conflict
 _AT_ONCE = 500  # points searched together
-_ACROSS = 0.5  # sine of the angle to the road from which an actor crosses it
+_ACROSS = 0.5  # an actor crosses the road if the sine of its angle to the road is above this
 
 _WAY = np.dtype(fields("y", "offset", "begin", "length", "ego_long", "ego_wide", "long", "wide"))
-"""The ego's way, m: y at first; its lane change by `offset` to the left, from x = `begin` on, over
-`length`. Length and width of its body, and of the other's.
+"""The ego's path, then bodies, m.
+
+y: at first.
+offset, begin, length: the path moves by `offset` to the left, from x = `begin` on, over `length`.
+ego_long, ego_wide: length and width of the ego's body.
+long, wide: length and width of the actor's body.
 """
 
 
 class Conflict(NamedTuple):
-    """Conflict of the ego's way with an actor's, if neither vehicle reacts.
+    """Conflict of the ego's path with an actor's, if neither vehicle reacts.
 
-    The ego's way is a strip as wide as the ego. All fields are nan where the actor never comes into
+    The ego's path is a strip as wide as the ego. All fields are nan if the actor never comes into
     the strip.
 
     begin, end: x of the conflict area, the stretch of the strip that the actor passes over, m.
-    enters, leaves: times at which the actor's body comes into the strip and is out of it, s; it
-        leaves at inf where it stays, as where the ways join.
-    time_to: time at which the ego's front is at `begin` at its speed, s.
-    pet: time from the first vehicle's leaving the area until the second one enters it, s; 0 where
-        both are there at once. Where the ways join, the area is the line x = `begin` alone.
+    enters, leaves: times at which the actor's body comes into the strip and is out of it, s;
+        `leaves` is inf if it stays in the strip, as where the paths join.
+    time_to: time at which the ego's front reaches `begin` at constant speed, s.
+    pet: post-encroachment time: from the moment at which the first vehicle leaves the area until
+        the second one enters it, s; 0 if both are there at once. Where the paths join, the area is
+        the line x = `begin` alone.
     """
 
     begin: float
@@ -73,12 +83,12 @@ def encounter(logical: LogicalScenario, points: FloatArray, settings: ZoneSettin
 
     logical: a scenario with a `search`.
     points: (n, k), in the parameters' units.
-    settings: `[method.zones]`.
+    settings: `[method.zones]`: a.
 
     Max ITTC is inf where ideal braking hits, 0 where the ego never closes on the obstacle in its
-    way. The gap is inf where the obstacle is never in the way. ITTC and gap are sampled every
-    0.02 s: the ITTC is below its peak by half a step's motion. Where ways conflict,
-    `conflict_criticality` computes all three.
+    path. The gap is inf where the obstacle is never in the path. ITTC and gap are sampled every
+    0.02 s, so the ITTC misses its peak by at most the motion of half a step. In a scenario with
+    `conflict = true`, `conflict_criticality` computes all three.
     """
     parts = (points[begin : begin + _AT_ONCE] for begin in range(0, len(points), _AT_ONCE))
     return np.concatenate(
@@ -87,7 +97,7 @@ def encounter(logical: LogicalScenario, points: FloatArray, settings: ZoneSettin
 
 
 def _encounters(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
-    """`encounter` of points that are searched together."""
+    """Max ITTC, impact speed and smallest gap of points that are searched together, (3, n)."""
     search = logical.search
     assert search is not None
     size = ego_size(logical)
@@ -97,7 +107,8 @@ def _encounters(logical: LogicalScenario, points: FloatArray, settings: ZoneSett
     if search.conflict:
         return conflict_criticality(placed, search.obstacle, delays, size, settings)
     longest = min(logical.time_limit or _LONGEST, _LONGEST)
-    # long enough for the latest braking: the obstacle moves before the ego is at the road's end
+    # End of the search at each point, s: late enough for the latest braking, because the obstacle
+    # makes its first move before the ego is at the road's end.
     until = [
         min(longest, delay + concrete.ego.speed / settings.deceleration + _time_on_road(concrete))
         for concrete, delay in zip(placed, delays, strict=True)
@@ -108,7 +119,7 @@ def _encounters(logical: LogicalScenario, points: FloatArray, settings: ZoneSett
 
 
 def _time_on_road(concrete: ConcreteScenario) -> float:
-    """Time in which the ego comes to the end of the road at its first speed (1 m/s at least), s."""
+    """Time in which the ego reaches the end of the road at its first speed, at least 1 m/s, s."""
     ego = concrete.ego
     return (concrete.road.length - ego.x) / max(ego.speed, 1.0)
 
@@ -116,10 +127,10 @@ def _time_on_road(concrete: ConcreteScenario) -> float:
 def crossing_conflict(
     concrete: ConcreteScenario, other: int, size: tuple[float, float]
 ) -> Conflict:
-    """The conflict with actor `other`, whose way crosses or joins the ego's, if neither reacts.
+    """The conflict with an actor whose path crosses or joins the ego's, if neither reacts.
 
     concrete: the concrete scenario.
-    other: the actor's number.
+    other: index of the actor.
     size: length and width of the ego's body, m.
     """
     ego = concrete.ego
@@ -128,7 +139,7 @@ def crossing_conflict(
     motion = tracks([concrete], [size], STEP, until).others[0, other]
     actor = concrete.actors[other]
     times = np.arange(len(motion), dtype=float) * STEP
-    x, y, heading = motion[:, :3].T
+    x, y, heading = motion[:, :3].T  # of the actor, (looks,) each
     long, wide = half_extents(heading, actor.length, actor.width)
     # distance of the body from the strip, m, negative inside
     apart = np.abs(y - ego.y_at(x)) - wide - 0.5 * width
@@ -138,12 +149,14 @@ def crossing_conflict(
     first, last = inside[[0, -1]]
 
     def crossed(after: int) -> float:
-        """Time at which the actor's body is at the strip's edge, s; `after` is the next look."""
+        """Time at which the actor's body passes the strip's edge, s, before look `after`."""
         share = apart[after - 1] / (apart[after - 1] - apart[after])
         return float(times[after - 1] + (times[after] - times[after - 1]) * share)
 
     def reached(position: float) -> float:
-        """Time at which the ego's centre is at x = `position`, s; -inf: it stands beyond."""
+        """Time at which the ego's centre is at x = `position`, s. If the ego stands: inf, or -inf
+        if it is beyond.
+        """
         ahead = position - ego.x
         return ahead / ego.speed if ego.speed > 0.0 else math.copysign(math.inf, ahead)
 
@@ -152,8 +165,9 @@ def crossing_conflict(
     begin, end = float((x - long)[inside].min()), float((x + long)[inside].max())
     ego_arrives, ego_clears = reached(begin - 0.5 * length), reached(end + 0.5 * length)
     actor_arrives, actor_clears = enters, leaves
-    # Ways that join: the actor stays in the strip and drives along it, within 45 degrees. The area
-    # is then the line x = begin, where the actor's rear is when it enters the strip.
+    # Paths join if the actor stays in the strip and drives along it, within 45 degrees. The area is
+    # then the line x = `begin`. The actor arrives there with its front, and has left it when it is
+    # in the strip with its rear at `begin`. The ego clears the line with its rear.
     if math.isinf(leaves) and math.cos(heading[last]) > math.cos(0.25 * math.pi):
         actor_arrives = float(np.interp(begin, x + long, times, left=-math.inf))
         actor_clears = enters
@@ -163,7 +177,7 @@ def crossing_conflict(
 
 
 def conflicting(logical: LogicalScenario, concrete: ConcreteScenario) -> int | None:
-    """Number of the actor whose way conflicts with the ego's; None without one.
+    """Index of the actor whose path conflicts with the ego's; None without such an actor.
 
     It is the obstacle of the scenario's zones, if the scenario's file has `conflict = true` or the
     obstacle crosses the road.
@@ -176,8 +190,10 @@ def conflicting(logical: LogicalScenario, concrete: ConcreteScenario) -> int | N
 
 
 def conflict_at(logical: LogicalScenario, values: Mapping[str, float]) -> Conflict | None:
-    """The conflict of a concrete scenario without any reaction; None where no way conflicts with
-    the ego's.
+    """The conflict of a concrete scenario, if neither vehicle reacts; None if no actor's path
+    conflicts with the ego's.
+
+    values: of the point, by name.
     """
     concrete = logical.placed(values)
     other = conflicting(logical, concrete)
@@ -197,41 +213,42 @@ def conflict_criticality(
     size: tuple[float, float],
     settings: ZoneSettings,
 ) -> FloatArray:
-    """Eqs. 2 and 5-6 on conflicting ways: max ITTC, 1/s, impact speed, m/s, and smallest distance
+    """Eqs. 2 and 5-6 on conflicting paths: max ITTC, 1/s, impact speed, m/s, and smallest distance
     of the bodies, m, (3, n).
 
-    placed: n cases of one scenario.
-    other: number of the actor whose first move makes the ego brake.
-    delays: s, (n,), from that move to the braking.
+    placed: n concrete scenarios of one logical scenario.
+    other: index of the actor whose first move makes the ego brake.
+    delays: time from that move to the braking, (n,), s.
     size: length and width of the ego's body, m.
-    settings: `[method.zones]`.
+    settings: `[method.zones]`: a.
 
-    The ego keeps its way. Where it touches no actor at its speed, it does not brake: max ITTC and
-    impact speed are 0. Elsewhere it brakes ideally to a standstill: max ITTC is the largest inverse
-    time to collision with any actor, inf where it hits one even so. Actors that react and come from
-    behind do not count.
+    The ego keeps its path. Where it touches no actor at constant speed, it does not brake: max ITTC
+    and impact speed are 0. Elsewhere it brakes ideally to a standstill. Max ITTC is then the
+    largest inverse time to collision with any actor, inf if the ego still hits one. Actors that
+    react and come from behind do not count.
     """
     strength = settings.deceleration
     waits = np.array(delays)
-    # long enough for the latest braking to a standstill
+    # end of the search, late enough for the latest braking to a standstill
     standstills = [_begins(concrete, other) + concrete.ego.speed / strength for concrete in placed]
     until = np.minimum(standstills + waits + HORIZON, _LONGEST)
     motion = tracks(placed, [size] * len(placed), STEP, float(until.max()))
     others = motion.others
     looks = np.arange(others.shape[2])
-    parts = np.arange(looks[-1] * _PARTS + 1) / _PARTS
-    # A case ends at its own time: nothing may depend on the cases searched with it. From then on
-    # its actors are out of reach, at x = inf.
+    parts = np.arange(looks[-1] * _PARTS + 1) / _PARTS  # ends of the parts, in looks
+    # A case ends at its own time, because its result must not depend on the cases searched with it.
+    # From then on its actors are out of reach, at x = inf. (others[..., 0] is x.)
     late = looks > np.ceil(until / STEP - 1e-9)[:, None]
     np.copyto(others[..., 0], np.inf, where=late[:, None])
-    # First at a constant speed: touch and smallest distance, for which no look ahead is needed.
+    # First with an ego at constant speed: whether it touches, and the smallest distance. Neither
+    # needs a look ahead (0).
     unbraked = _braked(placed, parts, np.full(len(placed), np.inf), strength)
     result = _most_critical(placed, others, size, unbraked, 0)
     touches = np.flatnonzero(np.isinf(result[0]))
     result[:2] = 0.0
     if touches.size:
         some = [placed[i] for i in touches.tolist()]
-        # an obstacle that makes no move in this time is an obstacle from the start
+        # An obstacle without a move in this time is an obstacle from the start.
         first = motion.begins[:, other]
         begins = np.where(first > until, 0.0, first) + waits
         egos = _braked(some, parts, begins[touches], strength)
@@ -243,9 +260,9 @@ def conflict_criticality(
 def _braked(
     placed: Sequence[ConcreteScenario], looks: Records, begins: FloatArray, strength: float
 ) -> FloatArray:
-    """x, m, and speed, m/s, of egos that brake to a standstill, at T looks, (n, T, 2).
+    """x, m, and speed, m/s, of egos that brake to a standstill, at T instants, (n, T, 2).
 
-    looks: numbers of the looks, (T,); fractions stand for instants between two looks.
+    looks: the instants, in looks (`STEP`), (T,); may be fractions.
     begins: time at which each ego begins to brake, (n,), s; inf: never.
     strength: deceleration, m/s2.
     """
@@ -267,46 +284,47 @@ def _most_critical(
     horizon: int,
 ) -> FloatArray:
     """Max ITTC, impact speed and smallest distance of the bodies, (3, n): of each the most critical
-    value of all actors.
+    value over all actors.
 
-    others: motion of the actors, (n, m, T, 5), as in `Tracks`.
-    egos: x and speed, (n, T, 2).
+    others: motion of m actors at T looks, (n, m, T, 5), as in `Tracks`.
+    egos: x and speed at the ends of all parts, (n, (T - 1) * _PARTS + 1, 2), from `_braked`.
     horizon: number of looks ahead in which a collision counts.
 
-    An actor that reacts and comes from behind does not count: no braking of the ego averts its
-    acts, which SUMO alone knows.
+    An actor that reacts and comes from behind does not count: SUMO decides its acts, and no braking
+    of the ego averts them.
     """
     ways = np.zeros(len(placed), _WAY)
     for i, concrete in enumerate(placed):
         way = concrete.ego.way
-        change = 0.0, 0.0, 1.0  # without a lane change; `_ego` divides by the length
+        # offset, begin and length without a lane change; length 1, because `_ego` divides by it
+        change = 0.0, 0.0, 1.0
         if way is not None:
             change = way.offset, way.begin, way.length(concrete.ego.speed)
         ways[i] = concrete.ego.y, *change, *size, 0.0, 0.0
-    each = np.zeros((others.shape[1], len(placed), 3))  # a result for each actor and case
-    # the cases of a scenario have the same actors; only the actors' places differ
+    each = np.zeros((others.shape[1], len(placed), 3))  # by actor and case, as `_search_rows`
+    # all cases have the same actors; only the actors' motion differs
     for number, (actor, result) in enumerate(zip(placed[0].actors, each, strict=True)):
         ways["long"], ways["wide"] = actor.length, actor.width
-        # x, y, heading, speed along the heading and across it, (n, T) each
+        # x, y, heading, speed along the heading, speed across it, (n, T) each
         columns = np.moveaxis(others[:, number], 2, 0)
         heading, speed, across = columns[2:]
         c = np.cos(heading)
         s = np.sin(heading)
-        # last the actor's velocity along the road and across it
+        # x, y, heading, speed along the road, speed across it, (n, T, 5)
         motion = np.dstack([*columns[:2], heading, speed * c - across * s, speed * s + across * c])
         _search_rows(ways, egos, motion, horizon, result)
         if actor.model is not None:
             behind = [it.actors[number].start.x < it.ego.x for it in placed]
             result[behind] = 0.0, 0.0, math.inf
     most: FloatArray = each.max(axis=0)
-    most[:, 2] = each[..., 2].min(axis=0)
+    most[:, 2] = each[..., 2].min(axis=0)  # of distances the smallest is the most critical
     return most.T
 
 
 def _begins(concrete: ConcreteScenario, other: int) -> float:
     """Latest time at which actor `other` can begin its first move, s.
 
-    A move with a `program` (a condition) begins before the ego is at the road's end.
+    A move with a `program` waits for a condition: it begins before the ego is at the road's end.
     """
     latest = _time_on_road(concrete)
     acts = concrete.actors[other].acts
@@ -315,7 +333,7 @@ def _begins(concrete: ConcreteScenario, other: int) -> float:
 
 @kernel
 def _ego(way: Any, x: float) -> Body:
-    """The ego's body on its way at x."""
+    """The ego's body on its path at x, m; way: a row of `_WAY`."""
     share = min(max((x - way.begin) / way.length, 0.0), 1.0)
     heading = math.atan(way.offset * quintic_rate(share) / way.length)
     y = way.y + way.offset * quintic(share)
@@ -324,7 +342,7 @@ def _ego(way: Any, x: float) -> Body:
 
 @kernel
 def _other(way: Any, pose: Any) -> Body:
-    """The other's body; pose: x, y and heading."""
+    """The actor's body; way: a row of `_WAY`; pose: x, y, m, and heading, rad."""
     return Body(pose[0], pose[1], pose[2], 0.0, way.long, way.wide, 0.0)
 
 
@@ -332,25 +350,26 @@ def _other(way: Any, pose: Any) -> Body:
 def _search_rows(
     ways: Records, egos: FloatArray, others: FloatArray, horizon: int, result: FloatArray
 ) -> None:
-    """Write the result of each row: largest inverse TTC, 1/s, inf where both touch, the speed at
-    which they do, m/s, and the smallest distance, m.
+    """Write the result of the ego and one actor in each of n cases: max ITTC, 1/s, inf if both
+    touch; their relative speed at the touch, m/s; the smallest distance of the bodies, m.
 
     ways: `_WAY`, (n,).
-    egos: x and speed at all ends of parts, (n, (T - 1) * _PARTS + 1, 2).
-    others: at T looks: x, y, heading, then speed along and across the road, (n, T, 5).
+    egos: x and speed at the ends of all parts, (n, (T - 1) * _PARTS + 1, 2).
+    others: the actor at T looks: x, y, heading, then speed along and across the road, (n, T, 5).
     horizon: number of looks ahead in which a collision counts.
     result: (n, 3).
     """
     for i in range(len(ways)):
         way = ways[i]
         inverse, impact, nearest = 0.0, 0.0, math.inf
-        count = np.isfinite(others[i, :, 0]).sum()
+        count = np.isfinite(others[i, :, 0]).sum()  # looks until the case ends, see x = inf above
         for k in range(count):
             x, speed = egos[i, _PARTS * k, 0], egos[i, _PARTS * k, 1]
             ego, other = _ego(way, x), _other(way, others[i, k])
             if k == 0:
                 ego_before, other_before = ego, other
             nearest = min(nearest, max(widest_gap(ego, other)[0], 0.0))
+            # Do the bodies touch between the look before and this one? The ego moves part by part.
             touch, other_was = -1.0, other_before  # touch: share of the part, 0..1; -1: none
             for part in range(1, _PARTS + 1):
                 ego_then = _ego(way, egos[i, max(_PARTS * (k - 1) + part, 0), 0])
@@ -365,6 +384,7 @@ def _search_rows(
             other_before = other
             if speed <= 0.0:
                 continue
+            # Looks ahead: when would the bodies touch if the ego kept its present speed?
             for ahead in range(1, min(horizon + 1, count - k)):
                 ego_then = _ego(way, x + speed * STEP * ahead)
                 other_then = _other(way, others[i, k + ahead])

@@ -1,9 +1,11 @@
 """The driving task of a case: departure from the road, and t_i, the share of the asked way that was
 driven in time.
 
-Both follow from recorded trajectories, so a run recorded earlier has them as well.
+The asked way of a point is the distance along the road that every reference drove there, less its
+last 5 m. References are the point's drivers and the reference car (docs/method.md). Departure and
+t_i follow from recorded trajectories alone, so a run recorded earlier has them as well.
 
-Users: `scoring/` (for every case), `drivers/`.
+Users: `scoring/` (for every case), `drivers/`. Fixed: the values, from which T and S+ follow.
 """
 
 from collections.abc import Sequence
@@ -23,12 +25,13 @@ from sumo_eval.trajectory import (
     half_extents,
 )
 
-PLACE_SPACING = 1.0  # m between the places of a way at which times are compared
+PLACE_SPACING = 1.0  # m between the places of the asked way at which times are compared
 SHORT_OF_THE_END = 5.0
-"""m by which the asked way ends before the shortest reference: vehicles stop a few metres apart."""
-# a road user within all three limits excuses an ego that stands; distances are between bodies
+"""m by which the asked way ends before the shortest reference, because vehicles stop a few metres
+apart."""
+# A road user within all three limits excuses an ego that stands. Distances are between bodies.
 EXCUSE_AHEAD = 10.0  # m, largest distance ahead of the ego
-EXCUSE_BESIDE = 3.5  # m, largest distance to its side (a lane)
+EXCUSE_BESIDE = 3.5  # m, largest distance to its side (the width of a lane)
 EXCUSE_SPEED = 1.0  # m/s, largest speed along the road
 
 
@@ -45,12 +48,12 @@ class Departure:
 
 
 def first_departure(ego: Trajectory, road: Road, margin: float) -> Departure | None:
-    """The departure of a drive, with a corner more than `margin` beyond the drivable area; None
-    without one.
+    """The first sample of a drive with a corner more than `margin` beyond the drivable area; None
+    without such a sample.
 
     ego: the drive, in road coordinates.
-    road: a road that crosses it is drivable as well.
-    margin: `road_margin`, width of a paved edge strip, m.
+    road: of the scenario; roads that cross it are drivable as well.
+    margin: width of a paved edge strip, m, `road_margin` of `[method.task]`.
     """
     away = np.flatnonzero(off_road(*_corners(ego), road, margin).any(axis=0))
     if not away.size:
@@ -60,6 +63,7 @@ def first_departure(ego: Trajectory, road: Road, margin: float) -> Departure | N
 
 def _corners(ego: Trajectory) -> tuple[FloatArray, FloatArray]:
     """x and y of the body's four corners, m, (4, n) each."""
+    # of each corner, forward and to the left of the centre, m, (4, 1)
     along = 0.5 * ego.length * np.array([[1.0, 1.0, -1.0, -1.0]]).T
     aside = 0.5 * ego.width * np.array([[1.0, -1.0, 1.0, -1.0]]).T
     cosine = np.cos(ego.heading)
@@ -68,8 +72,11 @@ def _corners(ego: Trajectory) -> tuple[FloatArray, FloatArray]:
 
 
 def off_road(x: FloatArray, y: FloatArray, road: Road, margin: float) -> BoolArray:
-    """Whether places (...) are more than `margin` m beyond the road and every road that crosses
-    it.
+    """Whether points are more than `margin` beyond the road and beyond every road that crosses it,
+    (...).
+
+    x, y: of the points, in road coordinates, (...), m.
+    margin: m.
     """
     beyond = (y < road.right_edge_at(x) - margin) | (y > road.left_edge_at(x) + margin)
     for crossing in road.crossings:
@@ -79,11 +86,12 @@ def off_road(x: FloatArray, y: FloatArray, road: Road, margin: float) -> BoolArr
 
 
 def roadside_contact(departure: Departure, overlap: float) -> Collision:
-    """A departure as a contact: U = |v| / w with a standing car, at the speed of the departure.
+    """A departure as a contact with a standing car, at the speed of the departure: U = |v| / w.
 
-    departure: its v, m/s.
-    overlap: `roadside_overlap` w, share of the bumper's width.
+    departure: has the speed v, m/s.
+    overlap: w, share of the bumper's width, `roadside_overlap` of `[method.task]`.
     """
+    # a departure has no second vehicle, and U depends on no pose
     pose = (0.0, 0.0, 0.0)
     return Collision(
         departure.time, "roadside", (departure.speed, 0.0), (0.0, 0.0), overlap, "front", pose, pose
@@ -93,14 +101,16 @@ def roadside_contact(departure: Departure, overlap: float) -> Collision:
 def is_excused(ego: Trajectory, actors: Trajectories) -> bool:
     """Whether an ego stands at the end of its drive because of a road user.
 
-    That is so if, at any time since the ego last moved, a road user was close ahead and hardly
-    moved along the road (`EXCUSE_AHEAD`, `EXCUSE_BESIDE`, `EXCUSE_SPEED`).
+    ego, actors: in road coordinates; actors by name.
+
+    A road user excuses the ego if, at any time since the ego last moved, it was close ahead and
+    hardly moved along the road (`EXCUSE_AHEAD`, `EXCUSE_BESIDE`, `EXCUSE_SPEED`).
     """
     if ego.speed[-1] >= STANDING:
         return False
-    # time of the sample after the last one at which it moved
+    # time of the sample after the last one at which the ego moved
     since = ego.time[np.flatnonzero(ego.speed >= STANDING).max(initial=-1) + 1]
-    x, y = (corners[:, -1] for corners in _corners(ego))
+    x, y = (corners[:, -1] for corners in _corners(ego))  # at the end, (4,) each
     front = x.max()
     left = y.max()
     right = y.min()
@@ -108,9 +118,11 @@ def is_excused(ego: Trajectory, actors: Trajectories) -> bool:
 
 
 def _excuses(actor: Trajectory, since: float, front: float, left: float, right: float) -> bool:
-    """Whether a road user stood or crept close ahead at any sample from `since` s on.
+    """Whether a road user stood or crept close ahead of a standing ego at any sample.
 
-    front, left, right: x and y of the ends of the ego's body, m.
+    since: samples of the actor count from this time on, s.
+    front: x of the front end of the ego's body, m.
+    left, right: y of the left and right end of the ego's body, m.
     """
     long, wide = half_extents(actor.heading, actor.length, actor.width)
 
@@ -122,13 +134,15 @@ def _excuses(actor: Trajectory, since: float, front: float, left: float, right: 
 
 
 def times_at(drive: Trajectory, places: FloatArray) -> FloatArray:
-    """Times at which a drive first reached places x (n,), m, ascending: s since its start, inf for
-    a place never reached.
+    """Times at which a drive first reached places, (n,), s since its start; inf for a place that it
+    never reached.
+
+    places: x, (n,), m, ascending.
     """
     furthest = np.maximum.accumulate(drive.x)
     rises = furthest[1:] > furthest[:-1]
-    # of a stop (samples at one furthest x) only the first and the last are used, the last a hair
-    # further: so the next place is interpolated from the end of the stop, not from its beginning
+    # During a stop all samples have one furthest x. Of these only the first and the last are used,
+    # the last with a slightly larger x. So the next place is interpolated from the end of the stop.
     arrives, leaves = np.append(True, rises), np.append(rises, False)
     x = np.where(arrives, furthest, np.nextafter(furthest, np.inf))
     ends = arrives | leaves
@@ -138,8 +152,8 @@ def times_at(drive: Trajectory, places: FloatArray) -> FloatArray:
 class AskedWay(NamedTuple):
     """The distance along the road that an ADS has to drive at a point, and the time for it.
 
-    places: x along it, (n,), m.
-    slowest: time until the slowest reference reached each place, (n,), s.
+    places: x, `PLACE_SPACING` apart, (n,), m.
+    slowest: time at which the slowest reference reached each place, (n,), s since its start.
     """
 
     places: FloatArray
@@ -151,11 +165,12 @@ def asked_way(begin: float, references: Sequence[Trajectory]) -> AskedWay | None
     shortest reference; None without a reference.
 
     begin: x of the ego's start, m.
-    references: drives of the references that had no incident.
+    references: drives of those references at the point that had no incident, in road coordinates.
     """
     if not references:
         return None
     end = min(drive.x.max() for drive in references) - SHORT_OF_THE_END
+    # 1e-9 m is rounding: a place at the end itself counts
     places = np.arange(begin + PLACE_SPACING, end + 1e-9, PLACE_SPACING)
     return AskedWay(places, np.max([times_at(drive, places) for drive in references], axis=0))
 
@@ -167,27 +182,26 @@ def task_share(
 
     ego: the drive, in road coordinates.
     asked: the places, with the references' times.
-    lane_change: that the point asks for; None without one.
-    incident: any contact, departure or giving up: t_i = 0.
-    excused: the asked way ends where the ego stands.
+    lane_change: lane change or exit that the point asks for; None without one.
+    incident: whether the ego had a contact, departed or gave up; then t_i = 0.
+    excused: whether the ego stands because of a road user; then the asked way ends where it stands.
 
     A place counts 0 if it was never reached, or if it is beyond the end of a lane change that the
-    ego missed. t_i is 1 where no place counts.
+    ego missed. t_i is 1 if the asked way has no place.
     """
     if incident:
         return 0.0
     counted = asked.places <= (ego.x.max() if excused else np.inf)
     own = times_at(ego, asked.places)
-    shares = np.minimum(1.0, asked.slowest / np.maximum(own, 1e-9))
-
+    shares = np.minimum(1.0, asked.slowest / np.maximum(own, 1e-9))  # no division by 0 s
     if lane_change is not None and misses(ego, lane_change):
         shares = np.where(asked.places > lane_change.by, 0.0, shares)
     return float(shares[counted].mean()) if counted.any() else 1.0
 
 
 def misses(ego: Trajectory, lane_change: Way) -> bool:
-    """Whether the ego passed the end of its lane change more than half the offset away from the
-    target, on either side of it.
+    """Whether the ego missed a lane change: at the end of the change its y is more than half the
+    offset away from the target, to either side. False if it never got there.
     """
     at_end = times_at(ego, np.array([lane_change.by]))[0]
     if np.isinf(at_end):

@@ -1,12 +1,15 @@
 """The compiled loops of the trajectory field: the direct sum of Eq. 9, and far samples interpolated
 over boxes.
 
-Terms of the loops: a sample of a trajectory has the field s = exp(k2 v cos theta) / max(r, 1)^k1 at
-distance r (`trajectory_field`). Boxes, nodes and levels are those of `shared_fields`.
+A sample of a trajectory has the field s = exp(k2 v cos theta) / max(r, 1)^k1 at distance r
+(`trajectory_field.py`). Boxes, nodes and levels are explained in `shared_fields.py`.
 
-Importing this file imports numba, which takes a while: `trajectory_field` and `shared_fields` do so
-at first use. Contraction rounds a * b + c once instead of twice; nothing that reorders a sum is
-allowed, so each run gives the same bytes on the same machine.
+Importing this file imports numba, which takes time: `trajectory_field` and `shared_fields` do it at
+first use. The compiler may contract a * b + c, which rounds once instead of twice. It may reorder
+no sum, so each run gives the same bits on the same machine.
+
+Fixed: the order of all sums. After a change run `python -m sumo_eval.record.loops`, which compiles
+the loops.
 """
 
 from collections.abc import Callable
@@ -21,9 +24,10 @@ from sumo_eval.trajectory import FloatArray, IntArray
 
 Loops = TypeVar("Loops", bound=Callable[..., Any])
 
-COINCIDENT = 1e-9  # m; nearer than this a direction is only the rounding of the coordinates
+# m; a point nearer than this to a sample has no direction, as in `trajectory_field`
+COINCIDENT = 1e-9
 POINTS_AT_ONCE = 256  # points of a block, which stays in the first-level cache
-LANES = 16  # a block is filled up to a multiple of this, for vector instructions
+LANES = 16  # a block is filled up to a multiple of this, so that vector instructions take all of it
 
 QUICK_EXPONENT = 0.2  # largest |f| of the polynomial `EXP`
 # Coefficients of a polynomial for exp(f), from 1 to f^8, through its values at the Chebyshev points
@@ -34,12 +38,12 @@ EXP = tuple(
     .coef.tolist()
 )
 QUICK_DISTANCE = 1e15  # m; its square is far within single precision
-QUARTER = np.float32(0.25)  # in single precision, so that the guess is, too
+QUARTER = np.float32(0.25)  # in single precision, so that the guess is in single precision too
 ROOT_OF_TWO = sqrt(2.0)
 
 
 def compiled(loops: Loops) -> Loops:
-    """The loops as machine code, kept on disk where that can be, else compiled in each process."""
+    """The loops as machine code, kept on disk if possible, else compiled in each process."""
     return cast("Loops", keep_code(numba.njit(fastmath={"contract"}, error_model="numpy")(loops)))
 
 
@@ -47,19 +51,19 @@ def compiled(loops: Loops) -> Loops:
 def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatArray:
     """Eq. 9: S of a trajectory at points, (n,).
 
-    points: (n, 2), m.
-    samples: rows of x, y, m, k2 vx, k2 vy, k2 v and weight, (k, 6), from `samples_of`.
+    points: x and y, (n, 2), m.
+    samples: rows of x, y, m, k2 vx, k2 vy, k2 v and weight, (k, 6), from
+        `trajectory_field.samples_of`.
     k1: decay with distance.
 
-    Every inner loop is over the points of a block and becomes vector instructions. A sample more
-    than 1 m away from all points of a block is quick, because it needs no decisions. For k1 = 0.5
-    its field is exp(f) / sqrt(r), f = k2 (v . r) / r, with the vectors v and r.
+    Every inner loop is over the points of a block and becomes vector instructions. A sample is
+    quick if it is more than 1 m away from all points of the block and k1 = 0.5: its field needs no
+    decisions. It is exp(f) / sqrt(r), with f = k2 (v . r) / r of the vectors v and r.
 
-    u = 1 / sqrt(2 r) is guessed in single precision, then improved by one Newton step in
-    double precision: u + u (1/4 - r^2 u^4). With the root of 2 in u, the step has one
-    multiplication less. So f = 2 k2 (v . r) u^2, and the field is sqrt(2) u exp(f). While one
-    sample's polynomial is summed, the next sample's u is guessed: the processor does both at a
-    time.
+    The loop computes u = 1 / sqrt(2 r): a guess in single precision, improved by one Newton step in
+    double precision, u + u (1/4 - r^2 u^4). The factor 2 saves a multiplication in this step. With
+    u, f = 2 k2 (v . r) u^2, and the field is sqrt(2) u exp(f). While the polynomial of one sample
+    is summed, u of the next sample is guessed, because the processor does both at once.
     """
     field = np.empty(points.shape[0])
     px, py, total = np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE)
@@ -69,7 +73,7 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
     for first in range(0, points.shape[0], POINTS_AT_ONCE):
         n = min(POINTS_AT_ONCE, points.shape[0] - first)
         filled = (n + LANES - 1) // LANES * LANES
-        # the block's points, the last one repeated, and its bounds
+        # the block's points, the last one repeated up to `filled`, and the block's bounds
         west = inf
         east = -inf
         south = inf
@@ -84,7 +88,7 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
             py[i] = y
             total[i] = 0.0
         wide = east - west + north - south > QUICK_DISTANCE
-        # slow samples are added at once, quick ones are listed
+        # add samples that are not quick now, list the quick ones
         count = 0
         for j in range(samples.shape[0]):
             x, y, ahead = samples[j, 0], samples[j, 1], samples[j, 4]
@@ -101,6 +105,7 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
             else:
                 _add_terms(px, py, samples, j, k1, total, filled)
         if count:
+            # the guess for the first quick sample
             x, y = samples[quick[0], 0], samples[quick[0], 1]
             for i in range(filled):
                 dx = px[i] - x
@@ -151,6 +156,8 @@ def _add_terms(
     px, py: x and y of the points, m.
     samples: as in `magnitude_sum`.
     j: row of the sample.
+    k1: decay with distance.
+    total: field so far, at least (filled,).
     filled: number of points.
 
     exp(f) is the Taylor polynomial to f^12 on |f| <= 0.35 (remainder 2e-16). A larger f is halved
@@ -172,7 +179,9 @@ def _add_terms(
         square = dx * dx + dy * dy
         apart = square > COINCIDENT * COINCIDENT
         inverse = 1.0 / sqrt(square if apart else 1.0)
+        # k2 v cos theta; a point on the sample counts as straight ahead of it
         f = (along_x * dx + along_y * dy) * inverse if apart else ahead
+        # from the inside out: the coefficients are 1 / 12!, 1 / 11!, ... 1 / 0!
         e = 1.0 / 3628800.0 + f * (1.0 / 39916800.0 + f * (1.0 / 479001600.0))
         e = 1.0 / 40320.0 + f * (1.0 / 362880.0 + f * e)
         e = 1.0 / 720.0 + f * (1.0 / 5040.0 + f * e)
@@ -193,17 +202,17 @@ def _add_terms(
 
 @compiled
 def far_values(samples: FloatArray, grid: Any, near: IntArray, k1: float) -> FloatArray:
-    """Eq. 9: the field of far samples in the smallest boxes along x, (2**levels, p, q): at p nodes
-    along x, as Chebyshev series of q terms across.
+    """Eq. 9: the field of far samples in each of the smallest boxes, (2**levels, p, q): at p nodes
+    along x, as Chebyshev series of q terms across the road.
 
     samples: as in `magnitude_sum`, sorted by x.
     grid: `shared_fields.Grid`, with p nodes in each box.
-    near: the first and last (exclusive) of the samples that are near each box, level after level,
-        (2**(levels + 1) - 1, 2); all others are far from the box.
+    near: first and last (exclusive) of the samples that are near each box, level after level,
+        (2**(levels + 1) - 1, 2). All other samples are far from the box.
     k1: decay with distance.
 
-    Each box takes the field of samples far from its parent by interpolation between the parent's
-    nodes. To this it adds the samples that are far from itself, but near the parent.
+    Samples far from a box's parent are far from the box too: their field is interpolated between
+    the parent's nodes. Samples that are near the parent, but far from the box, are added.
     """
     bounds, nodes, halves = grid.bounds, grid.nodes, grid.halves
     counts, across, finer = grid.counts, grid.across, grid.finer
@@ -213,13 +222,13 @@ def far_values(samples: FloatArray, grid: Any, near: IntArray, k1: float) -> Flo
     places = np.empty((p * q, 2))
     values = np.zeros((1, p, q))
     for level in range(levels + 1):
-        boxes, n = 2**level, counts[level]  # n: nodes across
-        width = (bounds[1] - bounds[0]) / boxes
+        boxes, n = 2**level, counts[level]  # boxes of the level, and nodes across in each
+        width = (bounds[1] - bounds[0]) / boxes  # of a box along x, m
         # the parents' values, at this level's nodes across
         inherited = _across(values, counts[max(level - 1, 0)], finer[level], n)
         values = np.zeros((boxes, p, q))
         for box in range(boxes):
-            parent, place = box // 2, boxes - 1 + box  # place: of the box in `near`
+            parent, place = box // 2, boxes - 1 + box  # place: row of the box in `near`
             left, right = near[place, 0], near[place, 1]
             first = 0
             last = samples.shape[0]
@@ -247,10 +256,11 @@ def far_values(samples: FloatArray, grid: Any, near: IntArray, k1: float) -> Flo
 
 @compiled
 def _across(values: FloatArray, count: int, finer: FloatArray, n: int) -> FloatArray:
-    """Values at n nodes across, or n terms of a series, from those at `count` nodes.
+    """Values at n nodes across, or n terms of a series, from values at `count` nodes across,
+    (boxes, p, q).
 
-    values: (boxes, p, q).
-    finer: the matrix that does this, (q, q).
+    values: at the nodes, (boxes, p, q), of which the first `count` across are used.
+    finer: matrix from the values to the result, transposed, (q, q).
     """
     result = np.zeros(values.shape)
     for box in range(values.shape[0]):
@@ -266,14 +276,15 @@ def put_field(
     rows: Any, samples: FloatArray, near: IntArray, far: FloatArray, k1: float,
     field: FloatArray,
 ) -> None:  # fmt: skip
-    """Eq. 9: put the field at s rows of k points across the road into `field`, (s, k). Near samples
-    are summed, far ones interpolated.
+    """Eq. 9: put the field at rows of k points across the road into `field`. Near samples are
+    summed, far ones interpolated.
 
     rows: `shared_fields.PointRows`.
     samples: as in `far_values`.
     near: as in `far_values`, of the smallest boxes alone.
     far: from `far_values`.
     k1: decay with distance.
+    field: (s, k). Rows of points that are in no box stay as they are.
 
     Every inner loop is over the rows of a box and becomes vector instructions.
     """
@@ -298,7 +309,7 @@ def put_field(
                 share = shares[a, first:last]
                 for row in range(n):
                     into[row] += value * share[row]
-        # Clenshaw's sum of a Chebyshev series is the field of far samples; now, before: the two
+        # the field of far samples is Clenshaw's sum of a Chebyshev series; now, before: the two
         # last terms of its recurrence
         now, before, interpolated = np.empty(n), np.empty(n), np.empty(n)
         for point in range(k):

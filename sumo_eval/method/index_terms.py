@@ -1,11 +1,13 @@
-"""Terms of Eq. 11: similarity of an ADS to drivers at each slice and sample point, and notes on the
-special rules that it needed.
+"""Terms of Eq. 11: similarity of an ADS to drivers at each slice and sample point, and notes on
+special rules that were needed.
 
-A driver who did not get as far as a slice has no centre there. A deviation needs two drivers: where
-fewer than two got there (in mixture mode, none), all count with their last lateral position.
+A driver who did not get as far as a slice has no centre there. A deviation needs two drivers. So if
+fewer than two got as far as the slice, all count with their last lateral position. In mixture mode
+this happens only if none did, because the deviation is completed from the other manoeuvres.
 
 Users: `method/anthropomorphic.py`, `cases.py`, `case_table.py`, `record/human_reference.py`,
-`report/notes.py`.
+`report/notes.py`. Fixed: kinds of notes, which runs store and `report/notes.py` words; the terms,
+from which D_i follows.
 """
 
 from collections.abc import Sequence
@@ -21,7 +23,8 @@ from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-SPLIT_GAP = 0.5  # lane widths; a wider gap between neighbouring drivers makes two groups of them
+# lane widths; a wider gap between drivers who are neighbours in y makes two groups of them
+SPLIT_GAP = 0.5
 SPLIT_MEMBERS = 2  # fewest drivers of a group
 
 NoteKind = Literal[
@@ -44,12 +47,12 @@ NoteKind = Literal[
 
 @frozen
 class IndexNote:
-    """A special rule that a D_i needed, and how often; `report.notes` makes a sentence of it.
+    """A special rule that a D_i needed, and how often; `report/notes.py` makes a sentence of it.
 
     kind: the rule.
-    count: number of slices, points, trajectories or drivers that it was needed for.
-    of: number of all these.
-    manoeuvre: the ADS's, with the first two kinds.
+    count: number of slices, points, trajectories or drivers for which it was needed.
+    of: number of all slices, points, trajectories or drivers.
+    manoeuvre: of the ADS, with the first two kinds.
     """
 
     kind: NoteKind
@@ -59,7 +62,7 @@ class IndexNote:
 
 
 class Comparison(NamedTuple):
-    """An ADS and k drivers at m slices. Row 0 of an array is the ADS's.
+    """An ADS and k drivers at m slices. Row 0 of `y` and of `fields` is the ADS's.
 
     choice: drivers that count; in mixture mode those of the ADS's manoeuvre, else all.
     x: of the slices, (m,), m.
@@ -79,10 +82,10 @@ def gaussian_similarity(value: ArrayLike, mean: ArrayLike, deviation: ArrayLike)
     """Eq. 11: min(1, p(value) / p(mean + 2 deviation)) = min(1, exp(2 - z^2 / 2)).
 
     value: of the ADS, in any unit; the arguments broadcast.
-    mean: of the drivers' values, same unit.
-    deviation: of the drivers' values, same unit, above 0.
+    mean: of the drivers' values, same unit, from `manoeuvres.spread`.
+    deviation: of the drivers' values, same unit, above 0, from `manoeuvres.spread`.
 
-    p: Gaussian density; z = (value - mean) / deviation.
+    p: density of the Gaussian; z = (value - mean) / deviation.
     """
     z = (np.asarray(value) - np.asarray(mean)) / np.asarray(deviation)
     similarity: FloatArray = np.exp(np.minimum(2.0 - z * z / 2.0, 0.0))
@@ -92,15 +95,20 @@ def gaussian_similarity(value: ArrayLike, mean: ArrayLike, deviation: ArrayLike)
 def centre_term(
     compared: Comparison, road: Road, settings: AnthropomorphicSettings
 ) -> tuple[FloatArray, list[IndexNote]]:
-    """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes."""
+    """Eq. 11: centre term min(1, pt / pt_2sigma) at each slice, (m,), and notes.
+
+    compared: the ADS and the drivers.
+    road: its edges and lane width.
+    settings: `[method.anthropomorphic]`: `pooled_drivers`, `centre_deviation_floor`, m.
+    """
     ads = compared.y[0]
     humans = compared.y[1:]
     choice = compared.choice
     members = choice.members
     ends = np.array([driver.begin + driver.reach for driver in compared.drivers])
-    reached = compared.x <= ends[:, None] + SAME_PLACE  # (k, m)
-    # Where too few members got that far, all of them count, with their last y. In mixture mode one
-    # is enough, because its deviation is pooled with those of the other manoeuvres.
+    reached = compared.x <= ends[:, None] + SAME_PLACE  # whether a driver reached a slice, (k, m)
+    # Where too few members got that far, all members count, with their last y. In mixture mode one
+    # member is enough, because its deviation is pooled with those of the other manoeuvres.
     too_few = np.count_nonzero(reached[members], axis=0) < (1 if choice.manoeuvre else 2)
     counted = reached | (too_few & members[:, None])
     mean, deviation = spread(humans, counted, choice, settings.pooled_drivers)
@@ -119,10 +127,11 @@ def centre_term(
 
 
 def _two_groups(y: FloatArray, gap: float) -> BoolArray:
-    """Whether drivers form two groups at each slice, (m,): neighbours more than `gap` m apart, with
-    at least `SPLIT_MEMBERS` drivers on each side.
+    """Whether drivers form two groups at each slice, (m,): two neighbours in y are more than `gap`
+    apart, with at least `SPLIT_MEMBERS` drivers on each side.
 
     y: centres, (k, m), m; nan for a driver who does not count at the slice.
+    gap: m.
     """
     number = np.count_nonzero(np.isfinite(y), axis=0)
     below = np.arange(1, len(y))[:, None]  # drivers on the lower side of each pair of neighbours
@@ -135,8 +144,12 @@ def _two_groups(y: FloatArray, gap: float) -> BoolArray:
 def field_term(
     compared: Comparison, settings: AnthropomorphicSettings
 ) -> tuple[FloatArray, list[IndexNote]]:
-    """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes."""
-    # every driver has a field everywhere
+    """Eq. 11: field term min(1, pv / pv_2sigma) at each sample point, (m, p), and notes.
+
+    compared: the ADS and the drivers.
+    settings: `[method.anthropomorphic]`: `pooled_drivers`, `field_deviation_floor`, a share.
+    """
+    # every driver has a field at every point; these flags broadcast to (k, m, p)
     everywhere = np.ones((len(compared.drivers), 1, 1), bool)
     mean, deviation = spread(
         compared.fields[1:], everywhere, compared.choice, settings.pooled_drivers
@@ -159,7 +172,7 @@ def choice_notes(choice: Choice) -> list[IndexNote]:
 def trajectory_notes(
     ads: ComparedDrive, drivers: Sequence[ComparedDrive], settings: AnthropomorphicSettings
 ) -> list[IndexNote]:
-    """Notes on special rules for whole trajectories."""
+    """Notes on special rules for the whole trajectories of an ADS and its drivers."""
     latest = ads.begin + settings.slice_spacing  # x, m; a driver who starts ahead of it is late
     return [
         # `on_road` is another object if the trajectory was cut at the road's end
@@ -172,6 +185,6 @@ def trajectory_notes(
 
 
 def note_on(flags: ArrayLike, kind: NoteKind) -> list[IndexNote]:
-    """A note with the number of true flags and of all flags; no note if none is true."""
+    """A note with the number of true flags and the number of all flags; no note if none is true."""
     count = int(np.count_nonzero(flags))
     return [IndexNote(kind, count, np.size(flags))] if count else []

@@ -1,14 +1,14 @@
-"""Operations of an ADS and of drivers, the n of Eq. 12: turns of the wheel and moves of the pedals,
-counted for `method/`.
+"""Operations of an ADS and of drivers, the n of Eq. 12: turns of the wheel and moves of the pedals.
 
-Readings of the paper:
-- The signal of an operation is neutral at or below its threshold. Neutral time runs from the first
-  neutral sample to the next sample above the threshold. Steering wheel angles that are not known
-  (nan) are left out.
+Readings of the paper (docs/method.md):
+- A signal is neutral at or below its threshold. Neutral time runs from the first neutral sample to
+  the next sample above the threshold. Steering wheel angles that are not known (nan) are left out.
 - One rule counts the steering operations of the ADS and of the drivers. By default an operation is
   a lateral manoeuvre: a move to one side at more than 0.12 m/s (mean over 1 s) that shifts the
   vehicle by at least 1 m. At motorway speed a lane change turns the wheel by 1 to 7 degrees, so the
   paper's 10 degrees would count none there.
+
+Users: `method/`. Fixed: the counts, from which D_i and H follow.
 """
 
 import math
@@ -23,8 +23,8 @@ from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
 DEFAULTS = AnthropomorphicSettings()
 
-RELEASED = 0.8  # share of a level at or below which the pedals were moved back
-SAME_PEAK = 1.0 - 1e-9  # share of a level above which a sample is at the level, despite rounding
+RELEASED = 0.8  # share of a level; at or below it the pedals count as moved back
+SAME_PEAK = 1.0 - 1e-9  # share of a level; a sample above it is at the level, despite rounding
 MANOEUVRE_SPEED = 0.12  # m/s; a vehicle that keeps its lane wanders more slowly
 MANOEUVRE_SHIFT = 1.0  # m; a vehicle that keeps its lane wanders less far
 # s; lateral speed is a mean over this time, because recorded positions are noisy
@@ -32,18 +32,19 @@ MANOEUVRE_WINDOW = 1.0
 
 
 def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = DEFAULTS) -> int:
-    """Eq. 12: n, operations of steering and of the pedals, counted separately and added.
+    """Eq. 12: n, the number of operations of the steering wheel plus that of the pedals.
 
     trajectory: of the ADS or of a driver.
-    settings: `[method.anthropomorphic]`.
+    settings: `[method.anthropomorphic]`: thresholds, neutral time, steering rule.
 
-    An operation of the pedals begins where |acceleration| > 0.5 m/s2 and ends once the signal has
+    An operation of the pedals begins where |acceleration| > 0.5 m/s2, and ends once the signal has
     been neutral for 0.5 s. So acceleration and braking right after it are one operation. An
-    operation that still runs at the end counts. A steering operation is a lateral manoeuvre. With
-    `steering_rule = "wheel"` it is a turn of the steering wheel, which begins at 10 degrees (or at
-    the angle for a given lateral acceleration) and ends in the same way.
+    operation that has not ended by the last sample counts. A steering operation is a lateral
+    manoeuvre. With `steering_rule = "wheel"` it is a turn of the steering wheel. The turn begins
+    above 10 degrees (or the angle for a given lateral acceleration) and ends once the signal has
+    been neutral for 0.5 s.
 
-    Raises InputError under the rule "wheel" where a trajectory has no steering wheel angle: the ADS
+    Raises InputError under the rule "wheel" if the trajectory has no steering wheel angle: the ADS
     and the drivers are counted by one rule or not at all.
     """
     active = np.abs(trajectory.acceleration) > settings.acceleration_threshold
@@ -52,16 +53,20 @@ def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings =
 
 
 def most_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = DEFAULTS) -> int:
-    """n of Eq. 12 for f_n+ of H: the largest n of all levels of |acceleration| above 0.5 m/s2.
+    """Eq. 12's n as f_n+ of H counts it: the largest n over several thresholds of |acceleration|.
+
+    trajectory: of the ADS or of a driver.
+    settings: `[method.anthropomorphic]`.
 
     Eq. 12 counts an oscillation without neutral time as one operation, so a stronger oscillation
-    may have fewer operations than a weaker one. Here it never has: the levels are the signal's
-    peaks, and grow with it. Between two operations at a level the signal also falls to 0.8 of the
-    level, so the rounding of a constant acceleration makes no operations.
+    may have fewer operations than a weaker one. Here it never has: the thresholds (levels) are the
+    signal's own peaks above 0.5 m/s2, and grow with it. Between two operations at a level the
+    signal must also fall to 0.8 of the level, so the rounding of a constant acceleration makes no
+    operations.
     """
     signal = np.abs(trajectory.acceleration)
     padded = np.concatenate(([-np.inf], signal, [-np.inf]))
-    # samples not below their neighbours
+    # whether each sample is at least as high as both neighbours
     peak = (signal >= padded[:-2]) & (signal >= padded[2:])
     levels = np.unique(signal[peak & (signal > settings.acceleration_threshold)])
     at_levels = [
@@ -105,26 +110,27 @@ def _operations(
 
     active: whether the signal is above its threshold, (n,).
     time: of the samples, (n,), s.
-    released: samples of which at least one must lie between two operations, (n,); None: no such
-        condition.
-
-    Two operations are at least `neutral_time` of neutral signal apart.
+    settings: `neutral_time`, the least neutral time between two operations, s.
+    released: whether the pedals were moved back, (n,). A sample of this kind must lie between two
+        operations. None: no such condition.
     """
     samples = np.flatnonzero(active)
     if samples.size == 0:
         return []
-    # of each active sample but the last: neutral time after it, and whether its operation ends
+    # of each active sample but the last: neutral time before the next one, s, and whether an
+    # operation ends here
     neutral = time[samples[1:]] - time[samples[:-1] + 1]
-    ended = (np.diff(samples) > 1) & (neutral >= settings.neutral_time - SAME_TIME)
-    if released is not None:  # a released sample lies between
-        ended &= np.diff(np.cumsum(released)[samples]) > 0
-    first = samples[np.append(True, ended)]
-    last = samples[np.append(ended, True)]
+    ends = (np.diff(samples) > 1) & (neutral >= settings.neutral_time - SAME_TIME)
+    if released is not None:
+        # the number of released samples so far rises between the two active samples
+        ends &= np.diff(np.cumsum(released)[samples]) > 0
+    first = samples[np.append(True, ends)]
+    last = samples[np.append(ends, True)]
     return list(zip(first.tolist(), last.tolist(), strict=True))
 
 
 def _lateral_manoeuvres(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int:
-    """Moves to one side that are too fast and too far for keeping a lane."""
+    """Number of moves to one side that are too fast and too far for keeping a lane."""
     time, y = trajectory.time, trajectory.y
     if time.size < 2:
         return 0

@@ -1,16 +1,19 @@
 """Plausibility of a case, a factor of H: are its extremes within what recorded people do?
 
-Fields and lateral positions say where a vehicle was and how fast, not how close to others nor how
-abruptly. Seven extremes of a drive do: the least time to collision and time headway, the strongest
-braking, the largest jerk and unrest, lateral speed and lateral acceleration. Each is put beside
-that of recorded drives, measured by one set of rules on both sides (`method.measures`): distances
-at the recorded samples, derivatives of speed and y by `smooth_motion`.
+Fields and lateral positions show where and how fast a vehicle drove. They do not show how close to
+other vehicles it drove, nor how abruptly. Seven extremes of a drive show this: the least time to
+collision and time headway, the strongest braking, the largest jerk, unrest, lateral speed and
+lateral acceleration. Each is compared with the same extreme of recorded drives. Both sides are
+measured by the same rules (`measures.py`): distances at the recorded samples, derivatives of speed
+and y by `smooth_motion`.
 
-A recorded drive is one vehicle in one encounter with another (it approaches a slower vehicle, a
-vehicle cuts in ahead of it, or its lead vehicle leaves the lane), 10 to 32 s long, as most cases of
-the motorway scenarios are; a longer drive has more chances of an extreme.
+A recorded drive is one vehicle in one encounter: it approaches a slower vehicle, a vehicle cuts in
+ahead of it, or its lead vehicle leaves the lane. It is 10 to 32 s long, as most cases of the
+motorway scenarios. A longer drive would have more chances of an extreme.
 
-Users: `scoring/` (`drive_results` computes it of every case), `report/`.
+Users: `scoring/` (`drive_results` computes the extremes of every case), `report/`. Fixed: names and
+arguments (docs/reference/python.md); names of the extremes, which `report/` words;
+`MOTORWAY_PEOPLE`, measured by `tools/motorway_people.py`.
 """
 
 import math
@@ -25,9 +28,9 @@ from sumo_eval.method.measures import Course, largest, least
 from sumo_eval.trajectory import FloatArray
 
 USUAL_SHARE = 0.05
-"""An extreme that at least this share of people reach is as plausible as any."""
+"""An extreme that at least this share of people reach lowers nothing."""
 LEAST_PEOPLE = 20
-"""Fewer people cannot show a share of 5 %: one of them is more than that."""
+"""Fewest people of a table. Fewer cannot show a share of 5 %, because one of them is more."""
 EXTREMES: Mapping[str, int] = {
     "min_ttc": -1,
     "min_thw": -1,
@@ -37,22 +40,21 @@ EXTREMES: Mapping[str, int] = {
     "max_lateral_speed": 1,
     "max_lateral_acceleration": 1,
 }
-"""Which extremes count; 1 where more is more extreme, -1 where less is."""
+"""The extremes that count: 1 if a larger value is more extreme, -1 if a smaller one is."""
 LEVELS = (0.01, 0.02, 0.03, 0.04, 0.05, 0.1, 0.25, 0.5)
-"""Shares of people at which a table holds values. Before them it has the most extreme person's
-share."""
+"""Shares of people at which a table holds values, after the share of its most extreme person."""
 
 
 @frozen
 class Quantiles:
-    """Table of how extreme people get: `values[name][k]` is reached by the share `shares[name][k]`
-    of them.
+    """Table of how extreme people drive: the share `shares[name][k]` of them reaches
+    `values[name][k]` or more extreme values.
 
-    values: s, m/s, m/s2, m/s3 as in `extremes_of`, the most extreme first; a single person reached
-        this first value.
+    values: s, m/s, m/s2 or m/s3 as in `extremes_of`, the most extreme first, which only one person
+        reached.
     shares: 0..1, ascending.
-    people: how many persons, who weigh 1 each.
-    drives: how many drives of theirs.
+    people: number of persons, who weigh 1 each.
+    drives: number of their drives.
     source: whose drives, in words.
     """
 
@@ -65,20 +67,24 @@ class Quantiles:
     def share(self, name: str, value: float) -> float:
         """Share of people at least as extreme as `value`, 0..1, linear between the table's values.
 
-        1 where the table does not know the extreme, where the value is nan (a drive without it, as
-        without a lead vehicle) and where it is milder than the table's last. Beyond the most
-        extreme person the share falls to 0 over the distance between the table's first two values:
-        one more person could have gone there.
+        name: of the extreme.
+        value: of a drive, in the extreme's unit.
+
+        The share is 1 if the table does not have the extreme, if the value is nan (a drive without
+        this extreme, as without a lead vehicle), and if it is milder than the table's last value.
+        Beyond the most extreme person the share falls to 0 over the distance between the table's
+        first two values, because one more person could have gone there.
         """
         if name not in self.values or math.isnan(value):
             return 1.0
         side = EXTREMES[name]
         values = np.asarray(self.values[name])
-        if (value - values[-1]) * side < 0.0:
+        if (value - values[-1]) * side < 0.0:  # milder than the last
             return 1.0
-        reached = np.append(2.0 * values[0] - values[1], values)  # the first with share 0
-        # times -side, values ascend, as `interp` needs them
-        return float(np.interp(-side * value, -side * reached, (0.0, *self.shares[name])))
+        # before the first value one of share 0, as far beyond it as the second value is milder
+        extended = np.append(2.0 * values[0] - values[1], values)
+        # times -side the values ascend, as `interp` needs them
+        return float(np.interp(-side * value, -side * extended, (0.0, *self.shares[name])))
 
 
 MOTORWAY_PEOPLE = Quantiles(
@@ -104,25 +110,25 @@ MOTORWAY_PEOPLE = Quantiles(
     source="DLR Highway Traffic v1.1.0, motorway near Braunschweig, 2024-10-07",
 )
 """213 people on a free-flowing motorway of two lanes, 674 encounters, from
-`tools/motorway_people.py`; 1 drive is left out as a ghost of the tracker (3.5 m/s across the
-road). Not for towns: no vehicle here stops, turns or meets pedestrians.
+`tools/motorway_people.py`. One drive is left out, a ghost of the tracker (3.5 m/s across the road).
+Not for towns: no vehicle of these recordings stops, turns or meets pedestrians.
 """
 
 
-def extremes_of(seen: Course) -> dict[str, float]:
-    """The seven extremes of a drive.
+def extremes_of(course: Course) -> dict[str, float]:
+    """The seven extremes of a drive, by the names of `EXTREMES`.
 
-    seen: the drive's `course_of`.
+    course: of the drive, from `measures.course_of`.
 
-    min_ttc, min_thw s; max_deceleration m/s2, 0 if it never braked; max_jerk m/s3; max_unrest m/s2;
-    max_lateral_speed m/s; max_lateral_acceleration m/s2. min_ttc is inf where the ego never closes.
-    nan: this drive has no such extreme, as without a lead vehicle, or in a drive too short for a
-    derivative.
+    min_ttc, min_thw: s. max_deceleration: m/s2, 0 if the ego never braked. max_jerk: m/s3.
+    max_unrest: m/s2. max_lateral_speed: m/s. max_lateral_acceleration: m/s2. min_ttc is inf if the
+    ego never closes. nan: the drive has no such extreme, as without a lead vehicle, or if it is too
+    short for a derivative.
     """
-    motion = seen.motion
+    motion = course.motion
     return {
-        "min_ttc": least(seen.ttc),
-        "min_thw": least(seen.thw),
+        "min_ttc": least(course.ttc),
+        "min_thw": least(course.thw),
         "max_deceleration": largest(np.maximum(-motion.acceleration, 0.0)),
         "max_jerk": largest(np.abs(motion.jerk)),
         "max_unrest": largest(motion.unrest),
@@ -135,15 +141,17 @@ def plausibility(extremes: Mapping[str, float], people: Quantiles) -> float:
     """Plausibility = min over the extremes of min(1, share of people at least as extreme / 5 %),
     0..1.
 
-    extremes: those of one drive (`extremes_of`).
-    people: the table to compare with.
+    extremes: of one drive, from `extremes_of`.
+    people: the table to compare with, `MOTORWAY_PEOPLE` or from `quantiles_of`.
     """
     return min(1.0, least_plausible(extremes, people)[1] / USUAL_SHARE)
 
 
 def least_plausible(extremes: Mapping[str, float], people: Quantiles) -> tuple[str, float]:
-    """The extreme that decides the plausibility, and the share of people at least as extreme; the
-    first of equals.
+    """The extreme that decides the plausibility, and the share of people at least as extreme. Of
+    equal shares the first one counts.
+
+    extremes, people: as in `plausibility`.
     """
     shares = {name: people.share(name, value) for name, value in extremes.items()}
     name = min(shares, key=lambda extreme: shares[extreme])
@@ -158,13 +166,12 @@ def quantiles_of(
 ) -> Quantiles:
     """The table of some people's drives.
 
-    drives: the extremes of each.
-    people: the driver of each.
+    drives: extremes of each drive, from `extremes_of`.
+    people: name of the driver of each drive.
     source: whose drives, in words.
 
-    Every person weighs 1, shared by that person's drives. An extreme that a drive does not have
-    (nan) leaves the drive out of that extreme; one that fewer than 20 people have is not in the
-    table, and counts for no drive.
+    Every person weighs 1, shared by the person's drives. A drive without an extreme (nan) does not
+    count in this extreme. An extreme that fewer than 20 people have is not in the table.
 
     Raises InputError for fewer than 20 people, who cannot show a share of 5 %.
     """
@@ -192,22 +199,22 @@ def quantiles_of(
 def _table(
     extreme: FloatArray, weights: FloatArray
 ) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-    """Shares of people, ascending, and the value that each share reaches; None where fewer than two
+    """Shares of people, ascending, and the value that each share reaches. None if fewer than two
     values differ.
 
-    extreme: of n drives, (n,), where more is more extreme.
+    extreme: of n drives, (n,); a larger value is more extreme.
     weights: of the drives, (n,), together 1.
     """
     order = np.argsort(-extreme, kind="stable")
-    reached = extreme[order]
+    values = extreme[order]
     share = np.cumsum(weights[order])
-    # the last of equal values has the share of all who are as extreme
-    kept = np.append(reached[1:] < reached[:-1], True) & np.isfinite(reached)
-    reached = reached[kept]
-    share = share[kept]
-    if reached.size < 2:
+    # of equal values the last one counts: its share is that of all who are as extreme
+    is_last = np.append(values[1:] < values[:-1], True) & np.isfinite(values)
+    values = values[is_last]
+    share = share[is_last]
+    if values.size < 2:
         return None
     between = [level for level in LEVELS if share[0] < level <= share[-1]]
-    # `share` needs at least two levels to interpolate between
+    # `Quantiles.share` interpolates between at least two levels
     levels = np.array([share[0], *(between or share[-1:])])
-    return tuple(levels.tolist()), tuple(np.interp(levels, share, reached).tolist())
+    return tuple(levels.tolist()), tuple(np.interp(levels, share, values).tolist())

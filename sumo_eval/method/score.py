@@ -1,6 +1,10 @@
-"""The combined score S, Eq. 18, and the scale of a population.
+"""The combined score S, Eq. 18, of one ADS, and the scales k5, k6 by a population of ADSs.
 
-Users: `extras/studies/calibration.py`, `extras/studies/qualification/table.py`.
+The scores of a run come from `score_terms.paper_score`, over arrays. This file has the equation for
+users with single numbers.
+
+Users: `extras/studies/calibration.py`, `extras/studies/qualification/table.py`. Fixed: name and
+arguments of `combined_score`, which users call.
 """
 
 import math
@@ -17,9 +21,9 @@ ROUNDING = 1e-9  # how far beyond 0..1 rounding may put an index
 class Score(NamedTuple):
     """S and its parts.
 
-    total: S, points, None where neither index was computed.
-    c, d: the indexes C and D, None where not computed.
-    c_points, d_points: what each adds to S, 0 where it was not computed.
+    total: S, points; None if neither index was computed.
+    c, d: the indexes C and D, 0..1; None if not computed.
+    c_points, d_points: points that each adds to S; 0 if it was not computed.
     """
 
     total: float | None
@@ -40,10 +44,11 @@ def combined_score(
 ) -> Score:
     """Eq. 18: S = a k5 C + b k6 D.
 
-    c: C, 0..1, or None: no case could be evaluated.
-    d: D, 0..1, or None: after a collision in the safe zone there is no D.
-    a, b: points for either, not negative, together 100.
-    k5, k6: scales, above 0: 1, or from `population_scale`. With other scales S can be above 100.
+    c: C, 0..1, from `collision_avoidance_index`; None: no case could be evaluated.
+    d: D, 0..1, from `exposure_weighted_index`; None: after a collision in the safe zone there is no
+        D.
+    a, b: points for C = 1 and for D = 1, at least 0, together 100.
+    k5, k6: scales, above 0: 1, or from `population_scale`. With a scale above 1 S can exceed 100.
 
     The term of an index that was not computed counts 0.
 
@@ -66,14 +71,15 @@ def combined_score(
 def population_scale(
     values: Sequence[float], share: float = 0.5, *, centre: Literal["median", "mean"] = "median"
 ) -> float:
-    """Eq. 18: k5 or k6 for a population of ADSs, share / median(C): the median ADS scores share * a
-    points.
+    """Eq. 18: k5 = share / median(C) for a population of ADSs, so that the median ADS gets
+    share * a points for C. With D instead of C: k6.
 
-    values: C (or the computed D) of every ADS, 0..1.
-    share: 0.5 by the paper, within (0, 1].
-    centre: which ADS stands for the population.
+    values: C of every ADS, or D of every ADS that has one, 0..1.
+    share: of the points a (b), within (0, 1]; 0.5 in the paper.
+    centre: whether the median or the mean of the values stands for the population.
 
-    Raises InputError if `values` is empty, or if their centre is 0 (no scale can lift it).
+    Raises InputError for arguments out of range, for an empty list, and if the centre is 0, because
+    no scale can lift it.
     """
     if len(values) == 0:
         raise must_be("`values`", "`population_scale`", "at least one index", values)
@@ -90,7 +96,7 @@ def population_scale(
 
 
 def middle(values: Sequence[float], centre: Literal["median", "mean"]) -> float:
-    """The index of the ADS that stands for a population."""
+    """The median or the mean of a population's indexes."""
     return float(np.median(values) if centre == "median" else np.mean(values))
 
 

@@ -1,14 +1,15 @@
 """The arithmetic of every score, over one sample of cases or over many: Eqs. 13, 17 and 18, and T,
 A', H and S+, which order ADSs.
 
-Every function takes arrays (n,) with a quantity of each case, nan where a case has no part in it,
-and `counts`, (m, n): how often each case occurs in each of m samples. A row of ones is the
-evaluation itself; a bootstrap draws further rows. Each score comes back as (m,), nan where a sample
-holds nothing to compute it from. So a score, its interval and a difference of two scores come from
-the same functions, and from their arguments alone.
+A score's function takes arrays (n,) with a quantity of each case, nan if the case has no part in
+it, and `counts`, (m, n): how often each case occurs in each of m samples. A row of ones is the
+evaluation itself; a bootstrap draws further rows. The function returns the score of each sample,
+(m,), nan if the sample holds nothing to compute it from. So a score, its interval and a difference
+of two scores come from one function and from its arguments alone.
 
 Users: `scoring/`, `report/`, `extras/`, `method/anthropomorphic.py`,
-`method/collision_avoidance.py`.
+`method/collision_avoidance.py`. Fixed: names and arguments (docs/reference/python.md); number and
+order of the sums that a function asks `counts` for must not depend on the data (`AskedTerms`).
 """
 
 import itertools
@@ -24,8 +25,8 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 
 class Counts(Protocol):
-    """Number of times that each of n cases occurs in each of m samples, (m, n): an array, or an
-    object that sums terms as such an array does.
+    """Number of times that each of n cases occurs in each of m samples, (m, n). An array, or an
+    object with the same operator `@`: `AskedTerms`, `KnownSums`.
     """
 
     def __matmul__(self, terms: FloatArray, /) -> FloatArray:
@@ -38,13 +39,16 @@ def once(n: int) -> FloatArray:
 
 
 class AskedTerms:
-    """Counts that record the terms which a score sums, in order; each sum that they return is 0.
+    """Counts that record the terms which a score sums, in order. Each sum that they return is 0.
 
-    A score reads cases only through sums, the same ones whatever the data. So a long table
-    of cases is scored in parts: for the cases of each part the score is called with `AskedTerms`,
-    the caller sums the recorded terms over every sample, and adds these sums to those of earlier
-    parts. At the end the score is called once with `KnownSums` of the totals. The memory in use
-    does not grow with the number of cases.
+    A score reads cases only through sums, and asks for the same sums whatever the data. So a long
+    table of cases is scored in parts:
+
+    1. For the cases of each part the score is called with `AskedTerms`. The caller sums the
+       recorded terms over every sample, and adds these sums to those of earlier parts.
+    2. In the end the score is called once with `KnownSums` of the totals.
+
+    The memory in use does not grow with the number of cases.
     """
 
     def __init__(self) -> None:
@@ -56,19 +60,23 @@ class AskedTerms:
 
 
 class KnownSums:
-    """Counts that return sums computed before, (k, m) for k terms, in the order of `AskedTerms`."""
+    """Counts that return sums computed before, in the order of `AskedTerms`.
+
+    sums: of k terms in m samples, (k, m).
+    """
 
     def __init__(self, sums: FloatArray) -> None:
-        self._left = iter(sums)
+        self._sums = iter(sums)
 
     def __matmul__(self, terms: FloatArray, /) -> FloatArray:
-        return next(self._left)
+        return next(self._sums)
 
 
 def weighted_mean(values: ArrayLike, weights: ArrayLike, counts: Counts) -> FloatArray:
     """sum(w_i v_i) / sum(w_i) in every sample, (m,); nan where the weights add up to 0.
 
-    values, weights: (n,), weights at least 0; a case of which either is nan has no part.
+    values: v_i, (n,), in any unit.
+    weights: w_i, (n,), at least 0. A case whose value or weight is nan has no part.
     counts: (m, n).
     """
     counted = np.isfinite(values) & np.isfinite(weights)
@@ -80,12 +88,12 @@ def weighted_mean(values: ArrayLike, weights: ArrayLike, counts: Counts) -> Floa
 
 def ideal_ratio(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
     """Eq. 17: Ug_i / U_i of each collision, 1 where the ADS hit no harder than the ideal vehicle;
-    nan where one is nan.
+    nan where U_i or Ug_i is nan.
 
     severity: U_i of the ADS (Eq. 15), m/s, or its loss L (Eq. 14), of any shape.
     ideal: Ug_i of the ideal vehicle, m/s, or its loss, of the same shape.
     """
-    # 1 or nan stays where the division is not made
+    # the result where the division is not made
     otherwise = np.where(np.isnan(severity) | np.isnan(ideal), np.nan, 1.0)
     return np.divide(ideal, severity, out=otherwise, where=np.greater(severity, ideal))
 
@@ -101,8 +109,9 @@ def collision_avoidance(
     evaluated: whether the case could be evaluated, (n,).
     counts: (m, n).
 
-    A sample whose collisions all have r = 0 has their plain mean. A sample without a collision has
-    1 if one of its cases was evaluated, else nan. If none of its collisions is comparable: nan.
+    - All collisions of a sample have r = 0: C is their plain mean.
+    - A sample has no collision: C is 1 if one of its cases was evaluated, else nan.
+    - A sample has collisions, but none with a ratio: C is nan.
     """
     compared = np.where(np.isfinite(weight), ratio, np.nan)
     plain = weighted_mean(compared, np.ones(compared.shape), counts)
@@ -115,29 +124,37 @@ def collision_avoidance(
 exposure_mean = weighted_mean
 """Eq. 13: D = sum(p_i D_i) / sum(p_i) in every sample, (m,); H and T likewise.
 
+values: D_i, (n,), nan for a case without one.
+weights: exposure p_i, (n,), at least 0.
+counts: (m, n).
+
 nan where no case with exposure has a value.
 """
 
 
 class Worth(NamedTuple):
-    """Points of S for C = 1 and for D = 1 (Eq. 18)."""
+    """Points of S for C = 1 and for D = 1 (Eq. 18): a k5 and b k6."""
 
     c: float
     d: float
 
 
 def worth(points: ScoreSettings) -> Worth:
-    """Eq. 18: a k5 for C and b k6 for D."""
+    """Eq. 18: a k5, the points for C = 1, and b k6, the points for D = 1.
+
+    points: `[method.score]`: a, b, in points, k5 and k6.
+    """
     return Worth(points.a * points.k5, points.b * points.k6)
 
 
 def paper_score(c: ArrayLike, d: ArrayLike, points: ScoreSettings) -> FloatArray:
-    """Eq. 18: S = a k5 C + b k6 D, points, (m,); a term that is nan counts 0, S is nan where both
-    are.
+    """Eq. 18: S = a k5 C + b k6 D, points, (m,).
 
     c: C, (m,), 0..1, from `collision_avoidance`.
     d: D, (m,), 0..1, from `exposure_mean`.
-    points: the settings a and b, in points, k5 and k6.
+    points: `[method.score]`: a, b, in points, k5 and k6.
+
+    A term that is nan counts 0. S is nan where both terms are nan.
     """
     terms = np.asarray([c, d], float)
     full = worth(points)
@@ -148,13 +165,15 @@ def paper_score(c: ArrayLike, d: ArrayLike, points: ScoreSettings) -> FloatArray
 def ordering_score(
     task: ArrayLike, grade: ArrayLike, human_likeness: ArrayLike, points: ScoreSettings
 ) -> FloatArray:
-    """S+ = T max(A', 0) (a + b H), points, (m,). An H that was not computed counts 0; nan without T
-    or A'.
+    """S+ = T max(A', 0) (a + b H), points, (m,).
 
-    task: T, (m,), 0..1.
-    grade: A', (m,), at most 1.
-    human_likeness: H, (m,), 0..1.
-    points: a for driving the task without harm, b for doing it as human drivers do; together 100.
+    task: T, (m,), 0..1, from `exposure_mean`.
+    grade: A', (m,), at most 1, from `avoidance_grade`.
+    human_likeness: H, (m,), 0..1, from `exposure_mean`.
+    points: `[method.score]`: a for driving the task without harm, b for doing it as human drivers
+        do, together 100 points.
+
+    An H that is nan counts 0. S+ is nan where T or A' is nan.
     """
     done = task * np.maximum(grade, 0.0)
     return np.asarray(done * (points.a + points.b * np.nan_to_num(human_likeness)))
@@ -173,11 +192,11 @@ def mean_shares(weights: ArrayLike) -> FloatArray:
 
 
 def excess(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
-    """max(0, U_i - Ug_i), m/s, (n,): how much harder than the ideal vehicle; nan where either is
-    unknown.
+    """max(0, U_i - Ug_i), m/s, (n,): how much harder the ADS hit than the ideal vehicle; nan where
+    U_i or Ug_i is nan.
 
-    severity: U_i, (n,), m/s, 0 without contact.
-    ideal: Ug_i, (n,), m/s, 0 where the ideal vehicle avoids.
+    severity: U_i, (n,), m/s, 0 without an incident.
+    ideal: Ug_i, (n,), m/s, 0 where the ideal vehicle avoids the contact.
     """
     # np.maximum keeps nan
     return np.maximum(np.subtract(severity, ideal), 0.0)
@@ -189,16 +208,17 @@ def avoided_share(
     """A = 1 - sum(w_i max(0, U_i - Ug_i)) / sum(w_i max(0, U0_i - Ug_i)) over all evaluated points,
     (m,).
 
-    severity: U_i of the ADS, (n,), m/s, 0 without contact, nan where it could not be evaluated.
-    ideal: Ug_i of the ideal vehicle in the same concrete scenarios, likewise.
-    unreacting: U0_i of `no_reaction`, likewise.
+    severity: U_i of the ADS, (n,), m/s, 0 without an incident, nan where it could not be evaluated.
+    ideal: Ug_i of the ideal vehicle in the same concrete scenarios, (n,), m/s, likewise.
+    unreacting: U0_i of `no_reaction` in the same concrete scenarios, (n,), m/s, likewise.
     weights: w_i, (n,), nan where a case has no part.
     counts: (m, n).
 
-    1: as the ideal vehicle; 0: as doing nothing; below 0: worse than that. A numerator of 0 gives
-    1; a denominator of 0 with any other numerator gives 0. Where the weights of all points of a
-    sample are 0, every point weighs the same. nan where no point of a sample is known. An ADS that
-    is no worse in any case and better in one never has a lower A.
+    A is 1 for an ADS that does as the ideal vehicle, 0 for one that does nothing, and below 0 for
+    one that does worse. A numerator of 0 gives 1. A denominator of 0 with any other numerator gives
+    0. If all points of a sample have the weight 0, every point weighs the same. A is nan if no
+    point of a sample is known. An ADS that is at least as good in every case and better in one
+    never has a lower A.
     """
     stakes = Stakes.of(severity, ideal, unreacting, weights)
     weighted = counts @ stakes.weight > 0.0  # where False, every point of the sample weighs 1
@@ -212,12 +232,12 @@ def avoided_share(
 
 
 class Stakes(NamedTuple):
-    """Terms of A, (n,) each, 0 where one of a point's terms is unknown.
+    """Terms of A, (n,) each. If one of a point's three terms is not known, all three are 0.
 
     lost: max(0, U_i - Ug_i), m/s.
     at_stake: max(0, U0_i - Ug_i), m/s.
     weight: w_i.
-    known: whether all three are known.
+    known: whether all three terms are known.
     """
 
     lost: FloatArray
@@ -243,8 +263,8 @@ def avoided_share_losses(
 
     severity, ideal, unreacting, weights: as in `avoided_share`.
 
-    nan where a point is not known. Where nothing was at stake but something was lost, A is 0, and
-    the part of a point is its share of all that was lost.
+    nan where a point is not known. If nothing was at stake but something was lost, A is 0: the part
+    of a point is then its share of all that was lost.
     """
     stakes = Stakes.of(severity, ideal, unreacting, weights)
     weight = stakes.weight if stakes.weight.any() else stakes.known.astype(np.float64)
@@ -258,12 +278,12 @@ def product_losses(factors: FloatArray) -> FloatArray:
     """Part of each factor in 1 minus a product of factors, (n, k); a row adds up to 1 minus its
     product.
 
-    factors: v_j, (n, k), 0..1.
+    factors: v_j of each of n cases, (n, k), 0..1.
 
-    This is the Shapley value. Setting a factor to 1 gains something, and how much depends on which
-    of the remaining factors have been set to 1 before it. The value is the mean gain over all such
-    orders: (1 - v_j) times the mean product of the factors not yet set to 1, every number of them
-    weighing the same.
+    This is the Shapley value. Set the factors of a case to 1 in some order. Each gains (1 - v_j)
+    times the product of the factors that are not yet 1. The value is the mean gain over all
+    orders. In it every number of factors not yet 1, from 0 to k - 1, has the same weight 1/k,
+    shared by all combinations of this number.
     """
     k = factors.shape[1]
     losses = np.empty(factors.shape)
@@ -285,7 +305,7 @@ def regret(
 
     severity, ideal, weights, counts: as in `avoided_share`.
 
-    Where all weights of a sample are 0, every point weighs the same; nan where no point of it is
+    If all weights of a sample are 0, every point weighs the same. nan if no point of a sample is
     known.
     """
     lost = excess(severity, ideal)
@@ -295,23 +315,23 @@ def regret(
 
 
 def avoidance_grade(avoided: ArrayLike, sharpness: float) -> FloatArray:
-    """A' = 1 - ln(1 + x/x0) / ln(1 + 1/x0), x = 1 - A, any shape: 1 as the ideal vehicle, 0 as
+    """A' = 1 - ln(1 + x/x0) / ln(1 + 1/x0), x = 1 - A, any shape: 1 for the ideal vehicle, 0 for
     doing nothing.
 
-    avoided: A, at most 1; nan stays nan.
-    sharpness: x0, above 0: harm below it hardly counts.
+    avoided: A, at most 1, from `avoided_share`; nan stays nan.
+    sharpness: x0, above 0, from `[method.task]`: a share of harm below which A' hardly falls.
     """
     x = np.subtract(1.0, avoided)
     return np.asarray(1.0 - np.log1p(x / sharpness) / np.log1p(1.0 / sharpness))
 
 
 def grade_slope(avoided: float, sharpness: float) -> float:
-    """dA'/dA = 1 / ((x0 + x) ln(1 + 1/x0)), x = 1 - A; 0 where A' counts 0.
+    """Slope of max(A', 0): dA'/dA = 1 / ((x0 + x) ln(1 + 1/x0)), x = 1 - A; 0 where A < 0.
 
-    avoided: A, at most 1.
-    sharpness: x0, above 0.
+    avoided: A, at most 1, from `avoided_share`.
+    sharpness: x0, above 0, from `[method.task]`.
     """
-    if avoided < 0.0:  # max(A', 0) is flat there
+    if avoided < 0.0:  # A' is below 0, and max(A', 0) is flat
         return 0.0
     return 1.0 / ((sharpness + 1.0 - avoided) * math.log1p(1.0 / sharpness))
 

@@ -1,23 +1,25 @@
-"""Severity of a contact: the number V that replaces U in Eqs. 15-17, and in the avoided share A.
+"""Severity of a contact: the number V that replaces U of Eq. 15 in Eq. 17 and in the avoided share
+A.
 
-`scoring/` computes V of each contact. `method.collision.severity` chooses it:
+`scoring/` computes V of each contact. The setting `method.collision.severity` chooses it:
 
 - `severity`: U of Eq. 15, m/s, as the paper prints it;
 - `eq14`: U as well; the scores are then computed from its class L of Eq. 14;
 - `injury:car_driver`, `injury:pedestrian`, `injury:cyclist`: the probability that a contact with
   the front of a car injures this person seriously or fatally (MAIS3+ or death), by closing speed
   and the person's age (Lubbe, Wu, Jeppsson 2022);
-- `package.module:function` or `file.py:function`: a function of one `Contact` that returns a loss
-  within 0..1.
+- `package.module:function` or `file.py:function`: a user's function of one `Contact` that returns a
+  loss within 0..1.
 
-V replaces U in every equation. V_g of the ideal vehicle's contact replaces Ug_i, and V_0 of the
-contact of `no_reaction` replaces U0_i. Without a contact V is 0, and L of Eq. 14 is 0.1. So
+V_g of the ideal vehicle's contact replaces Ug_i, and V_0 of the contact of `no_reaction` replaces
+U0_i. Without a contact V is 0, and L of Eq. 14 is 0.1. So
 
     C = sum(r V_g / V) / sum(r)
     A = 1 - sum(w max(0, V - V_g)) / sum(w max(0, V_0 - V_g))
 
 Users: `cli/tools.py`, `evaluation.py`, `record/facts.py`, `record/trust.py`,
-`scoring/quantities.py`, `scoring/space.py`, `scoring/steps.py`.
+`scoring/quantities.py`, `scoring/space.py`, `scoring/steps.py`. Fixed: fields of `Contact`, which
+users' functions read, and the names of the severities. Free to change: messages.
 """
 
 import hashlib
@@ -39,7 +41,7 @@ from sumo_eval.settings.locators import load_object
 from sumo_eval.trajectory import Collision, FloatArray, Side
 
 KMH = 3.6
-"""km/h in a m/s."""
+"""Factor from m/s to km/h."""
 
 
 class Contact(NamedTuple):
@@ -48,10 +50,11 @@ class Contact(NamedTuple):
 
     ego_velocity, other_velocity: m/s.
     ego_mass, other_mass: kg (`method.collision`).
-    overlap: share of the ego's bumper width that faces the other, 0..1.
-    side: where on the ego it was hit.
-    angle: the other's heading less the ego's, rad within -pi..pi, 0 for a rear-end contact in line.
-    other: the other's name in the scenario.
+    overlap: share of the ego's bumper width that faces the other vehicle, 0..1.
+    side: side of the ego that was hit.
+    angle: heading of the other vehicle less that of the ego, rad within -pi..pi; 0 for a rear-end
+        contact in line.
+    other: name of the other vehicle in the scenario.
     """
 
     ego_velocity: tuple[float, float]
@@ -70,8 +73,11 @@ class Contact(NamedTuple):
 
 
 def contact_of(collision: Collision, settings: CollisionSettings) -> Contact:
-    """The contact of a recorded collision."""
-    heading = collision.ego_pose[2]
+    """The contact of a recorded collision.
+
+    settings: `[method.collision]`: masses, kg.
+    """
+    heading = collision.ego_pose[2]  # a pose is x, y, heading
     cosine = math.cos(heading)
     sine = math.sin(heading)
 
@@ -94,10 +100,10 @@ def contact_of(collision: Collision, settings: CollisionSettings) -> Contact:
 class InjuryCurve(NamedTuple):
     """logit P = `intercept` + `speed` * (closing speed in km/h) + `age` * (age in years).
 
-    intercept, speed, age: coefficients of a person that is hit.
-    usual_age: years, where `method.collision.age` is None. The source publishes the speed of a 10 %
-        risk. At this age the curve gives 10 % at that speed.
-    fastest: km/h above which a score has a note that the curve may not hold.
+    intercept, speed, age: coefficients, for the person that is hit.
+    usual_age: years, used where the setting `method.collision.age` is None. The source publishes
+        the speed of a 10 % risk: at this age the curve gives 10 % at that speed.
+    fastest: km/h; above it a score has a note that the curve may not hold.
     """
 
     intercept: float
@@ -118,10 +124,10 @@ car as a function of closing speed and age", Traffic Safety Research 2, 000006 (
 in-depth accident data (GIDAS).
 """
 INJURY_AGES = (15.0, 95.0)
-"""Years; outside them a score has a note that the curve may not hold. The bounds of
-`CollisionSettings.age` are wider.
+"""Least and largest age, years; outside them a score has a note that the curve may not hold. The
+setting `method.collision.age` allows more.
 
-This and `fastest` are bounds of this project: the source's abstract states none.
+These ages and `fastest` are bounds of this project, because the source's abstract states none.
 """
 _INJURY = "injury:"
 
@@ -131,8 +137,9 @@ def injury_risk(who: str, closing_speed: ArrayLike, age: float | None = None) ->
     et al. 2022).
 
     who: `car_driver`, `pedestrian` or `cyclist`.
-    closing_speed: m/s, any shape.
-    age: years; None: the curve's own.
+    closing_speed: m/s, any shape, `Contact.closing_speed`.
+    age: years; None: the curve's `usual_age`.
+
     Raises InputError for another name, and for speeds and ages that are negative or not finite.
     """
     check_known("injury-risk curve", INJURY_CURVES, who)
@@ -141,21 +148,21 @@ def injury_risk(who: str, closing_speed: ArrayLike, age: float | None = None) ->
     speed = not_negative(owner, "closing_speed", closing_speed)
     years = not_negative(owner, "age", curve.usual_age if age is None else age)
     logit = curve.intercept + curve.speed * KMH * speed + curve.age * years
-    # `[()]`: a number for a number, not an array of no dimension
+    # `[()]` makes a number of an array without axes
     return np.asarray(1.0 / (1.0 + np.exp(-logit)))[()]
 
 
 class Severity(NamedTuple):
-    """The chosen number V of a contact.
+    """The severity V that the settings choose.
 
     name: as in the settings.
     unit: of V.
-    of: takes a collision and the name of its case (for error messages), returns V. Raises
-        InputError where a user's function fails, returns anything but a finite number within 0..1,
-        or returns two different numbers for one contact.
-    beyond: takes a collision, returns why V may not hold for it, or "".
-    sha256: of the file that holds a user's function, so that scores identify it; empty for any
-        other severity.
+    of: function of a collision and the name of its case (for error messages): V. Raises InputError
+        where a user's function fails, returns anything but a finite number within 0..1, or returns
+        two different numbers for one contact.
+    beyond: function of a collision: why V may not hold for it, or "".
+    sha256: hash of the file that holds a user's function, so that scores identify it; empty for
+        severities that ship.
     """
 
     name: str
@@ -168,13 +175,11 @@ class Severity(NamedTuple):
 def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Severity:
     """The severity that the settings choose.
 
-    folder: where a locator's relative path starts.
+    settings: `[method.collision]`.
+    folder: where a locator's relative path starts; None: the working directory.
 
-    A user's function is called once on an example contact, so that a wrong one is known before the
-    first case.
-
-    Raises InputError for an unknown choice, for a locator that leads nowhere, and for a function
-    that answers wrongly.
+    Raises InputError for an unknown choice, for a locator that leads nowhere, and for a user's
+    function that returns no loss for an example.
     """
     chosen = settings.severity
     if chosen in ("severity", "eq14"):
@@ -193,30 +198,42 @@ def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Seve
     if not callable(function):
         wanted = "a function of a Contact"
         raise must_be(f"Severity `{chosen}`", "`CollisionSettings`", wanted, function)
+    severity = _of_function(chosen, function, settings)
+    # once on an example, so that a wrong function is known before the first case
+    severity.of(EXAMPLE, "an example, 20 m/s into a standing car in line")
+    return severity
 
-    def answer(hit: Collision, case: str) -> float:
-        """The number that the user's function returns; a second call must return the same."""
+
+def _of_function(
+    name: str, function: Callable[[Contact], float], settings: CollisionSettings
+) -> Severity:
+    """The severity of a user's function, whose answers are checked.
+
+    name: its locator, as in the settings.
+    """
+
+    def loss_of(hit: Collision, case: str) -> float:
+        """The loss that the function returns, twice the same for one contact."""
         contact = contact_of(hit, settings)
         losses = []
         for _ in range(2):
-            with users_code(f"The severity `{chosen}` failed for {case}"):
+            with users_code(f"The severity `{name}` failed for {case}"):
                 loss = function(contact)
             number = isinstance(loss, int | float | np.integer | np.floating)
             if isinstance(loss, bool) or not number or not 0.0 <= float(loss) <= 1.0:
                 raise InputError(
-                    f"The severity `{chosen}` must return a finite number within 0..1, got "
+                    f"The severity `{name}` must return a finite number within 0..1, got "
                     f"{loss!r} for {case}."
                 )
             losses.append(float(loss))
         if losses[0] != losses[1]:
             raise InputError(
-                f"The severity `{chosen}` must return one number for one contact, got "
+                f"The severity `{name}` must return one number for one contact, got "
                 f"{losses[0]!r} and then {losses[1]!r} for {case}."
             )
         return losses[0]
 
-    answer(EXAMPLE, "an example, 20 m/s into a standing car in line")
-    return Severity(chosen, "loss", answer, sha256=_hash_of(function))
+    return Severity(name, "loss", loss_of, sha256=_hash_of(function))
 
 
 CHOICES = ("severity", "eq14", *(_INJURY + name for name in INJURY_CURVES))
@@ -224,12 +241,13 @@ CHOICES = ("severity", "eq14", *(_INJURY + name for name in INJURY_CURVES))
 EXAMPLE = Collision(
     0.0, "example", (20.0, 0.0), (0.0, 0.0), 1.0, "front", (0.0, 0.0, 0.0), (4.5, 0.0, 0.0)
 )
-"""The ego at 20 m/s meets a standing car in line, bumper to bumper at the full width."""
+"""Contact at t = 0 of an ego at 20 m/s with a standing car, at the full width of the bumper. The
+poses are x, y, heading."""
 
 
 def _hash_of(function: object) -> str:
     """SHA-256 of the file that holds a function; empty without a file."""
-    while isinstance(function, partial):  # its own module is functools
+    while isinstance(function, partial):  # its module is functools, not the user's
         function = function.func
     module = sys.modules.get(getattr(function, "__module__", ""))
     file = getattr(module, "__file__", None)
@@ -237,12 +255,16 @@ def _hash_of(function: object) -> str:
 
 
 def _injury(chosen: str, settings: CollisionSettings) -> Severity:
-    """The severity of an injury-risk curve."""
+    """The severity of an injury-risk curve.
+
+    chosen: its name with `injury:` before it.
+    """
     who = chosen.removeprefix(_INJURY)
     age = settings.age
     injury_risk(who, 0.0, age)  # raises InputError for an unknown curve or age
 
     def beyond(hit: Collision) -> str:
+        """Why the curve may not hold for a collision, or ""."""
         curve = INJURY_CURVES[who]
         years = curve.usual_age if age is None else age
         reasons = [

@@ -1,17 +1,18 @@
 """Fields of many trajectories at many points of one road, Eq. 9, without summing every sample at
 every point.
 
-Away from a sample the field is a smooth function of the place. So the road is divided into boxes,
-halved again and again. A sample further from a box than the box's length is far. Far samples are
-summed at the box's nodes only, and a polynomial through the nodes gives their field at every point
-of the box. Near samples are summed at the points themselves.
+Away from a sample the field is a smooth function of the position. So the road is divided into
+boxes: one of its whole length, which is halved again and again. A sample is far from a box if it is
+further away than the box's length, else near. Far samples are summed at the box's nodes only, and a
+polynomial through the nodes gives their field at every point of the box. Near samples are summed at
+the points themselves.
 
 The result equals `trajectory_field.trajectory_fields` to 1e-11, relative. The error of a
 polynomial through n nodes on -1..1 falls like rho^-n. Here rho is the sum of the half-axes of the
 largest ellipse with foci -1 and 1 (Bernstein's) in which the function has no singularity. A
-sample's field is singular at the sample itself (along x) and above and below it in the complex
-plane of y. Far samples of a box of length L begin one length away, in a strip of half-width
-h <= L/3.2. So rho is
+sample's field is singular at the sample itself (along x), and above and below it in the complex
+plane of y. Far samples of a box of length L begin one length away. The strip, the road from its
+right to its left edge, has the half-width h <= L/3.2. So rho is
 
 - along x, where a box is -1..1 and far samples begin at 3: 3 + sqrt(3^2 - 1) = 5.8, for which 16
   nodes are enough,
@@ -19,9 +20,11 @@ h <= L/3.2. So rho is
   for which at most 14 nodes are enough.
 
 The error is then about 6.5e-12 of each sample's field; measured are 2.6e-12 (k1 = 0.5) to 6e-12
-(k1 = 1). Where this does not hold (large constants, superposition "vector", points off the
-stretch), or saves nothing, the plain sum is used. Users: `anthropomorphic`; `record/`, which calls
-`prepare`.
+(k1 = 1). The plain sum is used where this does not hold (large constants, superposition "vector",
+points off the stretch), and where boxes save nothing.
+
+Users: `anthropomorphic`; `record/`, which calls `prepare`. Fixed: the order of all sums, so that
+D_i keeps its bits.
 """
 
 import functools
@@ -37,10 +40,10 @@ from sumo_eval.settings import FieldSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray, Trajectory
 
 NODES = 16  # in a box, along x
-REACH = 1.0  # distance from which on a sample is far from a box, in lengths of the box
-# least length of a box, in half-widths of the strip; shorter boxes cost more than they save
+REACH = 1.0  # a sample is far from a box beyond this distance, in lengths of the box
+# least length of a box, in half-widths of the strip; shorter boxes would cost more than they save
 SLENDER = 3.2
-ERROR_ACROSS = 6.5e-12  # largest error of the nodes across, relative; it decides how many there are
+ERROR_ACROSS = 6.5e-12  # largest relative error across; the number of nodes across follows from it
 LARGEST_K1 = 1.0  # a field that decays faster is summed plainly
 LARGEST_EXPONENT = 0.5  # largest k2 v; a field that grows faster with speed is summed plainly
 NARROWEST = 0.5  # m, least half-width of a strip
@@ -61,7 +64,7 @@ class Stretch(NamedTuple):
 
     @property
     def middle(self) -> float:
-        """The y half-way across, m."""
+        """The y of the middle between both edges, m."""
         return 0.5 * (self.south + self.north)
 
     @property
@@ -71,14 +74,14 @@ class Stretch(NamedTuple):
 
     @property
     def levels(self) -> int:
-        """Number of times that the strip is halved into boxes; 0: it is too short."""
+        """Number of times that the stretch is halved into boxes; 0: it is too short for halves."""
         return int(np.log2(max(self.length / self.half / SLENDER, 1.0)))
 
     def holds(self, x: FloatArray, y: FloatArray) -> BoolArray:
-        """Whether each row across lies inside with all its points, (s,).
+        """Whether all points of each row across the road lie inside, (s,).
 
-        x: (s,), m.
-        y: (s, k), m.
+        x: of the rows, (s,), m.
+        y: of the points, (s, k), m.
         """
         inside: BoolArray = (
             np.all((y >= self.south) & (y <= self.north), axis=1)
@@ -89,19 +92,19 @@ class Stretch(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """Boxes of a stretch of road, halved again and again, and the nodes in each.
+    """Boxes of a stretch of road, and the nodes in each.
 
-    Level 0 is the whole stretch, each further level has twice as many boxes.
+    Level 0 is one box, the whole stretch. Each further level has twice as many boxes.
 
     bounds: least and largest x of the stretch, m.
-    nodes: p Chebyshev points along a box, on -1..1.
-    halves: matrices from values at the nodes of a box to values at those of its two halves,
-        (2, p, p).
+    nodes: p Chebyshev points along x, where a box is -1..1, (p,).
+    halves: matrices from values at the nodes of a box to values at the nodes of its left and right
+        half, (2, p, p).
     counts: number of nodes across on each level, (levels + 1,), at most q.
     across: y of these nodes, (levels + 1, q), m.
-    finer: matrices, transposed, (levels + 2, q, q). At 1 <= l <= levels: from values at the nodes
-        across of level l - 1 to values at those of level l; at levels + 1: from values at the last
-        level's nodes to a Chebyshev series; at 0: zeros.
+    finer: matrices, transposed, (levels + 2, q, q). finer[l], 1 <= l <= levels: from values at the
+        nodes across of level l - 1 to values at the nodes across of level l. finer[levels + 1]:
+        from values at the nodes of the last level to a Chebyshev series. finer[0]: zeros.
     """
 
     bounds: FloatArray
@@ -113,12 +116,12 @@ class Grid(NamedTuple):
 
 
 class PointRows(NamedTuple):
-    """Rows of points across the road, box after box.
+    """Rows of points across the road, sorted by the smallest boxes that they lie in.
 
-    points: (s, k, 2), m.
-    order: index of each row in the field that was requested, (s,).
-    starts: the first row of each box, and s at the end.
-    shares: weight of each of the p nodes of its box in the value at a row, (p, s).
+    points: x and y, (s, k, 2), m.
+    order: index of each row in the request, (s,).
+    starts: first row of each box, and s at the end, (boxes + 1,).
+    shares: weight of each of the p nodes of a row's box in the value at this row, (p, s).
     across: y of the points, where the strip is -1..1, (k, s).
     """
 
@@ -147,13 +150,13 @@ class SharedFields:
     """The fields of some trajectories on a stretch of road, for many requests.
 
     trajectories: of the vehicles.
-    stretch: part of the road where fields are asked for; points off it are slower.
+    stretch: part of the road in which boxes are used; points off it take longer.
     constants: k1, k2, sample interval and superposition of Eqs. 9-10.
-    points: expected number of points of a request. This decides whether boxes are used, for every
-        request alike, so that no result depends on earlier requests.
+    points: expected number of points of a request. It decides for all requests whether boxes are
+        used, so that no result depends on another request.
 
-    Far samples of a trajectory are summed once, because their sum depends on the trajectory and the
-    stretch alone.
+    Far samples of a trajectory are summed once for all requests, because their sum depends on the
+    trajectory and the stretch alone.
     """
 
     def __init__(
@@ -175,7 +178,7 @@ class SharedFields:
         y: of the points, (s, k), m.
         indices: of the trajectories, (m,).
 
-        Errors as in `trajectory_fields`.
+        Raises InputError as `trajectory_fields`.
         """
         from sumo_eval.method.field_loops import put_field
 
@@ -197,10 +200,10 @@ class SharedFields:
         return fields
 
     def _prepared(self, index: int) -> tuple[FloatArray, IntArray, FloatArray] | None:
-        """A trajectory by boxes; None where its field grows too fast with speed for them.
+        """Arguments of `put_field` for one trajectory: its `samples`, `near` and `far`. None where
+        its field grows too fast with speed for boxes.
 
-        Its samples as in `far_values`, sorted by x; the first and last (exclusive) of those near
-        each of the smallest boxes; and the field of all other samples in each of these boxes.
+        index: of the trajectory.
         """
         from sumo_eval.method.field_loops import far_values
 
@@ -218,10 +221,10 @@ class SharedFields:
 
 
 def _point_rows(stretch: Stretch, points: FloatArray, rows: IntArray) -> PointRows:
-    """Rows of points, box after box.
+    """Rows of points, sorted by their boxes.
 
-    points: (s, k, 2), m.
-    rows: indices of the points that are inside the stretch.
+    points: x and y, (s, k, 2), m.
+    rows: indices of the rows that are inside the stretch.
     """
     number = 2**stretch.levels
     order = rows[np.argsort(points[rows, 0, 0], kind="stable")]
@@ -230,7 +233,8 @@ def _point_rows(stretch: Stretch, points: FloatArray, rows: IntArray) -> PointRo
     position = (x - stretch.west) / (stretch.length / number)  # in lengths of a box
     box = np.minimum(position.astype(np.int64), number - 1)
     starts = np.searchsorted(box, np.arange(number + 1))
-    # weight of each node of its box in the value at a row, (s, p); its place in the box is -1..1
+    # weight of each node of a row's box in the value at this row, (s, p); 2 (position - box) - 1 is
+    # the row's position where its box is -1..1
     series = _nodes()[2]
     along = chebyshev.chebvander(2.0 * (position - box) - 1.0, NODES - 1) @ series
     across = np.ascontiguousarray((y.T - stretch.middle) / stretch.half)
@@ -242,9 +246,10 @@ def _pays(points: int, stretch: Stretch) -> bool:
     levels = stretch.levels
     if levels == 0:
         return False
-    # Terms, as multiples of the samples on the stretch. `near` lengths of a box hold what a point
-    # takes, samples near its smallest box, and what a node takes, samples near its box's parent but
-    # not near the box. A level has 2**l boxes, each 2**-l of the stretch: l cancels.
+    # Numbers of terms, divided by the number of samples on the stretch. A point sums the samples
+    # near its smallest box: those of `near` lengths of this box. A node of a box sums samples that
+    # are near the parent and far from the box: also those of `near` lengths of the box. Level l has
+    # 2**l boxes, each 2**-l of the stretch long, so l cancels in the sum over nodes.
     near = 1.0 + 2.0 * REACH
     nodes = NODES * sum(_boxes(stretch)[0].counts.tolist())
     return bool(near * (nodes + points / 2**levels) < points)
@@ -252,14 +257,14 @@ def _pays(points: int, stretch: Stretch) -> bool:
 
 @functools.lru_cache(maxsize=1)
 def _boxes(stretch: Stretch) -> tuple[Grid, FloatArray, FloatArray]:
-    """The boxes of a stretch, and the least and largest x of samples near each box, level after
-    level, m. Cached for the last stretch alone.
+    """The boxes of a stretch, and the least and largest x, m, of samples near each box, level after
+    level, (2**(levels + 1) - 1,) each. Cached for the last stretch alone.
     """
     lengths = [stretch.length / 2**level for level in range(stretch.levels + 1)]
     counts, places, finer = _across([length / stretch.half for length in lengths])
     bounds = np.array([stretch.west, stretch.east])
     across = stretch.middle + stretch.half * places
-    # length and begin of each box, level after level; 2^l - 1 boxes stand before level l
+    # length and first x of each box, level after level; 2^l - 1 boxes precede level l
     boxes = 2 ** np.arange(len(lengths))
     length = np.repeat(lengths, boxes)
     begin = bounds[0] + length * (np.arange(boxes.sum()) - np.repeat(boxes - 1, boxes))
@@ -269,8 +274,9 @@ def _boxes(stretch: Stretch) -> tuple[Grid, FloatArray, FloatArray]:
 
 @functools.cache
 def _nodes() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Chebyshev points, (p,), and matrices from values there to values at the points of the left
-    and the right half, (2, p, p), and to the coefficients of a Chebyshev series, (p, p).
+    """Chebyshev points of -1..1, (p,), and two kinds of matrices from values at these points: to
+    values at the points of the left and the right half, (2, p, p), and to the coefficients of a
+    Chebyshev series, (p, p).
     """
     nodes = chebyshev.chebpts1(NODES)
     series = _to_series(nodes)
@@ -289,7 +295,7 @@ def _across(slender: Sequence[float]) -> tuple[IntArray, FloatArray, FloatArray]
 
     slender: length over half-width of the boxes of each level.
     """
-    # sums of half-axes, see the file's docstring: the longer a box, the larger, the fewer nodes
+    # rho of the file's docstring: the longer a box, the larger is rho, and the fewer the nodes
     ellipses = [REACH * ratio + math.hypot(REACH * ratio, 1.0) for ratio in slender]
     counts = np.array([math.ceil(-math.log(ERROR_ACROSS) / math.log(size)) for size in ellipses])
     most = counts.max()
