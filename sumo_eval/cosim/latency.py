@@ -6,8 +6,7 @@ The fixed work tells a slow ADS from a slow or busy machine. `cosim/world.py` ho
 
 import time
 from array import array
-
-import numpy as np
+from collections.abc import Sequence
 
 from sumo_eval.trajectory import Latency
 
@@ -36,14 +35,22 @@ class Latencies:
             total += 0.5 * number
         self._reference.append(time.perf_counter() - began)
 
-    def of(self, case: int) -> Latency:
-        """Latency of one case, once all cases have ended."""
-        times, reference = self.shared or self.own[case], sorted(self._reference)
-        steps = np.sort(np.frombuffer(times)) if times else np.zeros(1)  # the shortest first
-        return Latency(
-            mean=float(steps.mean()),
-            longest=float(steps[-1]),
-            median=float(steps[len(steps) // 2]),
-            late=float(steps[int(LATE * len(steps))]),
-            reference=reference[len(reference) // 2] if reference else 0.0,  # the median
-        )
+    def of_cases(self) -> list[Latency]:
+        """Latency of each case, once all cases have ended."""
+        reference = sorted(self._reference)
+        fixed_work = reference[len(reference) // 2] if reference else 0.0  # the median
+        if self.shared:  # computed once: a batch has hundreds of cases
+            return [_latency(self.shared, fixed_work)] * len(self.own)
+        return [_latency(times, fixed_work) for times in self.own]
+
+
+def _latency(times: Sequence[float], fixed_work: float) -> Latency:
+    """Latency of a case whose steps took these wall times, s; `fixed_work`: of the fixed work."""
+    steps = sorted(times) or [0.0]  # the shortest first
+    return Latency(
+        mean=sum(steps) / len(steps),
+        longest=steps[-1],
+        median=steps[len(steps) // 2],
+        late=steps[int(LATE * len(steps))],
+        reference=fixed_work,
+    )

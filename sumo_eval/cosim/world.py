@@ -484,6 +484,7 @@ class World:
         wall_time: of all cases together, s.
         batched: as of a `Recording`.
         """
+        latencies = self.latencies.of_cases()
         recordings: list[Recording | Alone] = []
         for case in range(len(self.cases)):
             if case in self.left:
@@ -493,7 +494,7 @@ class World:
             # the fields of a `Recording` after those that `end` has given
             recordings.append(self.ended[case](
                 None if error is None else clean(error), clean_log(self.logs[case]),
-                self.latencies.of(case), wall_time / len(self.cases), self.places[case],
+                latencies[case], wall_time / len(self.cases), self.places[case],
                 batched,
             ))  # fmt: skip
         return recordings
