@@ -30,6 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pandas import DataFrame, Series
 
+from sumo_eval.drivers import CLOSING_SPEED
 from sumo_eval.drivers.recorded.recordings import INTERVAL, MOTOR_CLASSES, Recordings, smooth
 from sumo_eval.input_file import writing
 from sumo_eval.text import cell, each_text
@@ -38,8 +39,8 @@ from sumo_eval.trajectory import FloatArray
 KINDS = ("approach", "cut_out", "cut_in", "lead_braking")
 
 
-# constants of the rules above, SI units
-CLOSING_SPEED = 2.0
+# Constants of the rules above, SI units; `CLOSING_SPEED`, of an approach, stands in
+# drivers/__init__.py.
 APPROACH_HEADWAY = 3.5
 APPROACH_GAP = 30.0
 LEAST_GAP = 2.0
@@ -59,7 +60,7 @@ GHOST_TTC = 1.0
 GHOST_GAP = 1.0
 GHOST_ACCELERATION = 6.0
 GHOST_LATERAL_SPEED = 2.0
-_REACTION = 100  # samples, 10 s, in which the ego's braking for a cut-out or cut-in is looked for
+_BRAKING_SAMPLES = 100  # 10 s from a cut-out or cut-in on, in which the ego may brake for it
 Event = dict[str, Any]
 
 
@@ -92,6 +93,7 @@ class Events(NamedTuple):
 class RecordedTraffic:
     """The motor vehicles of a recording as arrays (n,), by vehicle and time.
 
+    frame: number of the sample's instant on the clock of `INTERVAL`.
     slices: rows of each vehicle.
     lane: counts once it is kept for `LANE_KEPT`.
     centres: median y of each lane, m.
@@ -192,14 +194,14 @@ def extract_events(recordings: Recordings) -> Events:
         changes += [{**change._asdict(), "recording": recording} for change in lane_changes]
         for kind, more in encounters(traffic, lane_changes).items():
             events[kind] += [{"recording": recording, **event} for event in more]
-    kept = {kind: [event for event in events[kind] if not event["ghost"]] for kind in KINDS}
-    egos = {(event["recording"], event["ego"]) for group in kept.values() for event in group}
+    real = {kind: [event for event in events[kind] if not event["ghost"]] for kind in KINDS}
+    egos = {(event["recording"], event["ego"]) for group in real.values() for event in group}
     return Events(
-        {kind: _table(kind, group) for kind, group in kept.items()},
+        {kind: _table(kind, group) for kind, group in real.items()},
         DataFrame(changes, columns=[*RecordedLaneChange._fields, "recording"]),
         vehicles,
         len(egos),
-        {kind: len(events[kind]) - len(kept[kind]) for kind in KINDS},
+        {kind: len(events[kind]) - len(real[kind]) for kind in KINDS},
     )
 
 
@@ -296,9 +298,14 @@ def _is_ghost(gap: float, ttc: float, accelerations: np.ndarray) -> bool:
 
 
 def _start_kind(traffic: RecordedTraffic, start: int, row: int) -> str:
-    """Kind of start of an approach, at a row of the stretch that begins at `start`."""
+    """Kind of start of an approach, at a row of the stretch that begins at `start`.
+
+    dataset_edge: the recording of the ego or of the lead begins there.
+    lane_entry_or_cut_in: the stretch begins there otherwise, with another lead or lane.
+    range_crossing: an ego that closes in comes within `APPROACH_HEADWAY`.
+    closing_builds_up: any other.
+    """
     if row == start:
-        # whether the recording of the ego or of the lead begins here
         edge = any(
             at == traffic.slices[traffic.names[at]].start for at in (start, traffic.lead[start])
         )
@@ -311,7 +318,14 @@ def _start_kind(traffic: RecordedTraffic, start: int, row: int) -> str:
 def _outcome(traffic: RecordedTraffic, row: int, end: int) -> tuple[str, int]:
     """Kind and row of the end of an approach.
 
-    row: where it begins. end: the row after the last of its stretch.
+    follow: the closing speed is below `FOLLOWS_BELOW`.
+    lane_change: the ego changes lane.
+    leader_left: the lead changes lane.
+    cut_in: another vehicle is between both.
+    censored: a recording ends.
+
+    row: where it begins.
+    end: the row after the last of its stretch.
     """
     lane = traffic.lane
     follows = traffic.closing[row:end] < FOLLOWS_BELOW
@@ -398,12 +412,12 @@ def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -
         revealed = traffic.lead[now]
         near = gap[now] <= REVEALED_WITHIN and names[revealed] != change.vehicle
         begin, start = traffic.onset_of(behind, change)
-        onset = dict.fromkeys(("obstacle_speed", "gap"), np.nan)
+        at_onset = dict.fromkeys(("obstacle_speed", "gap"), np.nan)
         if near:
             ahead = traffic.row_at(traffic.frame[begin], revealed)
             if ahead is not None:
-                onset = {"obstacle_speed": speed[ahead], "gap": traffic.apart(begin, ahead)}
-        braking = traffic.acceleration[now : min(now + _REACTION, stop)]
+                at_onset = {"obstacle_speed": speed[ahead], "gap": traffic.apart(begin, ahead)}
+        braking = traffic.acceleration[now : min(now + _BRAKING_SAMPLES, stop)]
         yield {
             "ego": ego,
             "t": traffic.t[now],
@@ -417,7 +431,7 @@ def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -
             "gap_to_revealed": gap[now] if near else np.nan,
             "ego_speed": speed[begin],
             "start": start,
-            **onset,
+            **at_onset,
             "min_acceleration": braking.min(),
             "ghost": _is_ghost(gap[behind], np.inf, braking),
         }
@@ -435,7 +449,7 @@ def _cut_ins(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) ->
             continue
         begin, start = traffic.onset_of(row, change)
         other = change.row - row + begin  # row of the vehicle that cuts in, at the time of `begin`
-        braking = traffic.acceleration[row : min(row + _REACTION, part.stop)]
+        braking = traffic.acceleration[row : min(row + _BRAKING_SAMPLES, part.stop)]
         yield {
             "ego": ego,
             "t": traffic.t[row],
@@ -455,7 +469,7 @@ def _cut_ins(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) ->
 def _braking_leads(traffic: RecordedTraffic) -> Iterator[Event]:
     gap, speed, acceleration = traffic.gap, traffic.speed, traffic.acceleration
     for stretch in _stretches(traffic):
-        lead = traffic.lead[stretch]
+        lead = traffic.lead[stretch]  # rows of the lead, one for each row of the ego
         braking = acceleration[lead] <= -BRAKING_BELOW
         # of each braking, its first sample and the one after its last
         edges = np.flatnonzero(np.diff(np.concatenate(([0], braking, [0]))))
@@ -466,7 +480,7 @@ def _braking_leads(traffic: RecordedTraffic) -> Iterator[Event]:
             drop = speed[lead[first]] - speed[lead[last - 1]]
             if strongest > -LEAD_DECELERATION or drop < LEAD_SPEED_DROP:
                 continue
-            both = np.append(acceleration[part], strongest)
+            of_both = np.append(acceleration[part], strongest)
             yield {
                 "ego": traffic.names[row],
                 "t": traffic.t[row],
@@ -479,7 +493,7 @@ def _braking_leads(traffic: RecordedTraffic) -> Iterator[Event]:
                 "lead_deceleration": -strongest,
                 "lead_speed_drop": drop,
                 "min_acceleration": acceleration[part].min(),
-                "ghost": _is_ghost(gap[part].min(), traffic.ttc[part].min(), both),
+                "ghost": _is_ghost(gap[part].min(), traffic.ttc[part].min(), of_both),
             }
 
 

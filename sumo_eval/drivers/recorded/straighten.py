@@ -30,6 +30,7 @@ AXIS_SMOOTHING = 31  # points over which the axis is smoothed
 HALF_WIDTH = 16.0  # m to each side of the axis that belong to its road
 # a vehicle that heads further off than this does not drive along the axis
 WRONG_WAY = np.radians(45.0)
+COURSE_POINTS = 5  # points over which the course at the end of a line is measured
 MIN_CONTINUATION = 10  # points by which a path must reach past the end of an axis to carry it on
 MEMBER_SHARE = 0.9  # of a track's samples that must drive along the axis
 LANE_WIDTHS = np.arange(2.8, 4.21, 0.02)  # m
@@ -96,7 +97,7 @@ def _streams(rows: DataFrame) -> tuple[list[DataFrame], dict[str, int]]:
         members = {rest[0], *stream["vehicle"].unique()}
         rest = [vehicle for vehicle in rest if vehicle not in members]
     driving = {vehicle for stream in streams for vehicle in stream["vehicle"].unique()}
-    # of these vehicles, samples that no stream has
+    # samples of vehicles of a stream that are in no stream
     samples = rows["vehicle"].isin(driving).sum() - sum(map(len, streams))
     return streams, {
         f"vehicles that move less than {SHORTEST_AXIS:g} m are left out": standing,
@@ -127,6 +128,7 @@ def _first_lap(line: FloatArray) -> FloatArray:
     first, later = cKDTree(line).query_pairs(HALF_WIDTH, output_type="ndarray").T
     course = np.gradient(line, axis=0)
     same_way = (course[first] * course[later]).sum(axis=1) > np.cos(WRONG_WAY)
+    # points are `AXIS_SPACING`, 1 m, apart: their numbers are m along the line
     back = later[same_way & (later - first > 2 * HALF_WIDTH)]
     return line[: back.min(initial=len(line))]
 
@@ -141,7 +143,7 @@ def _stream(rows: DataFrame, axis: FloatArray, longest: str) -> DataFrame:
     share = Series(along, index=rows.index).groupby(rows["vehicle"]).transform("mean")
     member = (share >= MEMBER_SHARE) | (rows["vehicle"] == longest)
     stream: DataFrame = rows.assign(x=s, y=d, heading=heading)[member.to_numpy() & along]
-    # on another lap places jump back to the begin
+    # Where a vehicle begins another lap, x jumps back. Its samples from there on are dropped.
     steps = stream.groupby("vehicle")[["x", "t"]].diff()
     jumps = steps["x"].abs() > 2.0 * (HALF_WIDTH + stream["speed"] * steps["t"])
     return stream[jumps.groupby(stream["vehicle"]).cumsum() == 0]
@@ -152,7 +154,8 @@ def _continuation(line: FloatArray, lines: dict[str, FloatArray]) -> FloatArray 
     none does.
     """
     part = _furthest(line, lines.values())
-    # cut off where it comes back to the line; the line's last 32 points are near it in any case
+    # Cut off where the part comes back to the line. The line's last 32 points, 2 HALF_WIDTH of
+    # road, do not count: the part begins beside them.
     driven = line[: -int(2 * HALF_WIDTH)] if len(line) > 4 * HALF_WIDTH else line[:1]
     back = np.flatnonzero(cKDTree(driven).query(part)[0] < HALF_WIDTH)
     part = part[: back[0]] if back.size else part
@@ -163,9 +166,8 @@ def _furthest(line: FloatArray, others: Iterable[FloatArray]) -> FloatArray:
     """The part past the end of a line of the other line that overlaps it and reaches furthest,
     shifted sideways to the end; empty where none does.
     """
-    # the course at the end, over five points
     end = line[-1]
-    course = line[-1] - line[-min(6, len(line))]
+    course = line[-1] - line[-min(COURSE_POINTS + 1, len(line))]
     course = course / np.hypot(*course)
     normal = np.array([-course[1], course[0]])
     furthest = line[:0]
@@ -173,10 +175,10 @@ def _furthest(line: FloatArray, others: Iterable[FloatArray]) -> FloatArray:
         offset = other - end
         aside, along = offset @ normal, offset @ course
         near = np.flatnonzero((np.abs(aside) <= HALF_WIDTH) & (np.abs(along) <= 2 * AXIS_SPACING))
-        if near.size == 0 or near[0] + 5 >= len(other):
+        if near.size == 0 or near[0] + COURSE_POINTS >= len(other):
             continue
         joint = near[np.argmin(np.abs(along[near]))]
-        ahead = other[min(joint + 5, len(other) - 1)] - other[joint]
+        ahead = other[min(joint + COURSE_POINTS, len(other) - 1)] - other[joint]
         forward = ahead @ course >= np.cos(WRONG_WAY) * np.hypot(*ahead)
         if forward and len(other) - joint > len(furthest) + 1:
             furthest = other[joint + 1 :] - aside[joint] * normal
@@ -202,8 +204,9 @@ def _axis(line: FloatArray) -> FloatArray:
     if window > 3:
         line = np.column_stack([smooth(column, window) for column in line.T])
     reach = np.arange(1, int(HALF_WIDTH / AXIS_SPACING) + 1)[:, None]
-    # directions out of both ends, over five points
-    back, ahead = line[0] - line[min(5, len(line) - 1)], line[-1] - line[-min(6, len(line))]
+    # directions out of both ends
+    back = line[0] - line[min(COURSE_POINTS, len(line) - 1)]
+    ahead = line[-1] - line[-min(COURSE_POINTS + 1, len(line))]
     before = line[0] + (reach * back / np.hypot(*back))[::-1] * AXIS_SPACING
     after = line[-1] + reach * ahead / np.hypot(*ahead) * AXIS_SPACING
     return np.vstack((before, line, after))

@@ -24,6 +24,7 @@ from sumo_eval.ads.perception import carry_on, is_visible, take
 from sumo_eval.cosim.compiled import Compiled, unseen
 from sumo_eval.cosim.records import MOVER
 from sumo_eval.cosim.step_rules import first_of
+from sumo_eval.drivers import CLOSING_SPEED
 from sumo_eval.drivers.synthetic.population import AS_RECORDED, Driver, draw_driver
 from sumo_eval.drivers.synthetic.wander import noise_at, random_waves
 from sumo_eval.errors import must_be
@@ -59,14 +60,11 @@ of drivers who overtake changes within 0.5, 1, 2, 3 and 4 s by 0.09, 0.18, 0.33,
 PEDAL_CORRELATION_TIME = 2.0  # s (DLR Highway Traffic: the correlation is 0.59 at 2 s, 0.28 at 3 s)
 SPEED_RELAXATION = 8.0  # s, time constant in which a driver approaches the desired speed
 
-# share of a vehicle's width that may be hidden: its outer 30 %, with one rear lamp, is enough
+# share of a vehicle's width that may be hidden: the rest, with one rear lamp, shows it
 HIDING_SHARE = 0.7
 # m/s2; weaker braking of a vehicle ahead is not noticed: engine braking lights no lamps
 NOTICED_BRAKING = 0.5
 CROSSING_SPEED = 0.3  # m/s across the road, above which a vehicle ahead begins to change lane
-# m/s, above which a vehicle ahead is approached (the recorded approaches were chosen by this rule)
-CLOSING_SPEED = 2.0
-
 
 LOOK = np.dtype([*fields("time"), ("mover", MOVER)])
 """A look at a vehicle: when, s, and the vehicle then."""
@@ -110,8 +108,10 @@ def attend(attention: Any, me: Any, others: Any, mind: Any, p: Any, time: float)
     Kesting, Helbing, Physica A 360, 71 (2006)). The reaction time becomes the alerted one when a
     vehicle appears, or when one in front moves across the road or is approached.
 
-    attention: `ATTENTION`. me, others: the ego and the vehicles, true.
-    p: parameters of the driver. time: s.
+    attention: `ATTENTION`.
+    me, others: the ego and the vehicles, as they truly are.
+    p: parameters of the driver, `SyntheticDriver.numbers`.
+    time: since the start, s.
     """
     looks, memories, known = mind.looks, mind.memories, mind.known
     if attention.attends == 0:
@@ -139,7 +139,8 @@ def attend(attention: Any, me: Any, others: Any, mind: Any, p: Any, time: float)
                 braking = (last.mover.along - other.along) / (time - last.time)
         look = ring[memory.count % len(ring)]
         take(look.mover, other)  # copies `other` into the look
-        look.time, look.mover.braking = time, braking if braking > NOTICED_BRAKING else 0.0
+        look.time = time
+        look.mover.braking = braking if braking > NOTICED_BRAKING else 0.0
         memory.count += 1
 
     # act upon the newest look that is at least a reaction time old; 1e-9 s against rounding
@@ -162,11 +163,13 @@ def synthetic_driver(
 ) -> tuple[float, float]:
     """A driver: acceleration, m/s2, and steering wheel angle, rad.
 
-    ego, others: records of the vehicles. memory: a record of `SyntheticDriver.own_records`.
+    ego, others: records of the vehicles.
+    memory: a record of `SyntheticDriver.own_records`.
+    mind: of this driver alone.
     time: since the start, s.
     """
     me, waves, p = ego.seen, mind.waves, memory.p
-    if memory.began == 0:
+    if memory.began == 0:  # the first step; `overtake` below sets `began`
         memory.ease = 1.0
     attend(memory, me, others, mind, p, time)
 
@@ -175,12 +178,14 @@ def synthetic_driver(
     desired = first_speed * p.gain
     pedal = noise_at(waves[1], PEDAL_DEVIATION, time)[0]
     free = (desired - me.speed) / SPEED_RELAXATION + pedal
-    memory.desired_speed, memory.free = desired, free * smooth_step(time / SETTLING_TIME)
-    wanted = overtake(memory, me, mind.known, mind.watched, p, ego.way, scenario)
+    # `overtake` reads both: the speed to reach, m/s, and the acceleration on a free road, m/s2
+    memory.desired_speed = desired
+    memory.free = free * smooth_step(time / SETTLING_TIME)
+    acceleration = overtake(memory, me, mind.known, mind.watched, p, ego.way, scenario)
 
-    y, slope, bend = _line(memory, me, waves, p, scenario)
-    wheel = steering(memory, me, y, slope, bend, scenario)
-    return max(wanted, -scenario.vehicle.max_deceleration), wheel
+    y, slope, curve = _line(memory, me, waves, p, scenario)
+    wheel = steering(memory, me, y, slope, curve, scenario)
+    return max(acceleration, -scenario.vehicle.max_deceleration), wheel
 
 
 @kernel

@@ -30,7 +30,10 @@ _ORIGINAL = (
     "v_Width", "v_Class", "v_Vel", "v_Acc", "Lane_ID", "Preceding", "Following", "Space_Headway",
     "Time_Headway",
 )  # fmt: skip
-_NEEDED = (*_ORIGINAL[:2], *_ORIGINAL[3:6], *_ORIGINAL[8:12], "Lane_ID")
+_NEEDED = (
+    "Vehicle_ID", "Frame_ID", "Global_Time", "Local_X", "Local_Y", "v_length", "v_Width", "v_Class",
+    "v_Vel", "Lane_ID",
+)  # fmt: skip
 _CLASSES = {1: "motorcycle", 2: "car", 3: "truck"}
 
 

@@ -36,7 +36,8 @@ def read(path: Path) -> Samples:
     names = [name for name in head["Vehicle_order"] if name]
     rows = read_table(path, ("Time",), skiprows=_HEAD_ROWS)
     numbers = [*rows.filter(regex="^(Speed|IVS)[1-9][0-9]*$")]
-    places = sorted(int(name[5:]) for name in numbers if name.startswith("Speed"))
+    speeds = (name for name in numbers if name.startswith("Speed"))
+    places = sorted(int(name.removeprefix("Speed")) for name in speeds)
     require(places, path, "must have columns Speed1, Speed2, ..., got none")
     checked_numbers(rows, ["Time", *numbers], path, heading=_HEAD_ROWS + 1, gaps=numbers)
     parts = []

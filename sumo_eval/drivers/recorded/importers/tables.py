@@ -38,7 +38,8 @@ FASTEST = 70.0  # m/s; a faster median is in feet or cm
 MOVES = 3.0  # m/s; a faster step shows the unit of `speed`
 SPEEDS_AGREE = 0.67, 1.5  # median of `speed` over that of steps; km/h are 3.6, miles/h 2.24
 STEP = 1.0  # m; a longer step shows its course, a shorter one the noise of positions
-HEADINGS_AGREE = 0.99, 0.5  # share of these whose course is at most so far from the heading, rad
+HEADING_SHARE = 0.99  # of these steps, whose course is near the heading
+HEADING_LIMIT = 0.5  # rad; a course at most this far from the heading is near it
 WHOLE = {"lane", "Lane_ID", "Vehicle_ID", "id", "trackId"}  # columns of whole numbers
 
 Samples = tuple[DataFrame, list[str]]
@@ -215,6 +216,7 @@ def check_motion(table: DataFrame) -> None:
     table: recording, vehicle, t, x, y and what is known of speed and heading, by vehicle and time.
     """
     sizes = table.groupby(["recording", "vehicle"]).size()
+    # steps over as many samples as a chord has, but not over more than a usual track has
     in_chord = CHORD / np.nan_to_num(_steps(table)[1].median(), nan=CHORD)
     samples = round(max(1.0, min(in_chord, sizes.median() - 1.0)))
     moved, seconds = _steps(table, samples)
@@ -227,13 +229,18 @@ def check_motion(table: DataFrame) -> None:
         _refuse(factors[~factors.between(*SPEEDS_AGREE)], "`speed`", "m/s", "times the speed")
     if "heading" in table:
         aside, ahead = (table[name].diff(samples) for name in ("y", "x"))
+        # the cosine has no jumps of 2 pi; arccos makes it the angle between course and heading
         turned = np.cos(np.arctan2(aside, ahead) - table["heading"])
-        angles = np.arccos(turned[moved > STEP]).groupby(recording).quantile(HEADINGS_AGREE[0])
-        _refuse(angles[angles > HEADINGS_AGREE[1]], "`heading`", "rad", "rad off the course")
+        angles = np.arccos(turned[moved > STEP]).groupby(recording).quantile(HEADING_SHARE)
+        _refuse(angles[angles > HEADING_LIMIT], "`heading`", "rad", "rad off the course")
 
 
 def _refuse(bad: Series[float], channel: str, unit: str, words: str) -> None:
-    """Refuse the first of `bad` values by recording."""
+    """Refuse the first of the values of recordings in `bad`; without any, nothing is refused.
+
+    channel, unit: the columns and the unit that they must have.
+    words: unit and meaning of the values.
+    """
     for recording, value in bad.items():
         raise InputError(
             f"{channel} of recording `{recording}` must be in {unit}, got {value:.3g} {words} that "
