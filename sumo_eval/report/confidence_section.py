@@ -11,7 +11,7 @@ import numpy as np
 
 from sumo_eval.report.page import CONFIDENCE, Json, write_json
 from sumo_eval.report.verdict import Additions
-from sumo_eval.report.words import count
+from sumo_eval.report.words import count, percent
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.confidence.assessment import Assessment, Confidence
 from sumo_eval.scoring.confidence.coverage import PairCoverage, SpaceCoverage
@@ -82,8 +82,8 @@ def _space(name: str, item: SpaceCoverage) -> Json:
         ),
         "resolved": "no boundary"
         if item.boundary_resolved is None
-        else f"{item.boundary_resolved:z.0%}",
-        "inside": "not known" if item.exposure_inside is None else f"{item.exposure_inside:z.1%}",
+        else percent(item.boundary_resolved),
+        "inside": percent(item.exposure_inside),
         "pictures": [_picture(pair) for pair in item.pairs],
     }
 

@@ -9,6 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from sumo_eval.case_table import CaseTable
+from sumo_eval.report.words import percent
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
 from sumo_eval.scoring.map_view import tile_counts
 from sumo_eval.trajectory import FloatArray
@@ -38,7 +39,7 @@ def density_maps(
             _tiles(number / max(most, 1), number, "--c", f"number of cases, {axes}", (across, up)),
         ),
         (
-            f"share of them that collided, up to {share.max(initial=0.0):z.0%}; {axes}",
+            f"share of them that collided, up to {percent(share.max(initial=0.0))}; {axes}",
             _tiles(share, share, "--hit", f"share that collided, {axes}", (across, up)),
         ),
     ]

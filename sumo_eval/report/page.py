@@ -12,6 +12,7 @@ import base64
 import csv
 import functools
 import json
+import re
 import shlex
 import zlib
 from collections.abc import Iterable
@@ -20,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from sumo_eval.input_file import write_whole, writing
 from sumo_eval.report.words import interval_words, number, percent, span
@@ -76,6 +77,7 @@ def _environment() -> jinja2.Environment:
         "span": span,
         "percent": percent,
         "point": point_words,
+        "code": code_marked,
         "key": case_key,
         "shell": shlex.quote,
     }
@@ -86,6 +88,12 @@ def _environment() -> jinja2.Environment:
 def case_key(case: str) -> str:
     """A case's key, quoted for use in a URL."""
     return quote(case, safe="")
+
+
+def code_marked(sentence: str) -> Markup:
+    """A sentence, escaped, with what stands between backticks as code."""
+    escaped = str(escape(sentence))  # plain, or `re.sub` would escape the tags as well
+    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", escaped))  # noqa: S704
 
 
 def asset(name: str) -> Markup:

@@ -21,7 +21,7 @@ from tables import values_of
 from sumo_eval.case_table import CaseTable
 from sumo_eval.report import sent_drives
 from sumo_eval.report.html import term, write_report
-from sumo_eval.report.page import template
+from sumo_eval.report.page import code_marked, template
 from sumo_eval.report.page_data import gathered_words
 from sumo_eval.report.readings import readings, setting_rows
 from sumo_eval.report.score_words import GLOSSARY
@@ -427,3 +427,9 @@ def test_the_reading_of_u_names_what_replaces_it(evaluation):
 def test_changed_setting_is_listed(evaluation, table, settings, words):
     changed = replace(evaluation.settings, **{table.partition(".")[0]: settings})
     assert [row.value for row in setting_rows(changed)[table] if row.changed] == [words]
+
+
+def test_text_between_backticks_is_code_and_stays_escaped():
+    marked = code_marked('Check `zone.<b>` and "people".')
+    assert marked == "Check <code>zone.&lt;b&gt;</code> and &#34;people&#34;."
+    assert marked.__html__() == marked, "a template does not escape it again"

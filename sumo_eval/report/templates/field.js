@@ -1,5 +1,5 @@
-// Trajectory field (Eqs. 9-10) and the embedded trajectories. The twin of sumo_eval/method/trajectory_field.py and of
-// sumo_eval/report/page_data.py; tests run this file in node against them.
+// Trajectory field (Eqs. 9-10) and the embedded trajectories: the twin of sumo_eval/method/trajectory_field.py, and the
+// other half of `encode_trajectories` in sumo_eval/report/sent_drives.py. Tests run this file in node against them.
 "use strict";
 
 const sumoEval = (() => {
@@ -106,7 +106,7 @@ const sumoEval = (() => {
     });
   }
 
-  /** Levels of a zone map: Int16Array of 32000 y. */
+  /** Levels of a zone map, as `zone_levels` in sumo_eval/scoring/zone_levels.py packs them: Int16Array of 32000 y. */
   function decodeLevels(base64) {
     const raw = bytes(base64);
     const view = new DataView(raw.buffer);
