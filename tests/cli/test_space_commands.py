@@ -6,7 +6,6 @@ import json
 import pytest
 from commands import sumo_eval
 from laid import read_json
-from tables import values_of
 
 from tests.scenario.test_scenario_file import EXAMPLE
 
@@ -50,18 +49,6 @@ def test_the_same_seed_samples_the_same_points_and_another_seed_others(tmp_path)
         sumo_eval(f"sample cut_in --method sobol --count 8 --seed {seed} --out {out}")
         texts.append((out / "points.csv").read_text())
     assert texts[0] == texts[1] != texts[2]
-
-
-@pytest.mark.parametrize(
-    "arguments, sentence",
-    values_of("""
-    ["cut_inn"], "Did you mean `cut_in`?"
-    ["cut_in", "--method", "sobl", "--count", "8"], "sobol"
-    ["cut_in", "--method", "sobol"], "`--count`"
-    """),
-)
-def test_sample_refuses(tmp_path, arguments, sentence):
-    assert sentence in sumo_eval("sample", *arguments, "--out", tmp_path / "out", status=2).stderr
 
 
 @pytest.mark.parametrize("what, key", [("scenario", "parameter"), ("evaluation", "ads")])

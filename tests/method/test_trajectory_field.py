@@ -178,11 +178,14 @@ def test_another_sample_interval_sums_other_samples():
     """),
 )
 @pytest.mark.parametrize("step", [STEP, 0.04, 0.23])
-def test_the_kernels_are_the_plain_loops(k1, k2, step):
+@pytest.mark.parametrize("superposition", ["magnitude", "vector"])
+def test_the_kernels_are_the_plain_loops(k1, k2, step, superposition):
     drive = winding(int(100 * step), n=25, step=step)
-    points = around(drive, 15)
-    plain = [twin.trajectory_field(point, drive, k1, k2) for point in points]
-    assert trajectory_field(points, drive, k1=k1, k2=k2) == pytest.approx(plain, rel=1e-9)
+    points = around(drive, 30)
+    loops = {"magnitude": twin.trajectory_field, "vector": twin.vector_field}[superposition]
+    plain = [loops(point, drive, k1, k2) for point in points]
+    field = trajectory_field(points, drive, k1=k1, k2=k2, superposition=superposition)
+    assert field == pytest.approx(plain, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("n", [1, 255, 256, 257, 900])
@@ -228,15 +231,6 @@ def test_the_inlined_exponential_is_exact_to_1e_13():
 
 
 # --- vectors --------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("k1, k2", [(0.5, 0.005), (1.0, 0.05)])
-def test_the_sum_of_vectors_is_the_plain_loops(k1, k2):
-    drive = winding(11, n=25)
-    points = around(drive, 30)
-    plain = [twin.vector_field(point, drive, k1, k2) for point in points]
-    field = trajectory_field(points, drive, k1=k1, k2=k2, superposition="vector")
-    assert field == pytest.approx(plain, rel=1e-9, abs=1e-12)
 
 
 def test_vectors_cancel_on_the_path_where_magnitudes_peak():

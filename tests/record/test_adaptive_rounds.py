@@ -207,13 +207,6 @@ def test_only_knows_cases_of_names_that_hold_numbers(tmp_path):
     assert points_only(range(9), both, "cut-in-2026-de", 9) == [3]
 
 
-def test_axes_of_an_unknown_scenario_are_refused(tmp_path):
-    axes = ReportSettings(axes={"cut_im": ("gap", "ego_speed")})
-    settings = small(scenarios=("cut_in",), report=axes)
-    with refusal(r"Unknown scenario `cut_im` in `report\.axes`"):
-        resolve(settings, tmp_path / "run", resume=False)
-
-
 def test_an_exposure_of_0_at_every_point_is_refused(tmp_path):
     settings = small()
     (entry,) = settings.scenario

@@ -9,11 +9,8 @@ from refusals import refusal
 from tables import rows_of
 
 import sumo_eval
-from sumo_eval.nightly.night import import_runs
 from sumo_eval.record import trust
-from sumo_eval.record.facts import merge, resolve, verify
 from sumo_eval.record.sealed import SEAL, sealed
-from sumo_eval.report.export_case import export_case
 
 EVALUATION = """
 name = "trust"
@@ -108,26 +105,6 @@ def test_no_command_runs_code_of_others(foreign, tmp_path, kind):
     assert words.startswith("sumo-eval: ")
     assert "--trust" in words
     assert "Traceback" not in words
-    assert not ran(foreign)
-
-
-DOORS = {
-    "score": sumo_eval.score,
-    "open_run": sumo_eval.open_run,
-    "verify": lambda run: verify(run, 1.0),
-    "resume": lambda run: resolve(None, run, resume=True),
-    "merge": lambda run: merge([run], run.with_name("whole")),
-    "a night": lambda run: import_runs(run.with_name("history"), [run]),
-    "a case": lambda run: export_case(run, CASE, run / "case"),
-}
-
-
-@pytest.mark.parametrize("door", DOORS)
-def test_no_function_runs_code_of_others(foreign, tmp_path, door):
-    run = tmp_path / "run"
-    shutil.copytree(foreign / "run", run)
-    with refusal(r"`.*code\.py:severity` .* --trust\.|code\.py:mine.* --trust\."):
-        DOORS[door](run)
     assert not ran(foreign)
 
 

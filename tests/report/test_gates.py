@@ -165,18 +165,6 @@ def test_an_uncertain_change_is_excused_only_by_its_limit(evaluation):
     assert (strict.passed, lenient.passed) == (False, True)
 
 
-def test_an_index_that_is_not_computed_any_more_fails(evaluation):
-    case = pick(evaluation, collided=False, zone="safe")
-    other = with_case(evaluation, case, **HIT)
-    (result,) = judged(
-        evaluation,
-        other,
-        LimitSettings("D", worse_by=1.0, ads=builders.CALM, scenario=case.scenario),
-    )
-    assert result.passed is False
-    assert "not computed any more" in result.sentence
-
-
 @pytest.mark.parametrize(
     "quantity, lost, why",
     [

@@ -83,24 +83,7 @@ def test_the_collisions_and_s_plus_come_before_the_papers_scores(tags, page):
     assert columns[:10] == ["ADS", "Collisions", "T", "A' and A", "H", "S+", points, "C", "D", "S"]
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "U",
-        "L",
-        "Ug",
-        "U0",
-        "r",
-        "ITTC",
-        "exposure",
-        "slice",
-        "A",
-        "H",
-        "S+",
-        "regret",
-        "plausibility",
-    ],
-)
+@pytest.mark.parametrize("name", GLOSSARY)
 def test_jargon_has_a_line_in_the_glossary(page, name):
     glossary = page[page.index('<dl class="glossary">') :]
     assert f"<dt>{name}</dt><dd>{escape(GLOSSARY[name], quote=False)[:20]}" in unescape(glossary)

@@ -62,19 +62,6 @@ def test_settings_survive_a_round_trip_through_toml():
     assert settings_from(tomllib.loads(to_toml(settings)), "round trip") == settings
 
 
-def test_every_mistake_in_a_file_is_named_at_once(tmp_path):
-    text = message(
-        tmp_path,
-        SMALLEST.replace("levels = 4", "level = 4").replace("seed = 1", "sead = 1")
-        + "worker = 3\n",
-    )
-    assert "Unknown key `scenario[0].sampling.level`" in text
-    assert "Did you mean `levels`?" in text
-    assert "Did you mean `seed`?" in text
-    assert "Did you mean `workers`?" in text
-    assert len(text.splitlines()) == 3
-
-
 @pytest.mark.parametrize(
     "before, after, sentence",
     [
