@@ -1,11 +1,9 @@
-"""How all tests run: in which order, on how many cores and examples each, and the run that many of
-them share."""
+"""How all tests run: in which order, on how many cores and examples each."""
 
 import gc
 import json
 import os
 import random
-import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -72,36 +70,6 @@ def pytest_collection_finish():
 
 def _file(item):
     return item.nodeid.partition("::")[0]
-
-
-@pytest.fixture(scope="session")
-def _standard_run(tmp_path_factory):
-    from standard_run import recorded_once  # only where a test asks for it: it imports the package
-
-    base = tmp_path_factory.getbasetemp()
-    return recorded_once(
-        (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "standard"
-    )
-
-
-@pytest.fixture
-def standard_run_read_only(_standard_run):
-    """The run folder that all tests share (see tests/standard_run.py): a test that changes it
-    fails."""
-    from standard_run import state
-
-    before = state(_standard_run)
-    yield _standard_run
-    assert state(_standard_run) == before, (
-        "a test of this session wrote to the shared run: use `standard_run`"
-    )
-
-
-@pytest.fixture
-def standard_run(_standard_run, tmp_path):
-    """A copy of the shared run for one test to write to; times of the files are those of the
-    original."""
-    return Path(shutil.copytree(_standard_run, tmp_path / "standard_run"))
 
 
 @pytest.fixture

@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import SCENARIOS
 from commands import program
 from evaluations import small
 from laid import read_json
 from record.edited_store import edit
 from refusals import refusal
-from standard_run import SCENARIOS
 from tables import in_campaign
 
 import sumo_eval
@@ -25,15 +25,16 @@ from sumo_eval.report.notes import score_note
 from sumo_eval.report.tables import scores_json, write_tables
 from sumo_eval.report.terminal import closing_lines
 from sumo_eval.score_notes import CasesMissing, Counted, DrivesLeftOut, ReferenceMissing
-from sumo_eval.settings import AdsSettings, MethodSettings, ZoneSettings
+from sumo_eval.settings import AdsSettings, MethodSettings, RunSettings, ZoneSettings
 from sumo_eval.settings.config import read_evaluation
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory, _standard_run):
-    return sumo_eval.score(
-        shutil.copytree(_standard_run, tmp_path_factory.mktemp("runs") / "small")
-    )
+def done(tmp_path_factory):
+    """Four ADSs: `no_reaction` collides in the safe zone, `ideal_braking` is the ideal vehicle."""
+    ads = "ideal_braking", "idm", "lane_changer", "no_reaction"
+    settings = small(ads, SCENARIOS, run=RunSettings(workers=2))
+    return sumo_eval.evaluate(settings, tmp_path_factory.mktemp("runs") / "small")
 
 
 @pytest.mark.parametrize(

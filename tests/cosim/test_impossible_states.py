@@ -268,32 +268,28 @@ def after_a_listener(action, controller=follow):
         libsumo.removeStepListener(number)
 
 
+def too_fast(name):
+    libsumo.vehicle.setPreviousSpeed(name, 5000.0)
+
+
 def turned_to_nan(name):
     place = libsumo.vehicle.getPosition(name)
     libsumo.vehicle.moveToXY(name, "road", 0, *place, math.nan, 2)
 
 
-@pytest.mark.parametrize("controller", [follow, "sumo:IDM"])
-def test_a_speed_no_vehicle_can_have_ends_the_case_although_its_place_is_possible(controller):
-    found = after_a_listener(lambda: libsumo.vehicle.setPreviousSpeed("lead", 5000.0), controller)
-    assert found.end_reason == "sim_error"
-    assert (
-        found.error
-        == "SUMO gave vehicle `lead` the speed 5000 m/s at 0.45 s, which no vehicle can have."
-    )
-    assert physical(found)
+IMPOSSIBLE = {too_fast: "speed 5000 m/s at 0.45 s", turned_to_nan: "angle nan deg at 0.50 s"}
 
 
+@pytest.mark.parametrize("act", IMPOSSIBLE)
 @pytest.mark.parametrize(
     "name, controller", [("lead", follow), ("lead", "sumo:IDM"), ("ego", "sumo:IDM")]
 )
-def test_an_angle_that_is_not_a_number_ends_the_case(name, controller):
-    found = after_a_listener(lambda: turned_to_nan(name), controller)
+def test_a_speed_or_an_angle_no_vehicle_can_have_ends_the_case(act, name, controller):
+    """The place of the vehicle is possible."""
+    found = after_a_listener(lambda: act(name), controller)
     assert found.end_reason == "sim_error"
-    assert (
-        found.error
-        == f"SUMO gave vehicle `{name}` the angle nan deg at 0.50 s, which no vehicle can have."
-    )
+    said = f"SUMO gave vehicle `{name}` the {IMPOSSIBLE[act]}, which no vehicle can have."
+    assert found.error == said
     assert physical(found)
 
 

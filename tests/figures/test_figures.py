@@ -12,9 +12,9 @@ import commands
 import numpy as np
 import pytest
 from browser import CHROMIUM, Page
+from builders import SCENARIOS
 from evaluations import small
 from refusals import refusal
-from standard_run import SCENARIOS
 from tables import rows_of
 
 import sumo_eval

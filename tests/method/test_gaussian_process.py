@@ -20,11 +20,11 @@ SOME = Hyperparameters(0.8, (0.4, 0.7, 2.5), 3e-3)
 BOUNDS = np.log([(1e-2, 1e2), (0.1, 10.0), (0.1, 10.0), (0.1, 10.0), (1e-6, 1.0)])
 
 
-def textbook(parameters, bounds=BOUNDS):
-    signal, first, second, third, noise = np.exp(bounds).tolist()
-    return ConstantKernel(parameters.signal, signal) * RBF(
-        parameters.length_scales, (first, second, third)
-    ) + WhiteKernel(parameters.noise, noise)
+def textbook():
+    """The kernel with the parameters SOME."""
+    signal, first, second, third, noise = np.exp(BOUNDS).tolist()
+    scales = RBF(SOME.length_scales, (first, second, third))
+    return ConstantKernel(SOME.signal, signal) * scales + WhiteKernel(SOME.noise, noise)
 
 
 def test_two_points_by_hand():
@@ -35,14 +35,14 @@ def test_two_points_by_hand():
 
 
 def test_the_covariance_is_scikit_learns_to_the_bit():
-    assert np.array_equal(covariance(POINTS, SOME), textbook(SOME)(POINTS))
+    assert np.array_equal(covariance(POINTS, SOME), textbook()(POINTS))
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.6, -1.1])
 def test_the_likelihood_and_its_gradient_are_scikit_learns(shift):
     theta = SOME.logarithms + shift * np.array([1.0, -1.0, 0.5, 1.0, 2.0])
     value, gradient = MarginalLikelihood(POINTS, TARGET, VARIANCES)(theta)
-    other = GaussianProcessRegressor(textbook(SOME), alpha=VARIANCES, optimizer=None).fit(
+    other = GaussianProcessRegressor(textbook(), alpha=VARIANCES, optimizer=None).fit(
         POINTS, TARGET
     )
     expected, slope = other.log_marginal_likelihood(theta, eval_gradient=True)
@@ -73,7 +73,7 @@ def test_the_search_ends_where_scikit_learns_does():
         MarginalLikelihood(POINTS, TARGET, VARIANCES), SOME, BOUNDS, restarts=2, seed=20220
     )
     other = GaussianProcessRegressor(
-        textbook(SOME), alpha=VARIANCES, n_restarts_optimizer=2, random_state=20220
+        textbook(), alpha=VARIANCES, n_restarts_optimizer=2, random_state=20220
     )
     assert failures == []
     assert theta == pytest.approx(other.fit(POINTS, TARGET).kernel_.theta, abs=1e-4)

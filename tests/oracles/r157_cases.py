@@ -66,31 +66,27 @@ def cut_out(speed, lead_gap, obstacle_gap, lateral_speed):
 RUN_UP = 1.5  # m/s2, with which the JRC's simulator lets the lateral speed of a cut-in build up
 
 
-def of_row(kind, row, *, bounded=True, run_up=False):
+def of_row(kind, row, *, run_up=False):
     """The row of a `cut_in`, `cut_out` or `decel` table: the shipped scenario, where its parameters
     can say it.
 
     run_up: the cut-in of the table begins earlier, its lateral speed built up with `RUN_UP`.
-    bounded: refuse a row outside the shipped space; otherwise it is built in the same way without
-        asking.
     """
     speed = kmh(row["ve_kmh"])
     if kind == "cut_in":
         other, gap, lateral = kmh(row["vo_kmh"]), float(row["dx0_m"]), float(row["vy_mps"])
-        if not bounded:
-            return cut_in(speed, other, gap, lateral)
         shipped = load(f"cut_in?lateral_acceleration={RUN_UP}" if run_up else "cut_in")
         return shipped.concrete(ego_speed=speed, cut_in_speed=other, gap=gap, lateral_speed=lateral)
     if kind == "cut_out":
         gap, lateral = float(row["dx0_f_m"]), float(row["vy_mps"])
-        if bounded and row.get("gap_rule", "thw2") == "thw2":
+        if row.get("gap_rule", "thw2") == "thw2":
             return at_values(
                 "r157_cut_out", ego_speed=speed, obstacle_gap=gap, lateral_speed=lateral
             )
         return cut_out(speed, float(row.get("dx0_m", 2.0 * speed)), gap, lateral)
     gap = float(row["dx0_m"]) if "dx0_m" in row else float(row["thw_s"]) * speed
     deceleration = G * float(row["lead_decel_g"])
-    if bounded and gap <= 2.5 * speed:
+    if gap <= 2.5 * speed:
         shipped = load("front_vehicle_braking")
         return shipped.concrete(
             ego_speed=speed, headway=gap / speed, lead_deceleration=deceleration

@@ -130,7 +130,7 @@ people | source = "synthetic" | source = "{evil}"
         for it in EVIL
     ],
 )
-def test_every_name_of_code_is_refused(own, tmp_path, kind, another_process):
+def test_every_name_of_code_is_refused(tmp_path, kind, another_process):
     """A run recorded here, to which somebody has added a name of code since."""
     run, evil = tmp_path / "run", tmp_path / "evil.py"
     evil.write_text(CODE)

@@ -126,11 +126,11 @@ class Page:
         """What is to be seen, as a PNG file."""
         return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
 
-    def open(self, address, ready, seconds=60.0):
+    def open(self, address, ready):
         """Go to an address and wait until the expression `ready` is true."""
         self.requests.clear()
         self.call("Page.navigate", url=address)
-        self.wait(ready, seconds)
+        self.wait(ready)
 
     def wait(self, ready, seconds=60.0):
         """Wait until a JavaScript expression is true."""

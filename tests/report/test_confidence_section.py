@@ -4,12 +4,11 @@ import json
 import shutil
 from dataclasses import replace
 
-import builders
 import pytest
 from lxml import html
 from refusals import refusal
 from report_cases import with_settings
-from scoring.confidence.scored_by_hand import with_intervals_of
+from scoring.confidence.scored_by_hand import with_intervals_of_calm
 
 from sumo_eval.extras.studies.opinion import Opinion, RatedScore, opinion_json
 from sumo_eval.record.run_folder import FACTS
@@ -25,7 +24,7 @@ from sumo_eval.settings import RunSettings
 def assessed(evaluation, partitions, tmp_path_factory):
     folder = tmp_path_factory.mktemp("section")
     shutil.copy(evaluation.folder / FACTS, folder)
-    calm = with_intervals_of(evaluation, partitions, builders.CALM).scores
+    calm = with_intervals_of_calm(evaluation, partitions).scores
     moved = replace(evaluation, folder=folder)
     copy = with_settings(replace(moved, scores=calm), run=RunSettings(workers=1))
     return moved, assess(copy, partitions)

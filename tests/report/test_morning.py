@@ -104,7 +104,7 @@ def test_a_name_with_backticks_is_code_of_the_summary():
     assert _code("a`b``") == "``` a`b`` ```"
 
 
-def test_night_json_names_case_and_ways_to_it(judged, folder):
+def test_night_json_names_case_and_ways_to_it(folder):
     told = read_json(folder / "night.json")
     (one,) = told["failed"]
     (case,) = one["cases"]

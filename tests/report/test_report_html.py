@@ -73,7 +73,7 @@ def test_the_scores_stand_in_the_verdict(evaluation, page):
             assert f"{score.caused_collisions} of these caused" in text
 
 
-def test_the_collisions_and_s_plus_come_before_the_papers_scores(tags, page):
+def test_the_collisions_and_s_plus_come_before_the_papers_scores(page):
     heading = re.search(r'<table class="scores">.*?</thead>', page, flags=re.S)
     columns = [
         unescape(re.sub(r"<[^>]+>", "", cell)).strip()

@@ -5,6 +5,7 @@ import sys
 import tomllib
 
 import pytest
+from laid import lay
 from refusals import refusal
 
 import sumo_eval
@@ -40,51 +41,48 @@ def site(tmp_path, monkeypatch):
         known.cache_clear()
 
 
-def install(site, entry, name="lead_format"):
-    folder = site / f"{name}-1.0.dist-info"
-    folder.mkdir()
-    (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-    (folder / "entry_points.txt").write_text(f"[{formats.GROUP}]\n{entry}\n")
+def install(site, code, ending="lead"):
+    """Install a package with this code, whose `read` reads files of an ending."""
+    about = {
+        "METADATA": "Metadata-Version: 2.1\nName: lead_format\nVersion: 1.0\n",
+        "entry_points.txt": f"[{formats.GROUP}]\n{ending} = lead_format:read\n",
+    }
+    lay(site / "lead_format-1.0.dist-info", about)
+    (site / "lead_format.py").write_text(code)
 
 
 def test_an_installed_package_reads_a_format_of_its_own(site):
-    (site / "lead_format.py").write_text(READER)
     (site / "slow.lead").write_text("a slow lead vehicle")
-    install(site, "lead = lead_format:read")
+    install(site, READER)
     assert catalogue.is_file("slow.lead")
     done = sumo_eval.evaluate(EVALUATION, site / "run", engine="serial")
     assert [score.scenario for score in done.scores] == ["slow_lead"]
 
 
+FORMAT = "from sumo_eval.scenario.formats import Format\n"
+LOADED = r"The reader of `\.lead` files, `lead_format:read`, cannot be loaded: "
+FOUND = r"Logical scenario `slow\.lead` .*"
+
+
 @pytest.mark.parametrize(
-    "code, words",
+    "read, words",
     [
-        ("1\nimport nowhere", "ModuleNotFoundError"),
-        ("Format(None, None, 3)", "TypeError: 'int' object is not iterable"),
-        ("Format(None, samplings=3)", "AttributeError: 'int' object has no attribute 'values'"),
-        ("Format(None, samplings={'x': 3})", "TypeError: cannot unpack"),
+        ("1\nimport nowhere", f"{LOADED}ModuleNotFoundError"),
+        ("Format(None, None, 3)", f"{LOADED}TypeError: 'int' object is not iterable"),
+        ("Format(None, samplings=3)", f"{LOADED}AttributeError: 'int' .* no attribute 'values'"),
+        ("Format(None, samplings={'x': 3})", f"{LOADED}TypeError: cannot unpack"),
+        ("lambda path, options: 1 / 0", f"{FOUND}Zero"),
+        ("lambda path, options: 3", f"{FOUND}LogicalScenario, got int"),
     ],
 )
-def test_a_format_that_cannot_be_loaded_is_refused(site, code, words):
-    (site / "lead_format.py").write_text(
-        f"from sumo_eval.scenario.formats import Format\nread = {code}"
-    )
-    install(site, "lead = lead_format:read")
-    loaded = r"The reader of `\.lead` files, `lead_format:read`, cannot be loaded: "
-    with refusal(loaded + words):
-        catalogue.find("slow.lead", site)
-
-
-@pytest.mark.parametrize("reader, words", [("1 / 0", "Zero"), ("3", "LogicalScenario, got int")])
-def test_a_reader_that_fails_is_refused(site, reader, words):
-    (site / "lead_format.py").write_text(f"read = lambda path, options: {reader}")
-    install(site, "lead = lead_format:read")
-    with refusal(f"Logical scenario `slow\\.lead` .*{words}"):
+def test_a_format_that_cannot_be_loaded_or_fails_is_refused(site, read, words):
+    install(site, f"{FORMAT}read = {read}")
+    with refusal(words):
         catalogue.find("slow.lead", site)
 
 
 def test_two_readers_of_one_ending_are_refused_by_name(site):
-    install(site, "xosc = lead_format:read")
+    install(site, "", "xosc")
     with refusal(r"Files `\.xosc` must have one reader, got .*uninstall one"):
         catalogue.find("any.xosc", site)
 
@@ -102,11 +100,7 @@ def test_own_format_without_entry_point_names_the_mend(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("body, words", [("1 / 0", "Zero"), ("request", "no attribute 'points'")])
 def test_a_sampling_of_a_package_that_fails_is_refused(site, body, words):
-    (site / "lead_format.py").write_text(
-        "from sumo_eval.scenario.formats import Format\n"
-        f"mine = lambda logical, request: {body}\n"
-        "read = Format(None, samplings={'mine': (mine, frozenset())})"
-    )
-    install(site, "lead = lead_format:read")
+    mine = f"mine = lambda logical, request: {body}\n"
+    install(site, f"{FORMAT}{mine}read = Format(None, samplings={{'mine': (mine, frozenset())}})")
     with refusal("Sampling method `mine` failed: .*" + words):
         sample(catalogue.load("cut_in"), "mine")

@@ -225,7 +225,8 @@ must be <OpenDRIVE> | OpenDRIVE> | OpenROAD>
 <GeoPosition>: the <geoReference> .* m and decimal degrees, got .*us-ft | +lon_0=11 | +units=us-ft
 <GeoPosition>: the <geoReference> .* on WGS 84, .*bessel | +lon_0=11 | +ellps=bessel
 <GeoPosition>: the <geoReference> .* on WGS 84, .*neu | +lon_0=11 | +lon_0=11 +axis=neu
-must not declare a document type or entities, got <!DOCTYPE> in line 1: | <OpenDRIVE> | <!DOCTYPE OpenDRIVE []><OpenDRIVE>
+must not declare a document type or entities, got <!DOCTYPE> in line 1: | <OpenDRIVE>
+| <!DOCTYPE OpenDRIVE []><OpenDRIVE>
 is in no lane; road.xodr, line 2, <road>: it must have one <laneSection>, got 2\.$ | <lanes>
 | <lanes><laneSection s="0"/>
 """)} | {

@@ -244,9 +244,9 @@ def test_an_exposure_of_nothing_is_refused():
 # --- the user's own -------------------------------------------------------------------------------
 
 
-def from_file(tmp_path, text, logical=CUT_OUT):
+def from_file(tmp_path, text):
     (tmp_path / "points.csv").write_text(text)
-    return sample(logical, "file", request=Request(file="points.csv", folder=tmp_path))
+    return sample(CUT_OUT, "file", request=Request(file="points.csv", folder=tmp_path))
 
 
 def test_points_from_a_csv_in_any_order_of_columns(tmp_path):

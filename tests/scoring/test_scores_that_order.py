@@ -41,16 +41,18 @@ def rows(evaluation, ads):
     return [case for case in evaluation.cases if case.ads == ads]
 
 
-def facts_of(run, ads):
-    """A hash of each of an ADS's drives, trajectories and all."""
+def facts_of(run):
+    """A hash of each of the drives of `idm`, trajectories and all."""
     with open_store(run / "facts.sqlite") as store:
         return [
-            store.drive(case) for case, _, who in sorted(store.names("ads", CUT_OUT)) if who == ads
+            store.drive(case)
+            for case, _, who in sorted(store.names("ads", CUT_OUT))
+            if who == "idm"
         ]
 
 
 def test_an_unchanged_ads_keeps_every_digit_in_any_company(both, alone):
-    assert facts_of(both.folder, "idm") == facts_of(alone.folder, "idm")
+    assert facts_of(both.folder) == facts_of(alone.folder)
     assert both.score("idm", CUT_OUT) == alone.score("idm", CUT_OUT)
     circumstances = dict.fromkeys(TIMED)
     for together, by_itself in zip(rows(both, "idm"), rows(alone, "idm"), strict=True):

@@ -4,8 +4,9 @@ steps until out."""
 import numpy as np
 
 
-def walked_weight(point, star, inside, step=2e-4, farthest=2.0):
+def walked_weight(point, star, inside, farthest=2.0):
     """|point - star| / |b - star| in the unit box; `inside` says which rows (n, k) are in the zone and in the space."""
+    step = 2e-4
     distance = float(np.linalg.norm(point - star))
     heading = (point - star) / distance
     lengths = np.arange(1, int(farthest / step) + 1) * step

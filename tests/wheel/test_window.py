@@ -227,15 +227,15 @@ async def steps(peer, stop_at=10**6, until=None, *, closes=True):
     return seen
 
 
-def finish(path, stop_at=10**6, says='{"quit": true}'):
-    """Drive until the end, or say something at a step: the recording and its quality."""
+def finish(path, stop_at=10**6):
+    """Drive until the end, or quit at a step: the recording and its quality."""
 
     async def body():
         async with drive_in_window(path) as (window, drive):
             peer = await known(window)
             await steps(peer, stop_at, until=drive, closes=False)
             if not drive.done():
-                await peer.send(says)
+                await peer.send('{"quit": true}')
             return await asyncio.wait_for(drive, 60.0)
 
     return asyncio.run(body())
@@ -260,15 +260,13 @@ def test_a_drive_through_the_window_is_the_same_driver_at_the_door_to_the_bit(pa
     assert quality.event == 0.0
 
 
-def test_quitting_and_a_broken_message_end_the_drive(tmp_path):
-    for name, says in (("quit", '{"quit": true}'), ("wrong", '{"input": [NaN]}')):
-        path = tmp_path / f"{name}.jsonl"
-        recording, _ = finish(path, 12, says)
-        assert recording.end_reason == "quit"
-        assert recording.error == (None if name == "quit" else WRONG_INPUT)  # which the page shows
-        assert len(read_tape(path).rows) == 12
-        assert again(path).same is True
-        assert read_tape(path).end["error"] == ("quit" if name == "quit" else WRONG_INPUT)
+def test_quitting_ends_the_drive(path):
+    recording, _ = finish(path, 12)
+    assert recording.end_reason == "quit"
+    assert recording.error is None
+    assert len(read_tape(path).rows) == 12
+    assert again(path).same is True
+    assert read_tape(path).end["error"] == "quit"
 
 
 @run
@@ -344,6 +342,7 @@ async def test_who_sends_too_much_is_shut_out():
             WRONG,
             "A message must be one of the page's; `input.4`: ",
         ),
+        ('{"input": [NaN]}', WRONG, WRONG_INPUT),
         (b"\xff\x00", WRONG, "A message must be text."),
     ],
 )
@@ -356,8 +355,11 @@ async def test_whatever_is_wrong_with_a_message_the_drive_ends_with_a_sentence(
     async with driven_to(path, 5) as (window, drive, peer):
         assert await closing(peer, text) == code
         recording, _ = await asyncio.wait_for(drive, 30.0)
-        assert recording.error.startswith(words)
+        assert recording.end_reason == "quit"
+        assert recording.error.startswith(words)  # which the page shows
         assert window.faults == [recording.error]
+    assert read_tape(path).end["error"] == recording.error
+    assert len(read_tape(path).rows) == 5
     assert again(path).same is True
 
 

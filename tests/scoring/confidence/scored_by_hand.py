@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import builders
 import numpy as np
 
 from sumo_eval.scoring.case_terms import CaseTerms
@@ -33,15 +34,15 @@ def terms_of(n, **changes):
     return CaseTerms(**plain | {"incident": changes.get("collided", never)} | changes)
 
 
-def with_intervals_of(evaluation, partitions, ads):
-    """The evaluation with the scores of one of its ADSs alone, as `score` makes them of its
+def with_intervals_of_calm(evaluation, partitions):
+    """The evaluation with the scores of `calm` alone, as `score` makes them of its
     rows."""
     finished = []
     for name, zones in partitions.items():
-        rows = evaluation.cases_of(ads, name)
+        rows = evaluation.cases_of(builders.CALM, name)
         unit = zones.logical.to_unit([zones.logical.row(case.values) for case in rows])
         done, _ = with_intervals(
-            [combine(ads, name, rows, evaluation.settings.method)],
+            [combine(builders.CALM, name, rows, evaluation.settings.method)],
             [rows],
             [np.arange(len(rows))],
             [NO_DEVIATIONS],

@@ -7,7 +7,7 @@ from dataclasses import replace
 import builders
 import numpy as np
 import pytest
-from scoring.confidence.scored_by_hand import with_intervals_of
+from scoring.confidence.scored_by_hand import with_intervals_of_calm
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.drivers.synthetic.population import draw_driver
@@ -155,7 +155,7 @@ def test_fewer_than_two_evaluated_cases_have_no_interval_and_a_reason(evaluation
 
 
 def test_every_score_lies_in_its_interval_and_risk_is_what_the_rows_say(evaluation, partitions):
-    calm = with_intervals_of(evaluation, partitions, builders.CALM)
+    calm = with_intervals_of_calm(evaluation, partitions)
     found = assess(calm, partitions)
     for score, item in zip(calm.scores, found.assessments, strict=True):
         assert set(item.intervals) >= {"c", "s"}
