@@ -23,11 +23,11 @@ from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.extras.rates.command import called
 from sumo_eval.extras.rates.encounters import Encounters, find_encounters
 from sumo_eval.extras.rates.intervals import (
+    correlation_interval,
     end_interval,
     kolmogorov,
     kolmogorov_by_chance,
     of_each,
-    rank_correlation,
     rate_interval,
 )
 from sumo_eval.extras.rates.learned import fold_of, learn, measure
@@ -126,7 +126,7 @@ def test_intervals_of_a_class_hold_its_rate_all_its_ends_and_all_its_correlation
             for values in columns.values()
             for upper in (False, True)
         ]
-        spans += [rank_correlation(columns[a], columns[b], each)[1:] for a, b in pairs]
+        spans += [correlation_interval(columns[a], columns[b], each)[1:] for a, b in pairs]
         spans.append(rate_interval(events, 48.0, each))
         held += all(
             low <= truth <= high for truth, (low, high) in zip([*truths, 1.0], spans, strict=True)
@@ -208,7 +208,7 @@ def test_the_interval_of_a_range_end_holds_it_in_95_of_100():
 
 def test_rank_correlation_of_a_monotone_function_is_one():
     values = np.linspace(0.1, 3.0, 30)
-    rho, low, high = rank_correlation(values, np.exp(values))
+    rho, low, high = correlation_interval(values, np.exp(values))
     assert rho == pytest.approx(1.0)
     assert low > 0.99
     assert high <= 1.0
@@ -287,7 +287,7 @@ def test_copula_holds_parameters_that_are_in_one_order():
         "copula", ("a", "b"), tuple(zip(first, first**3, strict=True)), (0.0, 0.0), (4.0, 30.0)
     )
     drawn = joint.draw(500, np.random.default_rng(2))
-    assert rank_correlation(*drawn.T)[0] > 0.999
+    assert correlation_interval(*drawn.T)[0] > 0.999
     assert np.isfinite(joint.density(drawn)).all()
 
 

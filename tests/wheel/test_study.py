@@ -261,7 +261,10 @@ def test_a_study_file_with_a_mistake_gets_a_sentence(plan):
     path = plan.run.parent / "wrong.toml"
     for text, words in (
         (STUDY.replace("consent", "consnt"), "Did you mean `consent`"),
-        (STUDY + '[[question]]\nkey = "x"\ntext = "?"\nafter = "lunch"\n', "'drive' or 'replay'"),
+        (
+            STUDY + '[[question]]\nkey = "x"\ntext = "?"\nafter = "lunch"\n',
+            "must be one of 'drive', 'replay', got 'lunch'",
+        ),
         (
             STUDY.replace("count = 2", 'cases = ["front_vehicle_low_speed-9999"]'),
             "low_speed-9999` of the run",

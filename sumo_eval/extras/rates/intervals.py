@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from sumo_eval.method.agreement import rank_interval
+from sumo_eval.method.agreement import rank_correlation, rank_interval
 from sumo_eval.trajectory import FloatArray
 
 LEVEL = 0.95
@@ -61,11 +61,9 @@ def end_interval(values: FloatArray, *, upper: bool, level: float = LEVEL) -> tu
     return (last, beyond) if upper else (-beyond, -last)
 
 
-def rank_correlation(a: FloatArray, b: FloatArray, level: float = LEVEL) -> Limits:
+def correlation_interval(a: FloatArray, b: FloatArray, level: float = LEVEL) -> Limits:
     """Spearman's rank correlation of a (n,) and b (n,), and its limits."""
-    from scipy.stats import spearmanr
-
-    rho = float(spearmanr(a, b).statistic)
+    rho = rank_correlation(a, b).value
     # `rank_interval` has no limits for -1 and 1, nor for fewer than 4 values
     limits = rank_interval(min(max(rho, -1.0 + 1e-12), 1.0 - 1e-12), len(a), level)
     return rho, *(limits or (-1.0, 1.0))

@@ -24,10 +24,10 @@ from sumo_eval.errors import InputError
 from sumo_eval.extras.rates.encounters import CLASSES, Encounters, EncounterSurvey, find_encounters
 from sumo_eval.extras.rates.intervals import (
     Limits,
+    correlation_interval,
     end_interval,
     kolmogorov,
     of_each,
-    rank_correlation,
     rate_interval,
 )
 from sumo_eval.extras.rates.measured import Motion
@@ -218,7 +218,7 @@ def _intervals_at_once(
         name: tuple(end_interval(column, upper=upper, level=level) for upper in (False, True))
         for name, column in columns.items()
     }
-    correlations = {(a, b): rank_correlation(columns[a], columns[b], level) for a, b in pairs}
+    correlations = {(a, b): correlation_interval(columns[a], columns[b], level) for a, b in pairs}
     return ends, correlations, rate_interval(events, kilometres, level)
 
 

@@ -85,7 +85,7 @@ def drive(
 
 
 def _run_study(file: Path, port: int, collect: bool, no_browser: bool) -> None:
-    """Hold a session of a study, unless it is only to `collect`, and write the study's results."""
+    """Hold a session of a study, and write the study's results; with `collect` only the results."""
     from sumo_eval.extras.wheel import outcome
     from sumo_eval.extras.wheel.plan import read_study
     from sumo_eval.extras.wheel.study import study
@@ -105,20 +105,23 @@ def _run_study(file: Path, port: int, collect: bool, no_browser: bool) -> None:
 
 
 def _open(title: str, port: int, work: Callable[[Any], Any], no_browser: bool) -> None:
-    """Open a window, and keep it for as long as `work` uses it."""
+    """Open a window, and keep it open while `work` uses it.
+
+    work: coroutine function that receives the window.
+    """
     from sumo_eval.extras.wheel.page import page
     from sumo_eval.extras.wheel.window import Window
     from sumo_eval.record.loops import PLAYED, WORLD, ready
 
     with Progress() as progress:
-        # compiled now: Ctrl-C cannot interrupt the thread in which the window drives
+        # compiled here, because Ctrl-C cannot interrupt the thread in which the window drives
         ready((WORLD, PLAYED), progress)
     try:
         window = Window(page(title), port=port)
     except InputError:
         if port != PORT:
             raise
-        window = Window(page(title))  # another program has the usual port: any free one will do
+        window = Window(page(title))  # another program uses the usual port: take any free one
 
     async def session() -> None:
         async with window:

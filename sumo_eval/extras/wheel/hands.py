@@ -1,10 +1,9 @@
-"""Command of one step from keys, a steering wheel or a stick: the steering law, which `seat`
-evaluates.
+"""Command of one step from keys, a steering wheel or a stick, by a law of steering.
 
-A key cannot be pressed halfway. While a key for steering is held, the steering wheel turns towards
-a limit: the angle that gives a stated acceleration across the road at the ego's speed. When the key
-is released, the wheel returns. Measured with a scripted driver (preview 1.2 s, reaction 0.25 s) at
-10..40 m/s: lane changes of 3.5 m overshoot by 0.3 m, lanes are kept to 0.2 m.
+A key cannot be pressed halfway. So a held steering key turns the steering wheel towards a limit:
+the angle that gives the acceleration `LATERAL` across the road at the ego's speed. When the key is
+released, the wheel returns. A scripted driver (preview 1.2 s, reaction 0.25 s) at 10..40 m/s
+overshoots by 0.3 m in lane changes of 3.5 m, and keeps its lane within 0.2 m.
 
 Users: `extras/wheel/messages.py`, `extras/wheel/seat.py`.
 """
@@ -15,19 +14,18 @@ from typing import NamedTuple
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.settings import VehicleSettings
 
+# Functions of keys, as bits of one number; `BITS` in templates/drive.js must have the same.
 LEFT, RIGHT, DRIVE = 1, 2, 4
 BRAKE, HARD, EVADE = 8, 16, 32
 EVERY_KEY = LEFT | RIGHT | DRIVE | BRAKE | HARD | EVADE
-"""Functions of keys, as bits of one number; `BITS` in drive.js has the same."""
 
-# The steering law: accelerations in m/s2, times in s.
-LATERAL = 3.0  # acceleration across the path that the limit of a held steering key gives
-EVASIVE = 6.0  # the same with the key for evasion, and of a stick pushed to its end
-TURN_TIME = 0.3  # in which a held key turns the wheel from straight to its limit
-RETURN_TIME = 0.15  # in which the released wheel turns from its limit to straight
+LATERAL = 3.0  # m/s2 across the path, which the limit of a held steering key gives
+EVASIVE = 6.0  # m/s2, the same with the key for evasion, and of a stick pushed to its end
+TURN_TIME = 0.3  # s in which a held key turns the wheel from straight to its limit
+RETURN_TIME = 0.15  # s in which the released wheel turns from its limit to straight
 FASTEST = 12.0  # rad/s: the wheel never turns faster
 WIDEST = math.radians(450.0)  # largest angle of the steering wheel to each side, rad
-DRIVES, BRAKES, BRAKES_HARD = 2.5, 4.0, 9.0  # size of the acceleration by each key
+DRIVES, BRAKES, BRAKES_HARD = 2.5, 4.0, 9.0  # m/s2: size of the acceleration by each key
 
 
 class Given(NamedTuple):
@@ -90,18 +88,19 @@ class Hands:
         )
 
     def _by_keys(self, keys: int, speed: float) -> Command:
+        """The command by keys: bits of `EVERY_KEY`."""
         limit = angle_of(EVASIVE if keys & EVADE else LATERAL, speed, self._vehicle)
         side = bool(keys & LEFT) - bool(keys & RIGHT)
         self._turn_to(side * limit, limit / (TURN_TIME if side else RETURN_TIME))
         if keys & HARD:
-            wanted = -BRAKES_HARD
+            acceleration = -BRAKES_HARD
         elif keys & BRAKE:
-            wanted = -BRAKES
+            acceleration = -BRAKES
         else:
-            wanted = DRIVES if keys & DRIVE else 0.0
-        return Command(wanted, self.angle)
+            acceleration = DRIVES if keys & DRIVE else 0.0
+        return Command(acceleration, self.angle)
 
-    def _turn_to(self, wanted: float, rate: float) -> None:
+    def _turn_to(self, angle: float, rate: float) -> None:
         """Turn the wheel towards an angle, rad, for one step at a rate, rad/s."""
         reach = min(rate, FASTEST) * self._step
-        self.angle = min(max(wanted, self.angle - reach), self.angle + reach)
+        self.angle = min(max(angle, self.angle - reach), self.angle + reach)

@@ -1,5 +1,6 @@
-"""Messages of a browser, checked before `wheel/window.py` acts on them: each of a known kind, its
-numbers within bounds; anything else is a `MessageError`.
+"""Messages of a browser, checked before `wheel/window.py` acts on them.
+
+A message must be of a known kind, with numbers within bounds. Anything else is a `MessageError`.
 
 Users: `extras/wheel/window.py`.
 """
@@ -33,11 +34,13 @@ Sent = tuple[
     Count, Annotated[int, _strict(ge=-1)], Literal["keys", "wheel", "stick"],
     Annotated[int, _strict(ge=0, le=EVERY_KEY)], Steer, Pedal, Pedal
 ]  # fmt: skip
-"""An input: its running number, number of the state that the person saw (-1: none yet), kind, keys,
-steer, throttle, brake."""
+"""An input: its running number, number of the state that the person saw (-1: none yet), and kind,
+keys, steer, throttle, brake as in `hands.Given`.
+"""
 
 
 def _input(sent: Sent) -> Input:
+    """The input as `seat` takes it."""
     given = Given(*sent[2:])
     if given.kind != "wheel" and abs(given.steer) > 1.0:
         raise ValueError("keys and sticks steer within -1..1")

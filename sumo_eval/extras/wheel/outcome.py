@@ -1,8 +1,8 @@
-"""Results of a study: the folder that `[drivers] cases` takes, the ratings that `humans opinion`
-takes, and for every drive that is left out the rule that left it out.
+"""Results of a study: the folder of drives for `[drivers] cases`, the ratings for `humans opinion`,
+and the drives that are left out, each with the rule that it breaks.
 
-`sumo-eval drive` computes all of it again from journals and tapes. A tape is rerun for its
-trajectory; a tape that does not give its recorded bytes is left out and reported.
+`sumo-eval drive` computes all of them from journals and tapes, again after each session. A tape is
+rerun for its trajectory. A tape that does not give its recorded bytes is left out and reported.
 
 Users: `extras/wheel/command.py`.
 """
@@ -29,14 +29,14 @@ from sumo_eval.settings.config import to_toml
 from sumo_eval.trajectory import CHANNELS, Trajectory
 
 DRIVES = "drives"  # the folder for `[drivers] cases`
-# share of the participants that must have driven a point: fewer drivers are no reference
+# share of the participants that must have driven a point; with fewer it is left out of the run
 LEAST_SHARE = 2.0 / 3.0
 
 
 class DiscardedDrive(NamedTuple):
     """A drive that does not count.
 
-    why: a sentence for each rule that it broke.
+    why: the rules that it broke, in words.
     """
 
     participant: str
@@ -49,10 +49,10 @@ class StudyResult(NamedTuple):
     """Results of a study.
 
     people: number of participants.
-    with_drives: number of those whose drives count.
+    with_drives: number of participants with a drive that counts.
     drives: number of drives that count.
     ratings: number of ratings.
-    drawn: how the screen drew the road -> number of drives that count.
+    drawn: how the screen drew the road, in words -> number of drives that count.
     left: drives that do not count.
     files: what was written: folder of drives, ratings, drives left out, evaluation.
     """
@@ -141,7 +141,7 @@ def _write_table(plan: StudyPlan, drives: Path, rows: list[Json]) -> None:
 def _write_drive(path: Path, driver: str, drive: Trajectory) -> None:
     """Write a drive as CSV, one sample a row."""
     samples = zip(*(getattr(drive, name).tolist() for name in CHANNELS), strict=True)
-    # its own names of the first and the last channel, time and steering wheel angle
+    # the table calls the first and the last channel `t` and `steering`
     head = ("driver", "t", *CHANNELS[1:-1], "steering")
     write_csv(path, head, ((driver, *sample) for sample in samples))
 
@@ -149,7 +149,7 @@ def _write_drive(path: Path, driver: str, drive: Trajectory) -> None:
 def _write_answers(folder: Path, people: list[Participant], left: list[DiscardedDrive]) -> int:
     """Write ratings, answers, drives left out and the quality of all drives; count the ratings.
 
-    A rating is that of a rater for an ADS in a scenario: the mean over its replays there.
+    A rating is the mean score that a participant gives an ADS in a scenario, over its replays.
     """
     entries = [(person.code, step, entry) for person in people
         for step, entry in person.done.items()]  # fmt: skip
@@ -158,7 +158,8 @@ def _write_answers(folder: Path, people: list[Participant], left: list[Discarded
         for code, step, entry in entries
         if step.startswith("rate:") and "score" in entry["answers"]
     )
-    ratings = [[*rated, sum(each) / len(each)] for rated, each in scores.items()]
+    ratings = [[*rater_ads_scenario, sum(own) / len(own)]
+        for rater_ads_scenario, own in scores.items()]  # fmt: skip
     write_csv(folder / "ratings.csv", ("rater", "ads", "scenario", "score"), ratings)
     answers = [
         [code, step, question, answer]
@@ -205,7 +206,7 @@ def _drive(
 def _unfinished(person: Participant) -> Iterator[DiscardedDrive]:
     """Drives on tapes that no step of the journal names.
 
-    Their driver ended them, or they broke off.
+    The driver ended such a drive early, or it broke off.
     """
     named = {entry.get("tape") for entry in person.done.values()} | {"journal.jsonl"}
     for path in sorted(person.folder.glob("*.jsonl")):
@@ -223,13 +224,16 @@ def _unfinished(person: Participant) -> Iterator[DiscardedDrive]:
 
 
 def evaluation_of(plan: StudyPlan, people: int) -> str:
-    """The run's evaluation with these people instead of its drivers, as TOML."""
+    """The run's evaluation with the participants instead of its drivers, as TOML.
+
+    people: number of participants with a drive that counts.
+    """
     settings = absolute(read_settings(plan.run), Path(read_manifest(plan.run)["source_folder"]))
     drivers = replace(
         settings.drivers, source="recorded", recordings=(), cases=str(plan.folder / DRIVES),
         least=max(math.ceil(LEAST_SHARE * people), 2), too_thin="leave_out"
     )  # fmt: skip
-    # an exposure without recordings of its own used those of the old drivers
+    # an exposure without recordings of its own used those of the drivers, which are replaced here
     scenarios = tuple(
         replace(it, exposure=replace(
             it.exposure, recordings=it.exposure.recordings or settings.drivers.recordings))

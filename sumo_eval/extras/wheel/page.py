@@ -45,7 +45,7 @@ def drive_view(
 ) -> Json:
     """The view of a drive: the road and the bodies; their positions come with every state.
 
-    lines: text shown until the drive begins.
+    title, lines: text shown until the drive begins.
     """
     vehicle = concrete.simulation(settings).vehicle
     return {

@@ -1,5 +1,6 @@
-"""Settings of a study, from STUDY.toml, and its plan: cases, their order, replays. `study` carries
-it out, `outcome` writes its results.
+"""Settings of a study, from STUDY.toml, and its plan: cases, their order, replays.
+
+`study` carries the plan out, `outcome` writes the results.
 
 Users: `extras/wheel/command.py`, `extras/wheel/outcome.py`, `extras/wheel/study.py`.
 """
@@ -34,7 +35,7 @@ LOW, HIGH = 1, 10  # ends of a scale
 
 @frozen
 class PracticeSettings(Checked):
-    """Practice: a road without traffic, until the criterion is fulfilled."""
+    """Practice on a road without traffic, until enough trials are passed."""
 
     speed: PositiveFloat = setting(20.0, "speed to keep", "m/s")
     seconds: Annotated[PositiveFloat, Le(120.0)] = setting(15.0, "length of a trial", "s")
@@ -90,8 +91,8 @@ class StudyCase(NamedTuple):
     """A concrete scenario of a study.
 
     key: `SCENARIO-POINT`.
-    use: locator of its scenario.
-    ads: name of an ADS -> its recorded drive in this case.
+    use: locator of the logical scenario.
+    ads: name of an ADS -> fact of its drive in this case.
     """
 
     key: str
@@ -103,8 +104,10 @@ class StudyCase(NamedTuple):
 class StudyPlan(NamedTuple):
     """A study that can begin.
 
+    run: folder of the run whose drives are replayed.
+    folder: of the study.
     cases: in the order of the settings, else of the run.
-    ads: names of those whose drives are rated.
+    ads: names of the ADSs whose drives are rated.
     """
 
     settings: StudySettings
@@ -130,20 +133,21 @@ class StudyPlan(NamedTuple):
             for ads in self.ads:
                 driven = [case for case in self.cases
                     if case.concrete.scenario == scenario and ads in case.ads]  # fmt: skip
-                # chosen at random; sorted, so that the last line alone decides the order
+                # which ones is random, but not their order, which the last line draws
                 chosen = draw.permutation(len(driven))[: self.settings.replays]
                 replays += [(driven[index], ads) for index in sorted(chosen)]
         return [replays[index] for index in draw.permutation(len(replays))]
 
 
 def balanced_orders(n: int) -> list[list[int]]:
-    """Orders of n items in which each stands equally often in each place and directly follows every
-    other item equally often.
+    """Orders of n items, each as the indices of the items.
 
-    Williams's design (Aust. J. Sci. Res. A 2, 149 (1949)): n rows for an even n, 2 n for an odd
-    one.
+    Over all orders, each item stands equally often in each place, and directly follows every other
+    item equally often.
+
+    Source: Williams, Aust. J. Sci. Res. A 2, 149 (1949): n orders for an even n, 2 n for an odd n.
     """
-    # 0, 1, -1, 2, -2, ...; each row is this one shifted, modulo n
+    # 0, 1, -1, 2, -2, ...; each row adds a number to this sequence, modulo n
     first = [step // 2 + 1 if step % 2 else -(step // 2) for step in range(n)]
     rows = [[(index + shift) % n for index in first] for shift in range(n)]
     return rows if n % 2 == 0 else rows + [row[::-1] for row in rows]
@@ -159,10 +163,11 @@ def read_study(path: Path) -> StudyPlan:
     with open_store(run / FACTS) as store:
         # only safe points have drives of human drivers
         safe_keys = {_key(fact) for fact in store.facts("human")}
-        # drives with trajectories, which alone can be replayed: some failed, some were discarded
-        driven = [fact for fact in store.facts("ads") if store.trajectories(fact.case)]
-    names = tuple(dict.fromkeys(fact.driver for fact in driven))  # of the ADSs
-    drives = grouped((_key(fact), fact) for fact in driven)
+        # A replay needs trajectories. Drives that failed, or whose trajectories were discarded,
+        # have none.
+        replayable = [fact for fact in store.facts("ads") if store.trajectories(fact.case)]
+    names = tuple(dict.fromkeys(fact.driver for fact in replayable))  # of the ADSs
+    drives = grouped((_key(fact), fact) for fact in replayable)
     keys = settings.cases or _spread([key for key in drives if key in safe_keys], settings.count)
     check_known("ADS of the run", names, *settings.ads)
     check_known("case of the run", drives, *keys)
@@ -179,24 +184,18 @@ def read_study(path: Path) -> StudyPlan:
 
 
 def _spread(keys: Sequence[str], most: int) -> list[str]:
-    """Keys spread evenly over the list, and so over the scenarios.
-
-    most: their largest number.
-    """
+    """At most `most` of the keys, spread evenly over the list, and so over the scenarios."""
     count = min(most, len(keys))
     return [keys[index * len(keys) // count] for index in range(count)]
 
 
 def _cases_of(run: Path, drives: Mapping[str, Sequence[Fact]]) -> tuple[StudyCase, ...]:
-    """The cases with these keys.
-
-    drives: of all ADSs in each case.
-    """
+    """Cases of a study; drives: key of a case -> facts of all ADSs' drives in it, at least one."""
     resolved = resolved_run(run)
     uses = {logical.name: (entry.use, logical) for entry, logical in resolved.entries}
     cases = []
     for key, facts in drives.items():
-        fact = facts[0]  # all have the same point
+        fact = facts[0]  # all facts of a case have the same point
         use, logical = uses[fact.scenario]
         file = resolved.source / use
         if file.is_file():  # else the name of a shipped scenario
@@ -207,4 +206,5 @@ def _cases_of(run: Path, drives: Mapping[str, Sequence[Fact]]) -> tuple[StudyCas
 
 
 def _key(fact: Fact) -> str:
+    """Key of the study's case in which a drive took place."""
     return f"{fact.scenario}-{fact.point:04d}"

@@ -1,8 +1,8 @@
-"""Quality of a person's drive as a measurement: late pictures, pauses, road left, reaction.
+"""Quality of the recording of a person's drive: late pictures, pauses, leaving the road, reaction.
 
-It concerns the recording, not whether the person drives well. A study leaves a drive out by a
-stated rule; the rule, the value and its bound are recorded with it. `trip` computes the quality of
-each drive, `outcome` compares it with the rules.
+It does not say whether the person drives well. A study leaves a drive out if it breaks a bound of
+`QualitySettings`, and records value and bound. `trip` computes the quality of each drive, `outcome`
+compares it with the bounds.
 
 Users: `extras/wheel/outcome.py`, `extras/wheel/plan.py`, `extras/wheel/trip.py`.
 """
@@ -20,7 +20,7 @@ from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.settings.checked import Checked, Natural, NotNegativeFloat, Share, setting
 from sumo_eval.trajectory import Recording
 
-# a reaction brakes or steers harder than at the event by more than this
+# by how much a reaction brakes or steers harder than at the event, at least
 BRAKES = 0.5  # m/s2
 STEERS = 0.35  # m/s2 across the road
 SEEN, LATE = ROW.index("seen"), ROW.index("late")  # columns of a tape's row
@@ -64,7 +64,7 @@ _ENDS = {
 class Quality:
     """Quality of one drive.
 
-    end: reason why it ended.
+    end: reason why the drive ended.
     dropped: share of pictures that came late; None: the page sent no figures.
     latency_ms: 95th percentile of the time from input to picture; None: no input was timed.
     stalls: steps so late that the clock was reset.
@@ -181,8 +181,11 @@ def quality_of(
 
 
 def reaction(recording: Recording, event: float, vehicle: VehicleSettings) -> float | None:
-    """Time from an event to the first braking or steering that was not there at the event, s; None
-    without any.
+    """Time from an event to the first reaction, s; None: the driver does not react.
+
+    event: its time, s.
+
+    A reaction brakes or steers:
 
     Braking: the acceleration is more than `BRAKES` below that at the event, or below 0 where the
         ego gained speed at the event: a driver who only releases the accelerator has not braked.
@@ -196,7 +199,7 @@ def reaction(recording: Recording, event: float, vehicle: VehicleSettings) -> fl
     across = (
         ego.speed**2 * np.tan(ego.steering_wheel_angle / vehicle.steering_ratio) / vehicle.wheelbase
     )
-    # row of the last sample not after the event
+    # index of the last sample up to the event; 1e-9 s is a rounding
     at = max(int(np.searchsorted(ego.time, event + 1e-9, side="right")) - 1, 0)
     braked = ego.acceleration < min(ego.acceleration[at], 0.0) - BRAKES
     steered = np.abs(across - across[at]) > STEERS

@@ -29,7 +29,7 @@ class Input(NamedTuple):
     """The page's last message.
 
     number: of the message.
-    seen: number of the state that the driver saw when it was made.
+    seen: number of the state that the driver saw at the time of the message; -1: none yet.
     given: input of hands and feet.
     """
 
@@ -50,11 +50,12 @@ class Desk:
 
     newest: the latest input of the page.
     on_hold: reason why the drive is on hold; empty: it is not.
-    was_held: reason why it was put on hold since the seat last looked, even if it no longer is.
-    end_reason: reason why it must end; empty: it continues.
+    was_held: reason why the drive was put on hold since the seat last looked, even if it no longer
+        is on hold; empty: it was not.
+    end_reason: reason why the drive must end; empty: it continues.
     due: when the countdown after a hold is over, by `perf_counter`, s.
 
-    Two threads use it without a lock: an attribute is read or set as a whole.
+    Two threads use a desk without a lock, because an attribute is read or set in one step.
     """
 
     def __init__(self) -> None:
@@ -76,10 +77,11 @@ class Desk:
 class Seat:
     """A person who controls the ego.
 
-    post: sends the page a message under a key; called in the thread of the drive. `state`: each
-        state. `held`: why the seat puts the drive on hold, `asleep` (the machine stood still) or
-        `silent` (the window does not answer).
-    left: why the drive was ended before its end; empty: it was not.
+    step: of the simulation, s.
+    post: sends the page a message under a key; called in the thread of the drive. Key `state`: the
+        state of each step. Key `held`: why the seat puts the drive on hold, `asleep` (the machine
+        slept) or `silent` (the window does not answer).
+    left: why the drive was ended early; empty: it was not.
     """
 
     def __init__(
@@ -113,12 +115,13 @@ class Seat:
         """Wait until the step is due; return how late it is then, s."""
         desk = self._desk
         while True:
-            # on hold, held since the last look, or counted down
+            # on hold, put on hold since the last look, or in the countdown
             if desk.on_hold or desk.was_held or clock.perf_counter() < desk.due:
                 self._stay_on_hold()
             due = self._start + self._tick * self._step
             clock.sleep(max(due - clock.perf_counter(), 0.0))
-            unanswered = self._tick - max(desk.newest.seen, self._resumed)  # steps
+            # steps since the last state that the driver saw, or since the drive continued
+            unanswered = self._tick - max(desk.newest.seen, self._resumed)
             if awake() - self._awake > ASLEEP:
                 self._put_on_hold("asleep")
             elif unanswered * self._step > ASLEEP:
@@ -135,7 +138,7 @@ class Seat:
         return late
 
     def _put_on_hold(self, why: str) -> None:
-        """Put the drive on hold, because the driver cannot control the ego now; tell the page."""
+        """Put the drive on hold because the driver cannot control the ego, and tell the page."""
         self._desk.hold(why)
         self._post("held", why)
 

@@ -1,8 +1,9 @@
 """`sumo-eval drive STUDY.toml`: participants drive and rate, step by step.
 
-A participant's journal has a line for each step, written when the step is done. After a closed
-browser, a stopped server or a machine that went down, the participant enters the same code and
-continues with the first step that the journal does not have. `outcome` reads the journals.
+A participant's journal has a line for each step, written when the step is done. After an
+interruption (a closed browser, a stopped server, a crash of the machine) the participant enters the
+same code and continues with the first step that is not in the journal. `outcome` reads the
+journals.
 
 Users: `extras/wheel/command.py`, `extras/wheel/outcome.py`.
 """
@@ -44,15 +45,18 @@ CODE = re.compile(r"[A-Za-z0-9_-]{1,20}")
 SCORE = QuestionSettings(
     "score", "How well did the blue car drive?", "replay", "very badly", "very well"
 )
-"""The question of Fig. 11, asked after every replay."""
+"""The question of the paper's Fig. 11, asked after every replay."""
 CONTINUE = ["go", "Continue"]
+"""A button: the answer `button` that it gives, and its words."""
 
 
 @dataclass
 class Participant:
-    """A participant: a code, never a name.
+    """A participant.
 
-    number: of the participant's order of cases; each is given once.
+    code: stands for the name, which is never asked.
+    number: selects the order of cases; no two participants have the same number.
+    folder: of the participant's journal and tapes.
     done: the journal: name of a step that is done -> its entry.
     """
 
@@ -67,7 +71,9 @@ class Participant:
         with (self.folder / "journal.jsonl").open("ab+") as file:
             file.seek(0)
             last = file.read().rpartition(b"\n")[2]
-            try:  # a last line without its newline: end it if it is whole, else overwrite it
+            # A crash may have cut off the last line. Without its newline it is ended if it is
+            # whole, else overwritten.
+            try:
                 json.loads(last)
                 file.write(b"\n")
             except ValueError:
@@ -77,7 +83,7 @@ class Participant:
 
 
 def participants(plan: StudyPlan) -> list[Participant]:
-    """All participants who have begun, in the order in which they did.
+    """All participants who have begun, by number.
 
     A step whose line in the journal was cut off is not done.
     """
@@ -94,7 +100,10 @@ def participants(plan: StudyPlan) -> list[Participant]:
 
 
 def _step_of(entry: Any) -> Any:
-    """The step of an entry of a journal. Raises ValueError where something of it is missing."""
+    """Name of the step of a journal's entry, as `drive:CASE`.
+
+    Raises ValueError where the entry lacks something that its kind of step needs.
+    """
     step = entry["step"]
     match step.partition(":")[0], entry:
         case (
@@ -118,7 +127,7 @@ def enter(plan: StudyPlan, code: str) -> Participant:
     folder = plan.folder / "participants" / code
     with writing(f"The study in {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
-    # of a participant whose folder was removed, the number is free again
+    # the least free number: that of a removed folder is free again
     number = min({*range(len(people) + 1)} - {person.number for person in people})
     person = Participant(code, number, folder)
     person.finish("begun", number=person.number)
@@ -128,22 +137,22 @@ def enter(plan: StudyPlan, code: str) -> Participant:
 async def study(window: Window, plan: StudyPlan, tell: Callable[[str], None]) -> None:
     """One participant at a time, until the team ends the session.
 
-    tell: receives a line on each.
+    tell: receives a line on each participant.
     """
-    wrong = ""  # what is wrong with the code that was entered
+    fault = ""  # of the code that was entered
     while True:
-        given = await window.ask(
-            sheet("Welcome", "Please enter the code that you were given. No names.", wrong,
+        answer = await window.ask(
+            sheet("Welcome", "Please enter the code that you were given. No names.", fault,
                   questions=[{"key": "code", "kind": "code", "text": "Code"}],
                   buttons=[["go", "Begin"], ["skip", "End the session"]])
         )  # fmt: skip
-        if given.get("button") == "skip":  # "End the session"; needs no code
+        if answer.get("button") == "skip":
             break
-        code = str(given.get("code", ""))
+        code = str(answer.get("code", ""))
         if not CODE.fullmatch(code):
-            wrong = "A code has 1 to 20 letters, digits, hyphens and underscores."
+            fault = "A code has 1 to 20 letters, digits, hyphens and underscores."
             continue
-        wrong = ""
+        fault = ""
         person = enter(plan, code)
         try:
             ended = await steps_of(window, plan, person)
@@ -169,40 +178,42 @@ class StopsError(Exception):
 
 
 async def asked_of(window: Window, view: Json) -> Json:
-    """A participant's answers to a sheet of scales, which gets a button to stop; asked again while
-    an answer is not on its scale.
+    """A participant's answers to a sheet of scales; shown again until all answers are on their
+    scales.
+
+    view: the sheet, which gets a button to stop.
 
     Raises StopsError where the participant stops.
     """
     view["buttons"].append(["stop", "I want to stop"])
     keys = {question["key"] for question in view.get("questions", ())}
     while True:
-        given = await window.ask(view)
-        if given.pop("button", None) == "stop":
+        answers = await window.ask(view)
+        if answers.pop("button", None) == "stop":
             raise StopsError
-        if given.keys() == keys and all(
-            isinstance(it, float) and LOW <= it <= HIGH for it in given.values()
+        if answers.keys() == keys and all(
+            isinstance(it, float) and LOW <= it <= HIGH for it in answers.values()
         ):
-            return given
+            return answers
 
 
 async def steps_of(window: Window, plan: StudyPlan, person: Participant) -> str:
-    """Carry out all steps of a participant that are not done yet; return how they ended.
+    """Carry out all steps of a participant that are not done yet.
 
-    That is `done`, `no consent` or `practice not passed`.
+    Returns `done`, `no consent` or `practice not passed`.
 
-    Raises StopsError where the participant stops. The same code then continues with the first step
-    that is not done.
+    Raises StopsError where the participant stops. With the same code they continue later.
     """
     if "consent" not in person.done:
-        given = await window.ask(
+        answer = await window.ask(
             sheet("Before you begin", plan.settings.consent,
                   "You may stop at any time without giving a reason.",
                   questions=[{"key": "agrees", "kind": "yes", "text": "Your consent",
                               "label": "I agree."}],
                   buttons=[CONTINUE, ["skip", "I do not take part"]])
         )  # fmt: skip
-        person.finish("consent", agrees=given.get("agrees") is True and given.get("button") == "go")
+        agrees = answer.get("agrees") is True and answer.get("button") == "go"
+        person.finish("consent", agrees=agrees)
     if not person.done["consent"]["agrees"]:
         return "no consent"
     if not await practised(window, plan, person):
@@ -230,7 +241,7 @@ async def steps_of(window: Window, plan: StudyPlan, person: Participant) -> str:
 
 
 async def practised(window: Window, plan: StudyPlan, person: Participant) -> bool:
-    """Let a participant practise; return whether the criterion was met in the allowed trials."""
+    """Let a participant practise; return whether enough of the allowed trials were passed."""
     rule = plan.settings.practice
     settings = settings_at(plan.settings.rate)
     # for each trial, whether it was passed
@@ -251,22 +262,24 @@ async def practised(window: Window, plan: StudyPlan, person: Participant) -> boo
         )
         share = kept_share(recording, concrete, rule)
         ends = "contact", "off_road", "quit", "sim_error"
-        good = share >= rule.share and recording.end_reason not in ends
-        trials.append(good)
-        person.finish(f"practice:{number}", passed=good, share=round(share, 4), tape=path.name,
+        passed = share >= rule.share and recording.end_reason not in ends
+        trials.append(passed)
+        person.finish(f"practice:{number}", passed=passed, share=round(share, 4), tape=path.name,
             quality=asdict(quality))  # fmt: skip
         words = f"You kept lane and speed for {share:.0%} of the time; {rule.share:.0%} are needed."
         await asked_of(
-            window, sheet("Well done" if good else "Once more", words, buttons=[CONTINUE])
+            window, sheet("Well done" if passed else "Once more", words, buttons=[CONTINUE])
         )
     return bool(sum(trials) >= rule.passes)
 
 
 def practice_drive(rule: PracticeSettings, road: Road) -> ConcreteScenario:
-    """A road with one vehicle far ahead, at the speed that the driver is to keep."""
-    ego = Start(50.0, 0.0, rule.speed)  # x and y in m; x as by default in scenario files
+    """A concrete scenario on a road with one vehicle far ahead, at the speed that the driver is to
+    keep.
+    """
+    ego = Start(50.0, 0.0, rule.speed)  # x in m, the default of scenario files
     ahead = Start(ego.x + 60.0 + 2.0 * rule.speed, 0.0, rule.speed)  # 60 m and 2 s further on
-    # no parameters; exposure 1
+    # {}: it has no parameters; 1.0: its exposure
     return ConcreteScenario(
         "practice", {}, 1.0, road, ego, (Actor("ahead", ahead),), time_limit=rule.seconds
     )
@@ -277,8 +290,10 @@ def kept_share(recording: Recording, concrete: ConcreteScenario, rule: PracticeS
     road = concrete.road
     ego = recording.ego
     centres = np.array([road.lane_centre(lane) for lane in range(road.lanes)])
-    off = np.abs(ego.y[:, None] - centres).min(axis=1)
-    return float(np.mean((off <= rule.offset) & (np.abs(ego.speed - rule.speed) <= rule.within)))
+    # distance from the nearest centre at each sample, m, (n,)
+    off_centre = np.abs(ego.y[:, None] - centres).min(axis=1)
+    at_speed = np.abs(ego.speed - rule.speed) <= rule.within
+    return float(np.mean((off_centre <= rule.offset) & at_speed))
 
 
 async def own_drive(
@@ -345,6 +360,6 @@ async def rate(
 
 
 def scale(question: QuestionSettings) -> Json:
-    """A question as the page asks it. low, high: numbers at its ends; least, most: their words."""
+    """A question as the page asks it. low, high: numbers at the ends; least, most: their words."""
     return {"key": question.key, "kind": "scale", "text": question.text, "low": LOW, "high": HIGH,
             "least": question.least, "most": question.most}  # fmt: skip

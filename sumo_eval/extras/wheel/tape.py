@@ -1,9 +1,10 @@
-"""The tape of a drive: the command of every step. Repeating them gives the same recording, byte for
-byte. `trip` and `study` make tapes; `outcome` and `sumo-eval drive TAPE.jsonl` repeat them.
+"""The tape of a person's drive: the commands of all steps. Repeated, they give the same recording,
+byte for byte. `trip` and `study` make tapes. `outcome` and `sumo-eval drive TAPE.jsonl` repeat
+them.
 
-A tape is a text file, a JSON value a line: a head, a row for each step, notes in between, and the
-result. A line is written when its step is driven, so a machine that goes down loses at most one
-step.
+A tape is a text file with a JSON value on each line: a head, a row for each step, notes in between,
+and the result. A row is written when its step is driven, so a crash of the machine loses at most
+one step. Change nothing of this format, nor of the rows' columns, without another `FORMAT`.
 
 Users: `extras/wheel/command.py`, `extras/wheel/outcome.py`, `extras/wheel/quality.py`,
 `extras/wheel/seat.py`, `extras/wheel/study.py`, `extras/wheel/trip.py`, `extras/wheel/window.py`.
@@ -53,8 +54,7 @@ class Tape(NamedTuple):
     head: scenario, values, settings and versions of the drive.
     rows: values of `ROW`, a row for each step.
     notes: pauses and stalls, each with its step.
-    end: result of the drive, as `trip.one_drive` writes it; None where the machine went down before
-        the end.
+    end: result of the drive, as `trip.one_drive` writes it; None: the tape breaks off before it.
     """
 
     head: Json
@@ -87,7 +87,7 @@ class Writer:
 
 
 def json_lines(path: Path, what: str) -> list[Any]:
-    """The value of each line of a file; a last line that was cut off in its middle is left out.
+    """The value of each line of a file. A last line that was cut off is left out.
 
     what: noun for the file in error messages, as `tape`.
     """
@@ -100,7 +100,7 @@ def json_lines(path: Path, what: str) -> list[Any]:
             values.append(json.loads(line))
         except (ValueError, RecursionError) as error:
             raise InputError(f"Line {number} of {path} cannot be read: {said(error)}.") from error
-    # after the last line break: nothing, or a line that may be cut off in its middle
+    # after the last line break: nothing, or a line that may be cut off
     with suppress(ValueError, RecursionError):
         values.append(json.loads(last))
     return values
@@ -138,18 +138,20 @@ def read_tape(path: Path) -> Tape:
 def settings_of(head: Json) -> SimulationSettings:
     """The settings of a drive, from the head of its tape."""
     try:
-        given = dict(head["simulation"])
-        return SimulationSettings(**{**given, "vehicle": VehicleSettings(**given["vehicle"])})
+        simulation = dict(head["simulation"])
+        vehicle = VehicleSettings(**simulation["vehicle"])
+        return SimulationSettings(**{**simulation, "vehicle": vehicle})
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"The tape's head must name a simulation: {said(error)}.") from error
 
 
 def head_of(concrete: ConcreteScenario, settings: SimulationSettings, **more: Any) -> Json:
-    """The head of a tape that begins now. With `use`, the scenario's locator, in `more` it has all
-    that a repetition needs.
+    """The head of a tape that begins now.
+
+    more: further entries. With `use`, the locator of the scenario, a tape can be repeated.
     """
-    # all settings but these have their defaults in a person's drive, or come from the scenario
-    kept = (
+    # In a person's drive all other settings have their defaults, or come from the scenario.
+    written = (
         "step", "record_interval", "time_limit", "standstill_speed", "standstill_time",
         "lane_change_duration"
     )  # fmt: skip
@@ -157,7 +159,7 @@ def head_of(concrete: ConcreteScenario, settings: SimulationSettings, **more: An
         "scenario": concrete.scenario,
         "values": dict(concrete.values),
         "simulation": {
-            **{name: getattr(settings, name) for name in kept},
+            **{name: getattr(settings, name) for name in written},
             "vehicle": asdict(settings.vehicle)
         },
         **more,
@@ -170,8 +172,9 @@ def head_of(concrete: ConcreteScenario, settings: SimulationSettings, **more: An
 
 
 class Player:
-    """A policy that gives recorded commands, (acceleration, steering) a step, in place of a driver.
+    """A policy that gives recorded commands instead of a driver.
 
+    commands: acceleration, m/s2, and steering wheel angle, rad, of each step.
     left: reason why the drive ended early; empty while it continues.
     """
 
@@ -189,17 +192,17 @@ class Player:
 
 
 def drive_again(tape: Tape, concrete: ConcreteScenario) -> Recording:
-    """The drive of a tape's commands in its concrete scenario."""
+    """The drive of a tape's commands in the concrete scenario of the tape."""
     player = Player(row[:2] for row in tape.rows)
     return with_quit(simulate(concrete, player, settings_of(tape.head)), player.left)
 
 
 def with_quit(recording: Recording, left: str) -> Recording:
-    """The recording of a person's drive. If the driver left, its end reason becomes `quit`, which
-    the drive of an ADS never has.
+    """The recording of a person's drive. If the driver left, its end reason is `quit`, which the
+    drive of an ADS never has.
 
-    left: reason why the driver left, `OWN_WISH` or a fault, which becomes the error; empty: the
-        driver did not leave.
+    left: reason why the driver left: `OWN_WISH`, or a fault, which becomes the recording's error.
+        Empty: the driver did not leave.
     """
     if not left:
         return recording
@@ -209,9 +212,9 @@ def with_quit(recording: Recording, left: str) -> Recording:
 
 
 def digest(recording: Recording) -> str:
-    """SHA-256 of every vehicle's every sample, of the contact and of how the drive ended.
+    """SHA-256 of all samples of all vehicles, of the contact and of the end reason.
 
-    A tape holds it, so a change of `CHANNELS` needs another `FORMAT`.
+    Tapes hold this digest, so a change of `CHANNELS` needs another `FORMAT`.
     """
     sha = hashlib.sha256()
     for name, vehicle in sorted({"ego": recording.ego, **recording.actors}.items()):
@@ -223,9 +226,10 @@ def digest(recording: Recording) -> str:
 
 
 class Repetition(NamedTuple):
-    """A tape's drive, repeated.
+    """Result of repeating a tape's drive.
 
-    same: whether it gives the same bytes; None where the tape broke off before its result.
+    same: whether the recording has the same bytes; None: the tape breaks off before its result.
+    sentence: the result in words.
     """
 
     same: bool | None

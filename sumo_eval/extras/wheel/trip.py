@@ -1,6 +1,6 @@
 """`sumo-eval drive SCENARIO`: one person drives one concrete scenario, as often as they like.
 
-`study` uses its parts for the drives of participants.
+`study` lets its participants drive with `one_drive`.
 
 Users: `extras/wheel/command.py`, `extras/wheel/study.py`.
 """
@@ -51,10 +51,12 @@ def settings_at(rate: int) -> SimulationSettings:
 
 
 def concrete_of(logical: LogicalScenario, values: Mapping[str, float]) -> ConcreteScenario:
-    """The concrete scenario at the given values, with each other parameter in the middle.
+    """The concrete scenario at these values, with every other parameter in the middle of its range.
 
-    Where no scenario is possible there, the nearest possible point of the scenario's default sample
-    gives the other parameters.
+    Where the constraints forbid this point, the other parameters are those of the nearest possible
+    point of the scenario's default sample.
+
+    values: parameter -> its value.
     """
     columns = [logical.column(name) for name in values]
     row = logical.from_shares([[0.5] * len(logical.names)])[0]
@@ -63,7 +65,7 @@ def concrete_of(logical: LogicalScenario, values: Mapping[str, float]) -> Concre
         points = sample(logical).points
         points[:, columns] = row[columns]
         away = np.linalg.norm(logical.to_unit(points) - logical.to_unit(row), axis=-1)
-        # one by one: only then an OpenSCENARIO file checks more than its constraints
+        # one by one, because an OpenSCENARIO file checks many points at once by constraints alone
         row = next(filter(logical.feasible, points[away.argsort(kind="stable")]), row)
     return logical.concrete(**dict(zip(logical.names, row.tolist(), strict=True)))
 
@@ -82,7 +84,7 @@ async def one_drive(
     view: Json,
     **more: Any,
 ) -> tuple[Recording, Quality]:
-    """Let the person drive, and keep the tape with its result.
+    """Let the person drive, and write the tape with the result of the drive.
 
     path: of the tape.
     view: as `drive_view` makes it.

@@ -2,11 +2,11 @@
 
 `command` opens it; `trip` and `study` show views in it and let the person drive.
 
-The browser receives no file of the disk. A peer must be a page of this server (exact `Host` and
-`Origin`), and must know the token. The token is in the fragment of the address, which no browser
-sends to a server, so no log has it. Every message is bounded (`messages`), and so is their rate. A
-window that is closed, hidden or asleep holds the drive; a window that returns with the token
-continues it.
+The server gives the browser one page, and no file of the disk. A peer must be this page (exact
+`Host` and `Origin`), and must know the token. The token is in the fragment of the address, which no
+browser sends to a server, so that no log has it. The size of a message and the rate of messages are
+bounded (`messages`). A window that is closed, hidden or asleep puts the drive on hold. A window
+that returns with the token continues the drive.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ LOOPBACK = "127.0.0.1"
 # they may never use
 SILENT = 2.0
 COUNTDOWN = 3.0  # s
-# codes that close a window
+# Codes that close a window: a wrong message, an unknown token, another window, too many messages.
 WRONG, UNKNOWN = 4400, 4401
 TAKEN, FLOODED = 4409, 4429
 BROKEN = {
@@ -52,15 +52,16 @@ BROKEN = {
     1007: "is not text",
     1009: f"is larger than {LARGEST} bytes",
 }
-"""Faults for which websockets itself closes a window: its code -> what the message is."""
-MOST_ANSWERS = 8  # that wait; the page sends one for a view
-MOST_TELLINGS = 10_000  # of one drive; the page sends one a second
+"""Code with which the library websockets closes a window by itself -> what the message is."""
+MOST_ANSWERS = 8  # that wait; the page sends one answer for a view
+MOST_TELLINGS = 10_000  # in one drive; the page sends one `Telling` a second
 
 
 class Window:
     """One person's browser.
 
-    page: its HTML, with `{nonce}` where the nonce of the policy belongs.
+    page: HTML of the page, with `{nonce}` where the nonce of its content security policy belongs.
+    port: of the server; 0: any free one.
     countdown: s from `ready` to the first step.
     """
 
@@ -114,7 +115,8 @@ class Window:
     def _respond(self, peer: ServerConnection, request: Request) -> Response | None:
         """The page or a refusal; None lets a peer open the WebSocket."""
         host = request.headers.get_all("Host")
-        if host not in [[own] for own in self._hosts]:  # one header, with one of our addresses
+        # there must be exactly one such header, with one of the server's own addresses
+        if host not in [[own] for own in self._hosts]:
             return _response(
                 HTTPStatus.MISDIRECTED_REQUEST, "This server answers to its own address only.\n"
             )
@@ -138,7 +140,7 @@ class Window:
     # -- messages over the WebSocket ---------------------------------------------------------------
 
     async def _talk(self, peer: ServerConnection) -> None:
-        """All messages of a peer, until it closes."""
+        """Handle all messages of a peer, until it closes."""
         try:
             if not await self._admits(peer):
                 return
@@ -159,7 +161,7 @@ class Window:
                 self._fault(f"A message of the window {BROKEN[closed.sent.code]}.")
 
     async def _admits(self, peer: ServerConnection) -> bool:
-        """Whether a peer sends the token; else it is closed."""
+        """Whether a peer sends the token; any other peer is closed."""
         try:
             message = read(await asyncio.wait_for(peer.recv(), SILENT))
         except (TimeoutError, MessageError):
@@ -174,7 +176,8 @@ class Window:
 
     async def _listen(self, peer: ServerConnection) -> None:
         """Take messages until the peer closes, or is closed for a wrong one or too many."""
-        # the allowance grows by MOST_A_SECOND a second, up to that number; a message takes 1 of it
+        # The number of messages that may come at once. It grows by MOST_A_SECOND a second, up to
+        # this number.
         allowance = float(MOST_A_SECOND)
         before = clock.monotonic()
         async for text in peer:
@@ -260,7 +263,7 @@ class Window:
     async def ask(self, view: Json) -> Json:
         """Show a view and wait for its answers."""
         while not self._answers.empty():
-            self._answers.get_nowait()  # of an earlier view
+            self._answers.get_nowait()  # discard answers to an earlier view
         await self.show(view)
         return await self._answers.get()
 
@@ -273,8 +276,8 @@ class Window:
     ) -> tuple[Recording, list[Json]]:
         """Let the person drive: the recording, and the figures that the page sent (`Telling`)."""
         await self.show({"show": "wait"})
-        # load, and where needed compile, what a drive uses: its first step must not be late
-        warm_up = Player([(0.0, 1e-6)] * 2)  # two steps, with steering that is not 0, rad
+        # load, and where needed compile, all that a drive uses: its first step must not be late
+        warm_up = Player([(0.0, 1e-6)] * 2)  # two steps: acceleration, and steering that is not 0
         await asyncio.to_thread(simulate, concrete, warm_up, settings)
         self._desk = Desk()
         self._tellings = []
@@ -289,7 +292,7 @@ class Window:
         drive = asyncio.create_task(asyncio.to_thread(simulate, concrete, seat, settings))
         try:
             recording = with_quit(await asyncio.shield(drive), seat.left)
-        # Ctrl-C cancels this task, but not the thread that drives, which must end first
+        # Ctrl-C cancels this task, but not the thread that drives; it must end before this task
         except asyncio.CancelledError:
             self.stop()
             await drive
@@ -300,7 +303,11 @@ class Window:
 
 
 def _response(status: HTTPStatus, text: str, kind: str = "plain", policy: str = "") -> Response:
-    """An answer to a request over HTTP; kind: of text; policy: of content security."""
+    """An answer to a request over HTTP.
+
+    kind: subtype of `text/`.
+    policy: of content security; empty: nothing may be loaded.
+    """
     content = text.encode()
     headers = Headers({
         "Content-Type": f"text/{kind}; charset=utf-8", "Content-Length": str(len(content)),
