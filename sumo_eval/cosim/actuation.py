@@ -19,7 +19,8 @@ _ROUNDING = 1e-9
 
 
 class Actuation:
-    """Commands of cases on their way to the vehicles, under `actuation_delay` and `step_budget`.
+    """Commands of cases on their way to the vehicles, under `actuation_delay` and `step_budget` of
+    `ConditionSettings`.
 
     An answer over the budget is dropped: it never arrives, and the answer before it holds.
 
@@ -34,14 +35,16 @@ class Actuation:
         step: float,
         note: Callable[[str, float, float], None],
     ) -> None:
+        # delay of each case in steps
         self._steps = np.array(
             [max(ceil((it.actuation_delay - _ROUNDING) / step), 0) for it in conditions]
         )
         # s of wall time; a case with a budget is the only one
         self.budget = conditions[0].step_budget or inf
         self._note = note
-        # a ring over the last steps; zeros until the first command: speed kept, wheel straight
-        self._given = np.zeros((self._steps.max() + 1, len(conditions)), EGO["command"])
+        # commands of the last steps, (steps, cases), as a ring: step k is in slot k % steps. Zeros
+        # until the first command: speed kept, wheel straight.
+        self._ring = np.zeros((self._steps.max() + 1, len(conditions)), EGO["command"])
 
     def late(self, took: float) -> bool:
         """Whether an answer is over the budget; notes it if so.
@@ -57,13 +60,13 @@ class Actuation:
         """Replace commands of cases, (n,), by the commands that arrive in step `now`.
 
         commands: replaced in place; without delay and budget the commands stay as they are.
-        cases: their indices.
+        cases: the index of each command's case.
         now: number of the step.
         has_new: whether there are new commands; else the last ones hold.
         """
-        slots = len(self._given)  # of the ring: the longest delay in steps, and the present step
+        slots = len(self._ring)  # one for each step of the longest delay, one for the present step
         if slots == 1 and self.budget == inf:
             return
-        new = commands if has_new else self._given[(now - 1) % slots, cases]
-        self._given[now % slots, cases] = new
-        commands[:] = self._given[(now - self._steps[cases]) % slots, cases]
+        new = commands if has_new else self._ring[(now - 1) % slots, cases]
+        self._ring[now % slots, cases] = new
+        commands[:] = self._ring[(now - self._steps[cases]) % slots, cases]

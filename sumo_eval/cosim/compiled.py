@@ -1,7 +1,8 @@
-"""Base of baselines and synthetic drivers, whose rule is a kernel that the loop of all rows calls.
+"""Base of baselines and synthetic drivers: their rule is a kernel that a loop calls for all rows.
 
 An object of such a class holds its parameters alone. Its memory of a case is a row of arrays that
-the loop keeps. A user's class may also call its `step` through TraCI: that is one row.
+`ego_control.Rules` keeps. Through TraCI, `Compiled.step` makes one row of what TraCI shows and
+calls the same loop: so a user's class may wrap a baseline.
 
 Users: `ads/`, `cosim/simulation.py`, `drivers/synthetic/driver.py`, `record/`.
 """
@@ -27,13 +28,13 @@ from sumo_eval.settings import SimulationSettings
 
 @compiled_rows
 def _show_rows(movers: Records, bodies: Records, line: Records, rear: float) -> None:
-    """`show_body` of each body; the first is the ego's, which alone has a rear axle at `rear`."""
+    """`show_body` of each body, the ego first; only of the ego a rear axle at `rear` is known."""
     for i in range(len(movers)):
         show_body(movers[i], bodies[i], line, rear if i == 0 else 0.0)
 
 
 def each_row(rule: Callable[..., None]) -> Callable[..., None]:
-    """Loop of a rule: calls it for every live row.
+    """Make the loop that calls a rule for every live row.
 
     rule: kernel with six arguments: the ego; the actors, as `MOVER`s; the rule's own record of the
         row; its record of each actor; a `MOVER` of each actor, for the rule's predictions; the two
@@ -65,7 +66,7 @@ def decides(own: Any, scenario: Any) -> bool:
 
 
 def _numbers(thing: Any, layout: Layout) -> tuple[Any, ...]:
-    """Attributes of an object as a record; one that has a layout becomes a nested record."""
+    """Attributes of an object as a record; an attribute with a layout becomes a nested record."""
     return tuple(
         _numbers(getattr(thing, name), kind) if isinstance(kind, list) else getattr(thing, name)
         for name, kind in layout
@@ -100,11 +101,12 @@ def check_numbers(ads: str, rule: Any) -> None:
 class Compiled:
     """Base of baselines and synthetic drivers.
 
-    loop: the rule over rows (`each_row`); writes the egos' commands, and whether they have settled.
-        It is called by way of the class.
+    loop: the rule over rows (`each_row`); writes the egos' `command` and `settled`. Call it by way
+        of the class: an object would pass itself as the first argument.
     memory: layout of the rule's memory of a case, 0 at first.
     watched: layout of the rule's memory of each actor, nan at first.
-    numbers: layout of the rule's parameters: attributes of the object, field `p` of the memory.
+    numbers: layout of the rule's parameters: the object's attributes of these names. They become
+        the field `p` of the memory.
     """
 
     loop: ClassVar[Callable[..., None]]
@@ -134,7 +136,7 @@ class Compiled:
 
     @classmethod
     def rides(cls, target: Any) -> bool:
-        """Whether the loop over rows drives an object: not if its class overrides `step` or
+        """Whether the loop over rows can drive an object: its class must not override `step` or
         `reset`.
         """
         own = type(target)
@@ -156,26 +158,9 @@ class Compiled:
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
         """One step of a case on TraCI: makes one row of what TraCI shows, and calls the loop."""
-        calls = vehicles(traci)
-        gone = traci.TraCIException
         if not self._sizes:  # the first step: all vehicles are there
-            others = [name for name in traci.vehicle.getIDList() if name != ego]
-            self._own = type(self).arrays([self], self._scenario, len(others))
-            self._egos, self._seen = np.zeros(1, EGO), np.zeros((1, len(others)), MOVER)
-            self._egos["live"] = 1
-            for name in (ego, *others):
-                self._sizes[name] = traci.vehicle.getLength(name), traci.vehicle.getWidth(name)
-        # TraCI shows no speed across: 0
-        bodies = np.array(
-            [
-                (*_pose(calls, name, size[0], gone), *size, 0.0)
-                for name, size in self._sizes.items()
-            ],
-            BODY,
-        )
-        movers = np.zeros(len(bodies), MOVER)
-        rear = 0.5 * self._scenario["vehicle"]["wheelbase"][0]
-        _show_rows(movers, self._in_frame(bodies), knots_of(self._line), rear)
+            self._begin(traci, ego)
+        movers = self._movers(traci)
         egos = self._egos
         egos["time"] = time
         if time == 0.0:
@@ -187,11 +172,36 @@ class Compiled:
         egos["steering"] = command["steering"]
         return Command(float(command["acceleration"]), float(command["steering"]))
 
+    def _begin(self, traci: Any, ego: str) -> None:
+        """Make the arrays of a row for the vehicles that are there."""
+        others = [name for name in traci.vehicle.getIDList() if name != ego]
+        self._own = type(self).arrays([self], self._scenario, len(others))
+        self._egos, self._seen = np.zeros(1, EGO), np.zeros((1, len(others)), MOVER)
+        self._egos["live"] = 1
+        for name in (ego, *others):
+            self._sizes[name] = traci.vehicle.getLength(name), traci.vehicle.getWidth(name)
+
+    def _movers(self, traci: Any) -> Records:
+        """The vehicles as rules see them, the ego first."""
+        calls = vehicles(traci)
+        bodies = np.array(
+            [
+                # 0: TraCI shows no speed across
+                (*_pose(calls, name, size[0], traci.TraCIException), *size, 0.0)
+                for name, size in self._sizes.items()
+            ],
+            BODY,
+        )
+        movers = np.zeros(len(bodies), MOVER)
+        rear = 0.5 * self._scenario["vehicle"]["wheelbase"][0]
+        _show_rows(movers, self._in_frame(bodies), knots_of(self._line), rear)
+        return movers
+
     def _in_frame(self, bodies: Any) -> Any:
-        """Bodies along and across the road, from the bodies that SUMO shows on the map."""
+        """Move bodies from the map into the road's frame, in place; return them."""
         if not self._line:
             return bodies
-        # each search along the line begins at the body's last x, kept in `_along`
+        # `_along`: last x of each body, m, where the search along the line begins
         if self._along is None:
             self._along = frame_places(self._line, bodies["x"], bodies["y"])[0].tolist()
         for i, (body, near) in enumerate(zip(bodies, self._along, strict=True)):

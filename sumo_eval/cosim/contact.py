@@ -1,6 +1,7 @@
-"""A contact of the ego's body with another: where and how fast.
+"""Description of a contact of the ego's body with another body: where and how fast.
 
-SUMO's own collision check sees lanes, not bodies, so the harness decides, by `scenario/touch.py`.
+`cosim/step_rules.py` finds contacts by `scenario/touch.py`, as SUMO's own collision check sees
+lanes, not bodies.
 
 Users: `cosim/world.py`.
 """
@@ -11,12 +12,15 @@ from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.touch import Body, velocity
 from sumo_eval.trajectory import Collision, Side
 
-# m by which bodies grow on every side, so that the corner that touches is inside the other
+# m by which bodies grow on every side, so that the touching corner is inside the other body
 _GROWN = 1e-3
 
 
 def describe(time: float, name: str, ego: Body, other: Body) -> Collision:
-    """The collision at the instant of touching."""
+    """The collision at the instant of touching.
+
+    time: s. name: of the other vehicle.
+    """
     return Collision(
         time=time,
         other=name,
@@ -46,11 +50,8 @@ def bumper_overlap(ego: Body, other: Body) -> float:
 
 def struck_side(ego: Body, other: Body) -> Side:
     """Touched face of the ego; at a corner, the face that the other body moves into faster."""
-    corners = [corner for corner in other.corners() if _inside(ego, corner)]
-    corners += [corner for corner in ego.corners() if _inside(other, corner)]
-    # no corner is inside where bodies cross like a plus: the other's centre decides
-    points = [_in_frame_of(ego, corner) for corner in corners or [(other.x, other.y)]]
-    ahead, left = (sum(each) / len(points) for each in zip(*points, strict=True))
+    ahead, left = _touching_point(ego, other)
+    # m from the touching point to each face of the ego
     depths: dict[Side, float] = {
         "front": 0.5 * ego.length - ahead,
         "rear": 0.5 * ego.length + ahead,
@@ -61,19 +62,28 @@ def struck_side(ego: Body, other: Body) -> Side:
     # at a corner of the ego two faces are touched: both bodies have grown by `_GROWN`, so the
     # depths of the two differ by at most twice that
     candidates = [side for side, depth in depths.items() if depth <= nearest + 2.0 * _GROWN]
+    speeds = _inward_speeds(ego, other)
+    return max(candidates, key=lambda side: speeds[side])
+
+
+def _touching_point(ego: Body, other: Body) -> tuple[float, float]:
+    """Mean of the corners inside the other body, as (ahead, left) of the ego's centre, m."""
+    corners = [corner for corner in other.corners() if _inside(ego, corner)]
+    corners += [corner for corner in ego.corners() if _inside(other, corner)]
+    # no corner is inside where bodies cross like a plus: take the other body's centre
+    points = [_in_frame_of(ego, corner) for corner in corners or [(other.x, other.y)]]
+    ahead, left = (sum(each) / len(points) for each in zip(*points, strict=True))
+    return ahead, left
+
+
+def _inward_speeds(ego: Body, other: Body) -> dict[Side, float]:
+    """Speeds at which the other body moves into each face of the ego, m/s."""
     own, others = velocity(ego), velocity(other)
     closing = others[0] - own[0], others[1] - own[1]
     c = math.cos(ego.heading)
     s = math.sin(ego.heading)
     forward, leftward = closing[0] * c + closing[1] * s, closing[1] * c - closing[0] * s
-    # m/s, at which the other body moves into each face
-    inward: dict[Side, float] = {
-        "front": -forward,
-        "rear": forward,
-        "left": -leftward,
-        "right": leftward,
-    }
-    return max(candidates, key=lambda side: inward[side])
+    return {"front": -forward, "rear": forward, "left": -leftward, "right": leftward}
 
 
 def _inside(body: Body, point: tuple[float, float]) -> bool:

@@ -1,5 +1,8 @@
-"""Controls of egos: their base, and those without a user's code, `Rules` (kernels) and `Replays`
-(recorded commands).
+"""Controls of egos, one object for all rows of a simulation: their base class, and the controls
+without a user's code, `Rules` (kernels) and `Replays` (recorded commands).
+
+`cosim/loop.py` calls `begin` once, `step` and `after` at each step, `keep` when rows are dropped,
+and `release` for each row that has ended.
 
 Users: `cosim/loop.py`, `cosim/no_return.py`, `cosim/on_traci.py`, `cosim/policies.py`,
 `cosim/simulation.py`, `record/worker.py`.
@@ -32,7 +35,7 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import EndReason, FloatArray, IntArray
 
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
-_STANDS = 1e-3  # m in a step, least divisor in `Replays._steering`: a standing ego does not turn
+_STANDS = 1e-3  # m in a step, least distance to divide by: a standing ego does not turn
 
 
 class Terms(NamedTuple):
@@ -64,7 +67,7 @@ def error_of(call: Callable[..., Any], *arguments: Any) -> BaseException | None:
 class EgoControl:
     """Controls the egos of all rows.
 
-    ads: what drives each case; a policy over arrays is the first one alone.
+    ads: what drives each case; of policies over arrays, the first drives all cases.
     seeds: of each case, for the random effects of its conditions.
     unguarded: whether the ADS writes to SUMO past the harness. If SUMO then shows a vehicle where
         none can be, that is the ADS's fault.
@@ -85,7 +88,7 @@ class EgoControl:
         GUARD.begin(others, settings.step, settings.conditions.interference, heeding(concrete))
         stage.take_charge(world)
         conditions = [settings.conditions for settings in world.each]
-        # notes go to case 0: only a case that is alone has a step budget, which makes them
+        # 0: only a step budget makes notes, and a case with a step budget is alone
         self.actuation = Actuation(conditions, settings.step, partial(world.note, 0))
 
     def step(self, world: World, time: float) -> None:
@@ -101,13 +104,13 @@ class EgoControl:
     def release(self, world: World, row: int) -> None:
         """Close what the control holds for a row that has ended."""
         if self._terms.plant is not None:
-            self._closed(world, row, self._terms.plant.close, "sim_error")
+            self._close(world, row, self._terms.plant.close, "sim_error")
 
     def _pass_on(self, world: World, took: float = 0.0) -> None:
-        """Replace the commands by the commands that reach the vehicles; with a plant, also ask it
-        for its next state.
+        """Replace the commands of the ADS by the commands that reach the vehicles in this step;
+        with a plant, also ask the plant for its next state.
 
-        took: wall time of the ADS's step, of one case, s; if it is over the budget, the last
+        took: wall time of the ADS's step for one case, s; if it is over the budget, the last
             commands hold.
         """
         self.actuation.pass_on(
@@ -116,7 +119,7 @@ class EgoControl:
         if self._terms.plant is not None:
             advance_plant(self._terms.plant, world, Command(*world.egos["command"][0].tolist()))
 
-    def _closed(
+    def _close(
         self,
         world: World,
         row: int,
@@ -124,10 +127,10 @@ class EgoControl:
         fault: EndReason,
         target: Any = None,
     ) -> None:
-        """Close one of the things that a case holds; record an error of it, without raising it.
+        """Close an ADS or a plant of a case; record its error, without raising it.
 
-        close: closes it.
-        fault: why the case then ends, unless it ended with a contact.
+        close: the call that closes it.
+        fault: why the case ends after an error, unless it has ended with a contact.
         target: the user's code, for the place of the error.
         """
         error = error_of(close)
@@ -135,7 +138,7 @@ class EgoControl:
             return
         world.keep_fault(world.case_of(row), error, target, self._terms.folder)
         subject = "The ADS" if fault == "ads_error" else "The vehicle model"
-        if world.egos["reason"][row] == CONTACT:  # it stays the reason
+        if world.egos["reason"][row] == CONTACT:  # the contact stays the reason
             fault = "contact"
         world.fail(row, fault, f"{subject} raised in close: {said(error)}.")
 
@@ -143,14 +146,14 @@ class EgoControl:
         self, world: World, row: int, close: Callable[[], None], target: Any
     ) -> None:
         """Close an ADS that may have used TraCI, and remove its listeners."""
-        self._closed(world, row, close, "ads_error", target)
-        self._closed(world, row, GUARD.end, "ads_error")
-        # record the objects that the ADS changed although they are not its own
+        self._close(world, row, close, "ads_error", target)
+        self._close(world, row, GUARD.end, "ads_error")
+        # calls that changed more than the ego, and calls that SUMO ignored
         world.touched(GUARD.touched, GUARD.ignored)
 
     def _check_clock(self, world: World, time: float) -> None:
-        """Raise ControllerError if the ADS has stepped or closed the simulation, or has caught the
-        refusal of a call that is not allowed.
+        """Raise ControllerError if the ADS has stepped or closed the simulation, or if the guard
+        has refused one of its calls: the ADS may have caught that exception.
         """
         if GUARD.refusal is not None:
             deed, reason = GUARD.refusal
@@ -161,7 +164,7 @@ class EgoControl:
             raise ControllerError(
                 f"The ADS closed the simulation at {time:.2f} s; that is the harness's."
             ) from error
-        # SUMO is one step ahead: the step that inserted the vehicles
+        # SUMO's clock is ahead by the step that inserted the vehicles
         ahead = now - time - world.settings.step
         if abs(ahead) > _CLOCK_TOLERANCE:
             raise ControllerError(
@@ -171,15 +174,15 @@ class EgoControl:
 
 
 def note_unlimited(world: World) -> None:
-    """Note in each case with limited perception that its ADS sees everything all the same."""
+    """Note in each case with limited perception that its ADS sees everything nevertheless."""
     for case, settings in enumerate(world.each):
         if not sees_all(settings.conditions):
             world.note(case, "perception_not_limited", 1.0, 0.0)
 
 
 def settled_of(ads: Any, settings: SimulationSettings) -> Any:
-    """The method `settled` of an ADS, which says whether its case may end early; None: the ADS has
-    none, or no case ends early.
+    """The method `settled` of an ADS, by which it says that it will do nothing new, so that its
+    case may end; None: the ADS has no such method, or the settings end no case early.
     """
     return getattr(ads.target, "settled", None) if settings.end_when_decided else None
 
@@ -208,7 +211,7 @@ class Rules(EgoControl):
         note_unlimited(world)  # a rule sees the world
         kind = type(self._ads[0])
         self._loop = kind.loop
-        if knows_the_scripts(self._ads[0]):  # the ideal vehicle of Eq. 17
+        if knows_the_scripts(self._ads[0]):  # the ideal vehicle of Eq. 17 foresees all actors
             self._arrays = kind.foreseeing(self._ads, world.cases, world.each)
         else:
             self._arrays = kind.arrays(self._ads, world.scenario, world.seen.shape[1])
@@ -239,10 +242,10 @@ class Rules(EgoControl):
 
 
 class Replay(NamedTuple):
-    """A recorded drive up to a step, and full braking from there on.
+    """Replay of a recorded drive up to a step, and full braking from there on.
 
-    commands: of a `Recording`: acceleration and steering, (steps, 2), or, where SUMO or a plant
-        moved the ego, its motion as in `records._NEXT`, (steps, 6).
+    commands: those of a `Recording`: acceleration and steering, (steps, 2); or, where SUMO or a
+        plant moved the ego, its motion as in `records._NEXT`, (steps, 6).
     until: index of the first step of braking.
     """
 
@@ -251,22 +254,22 @@ class Replay(NamedTuple):
 
 
 class Replays(EgoControl):
-    """Controls egos by recorded commands, then by the strongest braking, with the wheel straight,
-    or, on a curved road, at its last angle.
+    """Controls egos by recorded commands, then by the strongest braking.
 
-    The commands were recorded after all delays.
+    While it brakes, the steering wheel is straight, or on a curved road at its last angle. Recorded
+    commands are those that reached the vehicle, after all delays.
     """
 
     def begin(self, world: World, stage: Stage) -> None:
         """Find the strongest braking of each ego, and the steering of the egos that need it."""
         super().begin(world, stage)
         recorded = [it.commands for it in self._ads]
-        # (n, steps, 6), as in `records._NEXT`; of replays of two columns the first four are 0;
-        # the last step, beyond the longest recording, stands for all that follow
+        # (n, steps, 6), as in `records._NEXT`; of replays with two columns the first four stay 0.
+        # One more step than the longest recording has: it stands for all later steps.
         self._commands = np.zeros((len(recorded), 1 + max(map(len, recorded)), 6))
         for row, commands in enumerate(recorded):
             self._commands[row, : len(commands), -commands.shape[1] :] = commands
-        # whether the ego was moved by SUMO or a plant
+        # whether SUMO or a plant moved the ego
         self._moved = np.array([it.shape[1] > 2 for it in recorded])
         self._until = np.array([it.until for it in self._ads])
         self._strongest = np.array([it.vehicle.max_deceleration for it in world.each])
@@ -274,7 +277,7 @@ class Replays(EgoControl):
             self._commands[self._moved, :, -1] = self._steering(world)[self._moved]
 
     def _steering(self, world: World) -> FloatArray:
-        """Steering wheel angles by which the vehicle turns as it did in each step, rad."""
+        """Steering wheel angles with which the vehicle turns as it did, rad, (n, steps)."""
         heading, speed = self._commands[..., 2], self._commands[..., 3]
         turned = np.diff(heading, axis=1, prepend=heading[:, :1])
         distance = np.maximum(speed * world.settings.step, _STANDS)
@@ -288,7 +291,7 @@ class Replays(EgoControl):
         replays = ~brakes
         numbers = numbers_of(egos)
         command = egos["command"]
-        # of the egos that do not brake yet, (k, 6)
+        # motion and command of the egos that do not brake yet, (k, 6)
         now = self._commands[rows, min(world.steps, self._commands.shape[1] - 1)][replays]
         numbers[replays, NEXT] = now
         numbers[replays, COMMAND] = now[:, -2:]

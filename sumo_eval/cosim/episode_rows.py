@@ -1,11 +1,11 @@
-"""A batch of cases of which each can end and begin again by itself, for learning (`extras/gym`).
+"""A batch of cases, each of which can end and begin again by itself, for learning (`extras/gym`).
 
-The vehicle model moves the ego, scripts and SUMO move the actors, and the functions of every
-evaluation (`cosim.step_rules`) find contact and ends. libsumo holds one simulation in a process, so
-a process holds one batch with SUMO, but any number without.
+The vehicle model moves the ego, and scripts move the actors. The functions of every evaluation
+(`cosim/step_rules.py`) find contact and ends. With SUMO, SUMO steps the vehicles too. libsumo holds
+one simulation in a process, so a process holds one batch with SUMO, but any number without.
 
-Without SUMO the actors are where their scripts have them. An evaluation fails a case in which SUMO
-shows them elsewhere, so a drive is the same to rounding.
+Without SUMO the actors are where their scripts put them. An evaluation fails a case in which SUMO
+shows actors elsewhere, so both give the same drive to rounding.
 
 Users: `extras/gym/episodes.py`.
 """
@@ -32,7 +32,7 @@ class EpisodeRows:
     """Rows of cases of one logical scenario, stepped together.
 
     settings: of the simulation; the cases must not change them.
-    sumo: whether SUMO steps the vehicles too.
+    sumo: whether SUMO steps the vehicles too, and is compared with the world as in an evaluation.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class EpisodeRows:
         self._kind = kind_of(cases[0])
         for concrete in cases:
             self._check(concrete)
-        self.world = world = World(cases, self._settings)
+        self.world = World(cases, self._settings)
         self._context = ExitStack()
         self._stage: Stage | None = None
         if not sumo:
@@ -59,20 +59,24 @@ class EpisodeRows:
                 "libsumo holds one simulation in a process, and there is one already: close the "
                 "other environment first, or make this one with `sumo=False`."
             )
+        self._open(cases)
+
+    def _open(self, cases: Sequence[ConcreteScenario]) -> None:
+        """Start SUMO with all vehicles at their starts."""
         texts = shared_network_xml(cases), shared_routes_xml(cases, self._settings)
         traci = self._context.enter_context(running(*texts, self._settings, collisions="none"))
-        self._stage = Stage(traci, world)
-        self._stage.take_charge(world)
-        if world.errors:
+        self._stage = Stage(traci, self.world)
+        self._stage.take_charge(self.world)
+        if self.world.errors:
             self.close()
-            raise SimulationError(next(iter(world.errors.values())))
+            raise SimulationError(next(iter(self.world.errors.values())))
 
     def close(self) -> None:
         """End the simulation, if there is one."""
         self._context.close()
 
     def restart(self, row: int, concrete: ConcreteScenario) -> None:
-        """Replace the case of a row by this one, at its start."""
+        """Replace the case of a row by another case, at its start."""
         self._check(concrete)
         world = self.world
         fresh = World([concrete], self._settings)
@@ -100,7 +104,8 @@ class EpisodeRows:
             stage.put_aside(gone)
             stage.tell(world, count)
             if steps:  # before step 0 SUMO has all vehicles at their starts
-                for row in np.flatnonzero(egos["begun"] == steps).tolist():  # restarted
+                restarted = np.flatnonzero(egos["begun"] == steps)
+                for row in restarted.tolist():
                     stage.begin_again(world, row)
             stage.step()
             if stage.compares(steps):

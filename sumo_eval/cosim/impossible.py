@@ -1,7 +1,5 @@
-"""Limits of what SUMO may show of a vehicle: beyond them it is on no lane, has jumped, or is
+"""Limits of what SUMO may show of a vehicle. A vehicle beyond them is on no lane, has jumped, or is
 faster than any vehicle.
-
-The loop, its kernels, world, stages, traffic, `OnTraci` and `ads/foresight.py` use them.
 
 Users: `ads/foresight.py`, `cosim/ego_control.py`, `cosim/loop.py`, `cosim/on_traci.py`,
 `cosim/stage.py`, `cosim/step_rules.py`, `cosim/traffic.py`, `cosim/world.py`.
@@ -16,7 +14,8 @@ from sumo_eval.scenario.touch import Body
 
 FASTEST = 1000.0  # m/s; a higher speed in SUMO's answer is an error, not a motion
 LOWEST_SPEED = -1.0  # m/s; SUMO's speeds are 0 or above, a lost vehicle's is far below
-LOST = 1e9  # m and m/s; a vehicle that is on no lane has the position and the speed -1073741824
+# m; SUMO shows a vehicle that is on no lane at the position -1073741824 m, and at that speed in m/s
+LOST = 1e9
 LIMIT_TOLERANCE = 1e-6  # m/s2, rounding of a change of speed at a limit of acceleration
 JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
 FARTHEST = 100.0  # m; no step moves a front bumper further, by driving or by turning round
@@ -41,13 +40,15 @@ def front(body: Body) -> tuple[float, float]:
 def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
     """Whether the ego is where SUMO has no lane for it, or gets there within a step.
 
-    SUMO has none where the body's centre is beside the road, or the centre of the front bumper is
-    half a width off the road or beyond its ends.
+    SUMO has no lane for it where the body's centre is beside the road, or where the centre of the
+    front bumper is half a width off the road or beyond its ends.
+
+    step: s.
     """
     ahead = ego.speed * step
-    coming = ego._replace(x=ego.x + ahead * cos(ego.heading), y=ego.y + ahead * sin(ego.heading))
+    next_ego = ego._replace(x=ego.x + ahead * cos(ego.heading), y=ego.y + ahead * sin(ego.heading))
     reach = 0.5 * ego.width - LOSS_MARGIN
-    for body in (ego, coming):
+    for body in (ego, next_ego):
         x, y = front(body)
         if not (
             road.right_edge_at(body.x) <= body.y <= road.left_edge_at(body.x)
@@ -59,7 +60,7 @@ def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
 
 
 def impossible(calls: Any, name: str, last: tuple[float, float], now: float) -> SimulationError:
-    """An error that names the impossible quantity which SUMO shows of a vehicle.
+    """An error that names the impossible place, speed or angle which SUMO shows of a vehicle.
 
     calls: SUMO's vehicles, as `traci.vehicle`.
     last: centre of its front bumper a step before, x and y, m.

@@ -1,7 +1,9 @@
 """Wall times of an ADS's steps and, between them, of a fixed piece of work.
 
-The fixed work tells a slow ADS from a slow or busy machine. `cosim/world.py` holds the times;
-`cosim/loop.py` and `cosim/policies.py` measure them.
+The time of the fixed work distinguishes a slow ADS from a slow or busy machine.
+
+Users: `cosim/world.py` holds the times; `cosim/loop.py`, `cosim/ego_control.py`,
+`cosim/policies.py` and `cosim/on_traci.py` measure them.
 """
 
 import time
@@ -19,7 +21,7 @@ class Latencies:
     """Wall times of the ADS's steps in one simulation, s.
 
     own: of each case; callers append to `own[case]`.
-    shared: of the whole batch, where one call of the ADS serves all cases; `own` is not read then.
+    shared: of steps whose one call of the ADS serves all cases. If it has times, `own` is not read.
     """
 
     def __init__(self, cases: int) -> None:

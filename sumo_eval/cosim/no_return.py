@@ -1,10 +1,11 @@
 """The point of no return of a contact: the last step from which full braking still avoids it.
 
-The ADS is not called again. Up to a step, the replay repeats its recorded commands or, where SUMO
-or a plant moved the ego, the recorded motion. Then the ego brakes as strongly as it can. It keeps
-the wheel straight; on a curved road it keeps the last angle. Steering away is not considered.
+The ADS is not called again: a replay repeats the commands that the ADS gave up to a step or, where
+SUMO or a plant moved the ego, the recorded motion. From that step on the ego brakes as strongly as
+it can. It keeps the wheel straight, on a curved road at its last angle. Steering away from the
+contact is not considered.
 
-`record/worker.py` adds it to the recordings of a batch.
+Users: `record/worker.py` adds the clip `NO_RETURN` to the recordings of a batch.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -29,13 +30,13 @@ from sumo_eval.trajectory import (
 )
 
 BRAKES = 0.5  # m/s2, commanded deceleration from which on an ADS counts as braking
-_LEAST_REPLAYS = 8  # in a simulation: its start takes as long as some replays
+_LEAST_REPLAYS = 8  # in a simulation, as starting one takes as long as a few replays
 _STANDSTILL = 10.0  # s that a braked ego stands until its drive ends: it may be struck meanwhile
-_TOLERANCE = 1e-6  # s and m/s, contacts that differ by less are one
+_TOLERANCE = 1e-6  # s and m/s, contacts that differ by less are the same
 
 
 class _Contact(NamedTuple):
-    """A contact, its case, and its recording with the commands that led to it, as in `Replay`."""
+    """A contact `hit`, its case, its recording, and the commands that led to it (`Replay`)."""
 
     case: ConcreteScenario
     recording: Recording
@@ -58,9 +59,10 @@ def with_no_return(
     for index, step in _last_steps(contacts, settings).items():
         contact = contacts[index]
         # the column before the last is the acceleration in both kinds of `Replay`
-        braking = np.flatnonzero(contact.commands[:, -2] <= -BRAKES)
-        braked = round(float(braking[0]) * settings.step, 6) if len(braking) else NEVER
-        # `UNKNOWN` and `NEVER` are below 0, and no steps
+        braking_steps = np.flatnonzero(contact.commands[:, -2] <= -BRAKES)
+        # s, when the ADS began to brake
+        braked = round(float(braking_steps[0]) * settings.step, 6) if len(braking_steps) else NEVER
+        # `UNKNOWN` and `NEVER` are below 0: codes, not steps
         time = float(step) if step < 0 else round(step * settings.step, 6)
         clip = Clip(NO_RETURN, 1, time, braked, contact.hit.time)
         marked[index] = replace(contact.recording, clips=(*contact.recording.clips, clip))
@@ -73,7 +75,7 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
     `UNKNOWN` where the replay of all commands has another contact, `NEVER` where braking from the
     start does not avoid it.
     """
-    # conditions and a plant have shaped the recorded commands; only contacts matter here
+    # no conditions and no plant: the recorded commands show their effect already
     plain = replace(
         settings,
         conditions=ConditionSettings(),
@@ -82,24 +84,25 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
         standstill_time=max(settings.standstill_time, _STANDSTILL),
     )
 
-    # low: last step known to avoid the contact, at first none; high: first one that does not
+    # by contact. low: last step from which braking is known to avoid it, at first none. high: first
+    # step from which braking is known not to.
     high = {i: len(it.commands) for i, it in contacts.items()}
     hits = zip(contacts.items(), _braked(contacts, high.items(), plain), strict=True)
     low = {i: int(NEVER) for (i, contact), hit in hits if _is_same(hit, contact.hit)}
-    # the last trial of each contact; the next ones are near it, then twice as far away, and so on
-    tried = {i: _estimate(contacts[i], settings) for i in low}
+    # the last trial of each contact; the next trials are near it, then twice as far away, and so on
+    last_trial = {i: _estimate(contacts[i], settings) for i in low}
     reach = 1
-    while tried := {i: step for i, step in tried.items() if high[i] - low[i] > 1}:
-        share = max(_LEAST_REPLAYS // len(tried), 1)
-        width = reach * (share + 1)
+    while last_trial := {i: step for i, step in last_trial.items() if high[i] - low[i] > 1}:
+        count = max(_LEAST_REPLAYS // len(last_trial), 1)  # trials of each contact in this round
+        width = reach * (count + 1)  # steps
         trials = [
             (i, step)
-            for i, near in tried.items()
-            for step in _spread(max(low[i], near - width), min(high[i], near + width), share)
+            for i, near in last_trial.items()
+            for step in _spread(max(low[i], near - width), min(high[i], near + width), count)
         ]
         for (i, step), hit in zip(trials, _braked(contacts, trials, plain), strict=True):
             if step < high[i]:  # false: an earlier step of this round does not avoid it
-                (low if _avoids(hit, contacts[i].hit) else high)[i] = tried[i] = step
+                (low if _avoids(hit, contacts[i].hit) else high)[i] = last_trial[i] = step
         reach *= 2
     return dict.fromkeys(contacts, UNKNOWN) | low
 
@@ -109,9 +112,10 @@ def _braked(
     trials: Collection[tuple[int, int]],
     settings: SimulationSettings,
 ) -> Iterator[Collision | Alone | None]:
-    """Contacts of replays that brake from a step on; a failed replay counts as one.
+    """Contact of each replay that brakes from a step on; None: it has none. `Alone`: the replay
+    failed, which counts as a contact.
 
-    trials: number of the contact, and step.
+    trials: key in `contacts`, and step.
     """
     replays = [Replay(contacts[i].commands, step) for i, step in trials]
     drives = simulate_together([contacts[i].case for i, _ in trials], replays, settings)
@@ -127,25 +131,27 @@ def _avoids(hit: Collision | Alone | None, was: Collision) -> bool:
 
 
 def _spread(first: int, last: int, count: int) -> Sequence[int]:
-    """At most `count` steps between two others, evenly spread."""
+    """At most `count` steps between `first` and `last`, evenly spread."""
     between = range(first + 1, last)
-    stride = -(-len(between) // count)
+    stride = -(-len(between) // count)  # rounded up
     return between[stride // 2 :: stride]
 
 
 def _estimate(contact: _Contact, settings: SimulationSettings) -> int:
     """About the last step from which braking avoids a contact with a body that keeps its speed."""
     ego, hit, vehicle = contact.recording.ego, contact.hit, settings.vehicle
+    # of each step: closing speed, m/s, distance that braking needs, m, distance to the contact, m
     times = np.arange(len(contact.commands)) * settings.step
-    struck = np.hypot(*hit.ego_velocity) - hit.relative_speed
-    closing = np.maximum(np.interp(times, ego.time, ego.speed) - struck, 0.0)
+    struck_speed = np.hypot(*hit.ego_velocity) - hit.relative_speed
+    closing = np.maximum(np.interp(times, ego.time, ego.speed) - struck_speed, 0.0)
     needed = closing * (closing / vehicle.max_deceleration + vehicle.brake_build_up) / 2.0
-    left = np.cumsum(closing[::-1])[::-1] * settings.step
-    # one step before the last step with enough distance: in the mean, that is nearer
-    return max(int(np.count_nonzero(left >= needed)) - 2, 0)
+    distance = np.cumsum(closing[::-1])[::-1] * settings.step
+    # one step before the last step with enough distance: on average, that is nearer
+    return max(int(np.count_nonzero(distance >= needed)) - 2, 0)
 
 
 def _is_same(hit: Collision | Alone | None, was: Collision) -> bool:
+    """Whether a replay has the recorded contact `was`."""
     return (
         isinstance(hit, Collision)
         and hit.other == was.other

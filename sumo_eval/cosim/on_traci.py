@@ -1,8 +1,10 @@
 """ADSs that drive through TraCI: hooks (TraCI code), step listeners, programs, SUMO's own models.
 
-In any step such an ADS may return a command, or let SUMO move the ego. In the latter case the
-harness checks that the ego moves as a vehicle can. Calls through TraCI are guarded
-(`doors/traci_module.py`). `cosim/simulation.py` says which of these ADSs share a simulation.
+In any step such an ADS may return a command, or let SUMO move the ego. Where SUMO moves the ego,
+this file checks that the ego moves as a vehicle can. `cosim/doors/traci_module.py` guards the
+ADS's calls through TraCI.
+
+Users: `cosim/simulation.py`, which also decides which of these ADSs share a simulation.
 """
 
 import cmath
@@ -60,13 +62,13 @@ from sumo_eval.scenario.road.reference_line import curvatures, frame_places
 from sumo_eval.scenario.touch import Body
 from sumo_eval.trajectory import IntArray
 
-_SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
-_SHARPEST = 25.0  # m/s2, lateral acceleration that no vehicle exceeds at such a sideways speed
+_SIDEWAYS_SPEED = 3.0  # m/s across, the fastest lane change that counts as driving
+_SHARPEST = 25.0  # m/s2 across, which no vehicle exceeds at `_SIDEWAYS_SPEED` or above
 _ALONG = 0.5  # rad, largest heading at which SUMO finds a vehicle's lane
 _PLACE_TOLERANCE = 1e-3  # m
 _AT_END = 0.1  # m before the end of a lane, where SUMO stops a vehicle
 _NEAR_END = 20.0  # m, more than a vehicle drives in two steps
-# share of speed * step by which motion in a curve may be off: SUMO's lanes are stretched polylines
+# share of speed * step by which motion in a curve may differ: SUMO's lanes are stretched polylines
 _CHORD_SHARE = 0.03
 
 # indices among the numbers of an ego
@@ -76,14 +78,15 @@ _LANE_SPEED = NEXT.start + 3  # the ego's speed as SUMO counts it, along the lan
 
 
 class OnTraci(EgoControl):
-    """Controls egos by the hooks of all rows; a single one has the simulation to itself.
+    """Controls egos by the ADSs of all rows; a single one has the simulation to itself.
 
-    In a batch, a row with anything out of the ordinary leaves, and is driven alone.
+    In a batch all ADSs are hooks. A row leaves its batch, and is driven alone, after any error or
+    any call that concerns more than its own ego.
     """
 
     def __init__(self, ads: Sequence[Adapter], seeds: Sequence[int], terms: Terms) -> None:
         super().__init__(ads, seeds, terms)
-        # a proxy: a circle of references would keep a batch's arrays until Python looks for circles
+        # `proxy`: a circle of references would keep a batch's arrays until Python looks for circles
         self._rows = [_Hook(proxy(self), it, terms) for it in ads]
         self.unguarded = ads[0].took is not None  # a program: times itself, bypasses `GUARD`
 
@@ -91,8 +94,9 @@ class OnTraci(EgoControl):
         """Reset the ADSs."""
         super().begin(world, stage)
         self._alone = not GUARD.shared
-        # An ADS that is alone may have changed the ego's speed mode in any step; in a batch `GUARD`
-        # sees every call. SUMO's model calls nothing, unless its case notes an unused plant.
+        # An ADS that is alone may change the ego's speed mode in any step; in a batch `GUARD` sees
+        # every call. SUMO's own model makes no calls. With a plant, `_leave_to_sumo` has to run at
+        # every step all the same, as it notes that the plant is not used.
         calls = not isinstance(self._ads[0], NativeModel) or self._terms.plant is not None
         GUARD.mode_may_differ = self._alone and calls
         GUARD.positions, GUARD.speeds = stage.fronts, stage.speeds
@@ -116,9 +120,9 @@ class OnTraci(EgoControl):
     def _each(
         self, world: World, do: Callable[[Any, World, float], None], time: float, rows: Any = None
     ) -> None:
-        """Call `do` with the hook of each row; in a batch, a row for which it fails leaves.
+        """Call `do` with the hook of each row; in a batch, a row for which the call fails leaves.
 
-        rows: None: those that drive on.
+        rows: None: those that have not ended.
         """
         if self._alone:
             hook = self._rows[0]
@@ -130,8 +134,8 @@ class OnTraci(EgoControl):
                 raise
             return
         if rows is None:
-            drives_on = (world.egos["live"] != 0) & (world.egos["reason"] == 0)
-            rows = np.flatnonzero(drives_on).tolist()
+            continues = (world.egos["live"] != 0) & (world.egos["reason"] == 0)
+            rows = np.flatnonzero(continues).tolist()
         for row in rows:
             hook = self._rows[row]
             GUARD.names = hook.names
@@ -154,7 +158,7 @@ class OnTraci(EgoControl):
 
     def after(self, world: World, now: float) -> None:
         """Read the egos that SUMO moved."""
-        # all rows are read at once; `rows`: those whose egos did more than drive straight ahead
+        # in a batch, only rows whose egos did more than drive straight ahead remain to be read
         rows = None if self._alone else self._stage.read_at_once(world)
         self._each(world, _Hook.after, now, rows)
 
@@ -193,7 +197,7 @@ class _Hook:
         self.ego = stage.names[case][0]
         self.names = _names(world.cases[case], suffix(case, len(world.cases)))
         self._native = isinstance(ads, NativeModel)
-        # a function needs no adapter, whose call takes time
+        # call a function itself: the adapter's `step` around it takes time
         plain = type(ads) is ObjectController and type(ads.target) is FunctionType
         self._act = ads.target if plain else ads.step
         self._step, self._limits = world.settings.step, gripped(world.each[case].vehicle)
@@ -201,27 +205,27 @@ class _Hook:
         self._take_road(world)
 
     def _take_road(self, world: World) -> None:
-        """Keep the road and its curves, what delays commands, and their executor."""
+        """Keep the road and its curves, the delay of commands, and the executor of answers."""
         case = self._case
         settings = world.each[self._case]
         self._latencies = world.latencies.own[case]
         self._settled = settled_of(self.ads, settings)
         self.road = world.cases[case].road
         self._bent = self.road.bent
-        # 1/m, of all curves
+        # curvatures at both ends of the pieces of the road's line, and 0, 1/m
         self._bends = {0.0, *(bend for it in self.road.line for bend in (it.begin, it.end))}
         self._executor = Executor(settings, partial(world.note, case), self.road.line)
         self._delay = settings.conditions.actuation_delay
 
     def watch(self, world: World, row: int) -> None:
-        """Look at this row of the world's arrays from now on."""
+        """Use this row of the world's arrays from now on."""
         # _mine: the ego's record in the world, as an array of one
         self._mine = world.egos[row : row + 1]
         # Memory views: to read one number of them takes a tenth as long as of an array.
-        # _state: the numbers of an ego, first those of a `BODY` (0: x, 1: y, 2: heading,
-        # 3: speed, ...), then 7: acceleration
+        # _state: the numbers of an `EGO` (`records.numbers_of`): 0: x, 1: y, 2: heading, 3: speed,
+        # 7: acceleration; others by `first_number`
         self._state: Any = self._mine.view(np.float64).reshape(-1).data
-        # _flags: the same as whole numbers
+        # _flags: the same bytes as whole numbers, for the fields of `records.flags`
         self._flags: Any = self._mine.view(np.int64).reshape(-1).data
 
     def reset(self, world: World, time: float) -> None:
@@ -237,11 +241,14 @@ class _Hook:
         self._driver._check_clock(world, time)
 
     def _blamed(self, error: BaseException, when: str, time: float) -> None:
-        """Raise an exception of the user's code as a ControllerError."""
-        # an adapter, or the watch over the step, has put it in words; `_check_clock` a refusal
+        """Raise an exception of the user's code as a ControllerError.
+
+        when: as of `policies.with_time`. time: s.
+        """
+        # an adapter, or the watch over the step, has given it a message
         if isinstance(error, ControllerError) and not isinstance(error, RefusedCallError):
             raise with_time(error, when) from error
-        self._driver._check_clock(self._world, time)
+        self._driver._check_clock(self._world, time)  # raises the message of a refused call
         raise ControllerError(f"The ADS raised {when}: {said(error)}.") from error
 
     def step(self, world: World, time: float) -> None:
@@ -257,7 +264,7 @@ class _Hook:
                 command = self._arriving(world, command, took)
             if command is not None:
                 self._take_over(world, command)
-            # false in nearly every step, as SUMO moves the ego already
+            # false in most steps: SUMO moves the ego already, and nothing has to be checked
             elif self._flags[_PLACED] != SUMO or GUARD.mode_may_differ or self.road.spans:
                 self._leave_to_sumo()
         except self._traci.TraCIException as error:
@@ -268,9 +275,9 @@ class _Hook:
             self._flags[_SETTLED] = bool(self._settled())
 
     def _lead_along_lane(self) -> None:
-        """Reroute an ego along its lane where its route leaves the lane: SUMO would stop it.
+        """Reroute an ego along its lane where its route leaves the lane: SUMO would stop it there.
 
-        An ego that brakes for that place, as SUMO's own model does, keeps its route.
+        An ego that brakes at least as hard as SUMO's own model would keeps its route.
         """
         vehicle = self._traci.vehicle
         ego = self.ego
@@ -279,16 +286,16 @@ class _Hook:
         edges = vehicle_edges(self.road, self._state[1])
         route = vehicle.getRoute(ego)
         index = vehicle.getRouteIndex(ego)
-        following = slice(index + 1, index + 2)
-        drives_on = vehicle.getSpeed(ego) > vehicle.getSpeedWithoutTraCI(ego)
-        if drives_on and edges[following] != route[following]:
+        following = slice(index + 1, index + 2)  # the next edge, none after the last one
+        too_fast = vehicle.getSpeed(ego) > vehicle.getSpeedWithoutTraCI(ego)
+        if too_fast and edges[following] != route[following]:
             vehicle.setRoute(ego, edges[index:])
 
     def _may_pass_lane_end(self) -> bool:
         """Whether SUMO may move the ego past the end of its lane in this step."""
         front_x = self._state[0] + self._half
         step = self._step
-        if front_x < self._lane_end - _NEAR_END:  # SUMO need not be asked
+        if front_x < self._lane_end - _NEAR_END:  # the common case, without a call of SUMO
             return False
         self._lane_end = front_x + self._left_of_lane()
         reach = step * (self._state[_LANE_SPEED] + self._limits.max_acceleration * step)
@@ -301,9 +308,11 @@ class _Hook:
     def _arriving(
         self, world: World, command: Command | None, took: float | None
     ) -> Command | None:
-        """The command that reaches the vehicle, delayed; None: SUMO moves the ego.
+        """The delayed command that reaches the vehicle now; None: SUMO moves the ego.
 
-        Calls by which the ADS lets SUMO move it are not delayed: a note records that.
+        Calls by which the ADS lets SUMO move the ego are not delayed: a note records that.
+
+        took: wall time of the ADS's step, s; None: the ADS was not called.
         """
         due = self._mine["command"]
         has_new = command is not None
@@ -340,7 +349,7 @@ class _Hook:
         if not GUARD.shared:
             self._driver._check_clock(self._world, time)
         late = self._actuation.late(took)
-        # where a command is late, an ego that SUMO has moved stays with SUMO
+        # after a late command, SUMO still moves an ego that it has moved before
         if answer is None or (late and self._world.steps and self._flags[_PLACED] == SUMO):
             self._executor.release()
             return None, took
@@ -356,7 +365,8 @@ class _Hook:
         """
         try:
             wanted = None if answer is None else checked_answer(answer)
-            if self._flags[_PLACED] == SUMO:  # from here on the vehicle model or the plant moves it
+            # from here on the vehicle model or the plant moves the ego
+            if self._flags[_PLACED] == SUMO:
                 self._calls.setSpeedMode(self.ego, EXACT_SPEED_MODE)
                 self._flags[_PLACED] = MODEL
                 corner(self._mine, self._bend, self._limits)
@@ -413,8 +423,9 @@ class _Hook:
             raise SimulationError("An ego off its lanes may lie on another case's road.")
 
     def _check_placed_ego(self, now: float) -> None:
+        """Raise SimulationError unless SUMO shows the ego where the vehicle model has put it."""
         state = self._state
-        GUARD.speeds.pop(self.ego, None)
+        GUARD.speeds.pop(self.ego, None)  # read before the ego was moved
         state[_LANE_SPEED], self._course = state[3], state[2]
         front_x, front_y = state[_FRONT_X], state[_FRONT_Y]
         x, y = self._calls.getPosition(self.ego)
@@ -428,33 +439,14 @@ class _Hook:
     def _read_driven_ego(self, now: float) -> None:
         """Take in the ego as SUMO moved it.
 
-        SUMO gives a speed across the lane and one along it; both make the speed over the ground. On
-        a curved road SUMO counts the one along it on the road's line.
+        SUMO gives the speed along the lane, on a curved road along the road's line, and the speed
+        across. Both make the speed over the ground.
         """
-        calls, state, ego = self._calls, self._state, self.ego
-        half, step = self._half, self._step
-        front_x, front_y = calls.getPosition(ego)
-        angle = calls.getAngle(ego)
-        speed = calls.getSpeed(ego)
-        last_s, last_speed = state[0], state[3]
+        state = self._state
+        half = self._half
+        (front_x, front_y), heading, lane_speed = self._shown(now)
+        last_speed = state[3]
         last_x, last_y, last_heading = state[MAP : MAP + 3]
-        if not (
-            -LOST < front_x < LOST
-            and -LOST < front_y < LOST
-            and LOWEST_SPEED < speed < FASTEST
-            and 0.0 <= angle <= 360.0
-        ):
-            sizes = self._limits.length, self._limits.width
-            # SUMO has lost it beside its lanes
-            if front_x <= -LOST and leaves_the_lanes(
-                Body(last_s, state[1], state[2], last_speed, *sizes), self.road, step
-            ):
-                raise LeftTheRoadError
-            before = front(Body(last_x, last_y, last_heading, last_speed, *sizes))
-            fault = impossible(calls, ego, before, now)
-            raise ControllerError(f"The ADS is responsible: {fault}") if GUARD.moved else fault
-        heading = remainder(radians(STRAIGHT - angle), tau)
-        x, y = front_x - half * cos(heading), front_y - half * sin(heading)
         # SUMO inserts the ego along its lane, whatever its heading in the case
         heading_before = last_heading
         if not self._world.steps:
@@ -463,49 +455,92 @@ class _Hook:
         # motion of the front bumper
         moved_x = front_x - last_x - half * cos(heading_before)
         moved_y = front_y - last_y - half * sin(heading_before)
-        stretch = 1.0  # metres on the map for each metre along the line
-        pose: tuple[float, ...] = x, y, heading
+        pose: tuple[float, ...] = (
+            front_x - half * cos(heading), front_y - half * sin(heading), heading
+        )  # fmt: skip
         state[MAP], state[MAP + 1], state[MAP + 2] = pose
         if self._bent:
-            line = self.road.line
-            # along and across the road's line, m, and heading relative to it
-            pose = tuple(float(it) for it in frame_places(line, x, y, heading, near=last_s))
-            self._bend = float(curvatures(line, pose[0]))
-            self._lanes = self._lanes[1], calls.getLaneIndex(ego)
-            stretch = 1.0 - self._bend * pose[1]
-            # SUMO stretches a whole lane by one factor, within those of the road's curves. In this
-            # range of lengths along the line, take the nearest to speed * step.
-            across = pose[1] - state[1] + half * (sin(pose[2]) - sin(state[2]))
-            moved = sqrt(max(moved_x**2 + moved_y**2 - across**2, 0.0))
-            lengths = [moved / (1.0 - bend * pose[1]) for bend in self._bends]
-            moved_x = min(max(speed * step, min(lengths)), max(lengths))
-            moved_y = across
-        self._check_motion(moved_x, moved_y, speed, now)
+            pose, moved_x, moved_y = self._along_curve(pose, moved_x, moved_y, lane_speed)
+        self._check_motion(moved_x, moved_y, lane_speed, now)
         self._check_course(pose, now)
-        acceleration = (speed - state[_LANE_SPEED]) / step
-        state[_LANE_SPEED] = speed
-        # in the first step in which SUMO moves the ego, SUMO may turn it into the lane
-        if self._flags[_STALE]:
+        acceleration = (lane_speed - state[_LANE_SPEED]) / self._step
+        state[_LANE_SPEED] = lane_speed
+        if self._flags[_STALE]:  # the first step in which SUMO moves the ego
             self._flags[_STALE] = 0
-            turned = abs(remainder(heading - last_heading, tau))
-            # more than rounding and the road's own curve
-            if turned > 1e-3 + abs(last_speed * step * self._bend):
-                self._world.note(self._case, "heading", last_heading, heading)
-        turned_or_moved = self._bent or moved_y != 0.0 or heading != 0.0
-        sideways = calls.getLateralSpeed(ego) if turned_or_moved else 0.0
+            self._note_turn(heading, last_heading, last_speed)
+        speed = lane_speed * (1.0 - self._bend * pose[1]) if self._bent else lane_speed
+        if self._bent or moved_y != 0.0 or heading != 0.0:
+            speed = self._with_sideways(speed, now)
+        state[0], state[1], state[2] = pose
+        state[3], state[7] = speed, acceleration
+
+    def _shown(self, now: float) -> tuple[tuple[float, float], float, float]:
+        """Front bumper of the ego on the map, m, heading, rad, and speed along its lane, m/s, as
+        SUMO shows them.
+
+        Raises LeftTheRoadError if SUMO has lost the ego beside its lanes; ControllerError or
+        SimulationError for other impossible values.
+        """
+        calls, ego = self._calls, self.ego
+        front_x, front_y = calls.getPosition(ego)
+        angle = calls.getAngle(ego)
+        speed = calls.getSpeed(ego)
+        if not (
+            -LOST < front_x < LOST
+            and -LOST < front_y < LOST
+            and LOWEST_SPEED < speed < FASTEST
+            and 0.0 <= angle <= 360.0
+        ):
+            sizes = self._limits.length, self._limits.width
+            x, y, heading = self._state[:3]
+            last = Body(x, y, heading, self._state[3], *sizes)
+            if front_x <= -LOST and leaves_the_lanes(last, self.road, self._step):
+                raise LeftTheRoadError
+            x, y, heading = self._state[MAP : MAP + 3]
+            fault = impossible(calls, ego, front(Body(x, y, heading, last.speed, *sizes)), now)
+            raise ControllerError(f"The ADS is responsible: {fault}") if GUARD.moved else fault
+        return (front_x, front_y), remainder(radians(STRAIGHT - angle), tau), speed
+
+    def _along_curve(
+        self, on_map: Sequence[float], moved_x: float, moved_y: float, speed: float
+    ) -> tuple[tuple[float, ...], float, float]:
+        """The ego relative to the line of a curved road: x, y and heading, and the motion of its
+        front bumper along and across the line in this step, m.
+
+        on_map: x, y and heading on the map. moved_x, moved_y: motion on the map, m.
+        speed: along the line, m/s.
+        """
+        state, line = self._state, self.road.line
+        x, y, heading = on_map
+        pose = tuple(float(it) for it in frame_places(line, x, y, heading, near=state[0]))
+        self._bend = float(curvatures(line, pose[0]))
+        self._lanes = self._lanes[1], self._calls.getLaneIndex(self.ego)
+        across = pose[1] - state[1] + self._half * (sin(pose[2]) - sin(state[2]))
+        moved = sqrt(max(moved_x**2 + moved_y**2 - across**2, 0.0))
+        # SUMO stretches a whole lane by one factor, within those of the road's curves. In this
+        # range of lengths along the line, take the nearest to speed * step.
+        lengths = [moved / (1.0 - bend * pose[1]) for bend in self._bends]
+        return pose, min(max(speed * self._step, min(lengths)), max(lengths)), across
+
+    def _note_turn(self, heading: float, last_heading: float, last_speed: float) -> None:
+        """Note that SUMO turned the ego into its lane, if it did so by more than rounding and the
+        road's own curve.
+        """
+        turned = abs(remainder(heading - last_heading, tau))
+        if turned > 1e-3 + abs(last_speed * self._step * self._bend):
+            self._world.note(self._case, "heading", last_heading, heading)
+
+    def _with_sideways(self, speed: float, now: float) -> float:
+        """Speed over the ground, m/s, of a speed along the lane and SUMO's speed across it."""
+        sideways = self._calls.getLateralSpeed(self.ego)
         if not -FASTEST < sideways < FASTEST:
             raise SimulationError(
                 f"SUMO gave vehicle `{EGO}` the speed {sideways:g} m/s across at {now:.2f} s."
             )
-        if self._bent:
-            speed *= stretch
-        if sideways:
-            speed = hypot(speed, sideways)
-        state[0], state[1], state[2] = pose
-        state[3], state[7] = speed, acceleration
+        return hypot(speed, sideways) if sideways else speed
 
     def _went_straight(self) -> bool:
-        """Take in an ego that SUMO moved straight along a straight lane, as nearly always; return
+        """Take in the ego if SUMO moved it straight along a straight lane, as in most steps; return
         whether it did.
         """
         ego, calls = self.ego, self._calls
@@ -537,25 +572,9 @@ class _Hook:
         now: time, s.
         """
         step = self._step
-        limits = self._limits
         sideways = _SIDEWAYS_SPEED * self._step
-        lowest = -limits.max_deceleration
-        highest = limits.max_acceleration
         lane_speed = self._state[_LANE_SPEED]  # a step ago
-        acceleration = (speed - lane_speed) / step
-        if not lowest - LIMIT_TOLERANCE <= acceleration <= highest + LIMIT_TOLERANCE:
-            # SUMO stops a vehicle at once where its lane ends; a call may have put it there
-            at_end = speed == 0.0 and self._left_of_lane() < _AT_END
-            if at_end and not (GUARD.placed or self._native):
-                raise LeftTheRoadError
-            self._unphysical(
-                "unphysical_acceleration", acceleration, min(max(acceleration, lowest), highest),
-                f"The ADS must drive its vehicle within {lowest:g}..{highest:g} m/s2, "
-                f"got {acceleration:.1f} m/s2 at {now:.2f} s.",
-            )  # fmt: skip
-        # at a limit: SUMO may have held the vehicle back
-        elif not lowest + LIMIT_TOLERANCE <= acceleration <= highest - LIMIT_TOLERANCE:
-            self._world.note(self._case, "vtype_limit", acceleration, acceleration)
+        self._check_acceleration((speed - lane_speed) / step, now, stands=speed == 0.0)
         # the motion must fit a speed between the old and the new one
         slower, faster = (speed, lane_speed) if speed < lane_speed else (lane_speed, speed)
         tolerance = JUMP_TOLERANCE + (_CHORD_SHARE * faster * step if self._bent else 0.0)
@@ -578,6 +597,26 @@ class _Hook:
                 "to go with it).",
             )  # fmt: skip
 
+    def _check_acceleration(self, acceleration: float, now: float, *, stands: bool) -> None:
+        """Refuse an acceleration that no vehicle can have, m/s2; note one at a limit.
+
+        stands: whether the ego stands at the end of the step.
+        """
+        lowest, highest = -self._limits.max_deceleration, self._limits.max_acceleration
+        if not lowest - LIMIT_TOLERANCE <= acceleration <= highest + LIMIT_TOLERANCE:
+            # SUMO stops a vehicle at once where its lane ends; a call may have put it there
+            at_end = stands and self._left_of_lane() < _AT_END
+            if at_end and not (GUARD.placed or self._native):
+                raise LeftTheRoadError
+            self._unphysical(
+                "unphysical_acceleration", acceleration, min(max(acceleration, lowest), highest),
+                f"The ADS must drive its vehicle within {lowest:g}..{highest:g} m/s2, "
+                f"got {acceleration:.1f} m/s2 at {now:.2f} s.",
+            )  # fmt: skip
+        # at a limit: SUMO may have held the vehicle back
+        elif not lowest + LIMIT_TOLERANCE <= acceleration <= highest - LIMIT_TOLERANCE:
+            self._world.note(self._case, "vtype_limit", acceleration, acceleration)
+
     def _left_of_lane(self) -> float:
         """Distance from the ego's front bumper to the end of its lane, m."""
         vehicle, lane = self._traci.vehicle, self._traci.lane
@@ -586,13 +625,16 @@ class _Hook:
 
     def _put_on_centre(self) -> bool:
         """Whether SUMO moved the ego to its lane's centre within the step, as at the end of a lane
-        change that did not begin at a centre; False in a batch: the case leaves, is driven alone.
+        change that did not begin at a centre.
+
+        False in a batch: the case then leaves its batch, and is driven alone.
         """
         placed = GUARD.shared or GUARD.placed
         return not placed and self._calls.getLateralLanePosition(self.ego) == 0.0
 
     def _lanes_apart(self) -> float:
-        """Distance along a curve at which SUMO shows the lanes between which the ego changed, m.
+        """Distance along a curve, m, between the places of the ego's position on its old and on its
+        new lane.
 
         SUMO stretches each lane evenly, so equal positions on two lanes are not side by side.
         """
@@ -609,7 +651,7 @@ class _Hook:
         pose: the new x, y and heading, relative to the road.
         """
         old, new = (
-            complex(x, y) + cmath.rect(self._half, heading)  # the front bumper
+            complex(x, y) + cmath.rect(self._half, heading)  # the front bumper, x + y i, m
             for x, y, heading in (self._state[:3], pose)
         )
         moved = new - old
@@ -617,7 +659,7 @@ class _Hook:
         course = cmath.phase(moved)
         last_course = self._course
         self._course = course
-        # lateral acceleration
+        # lateral acceleration, m/s2: speed times rate of turning
         sharp = abs(moved * remainder(course - last_course, tau)) / step**2
         too_sharp = abs(moved.imag) > _SIDEWAYS_SPEED * step and sharp > _SHARPEST
         if too_sharp and not self._put_on_centre():
@@ -628,7 +670,10 @@ class _Hook:
             )  # fmt: skip
 
     def _unphysical(self, what: str, requested: float, possible: float, sentence: str) -> None:
-        """Raise ControllerError for impossible motion; of SUMO's own models only record it."""
+        """Raise ControllerError for impossible motion; if SUMO's own model drives, only record it.
+
+        what: name of the clip. requested, possible: its values.
+        """
         if not self._native:
             raise ControllerError(sentence)
         if what == "jump" and not requested < FASTEST * self._step:  # `not <`: true of nan as well

@@ -1,9 +1,8 @@
-"""Plans, speeds and pedals, which an ADS may ask for, and how they are carried out.
+"""Plans, speeds and pedals that an ADS may request, and how they become accelerations and steering
+wheel angles.
 
-A tracker follows plans (`Executor._along` states its law), a first-order law takes up speeds, a
+A tracker follows plans (`Executor._along` states its law), a first-order law reaches speeds, a
 linear map reads pedals. One `Executor` a case holds the last request until a new one arrives.
-
-`cosim/policies.py` and `cosim/on_traci.py` carry out the answers of ADSs by an executor.
 
 Users: `cosim/doors/controller.py`, `cosim/doors/fmu.py`, `cosim/doors/json_lines.py`,
 `cosim/on_traci.py`, `cosim/policies.py`, `record/watch.py`.
@@ -26,8 +25,8 @@ from sumo_eval.scenario.road.reference_line import Line, curvatures
 from sumo_eval.scenario.touch import within_a_turn
 from sumo_eval.settings import SimulationSettings
 
-_Numbers = Sequence[float]  # of an ego, or of a plan
-_SAME_PLACE = 1e-6  # m, points closer than this are one place
+_Numbers = Sequence[float]  # of an ego (x, y, heading, speed, ...), or one field of a plan
+_SAME_PLACE = 1e-6  # m, points closer than this are the same place
 _SAME_TIME = 1e-9  # s, rounding of sums of steps
 
 
@@ -38,7 +37,7 @@ class Plan:
     time: s since the start of the case, increasing.
     x, y: m in road coordinates.
     heading: rad, by default the direction of the path.
-    speed: m/s, by default that of the places and times.
+    speed: m/s, by default the speed between the places.
 
     All are sequences or arrays of the same length, (n,).
     """
@@ -51,13 +50,13 @@ class Plan:
 
 
 Wanted = Command | Pedals | Plan
-"""The wishes of an ADS."""
+"""A request of an ADS."""
 
 
 def checked_answer(answer: object) -> Wanted:
-    """The answer of an ADS, if its kind can be carried out; `Executor.command` checks its numbers.
+    """The answer of an ADS as a request; `Executor.command` checks its numbers.
 
-    Raises ControllerError for any other.
+    Raises ControllerError for an answer of any other kind.
     """
     if isinstance(answer, Wanted):
         return answer
@@ -68,8 +67,8 @@ def checked_answer(answer: object) -> Wanted:
 class Executor:
     """Carries out the requests of the ADS of one case.
 
-    note: records an event: its name, the value asked for, the value got.
-    line: the road's, where it is curved.
+    note: records an event: its name, the requested value, the applied value.
+    line: the road's; empty where the road is straight.
     """
 
     def __init__(
@@ -82,41 +81,41 @@ class Executor:
         self._gains, self._vehicle, self._step = settings.tracker, settings.vehicle, settings.step
         self._note = note
         self._in_force: _FollowedPlan | Command | Pedals | None = None
-        # whether a plan is in force, or was late: no answer means that it still holds
+        # whether a plan is in force, or was late: then None as answer means that the plan holds
         self.holds_plan = False
 
     @property
     def holds(self) -> bool:
-        """Whether something that was asked for is in force."""
+        """Whether a request is in force."""
         return self._in_force is not None
 
     def release(self) -> None:
-        """Nothing is in force."""
+        """Drop the request in force."""
         self._in_force = None
         self.holds_plan = False
 
     def command(
-        self, asked: Wanted | None, ego: _Numbers, time: float, *, late: bool = False
+        self, request: Wanted | None, ego: _Numbers, time: float, *, late: bool = False
     ) -> Command:
         """The acceleration and steering-wheel angle for the step that begins at `time` s.
 
-        asked: the new request; None: the last request still holds (`holds`).
-        ego: centre x, y m, heading rad, speed m/s, and whatever else is known of it.
+        request: the new one; None: the last request still holds (`holds`).
+        ego: its centre x, y, m, heading, rad, and speed, m/s; further numbers are not read.
         late: drop the new request. The request in force holds; without one, the ego keeps its
             speed with straight wheels.
-        Raises ControllerError for what no vehicle can be asked for.
+        Raises ControllerError for a request that no vehicle can carry out.
         """
         if late:
             if self._in_force is None:
                 self._in_force = Command(0.0)
-            self.holds_plan |= isinstance(asked, Plan)
-        elif asked is not None:
+            self.holds_plan |= isinstance(request, Plan)
+        elif request is not None:
             self._in_force = (
-                _FollowedPlan(asked, ego, self._vehicle.wheelbase)
-                if isinstance(asked, Plan)
-                else asked
+                _FollowedPlan(request, ego, self._vehicle.wheelbase)
+                if isinstance(request, Plan)
+                else request
             )
-            self.holds_plan = isinstance(asked, Plan)
+            self.holds_plan = isinstance(request, Plan)
         held = self._in_force
         if isinstance(held, _FollowedPlan):
             return self._along(held, ego, time)
@@ -124,13 +123,10 @@ class Executor:
             return self._pedals(held)
         assert held is not None
         acceleration, steering, speed = _read(held)
-        if speed is not None:  # first order: dv/dt = (v_wanted - v) / T
-            wanted = _finite("speed", speed, "Command")
-            if wanted < 0.0:  # it brakes to a standstill: no vehicle here drives backwards
-                self._note("negative_speed", wanted, 0.0)
-            acceleration = (wanted - ego[3]) / self._gains.speed_time
-        # the usual case, fast: the command as it is. Objects of an ADS's own class are copied, as
-        # their attributes may have other values when they are read again.
+        if speed is not None:
+            acceleration = self._towards(speed, ego[3])
+        # the usual case, in a quick way: the command as it is. Objects of an ADS's own class are
+        # copied, as their attributes may have other values when they are read again.
         if (
             type(held) is Command
             and speed is None
@@ -144,14 +140,23 @@ class Executor:
             _finite("steering", steering, "Command"),
         )
 
-    def _pedals(self, asked: Pedals) -> Command:
+    def _towards(self, requested_speed: Any, speed: float) -> float:
+        """Acceleration towards a speed, m/s2: dv/dt = (requested speed - v) / T, of T =
+        `speed_time`.
+        """
+        number = _finite("speed", requested_speed, "Command")
+        if number < 0.0:  # the ego brakes to a standstill: no vehicle here drives backwards
+            self._note("negative_speed", number, 0.0)
+        return (number - speed) / self._gains.speed_time
+
+    def _pedals(self, pedals: Pedals) -> Command:
         """acceleration = throttle * max_acceleration - brake * max_deceleration; steering-wheel
         angle = steer * end stop, positive to the left.
         """
         limits = self._vehicle
         values = []
         for name, least in (("throttle", 0.0), ("brake", 0.0), ("steer", -1.0)):
-            value = _finite(name, getattr(asked, name), "pedals")
+            value = _finite(name, getattr(pedals, name), "pedals")
             if not least <= value <= 1.0:
                 raise ControllerError(
                     f"`{name}` of the ADS's pedals must be within {least:g}..1, got {shown(value)}"
@@ -171,9 +176,11 @@ class Executor:
 
         e: m from the front axle to the path, positive where the path is to the left.
         theta: direction of the path beside the front axle, rad.
+        heading, v: of the ego, rad and m/s. v_plan: speed of the plan at `time`, m/s.
         curvature: of the road's line, the right lane's centre line, 1/m.
         s: m by which the ego is behind the plan.
-        k: `steering_gain`, v_s: `softening_speed`, k_v: `speed_gain`, k_s: `position_gain`.
+        k, v_s, k_v, k_s: `steering_gain`, `softening_speed`, `speed_gain` and `position_gain` of
+            `TrackerSettings`.
 
         Source: Hoffmann, Tomlin, Montemerlo, Thrun, ACC 2007.
         """
@@ -188,16 +195,15 @@ class Executor:
         dx, dy = plan[0] - x, plan[1] - y
         self._note("plan_error", 0.0, sqrt(dx * dx + dy * dy))
         behind = dx * cos(direction) + dy * sin(direction)
-        # dv_plan/dt, m/s2
-        planned = (track.at(time + self._step)[3] - plan_speed) / self._step
+        planned = (track.at(time + self._step)[3] - plan_speed) / self._step  # dv_plan/dt, m/s2
         acceleration = (
             planned + gains.speed_gain * (plan_speed - speed) + gains.position_gain * behind
         )
         half = 0.5 * limits.wheelbase
-        front = x + half * cos(heading)
+        front = x + half * cos(heading)  # x of the front axle, m
         path = track.beside(front, y + half * sin(heading))
-        # one place, or the same one at all times: without a direction to follow the wheels stay
-        # straight, even where the road is curved
+        # A plan whose places are all the same has no direction to follow: the wheels stay straight,
+        # even where the road is curved.
         if path is None:
             return Command(acceleration, 0.0)
         theta, aside = path
@@ -211,27 +217,15 @@ class Executor:
 
 
 class _FollowedPlan:
-    """A plan as the tracker follows it. end: its last time, s."""
+    """A plan as the tracker follows it.
+
+    end: its last time, s.
+    ego: as of `Executor.command`; its heading and speed are those of a plan that stands still.
+    """
 
     def __init__(self, plan: Plan, ego: _Numbers, wheelbase: float) -> None:
-        numbers = {name: _numbers(name, getattr(plan, name)) for name in ("time", "x", "y")}
-        time, x, y = numbers.values()
-        numbers |= {
-            name: _numbers(name, given)
-            for name in ("heading", "speed")
-            if (given := getattr(plan, name)) is not None
-        }
-        for name, values in numbers.items():
-            if len(values) != len(time):
-                raise ControllerError(
-                    f"`{name}` of the ADS's Plan must have as many values as `time`, {len(time)}, "
-                    f"got {len(values)}"
-                )
-        for before, after in pairwise(time):
-            if not after > before:
-                raise ControllerError(
-                    f"`time` of the ADS's Plan must increase, got {after:g} s behind {before:g} s"
-                )
+        numbers = _checked_numbers(plan)
+        time, x, y = numbers["time"], numbers["x"], numbers["y"]
         self.end = time[-1]
         self._time, self._x, self._y = time, x, y
         ego_heading, ego_speed = ego[2:4]
@@ -245,8 +239,8 @@ class _FollowedPlan:
         self._front_x = [at + half * cos(psi) for at, psi in zip(x, self._heading, strict=True)]
         self._front_y = [at + half * sin(psi) for at, psi in zip(y, self._heading, strict=True)]
         self._tangent = _directions(self._front_x, self._front_y, self._heading[0])
-        # segments of the last answers of `at` and of `beside`: a search begins there, and goes
-        # forward only
+        # segments of the last results of `at` and of `beside`: the next search begins there, and
+        # goes forward only
         self._segment_in_time = self._segment_in_place = 0
 
     def at(self, time: float) -> tuple[float, float, float, float]:
@@ -268,8 +262,8 @@ class _FollowedPlan:
         i = self._segment_in_time
         while times[i + 1] < time:
             i += 1
-        # one back: the tracker also asks for a step ahead, and by rounding the next call may ask
-        # for a slightly earlier time
+        # one back: the tracker also calls for one step ahead, and by rounding the next step's call
+        # may be for a slightly earlier time
         self._segment_in_time = max(i - 1, 0)
         share = (time - times[i]) / (times[i + 1] - times[i])
 
@@ -281,10 +275,12 @@ class _FollowedPlan:
     def beside(self, x: float, y: float) -> tuple[float, float] | None:
         """Direction of the front axle's path beside a place, rad, and m by which the path lies to
         the left of the place; None where the path has no length.
+
+        x, y: of the place, m.
         """
         xs, ys = self._front_x, self._front_y
         nearest = None
-        # from the segment of the last answer on, the first whose end is not behind the place
+        # the first segment whose end is not behind the place, else the last one
         for i in range(self._segment_in_place, len(xs) - 1):
             along_x, along_y = xs[i + 1] - xs[i], ys[i + 1] - ys[i]
             square = along_x * along_x + along_y * along_y
@@ -303,18 +299,39 @@ class _FollowedPlan:
         return theta + share * (self._tangent[i + 1] - theta), left
 
 
-def _directions(x: _Numbers, y: _Numbers, if_still: float) -> list[float]:
+def _checked_numbers(plan: Plan) -> dict[str, list[float]]:
+    """The fields of a plan that are given, as numbers; all of one length, with increasing times."""
+    numbers = {name: _numbers(name, getattr(plan, name)) for name in ("time", "x", "y")}
+    for name in ("heading", "speed"):
+        if getattr(plan, name) is not None:
+            numbers[name] = _numbers(name, getattr(plan, name))
+    time = numbers["time"]
+    for name, values in numbers.items():
+        if len(values) != len(time):
+            raise ControllerError(
+                f"`{name}` of the ADS's Plan must have as many values as `time`, {len(time)}, "
+                f"got {len(values)}"
+            )
+    for before, after in pairwise(time):
+        if not after > before:
+            raise ControllerError(
+                f"`time` of the ADS's Plan must increase, got {after:g} s behind {before:g} s"
+            )
+    return numbers
+
+
+def _directions(x: _Numbers, y: _Numbers, first_heading: float) -> list[float]:
     """Direction of a path at each of its points, rad, without jumps: from the point before to the
     point after.
 
-    if_still: of the points before the first movement.
+    first_heading: direction at the points before the first movement, rad.
     """
     directions = []
-    last = if_still
+    last = first_heading
     for i in range(len(x)):
-        a = max(i - 1, 0)
-        b = min(i + 1, len(x) - 1)
-        along, across = x[b] - x[a], y[b] - y[a]
+        before = max(i - 1, 0)
+        after = min(i + 1, len(x) - 1)
+        along, across = x[after] - x[before], y[after] - y[before]
         if abs(along) > _SAME_PLACE or abs(across) > _SAME_PLACE:
             last += within_a_turn(atan2(across, along) - last)
         directions.append(last)
@@ -336,6 +353,7 @@ def _speeds(time: _Numbers, x: _Numbers, y: _Numbers, ego_speed: float) -> list[
 
 
 def _numbers(name: str, values: Any) -> list[float]:
+    """A field of a plan as a list of finite numbers."""
     plain = values.tolist() if hasattr(values, "tolist") else values
     if not isinstance(plain, list | tuple) or not plain:
         raise ControllerError(
@@ -345,6 +363,10 @@ def _numbers(name: str, values: Any) -> list[float]:
 
 
 def _finite(name: str, value: Any, owner: str) -> float:
+    """A value of a request as a finite number.
+
+    name, owner: of the value, for the error message.
+    """
     number = value if type(value) is float and isfinite(value) else finite_number(value)
     if number is None:
         raise ControllerError(

@@ -1,5 +1,5 @@
-"""Controls of egos by policies in plain Python: `OneEach` has one in each row, `OverArrays` one
-over arrays of all rows.
+"""Controls of egos by users' policies: `OneEach` calls one policy for each row, `OverArrays` one
+policy over arrays of all rows.
 
 Users: `cosim/on_traci.py`, `cosim/simulation.py`.
 """
@@ -43,7 +43,7 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import SENTENCE, words_of
 from sumo_eval.trajectory import Alone, EndReason, FloatArray, IntArray
 
-# characters of an error message; 20 are left for ` at 12.34 s.` or the like
+# characters of an error message, less 20 for ` at 12.34 s.` or the like
 _LONGEST_WORDS = SENTENCE - 20
 ASKS_SUMO = Alone("asks_sumo")  # reason to drive a case alone: its ADS calls TraCI
 
@@ -68,9 +68,9 @@ def make_briefing(
 
 
 class Policies(EgoControl):
-    """Common part of plain Python policies, one in each row or one for all."""
+    """Common part of both controls."""
 
-    checks = False  # whether `_check` reports a refused call, so `_fail` does not
+    checks = False  # whether `_check` reports a refused call, so that `_fail` does not
 
     def begin(self, world: World, stage: Stage) -> None:
         """Take the arrays of the world."""
@@ -87,8 +87,8 @@ class Policies(EgoControl):
     ) -> None:
         """Fail the rows for which a call raised an error.
 
-        In a batch, a policy that called TraCI or ran out of memory is not failed: its cases are
-        driven alone, later.
+        In a batch, the cases of a policy that called TraCI or ran out of memory do not fail: they
+        are driven alone, later.
 
         when: `in reset` or `at 1.50 s`, for the message.
         """
@@ -118,7 +118,8 @@ class Policies(EgoControl):
     ) -> bool:
         """Call the user's code; return whether it succeeded.
 
-        An error fails the rows, and so does a caught refusal, unless `_check` reports it.
+        An error fails the rows. So does a refused call whose exception the code has caught, unless
+        `_check` reports it.
 
         when: as of `_fail`.
         """
@@ -158,12 +159,13 @@ class OneEach(Policies):
         self._reset(world)
 
     def _reset(self, world: World) -> None:
+        """Reset each policy with its briefing."""
         for case, policy in enumerate(self._ads):
             if case not in world.errors:
                 briefing = make_briefing(world.cases[case], world.each[case], self._terms)
                 self._call(world, [case], "in reset", policy.reset, briefing, TRACI, EGO)
         self._check(world, 0.0)
-        # whether a number as answer can be used at once: it need not be held for a later step
+        # whether a number as answer can be used at once: no later step needs it
         self._brief = self._terms.every == 1 and self.actuation.budget == inf
         self._settled = [settled_of(policy, world.settings) for policy in self._ads]
 
@@ -173,15 +175,15 @@ class OneEach(Policies):
         self._limited = self._limited[rows]
         if self._perception is not None:
             self._perception.keep(rows)
-        # the first 8 numbers of a record: the 7 of a `BODY`, then acceleration of an ego, rate of
-        # the speed of an actor
+        # The first 8 numbers of a record: the 7 of a `records.BODY`, then the acceleration of an
+        # ego, or the rate of an actor.
         self._ego_values = numbers_of(world.egos)[:, :8]
         self._other_values = numbers_of(world.others)[:, :, :8]
         self._present = world.others["present"]
 
     def _look(self, time: float) -> tuple[list[Any], list[Any], list[Any]]:
-        """The ego as it is, the ego as the ADS sees it, and the actors as it sees them, of each
-        row.
+        """Of each row: the ego as it is, the ego as the ADS sees it, the actors as the ADS sees
+        them; numbers as in `Observation`.
         """
         egos = self._ego_values.tolist()
         others = present(self._other_values, self._present)
@@ -192,7 +194,7 @@ class OneEach(Policies):
         return egos, seen_egos.tolist(), others.tolist()
 
     def _check(self, world: World, time: float) -> None:
-        """Check the clock where the policy has the simulation to itself."""
+        """Check SUMO's clock where the policy has the simulation to itself."""
         error = error_of(self._check_clock, world, time) if self._alone else None
         if error is not None:
             world.fail(0, "ads_error", str(error))
@@ -205,7 +207,7 @@ class OneEach(Policies):
         terms = self._terms
         if self._alone:
             GUARD.call_listeners()  # before its policy
-        # a single row is live, and need not be looked for
+        # a case alone has one row, which is live: a search for live rows costs time
         for row in world.live.tolist() if len(egos) > 1 else (0,):
             case = int(world.rows[row])
             policy = self._ads[case]
@@ -222,7 +224,7 @@ class OneEach(Policies):
                         time, self._road, egos[row], look, self._tasks[case], self._kinds[case]
                     )
                 )
-                # nearly every answer of nearly every policy: an acceleration, m/s2
+                # the usual answer, in a quick way: an acceleration, m/s2
                 if self._brief and type(action) is float and -inf < action < inf:
                     executor.release()
                     answer = action, 0.0
@@ -233,7 +235,8 @@ class OneEach(Policies):
                     command = executor.command(wanted, egos[row], time, late=late)
                     answer = command.acceleration, command.steering
                 took = wall_time() - started
-                if GUARD.refusal is not None and not self._alone:  # the ADS caught it
+                # the ADS caught the exception of a refused call
+                if GUARD.refusal is not None and not self._alone:
                     raise RefusedCallError
                 if took > terms.step_timeout:
                     raise ControllerTimeoutError(
@@ -260,7 +263,7 @@ class OneEach(Policies):
         if self._alone:
             self._close_guarded(world, row, policy.close, policy.target)
         else:
-            self._closed(world, row, policy.close, "ads_error", policy.target)
+            self._close(world, row, policy.close, "ads_error", policy.target)
             GUARD.refusal = None
         super().release(world, row)
 
@@ -270,14 +273,15 @@ def _blamed(error: BaseException, when: str) -> tuple[EndReason, str]:
     if not isinstance(error, ControllerError):
         return "ads_error", f"The ADS raised {when}: {said(error)}."
     words = words_of(error, SENTENCE)
-    # a message may end with the time already
+    # with the time, unless the message ends with it
     return fault_of(error), words if words.endswith(f" {when}.") else str(with_time(error, when))
 
 
 def with_time(error: ControllerError, when: str) -> ControllerError:
     """An error of an adapter, or of a step that took too long, with the time in its message.
 
-    error: its class may be the user's own; it becomes one of the package's.
+    when: `at 1.50 s`, or `in reset`.
+    error: may be of a class of the user's; the result is of the package's class.
     """
     kind = ControllerTimeoutError if isinstance(error, ControllerTimeoutError) else ControllerError
     return kind(f"{words_of(error, _LONGEST_WORDS)} {when}.")
@@ -287,8 +291,8 @@ class OverArrays(Policies):
     """Controls egos by one policy for all rows, which maps arrays of observations to arrays of
     commands.
 
-    Its commands may depend on the batch (those of a neural network do, in the last bit): the batch
-    is part of its input.
+    A command may depend on the other rows of the batch: that of a neural network does, in the last
+    bit.
     """
 
     def begin(self, world: World, stage: Stage) -> None:
@@ -327,11 +331,15 @@ class OverArrays(Policies):
                     f"`settled()` of the ADS must give the shape ({rows},), got {settled.shape}"
                 )
             world.egos["settled"][live] = settled
-        self._commands[live] = 0.0
+        self._commands[live] = 0.0  # an answer without steering keeps the wheel straight
         answer = answer.reshape(rows, -1)
         self._commands[live, : answer.shape[1]] = answer
 
     def _answer(self, seen: Observations, rows: int) -> FloatArray:
+        """The policy's answer: accelerations, (rows,) or (rows, 1), or (rows, 2) with steering.
+
+        It may take `Terms.step_timeout` for each row.
+        """
         started = clock.perf_counter()
         try:
             answer = np.asarray(self._policy.act(seen), float)
@@ -353,5 +361,5 @@ class OverArrays(Policies):
         """Close the policy when the last row has ended."""
         self._unreleased -= 1
         if self._unreleased == 0:
-            self._closed(world, row, self._policy.close, "ads_error", self._policy.target)
+            self._close(world, row, self._policy.close, "ads_error", self._policy.target)
         super().release(world, row)

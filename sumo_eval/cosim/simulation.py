@@ -567,11 +567,11 @@ def _difference(batch: _Batch, drives: list[Recording | Alone]) -> str | None:
     drives: of the batch; drives that do not differ are marked as compared.
     """
     manner, terms, settings = batch.manners[0], batch.terms, batch.settings
+    period = terms.every * settings.step
     for index in _compared_cases(manner, drives):
         own = simulate(
             batch.cases[index], manner.make(), settings, folder=terms.folder,
-            seed=batch.seeds[index], step_timeout=terms.step_timeout,
-            period=terms.every * settings.step,
+            seed=batch.seeds[index], step_timeout=terms.step_timeout, period=period,
         )  # fmt: skip
         together = drives[index]
         if not (isinstance(together, Recording) and own.same_drive(together)):

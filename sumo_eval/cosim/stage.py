@@ -1,13 +1,13 @@
-"""SUMO's side of the cases that are driven: what it receives before a step, what it shows after it,
-whether both agree.
+"""SUMO's side of a simulation: what SUMO receives before a step, what it shows after the step,
+and whether its places agree with the world's.
 
-SUMO steps the ego and every actor of every case. If no ADS asks SUMO, the vehicles are sent to it
-only in the first and in every tenth step, and it must then show each at its place.
+SUMO steps the ego and every actor of every case. If no ADS asks SUMO, SUMO receives the vehicles
+only in the first and in every tenth step, and must then show each vehicle at its place.
 
-A vehicle's number is its index row by row, the ego first: row * (1 + m) + column.
+A vehicle's number is its index row by row, the ego first: row * (1 + m) + column, of m actors.
 
-`cosim/loop.py` and the gym's episodes call a stage at every step; `cosim/traffic.py` has the one
-for vehicles that react.
+`cosim/loop.py` and `cosim/episode_rows.py` call a stage at every step. `cosim/traffic.py` derives
+the stage for cases with vehicles that SUMO's models drive.
 
 Users: `cosim/ego_control.py`, `cosim/loop.py`, `cosim/on_traci.py`, `cosim/episode_rows.py`,
 `cosim/policies.py`, `cosim/simulation.py`, `cosim/traffic.py`.
@@ -30,28 +30,31 @@ from sumo_eval.cosim.sumo.shared_files import suffix, vehicle_names
 from sumo_eval.cosim.sumo.sumo_files import departure_speed
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, SimulationError
+from sumo_eval.scenario.concrete import Road
 from sumo_eval.trajectory import Alone, IntArray
 
-# bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
+# Speed modes of SUMO, sets of bits. Bits 1 and 2 (2 + 4): limits of acceleration and deceleration
+# of the vType hold, but SUMO does not brake for the ADS, which can therefore collide.
 EGO_SPEED_MODE = 6
-# setSpeed is taken as it is: the harness's own vehicle model has applied the limits
+# Without bits 0 to 2 setSpeed is taken as it is: the harness's own vehicle model has applied the
+# limits. Bit 5 (32): no right of way within junctions.
 EXACT_SPEED_MODE = 32
 LEFT_BATCH = Alone("left_batch")
 CHECKED_EVERY = 10  # steps
 ASIDE = -500.0  # m, y of a hidden vehicle
-# place, angle and speed of a vehicle that has left SUMO
+# place, m, angle, deg, and speed, m/s, of a vehicle that has left SUMO
 _NOT_THERE = (0.0, 0.0, STRAIGHT, 0.0)
-# moveToXY: SUMO looks for the road, and the vehicle may be off it
-_KEEPS_ROUTE = 2
-# moveToXY: the road is the vehicle's own, and the vehicle may be off it
-_KEEPS_ROUTE_OFF_ROAD = 3
+# `keepRoute` of moveToXY: SUMO looks for the road, and the vehicle may be off the road
+_ANY_ROAD = 2
+# the road is the vehicle's own, and the vehicle may be off the road
+_OWN_ROAD = 3
 
 
 class Stage:
     """The running simulation of the cases of a world.
 
-    ads_asks: an ADS may ask SUMO, which is kept up to date at each step.
-    as_read: the actors are as SUMO shows them in every respect, whatever their scripts say.
+    ads_asks: an ADS may ask SUMO, so SUMO receives the vehicles at every step.
+    as_read: the world takes the actors' places and speeds from SUMO, not from their scripts.
     """
 
     tolerance = 1e-3  # m, between the vehicle model and SUMO
@@ -70,33 +73,23 @@ class Stage:
         self._bent = road.bent
         self._road = road
         self._step = world.settings.step
-        # whether SUMO receives places on lanes: in a curve it takes fifty times as long for a place
-        # on the map
+        # whether SUMO receives places on lanes: in a curve a place on the map costs it fifty times
+        # the time
         self._on_lanes = self._bent and not as_read
         # Whether SUMO can move by itself the actors that only keep their speed: on a straight road,
         # where the actors' motion depends on time alone.
         quiet = as_read and not road.line and not any(case.lively for case in cases)
-        self._sent = 2 if quiet else 1  # a `to_sumo` code of `move_rows`
+        self._to_sumo = 2 if quiet else 1  # as of `move_rows`
         # the speed that SUMO received last, m/s along the line, by vehicle
-        self._told: dict[str, float] = {}
-        # Whether SUMO has to look for the lane of a place, and even for the edge: a user's network
-        # has several edges, and an ADS may move a vehicle to any lane.
-        finds_lane = road.network is not None or as_read
-        any_edge = finds_lane and self._alone
-        self._edges = [
-            "" if any_edge else f"road{suffix(case, count, ads_asks=ads_asks)}"
-            for case in range(count)
-        ]
-        self._lane = -1 if finds_lane else 0  # -1: SUMO looks for it
-        # `keepRoute` of moveToXY
-        self._keep = _KEEPS_ROUTE if any_edge else _KEEPS_ROUTE_OFF_ROAD
+        self._received_speeds: dict[str, float] = {}
+        self._address(road, count)
         actors = [name for names in self.names for name in names[1:]]
         fronts = world.others[["front_x", "front_y"]]
         world.shown[:, :, 0], world.shown[:, :, 1] = fronts["front_x"], fronts["front_y"]
         self.speeds: dict[str, float] = {}  # m/s, of vehicles as read after the last step
         # x and y of front bumpers, m, of vehicles as last read; of actors at first at their start
         self.fronts = dict(zip(actors, fronts.ravel().tolist(), strict=True))
-        # SUMO drives no lane backwards
+        # in a curve, actors with a place on the map: SUMO drives no lane backwards
         on_map = (
             actor.on_map is not None or math.cos(actor.heading) < 0.0
             for it in cases for actor in it.actors
@@ -104,9 +97,27 @@ class Stage:
         self._on_map = set(compress(actors, on_map))
         self.keep(world)
 
+    def _address(self, road: Road, count: int) -> None:
+        """Choose the edge, lane and `keepRoute` that moveToXY receives.
+
+        SUMO has to look for the lane of a place in a user's network, which has several edges, and
+        where an ADS may move a vehicle to any lane. Alone, it also looks for the edge.
+
+        count: number of cases.
+        """
+        finds_lane = road.network is not None or self.as_read
+        any_edge = finds_lane and self._alone
+        self._edges = [
+            "" if any_edge else f"road{suffix(case, count, ads_asks=self.ads_asks)}"
+            for case in range(count)
+        ]
+        self._lane = -1 if finds_lane else 0  # -1: SUMO looks for the lane
+        self._keep_route = _ANY_ROAD if any_edge else _OWN_ROAD
+
     def keep(self, world: World) -> None:
         """Keep only the rows that the world still has, in its order."""
         self._width = 1 + world.others.shape[1]  # vehicles of a row
+        # by number of the vehicle: its name, its edge
         self._flat = [name for case in world.rows.tolist() for name in self.names[case]]
         self._edge = [self._edges[case] for case in world.rows.tolist() for _ in range(self._width)]
         # a memory view: to read a single number of it takes a tenth as long as of an array
@@ -117,12 +128,12 @@ class Stage:
         """Continue without the rows that have ended."""
         self._live = world.live
         self._names: list[str] = []  # of vehicles that are read at once; empty: to be found again
-        # name -> row and index of the actors that `read` has to read: of the first row, then those
-        # that `read_at_once` leaves
+        # name -> row and index of the actors that `read` has to read: those of the first row, until
+        # `read_at_once` has read all but some
         self._unread = {name: (0, j) for j, name in enumerate(self._flat[1 : self._width])}
 
     def take_charge(self, world: World) -> None:
-        """Take control of SUMO's vehicles; fail cases that SUMO shows elsewhere."""
+        """Take control of SUMO's vehicles; fail cases whose start SUMO shows differently."""
         calls = self.calls
         for case, (concrete, names) in enumerate(zip(world.cases, self.names, strict=True)):
             try:
@@ -132,12 +143,12 @@ class Stage:
                 continue
             starts = [(actor.start, actor.follows_at_once) for actor in concrete.actors]
             for name, (start, follows) in zip(names, [(concrete.ego, False), *starts], strict=True):
-                calls.setLaneChangeMode(name, 0)
+                calls.setLaneChangeMode(name, 0)  # SUMO changes no lane by itself
                 if follows:  # SUMO's model drives it
                     continue
                 calls.setSpeedMode(name, EXACT_SPEED_MODE)
                 calls.setSpeed(name, start.speed)
-                self._told[name] = start.speed
+                self._received_speeds[name] = start.speed
             for name, actor in zip(names[1:], concrete.actors, strict=True):
                 if departure_speed(actor) < actor.start.speed:
                     calls.setPreviousSpeed(name, actor.start.speed)
@@ -145,13 +156,13 @@ class Stage:
     def sends(self, world: World) -> int:
         """`to_sumo` of `move_rows`: the vehicles that SUMO receives in the coming step.
 
-        Near the road's end it receives them every time: else one that slows down by its script
-        could leave.
+        Near the road's end SUMO receives them at every step. Otherwise it would drive on a vehicle
+        that slows down by its script, and remove it at the end.
         """
         sends = (
             self.ads_asks or self.compares(world.steps) or world.may_leave(world.time + self._step)
         )
-        return self._sent if sends else 0
+        return self._to_sumo if sends else 0
 
     def compares(self, steps: int) -> bool:
         """Whether SUMO and the world are compared in the step after `steps`: in the first and every
@@ -160,10 +171,13 @@ class Stage:
         return not self.as_read and (steps == 0 or (steps + 1) % CHECKED_EVERY == 0)
 
     def _move(self, number: int, x: float, y: float, angle: float, speed: float) -> None:
-        """Put the front bumper of a vehicle where it is on the map at the step's end."""
+        """Put the front bumper of a vehicle where it is on the map at the step's end.
+
+        x, y: m. angle: SUMO's, deg. speed: m/s.
+        """
         name = self._flat[number]
         self.calls.setSpeed(name, speed)
-        self.calls.moveToXY(name, self._edge[number], self._lane, x, y, angle, self._keep)
+        self.calls.moveToXY(name, self._edge[number], self._lane, x, y, angle, self._keep_route)
 
     def tell(self, world: World, count: int) -> None:
         """Hand the motion of this step to SUMO: `count` rows of `world.tell`."""
@@ -180,7 +194,7 @@ class Stage:
             name = names[int(number)]
             edge = self._edge[int(number)]
             set_speed(name, speed)
-            move(name, edge, self._lane, x, y, angle, self._keep)
+            move(name, edge, self._lane, x, y, angle, self._keep_route)
 
     def put_aside(self, numbers: Sequence[int]) -> None:
         """Hide vehicles that have left the network; with `as_read`, remove them."""
@@ -194,12 +208,12 @@ class Stage:
             self._set_aside(name, self._edge[number])
 
     def _set_aside(self, name: str, edge: str) -> None:
-        """Put a vehicle where SUMO has no lane for it, so that no other sees it."""
+        """Put a vehicle where SUMO has no lane for it, so that no other vehicle sees it."""
         self.calls.setSpeed(name, 0.0)
-        self.calls.moveToXY(name, edge, -1, 10.0, ASIDE, STRAIGHT, self._keep)
+        self.calls.moveToXY(name, edge, -1, 10.0, ASIDE, STRAIGHT, self._keep_route)
 
     def begin_again(self, world: World, row: int) -> None:
-        """Put the vehicles of a row with a new case where its first step has brought them."""
+        """Put the vehicles of a new case in a row to their places after the case's first step."""
         for j, body in enumerate((world.egos[row], *world.others[row])):
             angle = STRAIGHT - math.degrees(body["map"]["heading"])
             number = row * self._width + j
@@ -208,9 +222,9 @@ class Stage:
     def _tell_lanes(self, world: World, count: int) -> None:
         """Hand over the motion of this step on a curved road, as places on lanes.
 
-        SUMO's step then moves a vehicle by the mean of its old and new speed. So it is put that
-        much behind its place at the step's end. A vehicle of `_on_map`, which drives straight on
-        the map or has driven against the lanes, gets a place on the map.
+        SUMO's step then moves a vehicle by the mean of its old and new speed. So each vehicle is
+        put that much behind its place at the step's end. A vehicle of `_on_map`, which drives
+        straight on the map or has driven against the lanes, gets a place on the map instead.
         """
         calls = self.calls
         end = self._road.end
@@ -222,19 +236,19 @@ class Stage:
             if name in self._on_map:
                 self._move(number, x, y, angle, speed)
                 continue
-            start = s - 0.5 * (self._told.get(name, along) + along) * self._step
-            if not (start >= 0.0 and s < end):  # there are no lanes
+            begin = s - 0.5 * (self._received_speeds.get(name, along) + along) * self._step
+            if not (begin >= 0.0 and s < end):  # there are no lanes
                 continue
             calls.setSpeed(name, along)
-            calls.moveTo(name, f"{self._edge[number]}_0", start)
+            calls.moveTo(name, f"{self._edge[number]}_0", begin)
             calls.setLateralLanePosition(name, d)
-            self._told[name] = along
+            self._received_speeds[name] = along
 
     def read_at_once(self, world: World) -> list[int] | None:
         """Read the vehicles of many rows with few calls of Python.
 
-        Returns the rows whose egos are left to be read: they do more than drive straight ahead.
-        None: no vehicle has been read. Actors that are left are for `read`.
+        Returns the rows whose egos remain to be read, as they do more than drive straight ahead.
+        None: no vehicle has been read. The actors that remain are for `read`.
         """
         names = self._names or self._find_names(world)
         calls = self.calls
@@ -249,9 +263,9 @@ class Stage:
             self._keep_unread(self._numbers)
             self.speeds.clear()
             return None
-        left = world.read(self._numbers, shown, self._odd)
-        rows = self._keep_unread(self._odd[:left])
-        # `read` compares the actors that are left with their last places
+        remaining = world.read(self._numbers, shown, self._odd)
+        rows = self._keep_unread(self._odd[:remaining])
+        # `read` compares the actors that remain with their last places
         last = {name: self.fronts[name] for name in self._unread}
         self.fronts |= zip(names, fronts, strict=True)
         self.fronts |= last
@@ -272,7 +286,7 @@ class Stage:
 
     def _find_names(self, world: World) -> list[str]:
         """Names of the egos and of the actors that are present, in rows that have not ended."""
-        # True for the ego, in front
+        # whether each vehicle is there, (live rows, 1 + m): the ego, in the first column, always is
         is_there = np.insert(world.others["present"][self._live] == 1, 0, True, axis=1)
         numbers = self._live[:, None] * self._width + np.arange(self._width)
         self._numbers = numbers[is_there]
@@ -286,7 +300,7 @@ class Stage:
             return
         present = self._present
         for name, (row, j) in self._unread.items():
-            shown = _NOT_THERE
+            shown = _NOT_THERE  # as in `World.shown`
             if present[row, j]:
                 try:
                     shown = self._read_actor(world, name, row, j)
@@ -306,7 +320,7 @@ class Stage:
     ) -> tuple[float, float, float, float]:
         """x and y of an actor's front bumper, angle and speed as SUMO shows them.
 
-        Raises TraCIException if it has left SUMO, SimulationError if no vehicle can be like that.
+        Raises TraCIException if the actor has left SUMO, SimulationError for impossible values.
         """
         calls = self.calls
         x, y = front = calls.getPosition(name)
@@ -335,8 +349,8 @@ class Stage:
         world.note(case, "actor_left_the_network", now, now)
 
     def _may_leave(self, world: World, row: int, other: int) -> bool:
-        """Whether an actor's script has brought its front bumper beyond the last lane, or SUMO
-        drives it: it may have begun beside the lanes.
+        """Whether an actor may leave SUMO by itself: its script has brought its front bumper beyond
+        the last lane, or a SUMO model drives it, which may have begun beside the lanes.
         """
         body = world.others[row, other]
         return bool(
@@ -346,6 +360,7 @@ class Stage:
 
     def compare(self, world: World) -> None:
         """Fail the cases in which SUMO shows a vehicle elsewhere than it received it."""
+        # a row for each vehicle: number, x and y of its front bumper on the map, m, y of its centre
         received = world.received(self._road.end - LOSS_MARGIN)
         numbers = received[:, 0].astype(int).tolist()
         places = received[:, 1:3].tolist()
@@ -364,16 +379,16 @@ class Stage:
                 )  # fmt: skip
 
     def _fail(self, world: World, row: int, vehicle: int, words: str) -> None:
-        """Fail a case of which SUMO shows a vehicle at another place; the ADS's fault if its calls
-        moved the ego.
+        """Fail a case in which SUMO shows a vehicle at another place; it is the ADS's fault if its
+        calls moved the ego.
 
         vehicle: 0 the ego, then the actors.
-        words: after "SUMO", with {} for the vehicle.
+        words: of the message after "SUMO", with {} for the vehicle.
         """
         actors = world.cases[world.case_of(row)].actors
-        who = f"vehicle `{actors[vehicle - 1].name}`" if vehicle else "the ego"
-        moved = self.ads_asks and self._alone and GUARD.moved and not vehicle
-        world.fail(row, "ads_error" if moved else "sim_error", f"SUMO {words.format(who)}")
+        subject = f"vehicle `{actors[vehicle - 1].name}`" if vehicle else "the ego"
+        by_ads = self.ads_asks and self._alone and GUARD.moved and not vehicle
+        world.fail(row, "ads_error" if by_ads else "sim_error", f"SUMO {words.format(subject)}")
 
     def remove(self, world: World, row: int) -> None:
         """Remove the vehicles of a case that has ended from its batch."""

@@ -1,13 +1,12 @@
-"""SUMO's side of cases in which vehicles react: SUMO drives these, and receives all other vehicles
-at every step.
+"""SUMO's side of cases in which vehicles react: SUMO's models drive these vehicles, and SUMO
+receives all others at every step.
 
 A vehicle that SUMO receives is put where it was at the start of a step, with the speed that it has
-at the end. SUMO's step then moves it to where it is at the end, where followers see it.
+at the end. SUMO's step then moves it to its place at the end, where followers see it.
 
-For SUMO a body is in one lane only. So a vehicle has two bodies here: one in the lane of its
-front's centre, and a shadow in the neighbouring lane into which it reaches, by more than
-`SimulationSettings.seen_over_line`. A shadow that is not needed stands beside the road, where it is
-on no lane and no vehicle sees it.
+For SUMO a body is in one lane only. So a vehicle that reaches into a neighbouring lane, by more
+than `SimulationSettings.seen_over_line`, has a second body there, its shadow. A shadow that is not
+needed stands beside the road, where it is on no lane and no vehicle sees it.
 
 Users: `cosim/simulation.py`.
 """
@@ -33,17 +32,17 @@ from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 # m by which SUMO's position in a curve may differ: more than `tolerance`, as lanes are polylines
 _TOLERANCE_IN_A_CURVE = 0.1
-# m between a front's position and the one from which SUMO's step leads to the next one: above it
-# the vehicle turns at once, or almost
+# m between a front's position and the position from which SUMO's step leads to the next one: if it
+# is more, the vehicle has turned within the step
 _TURNED = 0.02
-_ITS_OWN_SPEED_MODE = 31  # SUMO's default: as its model says
+_ITS_OWN_SPEED_MODE = 31  # bits 0 to 4, SUMO's default: all checks of its model are on
 
 
 class Traffic(Stage):
     """The running simulation of the cases of a world in which vehicles react.
 
-    ads_asks, as_read: as of a `Stage`. With `as_read` SUMO receives positions on the map, as a
-        TraCI program puts them, and there are no shadows.
+    With `as_read` SUMO receives positions on the map, as a TraCI program puts them, and there are
+    no shadows.
     """
 
     # m by which SUMO's position may differ after a step: SUMO moves by the mean of both speeds
@@ -52,10 +51,10 @@ class Traffic(Stage):
     def keep(self, world: World) -> None:
         """Keep only the rows that the world still has, in its order."""
         cases = world.rows.tolist()
-        # rows and columns of the vehicles that SUMO drives
+        # rows and columns of the actors that SUMO drives
         self._reacting = np.nonzero(world.players.plays["model"])
-        # whether each vehicle is a pedestrian or a cyclist
-        self._walks = np.array(
+        # whether each vehicle, by number, is a pedestrian or a cyclist
+        self._vulnerable = np.array(
             [[False, *(it.body in VULNERABLE for it in world.cases[case].actors)] for case in cases]
         ).ravel()
         self._shadow_of = [
@@ -74,7 +73,7 @@ class Traffic(Stage):
         return 1.0 - curvatures(self._road.line, x) * y
 
     def _hand_over(self, world: World) -> None:
-        """Let SUMO drive the vehicles that have begun to follow in the last step."""
+        """Let SUMO drive the actors whose scripts handed them over to a model in the last step."""
         present = (world.others["present"] == 1) & (world.egos["live"] == 1)[:, None]
         models = world.players.plays["model"]
         for row, j in np.argwhere((models == HANDED_OVER) & present).tolist():
@@ -84,9 +83,9 @@ class Traffic(Stage):
                 self._hand_over_one(number, world.others[row, j])
 
     def _hand_over_one(self, number: int, other: Any) -> None:
-        """Let SUMO drive a vehicle from where it is and as fast as it is.
+        """Let SUMO drive an actor from its place and speed on.
 
-        other: its record.
+        number: of the vehicle. other: its record.
         """
         calls = self.calls
         road = self._road
@@ -105,8 +104,8 @@ class Traffic(Stage):
             calls.setLateralLanePosition(name, y - road.lane_width * lane)
         speed = other["speed"] * cos(other["heading"])
         calls.setPreviousSpeed(name, max(speed, 0.0))
-        calls.setSpeed(name, -1.0)
-        self._told.pop(name, None)
+        calls.setSpeed(name, -1.0)  # SUMO's model drives from here on
+        self._received_speeds.pop(name, None)
 
     def take_charge(self, world: World) -> None:
         """Take control of the vehicles that SUMO does not drive."""
@@ -128,18 +127,21 @@ class Traffic(Stage):
         for names, concrete in zip(self.names, world.cases, strict=True):
             for name, actor in zip(names[1:], concrete.actors, strict=True):
                 if actor.heading:
-                    self._told[name] = max(actor.start.speed * cos(actor.heading), 0.0)
-                    calls.setPreviousSpeed(name, self._told[name])
+                    along = max(actor.start.speed * cos(actor.heading), 0.0)
+                    self._received_speeds[name] = along
+                    calls.setPreviousSpeed(name, along)
 
     def sends(self, world: World) -> bool:
-        """Whether SUMO receives everything: vehicles that react see all at every step."""
+        """`to_sumo` of `move_rows`, 1: vehicles that react see all others at every step."""
         return True
 
     def _hide(self, name: str) -> None:
-        self._set_aside(name, self._edge[0])  # any edge will do: there it is on no lane
+        """Put a shadow beside the road."""
+        self._set_aside(name, self._edge[0])  # any edge will do: beside it there is no lane
         self._shown_shadows.discard(name)
 
     def _hide_shadow(self, number: int) -> None:
+        """Put the shadow of a vehicle beside the road, unless it is there."""
         if self._shadow_of[number] in self._shown_shadows:
             self._hide(self._shadow_of[number])
 
@@ -170,25 +172,27 @@ class Traffic(Stage):
 
         half = 0.5 * of_all(now, "length")
         names = [self._flat[n] for n in number.tolist()]
-        # of each: position of its front along the lane and its y, and its speed along the road, at
-        # the step's end; `begin`: the position at the step's start
+        # of each vehicle at the step's end: position of its front along the lane, m, y of its
+        # front, m, and speed along the road, m/s
         s, y, along = received[:, 5:].T
         heading = of_all(now, "heading")
         self._meant = dict(zip(number.tolist(), s.tolist(), strict=True))
-        # m/s, that each received last; of one that received none, this step's
-        last = [self._told.get(name, v) for name, v in zip(names, along, strict=True)]
-        # SUMO moves it by the mean of the speed that it received last and this one
+        # m/s, the speed that SUMO received last; of a vehicle without one, this step's
+        last = [self._received_speeds.get(name, v) for name, v in zip(names, along, strict=True)]
+        # m, position of the front at the step's start: SUMO's step moves a vehicle by the mean of
+        # both speeds
         begin = s - 0.5 * (np.array(last) + along) * self._step
         if not self._bent:
             was = of_all(before, "x") + half * np.cos(of_all(before, "heading"))
-            # exactly where it was, unless it turns at once
+            # exactly where it was, unless it turns within the step
             begin = np.where(np.abs(was - begin) > _TURNED, begin, was)
         on_lanes = self._on_lanes_from(number, begin, y, heading)
-        # `moveTo` leads no vehicle back to its last lane: one that was beside the lanes is put on
-        # the map
+        # `moveTo` leads no vehicle that was beside the lanes back to its last lane: put such a
+        # vehicle on the map
         for k in np.flatnonzero(on_lanes).tolist():
-            on_lanes[k] = names[k] in self._told or calls.getLaneIndex(names[k]) >= 0
+            on_lanes[k] = names[k] in self._received_speeds or calls.getLaneIndex(names[k]) >= 0
         lane = lanes_at(self._road, y)
+        # m, half the extent of each body across the road
         across = 0.5 * of_all(now, "width") * np.abs(np.cos(heading))
         across += half * np.abs(np.sin(heading))
         over_line = world.settings.seen_over_line
@@ -197,7 +201,7 @@ class Traffic(Stage):
         for vehicle, *motion in received[~on_lanes, :5].tolist():
             self._move(int(vehicle), *motion)
             self._hide_shadow(int(vehicle))
-            self._told.pop(self._flat[int(vehicle)], None)  # it is on no lane
+            self._received_speeds.pop(self._flat[int(vehicle)], None)  # it is on no lane
         along = np.maximum(along, 0.0)
         speed_before = of_all(before, "speed")
         columns = number, lane, shadow_lane, begin, y, along, speed_before
@@ -209,21 +213,24 @@ class Traffic(Stage):
     ) -> BoolArray:
         """Whether each vehicle can be put on a lane.
 
-        It must not walk or cycle, must be on the lanes, head in their direction, and be further
-        than a step from the network's end.
+        It must not be a pedestrian or cyclist. It must be on the lanes, head in their direction,
+        and be further than a step from the network's end.
+
+        number, begin, y, heading: of each vehicle, as in `tell`.
         """
         road = self._road
         inside = (y > road.right_edge + LOSS_MARGIN) & (y < road.left_edge - LOSS_MARGIN)
         inside &= (np.cos(heading) > 0.0) & (begin >= 0.0)
         inside &= begin < road.end - farthest_in(self._step)
-        return np.asarray(inside & ~self._walks[number])
+        return np.asarray(inside & ~self._vulnerable[number])
 
     def _shadow_lanes(
         self, y: FloatArray, across: FloatArray, lane: IntArray, over_line: float
     ) -> IntArray:
-        """The neighbouring lane into which each body reaches by more than `over_line`, m; of two
-        the left one; -1: none.
+        """The neighbouring lane into which each body reaches by more than `over_line`, m; the left
+        one if it reaches into both; -1: none.
 
+        y: of each body's centre, m.
         across: half the extent of each body across the road, m.
         lane: of each body's front.
         """
@@ -239,7 +246,7 @@ class Traffic(Stage):
         """Put a vehicle and its shadow where they are at the step's start, with the speed of its
         end.
 
-        number: index of the vehicle in flat order (row by row, the ego first).
+        number: of the vehicle.
         lane, shadow_lane: of its body and of its shadow; -1: no shadow.
         begin: position of its front along the lane at the step's start, m.
         y: position across the road at the step's end, m.
@@ -249,17 +256,17 @@ class Traffic(Stage):
         calls = self.calls
         name = self._flat[number]
         shadow = self._shadow_of[number]
-        if name not in self._told:
+        if name not in self._received_speeds:
             calls.setPreviousSpeed(name, along)
-        self._told[name] = along
+        self._received_speeds[name] = along
         edge = self._edge[number]
         bodies = [(name, lane)]
         if shadow_lane < 0:
             self._hide_shadow(number)
         else:
             bodies.append((shadow, shadow_lane))
-            # a new shadow comes from beside the road: else SUMO takes its speed there for the last
-            # one, and does not lead it back to its last lane
+            # A new shadow comes from beside the road. Without these calls SUMO would take its speed
+            # there, 0, for its last speed, and would not lead it back to a lane.
             if shadow not in self._shown_shadows:
                 calls.setPreviousSpeed(shadow, speed_before)
                 calls.moveTo(shadow, f"{edge}_{lane}", begin)
@@ -286,19 +293,20 @@ class Traffic(Stage):
         except self.traci.TraCIException:  # one of them has left the network
             shown = np.concatenate([self._shown_or_nowhere(name) for name in names])
         speed = shown[:, 3]
-        # on no lane SUMO shows an impossible speed; `~`: true of nan as well
-        gone = (shown[:, 0] <= NOWHERE) | ~((speed > LOWEST_SPEED) & (speed < FASTEST))
+        # of a vehicle on no lane SUMO shows an impossible speed; `~`: true of nan as well
+        absent = (shown[:, 0] <= NOWHERE) | ~((speed > LOWEST_SPEED) & (speed < FASTEST))
         others["told"][rows, columns] = 1  # moved in this step
-        for k in np.flatnonzero(gone).tolist():
+        for k in np.flatnonzero(absent).tolist():
             others["present"][rows[k], columns[k]] = 0
             now = world.time + world.settings.step
             world.note(world.case_of(rows[k]), "actor_left_the_network", now, now)
-        self._take(world, rows[~gone], columns[~gone], shown[~gone])
+        self._take(world, rows[~absent], columns[~absent], shown[~absent])
         world.put_on_map()
 
     def _shown(self, names: list[str]) -> FloatArray:
-        """x, y, angle and speed of vehicles as SUMO shows them, (n, 4); in a curve x is the
-        position along the lane, and y and angle are not read.
+        """x, y, angle and speed of vehicles as SUMO shows them, (n, 4).
+
+        On a curved road x is the position along the lane, and y and angle are placeholders.
         """
         calls = self.calls
         shown = np.full((len(names), 4), STRAIGHT)
@@ -312,14 +320,16 @@ class Traffic(Stage):
         return shown
 
     def _shown_or_nowhere(self, name: str) -> FloatArray:
+        """`_shown` of one vehicle; at x = `NOWHERE` if it has left the network."""
         try:
             return self._shown([name])
         except self.traci.TraCIException:
             return np.array([[NOWHERE, 0.0, STRAIGHT, 0.0]])
 
     def _take(self, world: World, rows: IntArray, columns: IntArray, shown: FloatArray) -> None:
-        """Write positions and speeds of vehicles that react to the world.
+        """Write to the world the positions and speeds of the actors that SUMO drives.
 
+        rows, columns: of each actor in `World.others`.
         shown: as of `_shown`.
         """
         others = world.others
@@ -328,12 +338,13 @@ class Traffic(Stage):
         front = shown[:, 0]
         speed = shown[:, 3]
         if self._bent:
-            # taken at the front; where a curve begins, that moves x by centimetres at most
+            # of the front instead of the centre: at a curve's begin x differs by centimetres
             ground = self._ground_of_lane(front, others["y"][at])
             others["x"][at] = front - half / ground
             others["heading"][at] = 0.0
             speed = speed * ground
         else:
+            # within -180..180 deg
             heading = np.radians((STRAIGHT - shown[:, 2] + 180.0) % 360.0 - 180.0)
             others["x"][at] = front - half * np.cos(heading)
             others["y"][at] = shown[:, 1] - half * np.sin(heading)
@@ -352,7 +363,7 @@ class Traffic(Stage):
         for number, meant in self._meant.items():
             row, j = divmod(number, self._width)
             name = self._flat[number]
-            if world.egos["reason"][row] or name not in self._told:
+            if world.egos["reason"][row] or name not in self._received_speeds:
                 continue
             off = self.calls.getLanePosition(name) - meant
             if not abs(off) <= _TOLERANCE_IN_A_CURVE:  # `not <=`: true of nan as well

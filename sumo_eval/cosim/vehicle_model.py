@@ -1,14 +1,18 @@
 """The ego as a machine: a single-track model that turns commands into motion within physical
 limits.
 
-Within one step the acceleration is piecewise linear in time (brakes build up, drive rises) and the
-motion along the path is its exact integral, so that stopping distances and impact speeds do not
-depend on the step. The path within a step is a circular arc with the step's mean road wheel angle.
-That is the kinematic model: its tyres do not slip, which is true below about 0.4 g across. The
-dynamic one has side slip and a yaw rate of its own (`move_dynamic`).
+Within one step the acceleration is piecewise linear in time: brakes build up, drive rises. The
+motion along the path is its exact integral, so stopping distances and impact speeds do not depend
+on the step.
 
-Users: `ads/foresight.py`, `ads/pedals.py`, `cosim/`, `record/worker.py`, `extras/bench/costs.py`,
-`extras/studies/qualification/`, `extras/wheel/`.
+Across, there are two models. In the kinematic one (`move`) the tyres do not slip, and the path
+within a step is a circular arc with the step's mean road wheel angle. Real tyres hardly slip below
+about 0.4 g across. The dynamic model (`move_dynamic`) has side slip and a yaw rate of its own.
+
+Constants, formulas and the order of operations decide recorded values to the last bit.
+
+Users: `ads/foresight.py`, `ads/pedals.py`, `cosim/`, `extras/bench/costs.py`,
+`extras/studies/qualification/`, `extras/wheel/`, and users' code (`sumo_eval.Command`).
 """
 
 from __future__ import annotations
@@ -23,20 +27,21 @@ GRAVITY = 9.81  # m/s2
 KINEMATIC_UP_TO = 0.4 * GRAVITY  # lateral, m/s2, up to which tyres are assumed not to slip
 # m/s, below which the dynamic model moves as the kinematic one: its slip angles divide by the speed
 _SLOWEST_SLIP = 2.0
-_PARTS = 10  # of a step, in each of which the dynamic model is integrated once
-_GRANTED = 1e-9  # m/s2, a request missed by no more than this is granted
-_SAME = 1e-12  # m/s2, accelerations closer than this are one
+_PARTS = 10  # of a step: the dynamic model makes one step of integration in each
+_GRANTED = 1e-9  # m/s2, a request that is missed by less counts as granted
+_SAME = 1e-12  # m/s2, accelerations that differ by less are equal
 
 
 @frozen(init=False)
 class Command:
-    """Wish of an ADS for the next step: an acceleration, or instead a speed.
+    """Request of an ADS for the next step: an acceleration or a speed, and a steering wheel angle.
 
     acceleration: along the vehicle, m/s2, negative brakes; nan if a speed is given.
     steering: steering wheel angle, rad, positive to the left.
-    speed: m/s, wanted from now on; `TrackerSettings.speed_time` says how soon.
+    speed: to drive at from now on, m/s; `TrackerSettings.speed_time` says how soon.
 
-    Either an acceleration or a speed must be given; `...` is a missing acceleration.
+    The constructor takes either an acceleration or a speed. Its default acceleration `...` means:
+    none given.
     """
 
     acceleration: float
@@ -60,7 +65,8 @@ class Command:
         return Pedals(throttle, brake, steer)
 
 
-# a frozen dataclass's own constructor takes twice as long, and every step of an ADS pays it
+# Setters of the slots, past the frozen dataclass: its own constructor takes twice as long, and
+# every step of an ADS makes a Command.
 _SET_ACCELERATION = vars(Command)["acceleration"].__set__
 _SET_STEERING = vars(Command)["steering"].__set__
 _SET_SPEED = vars(Command)["speed"].__set__
@@ -93,7 +99,7 @@ LIMITED = (
     "acceleration_rate",
     "beyond_kinematic",
 )  # fmt: skip
-"""Quantities that the vehicle model may have to limit. An index here is the number of a clip."""
+"""Quantities that the vehicle model may have to limit, by the numbers of their clips."""
 _STEERING_ANGLE, _STEERING_RATE, _LATERAL_FRICTION = range(3)
 _ACCELERATION, _FRICTION, _SPEED = range(3, 6)
 _ACCELERATION_RATE, _BEYOND_KINEMATIC = 6, 7
@@ -101,9 +107,9 @@ _ACCELERATION_RATE, _BEYOND_KINEMATIC = 6, 7
 
 @kernel
 def count_clip(clips: Any, what: int, time: float, requested: float, applied: float) -> None:
-    """Count a clip at `time` (s) and keep its worst instance.
+    """Count a clip at `time` (s) and keep the request that was missed by most.
 
-    clips: of one case, by number. what: the number.
+    clips: of one case, by number. what: the number of the clip.
     """
     clip = clips[what]
     if clip.count == 0:
@@ -126,10 +132,10 @@ def move(
     clips: where limits that the command runs into are counted, by number.
 
     At the end of every step the total acceleration is at most friction * g. Steering has priority:
-    braking and drive get the rest of the friction circle. Only acceleration that cannot be released
-    within the step takes from the steering.
+    braking and drive get the rest of the friction circle. But steering is limited by acceleration
+    that cannot be released within the step.
     """
-    if steering == 0.0 and ego.steering == 0.0:  # straight, as nearly always
+    if steering == 0.0 and ego.steering == 0.0:  # straight: nearly every step
         end = curvature = lateral = 0.0
     else:
         end, curvature, lateral = _steer(ego, wanted, steering, limits, step, clips)
@@ -158,19 +164,20 @@ def slip_rates(
     limits: Any,
     grip: float,
 ) -> tuple[float, float, float]:
-    """Rates of side slip, rad/s, and yaw rate, rad/s2, of the dynamic single-track model; and the
-    larger of both axles' F / (grip Fz) before F is limited, 0 where `grip` is inf.
+    """Three values of the dynamic single-track model: the rate of the side slip, rad/s; the rate of
+    the yaw rate, rad/s2; the larger of both axles' F / (grip Fz) before F is limited, 0 where
+    `grip` is inf.
 
     Force of an axle across, N: F = mu C Fz alpha, of friction mu, cornering stiffness C, slip angle
-    alpha, and load Fz, N, with the load transfer of the acceleration.
+    alpha, and load Fz, N. The acceleration shifts load between the axles.
 
     Source: single-track model of commonroad-vehicle-models (Althoff, Koschi, Manzinger: CommonRoad,
     IV 2017).
 
     slip: side slip, rad. yaw_rate: rad/s. acceleration: along the vehicle, m/s2.
     wheel: angle of the front wheels on the road, rad.
-    grip: friction coefficient of the friction circle, which limits F to what the acceleration
-        leaves; inf: tyres stay linear, as in the source.
+    grip: friction coefficient of the friction circle: F is at most the part of it that the
+        acceleration leaves. inf: tyres stay linear, as in the source.
     """
     front = limits.front_share * limits.wheelbase
     rear = limits.wheelbase - front
@@ -198,10 +205,10 @@ def slip_rates(
 
 @kernel
 def _drive_within(ego: Any, target: float, limits: Any, step: float, clips: Any) -> float:
-    """Write the speed and acceleration of an ego after a step of `drive`, held to the vehicle's
+    """Write the speed and acceleration of an ego after a step of `drive`, at most at the vehicle's
     highest speed; return the distance, m.
 
-    Counts what that speed, or the rate at which acceleration may change, took away.
+    Counts a clip if that speed, or the rate at which acceleration may change, limits the request.
     """
     end_acceleration, end_speed, distance = drive(ego.speed, ego.acceleration, target, limits, step)
     if end_speed > limits.max_speed:
@@ -223,10 +230,10 @@ def move_dynamic(
 
     Arguments as in `move`. Steering, drive and brakes have the kinematic model's limits, except
     that the tyres do not limit the steering: they slip. Side slip, yaw and position are integrated
-    by Heun's method in ten parts of the step; speed and distance along the path are those of
+    by Heun's method in `_PARTS` parts of the step; speed and distance along the path are those of
     `drive`.
     """
-    # begin, end: steering wheel angles, rad; `wheel` and `wheel2` are those of the road wheels
+    # begin, end: steering wheel angles, rad; wheel, wheel2: angles of the road wheels, rad
     speed, acceleration, begin = ego.speed, ego.acceleration, ego.steering
     slip = ego.slip
     yaw_rate = ego.yaw_rate
@@ -242,7 +249,7 @@ def move_dynamic(
         behind = (1.0 - limits.front_share) * limits.wheelbase
         ego.slip, ego.yaw_rate = math.atan(behind * bend), end_speed * bend
         return
-    # m, distance of the centre of gravity ahead of (x, y), which is midway between the axles
+    # m by which the centre of gravity is ahead of `at`, which is midway between the axles
     ahead = (0.5 - limits.front_share) * limits.wheelbase
     heading = at.heading
     x, y = at.x + ahead * math.cos(heading), at.y + ahead * math.sin(heading)
@@ -273,7 +280,7 @@ def move_dynamic(
         course = 0.5 * (course + heading + slip)  # the part's mean
         x += path * math.cos(course)
         y += path * math.sin(course)
-    # m/s2 across: the acceleration of linear tyres, and the grip that braking or driving leaves
+    # from here on m/s2 across: of linear tyres; `held`: the grip that braking or driving leaves
     most *= limits.friction * GRAVITY
     held = _grip_left(limits, acceleration)
     if most > held:
@@ -306,7 +313,10 @@ def _curvature(steering_wheel_angle: float, limits: Any) -> float:
 
 @kernel
 def _held(value: float, low: float, high: float, clips: Any, what: int, time: float) -> float:
-    """A value held within its limits; counts a clip, of this number, where that changes it."""
+    """A value held within its limits; counts a clip where that changes the value.
+
+    what: number of the clip. time: of the clip, s.
+    """
     held = min(max(value, low), high)
     if held != value:
         count_clip(clips, what, time, value, held)
@@ -320,7 +330,7 @@ def _limit_steering(
     """Steering wheel angle at the end of the step: within its end stops, its rate, and the grip of
     the tyres.
 
-    largest: angle that the tyres hold, rad.
+    largest: largest angle that the tyres hold, rad.
     """
     stop = math.radians(limits.max_steering_wheel_angle_deg)
     reach = math.radians(limits.max_steering_wheel_rate_deg) * step
@@ -332,15 +342,15 @@ def _limit_steering(
 
 @kernel
 def _grip_left(limits: Any, other: float) -> float:
-    """sqrt((mu g)^2 - other^2): what the tyres hold at right angles to an acceleration, m/s2."""
+    """sqrt((mu g)^2 - other^2): acceleration that tyres hold at right angles to `other`, m/s2."""
     grip = limits.friction * GRAVITY
     return math.sqrt(max(grip * grip - other * other, 0.0))
 
 
 @kernel
 def grip_steering_wheel_angle(speed: float, limits: Any, longitudinal: float = 0.0) -> float:
-    """Largest steering wheel angle (rad) whose steady cornering the tyres can hold beside a
-    longitudinal acceleration.
+    """Largest steering wheel angle (rad) whose steady cornering the tyres can hold together with a
+    longitudinal acceleration, m/s2.
 
     v^2 tan(angle / steering ratio) / wheelbase = sqrt((mu g)^2 - longitudinal^2).
     """
@@ -352,8 +362,9 @@ def grip_steering_wheel_angle(speed: float, limits: Any, longitudinal: float = 0
 def _limit_acceleration(
     requested: float, lateral: float, limits: Any, time: float, clips: Any
 ) -> float:
-    """Acceleration the brakes, the drive and the tyres' remaining grip (friction circle) can
-    give.
+    """Acceleration, m/s2, within the limits of brakes, drive and the tyres' remaining grip.
+
+    lateral: acceleration across, which uses part of the friction circle, m/s2.
     """
     strongest, most = -limits.max_deceleration, limits.max_acceleration
     granted = _held(requested, strongest, most, clips, _ACCELERATION, time)
@@ -368,8 +379,10 @@ def _limit_acceleration(
 def drive(
     speed: float, acceleration: float, target: float, limits: Any, step: float
 ) -> tuple[float, float, float]:
-    """(acceleration, speed) at the end of the step and the distance driven in it, exactly; no
-    vehicle reverses.
+    """Acceleration, m/s2, and speed, m/s, at the end of the step, and the distance driven in it, m;
+    exact integrals. No vehicle reverses.
+
+    target: acceleration to reach, m/s2.
     """
     distance = 0.0
     left = step
@@ -379,14 +392,15 @@ def drive(
         duration = left if jerk == 0.0 else (goal - a) / jerk
         duration = min(duration, left)
         reached = a + jerk * duration
-        # cheap test first: no stop in this part unless twice its strongest braking would stop it
+        # a cheap test before the exact one: at the strongest braking of this part, twice over
         if v + 2.0 * min(a, reached) * duration <= 0.0:
             stop = _time_to_stop(v, a, jerk, duration)
             if stop >= 0.0:
                 distance += v * stop + 0.5 * a * (stop * stop) + jerk * (stop * stop * stop) / 6.0
                 if target < _SAME:
                     return 0.0, 0.0, distance
-                # at a standstill, brakes that are still being released hold nothing: drive begins
+                # the target is to drive: at a standstill it begins, although the brakes are still
+                # being released
                 a = v = 0.0
                 left -= stop
                 continue
@@ -400,8 +414,8 @@ def drive(
 
 @kernel
 def _ramp(a: float, target: float, limits: Any) -> tuple[float, float]:
-    """Next acceleration on the way from `a` to `target`, m/s2, and the rate towards it, m/s3; 0:
-    `target` is reached.
+    """Next acceleration on the way from `a` to `target`, m/s2, and the rate towards it, m/s3; the
+    rate is 0 if `target` is reached.
     """
     if abs(a - target) < _SAME:
         return a, 0.0
@@ -414,13 +428,11 @@ def _ramp(a: float, target: float, limits: Any) -> tuple[float, float]:
 
 @kernel
 def _time_to_stop(v: float, a: float, jerk: float, duration: float) -> float:
-    """First time within `duration` at which v + a t + jerk t^2 / 2 falls to 0; -1 if it does
-    not.
-    """
+    """First time within `duration` at which v + a t + jerk t^2 / 2 falls to 0, s; -1: never."""
     discriminant = a * a - 2.0 * jerk * v
     if discriminant < 0.0:
         return -1.0
-    if a < 0.0:  # the form of the smaller root that does not cancel here
+    if a < 0.0:  # the smaller root, in the form without a difference of nearly equal numbers
         time = 2.0 * v / (math.sqrt(discriminant) - a)
     elif jerk < 0.0:
         time = (math.sqrt(discriminant) + a) / -jerk
