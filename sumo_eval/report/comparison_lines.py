@@ -88,8 +88,8 @@ def comparison_notes(comparison: Comparison) -> Iterator[str]:
         yield f"{count(moved, 'case')} lie in another zone than in the base."
 
 
-_SEEN = 5e-4
-"""Smaller changes of the quantities that move a score are not listed."""
+_LEAST_SHOWN = 5e-4
+"""Smaller changes of a case's quantities are not listed."""
 
 
 def moved_words(item: ChangedCase, unit: str) -> list[str]:
@@ -99,7 +99,10 @@ def moved_words(item: ChangedCase, unit: str) -> list[str]:
     """
     about_impact = item.change in ("harsher", "softer")
     words = [f"U {item.by:+z.3g}{unit}"] if about_impact and item.by is not None else []
-    return [*words, *(f"{name} {by:+z.3g}" for name, by in item.moved.items() if abs(by) >= _SEEN)]
+    return [
+        *words,
+        *(f"{name} {by:+z.3g}" for name, by in item.moved.items() if abs(by) >= _LEAST_SHOWN),
+    ]
 
 
 def gate_lines(
@@ -117,7 +120,7 @@ def gate_lines(
         lines.append(_failure_line(gate, (since or {}).get(gate.name)))
         lines += [f"    {line}" for line in worst_lines(gate, run)]
     passed = count(sum(gate.passed is True for gate in gates), "gate")
-    return [*lines, *_unjudged_lines(gates), *([f"{passed} passed."] if gates else [])]
+    return [*lines, *_not_evaluated_lines(gates), *([f"{passed} passed."] if gates else [])]
 
 
 def _failure_line(gate: GateResult, since: str | None) -> str:
@@ -146,15 +149,15 @@ def ways_to(run: Path, case: str) -> dict[str, str]:
     }
 
 
-def _unjudged_lines(gates: Sequence[GateResult]) -> Iterator[str]:
+def _not_evaluated_lines(gates: Sequence[GateResult]) -> Iterator[str]:
     """Limits that could not be evaluated, those with one reason on one line."""
     # by reason, and by ADS where a gate is `blind` (its cases cannot show a change)
-    unjudged = grouped(
+    not_evaluated = grouped(
         ((gate.ads if gate.blind else "", gate.reason or gate.sentence), gate)
         for gate in gates
         if gate.passed is None
     )
-    for (ads, reason), alike in unjudged.items():
+    for (ads, reason), alike in not_evaluated.items():
         if ads:
             yield f"{one_line(ads)}: {', '.join(gate.blind for gate in alike)}: {reason}"
         elif len(alike) > 1:

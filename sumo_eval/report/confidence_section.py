@@ -16,8 +16,8 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scoring.confidence.assessment import Assessment, Confidence
 from sumo_eval.scoring.confidence.coverage import PairCoverage, SpaceCoverage
 
-SHOWN = 8  # further cases that the page lists; the file has all of them
-CELL = 17  # pixels of a bucket in the picture
+MOST_FURTHER = 8  # further cases that the page lists; the file has all of them
+CELL = 17  # px, side of a bucket in the picture
 
 
 def write_confidence(confidence: Confidence, folder: Path) -> Path:
@@ -65,7 +65,7 @@ def _further(item: Assessment, confidence: Confidence) -> Json:
         "after": f"{half_width * further.shrink:z.1f}",
         "points": [
             ", ".join(f"{name} = {value:z.4g}" for name, value in zip(names, row, strict=True))
-            for row in further.points[:SHOWN].tolist()
+            for row in further.points[:MOST_FURTHER].tolist()
         ],
     }
 
@@ -74,7 +74,10 @@ def _space(name: str, item: SpaceCoverage) -> Json:
     hit, possible = item.pairs_hit
     return {
         "name": name,
-        "buckets": [f"{parameter}: {got} of {of}" for parameter, (got, of) in item.buckets.items()],
+        "buckets": [
+            f"{parameter}: {hits} of {possible}"
+            for parameter, (hits, possible) in item.buckets.items()
+        ],
         "pairs": f"{hit} of {possible}" if possible else "–",  # of buckets
         "radius": f"{item.empty_radius:z.3f}",  # in the unit box
         "centre": ", ".join(

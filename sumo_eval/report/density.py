@@ -56,6 +56,7 @@ def _tiles(
 
     shade: 0..1, of each tile.
     values: of each tile, saved beside its middle in the chart's table.
+    colour: name of a colour in templates/report.css.
     words: label; the text before its first comma heads the values.
     """
     size = TILES * _SIDE

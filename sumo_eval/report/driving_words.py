@@ -75,11 +75,11 @@ def driving_words(
     return [*sentences, *gave_up, *picture(scene, moment), f"See it: {command}"]
 
 
-_Said = Iterator[tuple[str, float]]
-"""A sentence, and the time that it is about, s since the start of the drive."""
+_Remarks = Iterator[tuple[str, float]]
+"""Sentences, each with the time that it is about, s since the start of the drive."""
 
 
-def _incident(scene: CaseDrives, fact: Fact) -> _Said:
+def _incident(scene: CaseDrives, fact: Fact) -> _Remarks:
     """Contact, departure, or an end that the harness brought, and what the ADS did before."""
     case, hit = scene.case, fact.collision
     if hit is not None:
@@ -111,7 +111,7 @@ def _incident(scene: CaseDrives, fact: Fact) -> _Said:
         yield f"Left the road at {when:z.1f} s with {3.6 * speed:z.0f} km/h.", when
 
 
-def task_words(scene: CaseDrives, logical: LogicalScenario, margin: float) -> _Said:
+def task_words(scene: CaseDrives, logical: LogicalScenario, margin: float) -> _Remarks:
     """Words on where the drive fell furthest behind the slowest reference.
 
     margin: `road_margin`, m.
@@ -132,7 +132,7 @@ def task_words(scene: CaseDrives, logical: LogicalScenario, margin: float) -> _S
     yield words[delay.what], delay.time
 
 
-def likeness_words(scene: CaseDrives, people: Quantiles) -> _Said:
+def likeness_words(scene: CaseDrives, people: Quantiles) -> _Remarks:
     """The factors that lower H, in words, the lowest first."""
     end = scene.ego.duration  # time of a sentence about the whole drive
     factors = [(getattr(scene.case, field), name) for name, field in LIKENESS_FACTORS.items()]

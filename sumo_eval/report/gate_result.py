@@ -91,7 +91,7 @@ def in_order(
 
     nights: for how many nights each limit has failed, by its name; none: 0.
     """
-    # places below 0, the gravest first
+    # the graver a bad end, the further below 0; other quantities: 0
     grave = {end: -rank for rank, end in enumerate(("severity", *reversed(ENDS)), 1)}
 
     def place(gate: GateResult) -> tuple[int, int, int]:

@@ -70,36 +70,37 @@ def alarms(counts: Behaviour) -> list[str]:
         ),
         (counts.not_evaluated, f"{count(counts.not_evaluated, 'case')} not evaluated{given_up}"),
     )
-    return [words for number_of, words in causes if number_of]
+    return [words for cases, words in causes if cases]
 
 
 def safety_words(evaluation: Evaluation, behaviour: Behaviour) -> str:
     """Harm of an ADS: `3 avoidable collisions in 192 cases, worst 43 km/h; as much excess impact
     speed as one 50 km/h contact every 24 cases of this grid`.
     """
-    hit = behaviour.avoidable > 0
-    hits = count(behaviour.avoidable, "avoidable collision") if hit else "no avoidable collision"
-    hits += f" in {count(behaviour.cases, 'case')}"
-    hits += f", worst {3.6 * behaviour.worst:z.0f} km/h" if behaviour.worst else ""
+    collides = behaviour.avoidable > 0
+    words = count(behaviour.avoidable, "avoidable collision")
+    words = words if collides else "no avoidable collision"
+    words += f" in {count(behaviour.cases, 'case')}"
+    words += f", worst {3.6 * behaviour.worst:z.0f} km/h" if behaviour.worst else ""
     # an excess of losses has no unit, and so no contact at 50 km/h to compare it with
     if not (behaviour.excess > 0.0 and evaluation.settings.method.collision.regret_unit):
-        return hits
+        return words
     scenarios = {score.scenario for score in evaluation.scores}
     grids = "this grid" if len(scenarios) == 1 else "these grids"
-    often = f"one 50 km/h contact every {1.0 / behaviour.contacts:z.0f} cases"
+    contacts = f"one 50 km/h contact every {1.0 / behaviour.contacts:z.0f} cases"
     if behaviour.contacts > SELDOM:
-        often = f"{behaviour.contacts:z.1f} contacts at 50 km/h a case"
-    speed = (
+        contacts = f"{behaviour.contacts:z.1f} contacts at 50 km/h a case"
+    excess = (
         "; as much excess impact speed"
-        if hit
+        if collides
         else ", yet as much impact speed above the ideal vehicle's"
     )
-    return f"{hits}{speed} as {often} of {grids}"
+    return f"{words}{excess} as {contacts} of {grids}"
 
 
-def _safest(evaluation: Evaluation, every: Sequence[Behaviour]) -> str:
+def _safest(evaluation: Evaluation, behaviours: Sequence[Behaviour]) -> str:
     graded = sorted(
-        (behaviour for behaviour in every if behaviour.grade is not None),
+        (behaviour for behaviour in behaviours if behaviour.grade is not None),
         key=lambda behaviour: -(behaviour.grade or 0.0),  # `or 0.0` for the type checker alone
     )
     if not graded:
@@ -108,29 +109,29 @@ def _safest(evaluation: Evaluation, every: Sequence[Behaviour]) -> str:
     if len(graded) == 1:
         return words
     other = graded[1].ads
-    beside = harm_beside(evaluation, graded[0].ads, other)
-    if beside.less == beside.more == 0:
+    pair = harm_beside(evaluation, graded[0].ads, other)
+    if pair.less == pair.more == 0:
         # `run.only` may name cases of which the two have none in common
-        return f"{words} {other} does the same harm in every case." if beside.common else words
-    apart = "Told apart" if beside.told_apart else "Not told apart"
+        return f"{words} {other} does the same harm in every case." if pair.common else words
+    apart = "Told apart" if pair.told_apart else "Not told apart"
     return (
-        f"{words} {apart} from {other}: less harm in {count(beside.less, 'case')}, more in "
-        f"{beside.more} (sign test, p = {beside.chance:z.2g})."
+        f"{words} {apart} from {other}: less harm in {count(pair.less, 'case')}, more in "
+        f"{pair.more} (sign test, p = {pair.chance:z.2g})."
     )
 
 
-def _most_human(every: Sequence[Behaviour]) -> str:
-    # (-H, ADS), so that the highest H is first
+def _most_human(behaviours: Sequence[Behaviour]) -> str:
+    # (-H, ADS), so that the highest H is first; equal ones by name
     likeness = sorted(
-        (-behaviour.human, behaviour.ads) for behaviour in every if behaviour.human is not None
+        (-behaviour.human, behaviour.ads) for behaviour in behaviours if behaviour.human is not None
     )
     if not likeness:
         return "not known: no safe case could be compared with drivers."
     best, *others = likeness
     if others and not round(best[0], 2):
         return "no ADS, every H is 0.00."
-    beside = f"; next {others[0][1]}, {number(-others[0][0], 2)}" if others else ""
-    return f"{best[1]} with H {number(-best[0], 2)} of 1{beside}."
+    second = f"; next {others[0][1]}, {number(-others[0][0], 2)}" if others else ""
+    return f"{best[1]} with H {number(-best[0], 2)} of 1{second}."
 
 
 def _best(ranking: Ranking, order: Sequence[RankedAds]) -> str:

@@ -117,12 +117,12 @@ def _shared(
     """Values that the sections of the page share."""
     settings, exposure_known = evaluation.settings, evaluation.exposure_known()
     synthetic = settings.drivers.source == "synthetic" or nobody_recorded(evaluation)
-    missing = unevaluated(evaluation)
-    number_missing = sum(map(len, missing))
+    missing_tables = unevaluated(evaluation)  # of each score
+    number_missing = sum(map(len, missing_tables))
     avoidable = sum(score.avoidable_collisions for score in evaluation.scores)
     failed_gates = len(failed(additions.gates))
     return {
-        "case_page": "",
+        "case_page": "",  # links to cases stay on this page
         "name": evaluation.name,
         "evaluation": evaluation,
         "collisions": sum(score.collisions for score in evaluation.scores),
@@ -142,7 +142,8 @@ def _shared(
         "likeness_factors": LIKENESS_FACTORS,
         "ratio": "Ug/U" if settings.method.collision.loss == "severity" else "Lg/L",
         "missing": [
-            (case, why_missing(case)) for case in islice(chain.from_iterable(missing), MOST_LISTED)
+            (case, why_missing(case))
+            for case in islice(chain.from_iterable(missing_tables), MOST_LISTED)
         ],
         "all_missing": number_missing,
         "given_up": GIVEN_UP,
@@ -248,7 +249,7 @@ def _left_out(
             f"{item.name}={(item.low + item.high) / 2.0:g}" for item in logical.parameters
         ),
         "left_out": left_out,
-        "there": in_page,
+        "in_page": in_page,
         "densities": [
             (ads, density_maps(logical, cases, view.x, view.y))
             for ads, cases in tables.items()

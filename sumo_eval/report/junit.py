@@ -60,7 +60,7 @@ Suite = tuple[Iterable[Test], Mapping[str, str]]
 """Tests, and properties by name."""
 Suites = Mapping[tuple[str, str], Suite]
 """Suites by (name of the suite, class name of its tests)."""
-_HELD = 1 << 18  # bytes of a suite that are held in memory; a larger suite goes to a file
+_IN_MEMORY = 1 << 18  # bytes of a suite that stay in memory; a larger suite goes to a file
 _FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -138,7 +138,7 @@ def write_junit(suites: Suites, path: Path) -> Path:
     """
     with writing(f"The JUnit file {path}"), ExitStack() as bodies, path.open("wb") as out:
         written = {
-            key: _written(tests, key[1], bodies.enter_context(SpooledTemporaryFile(_HELD)))
+            key: _written(tests, key[1], bodies.enter_context(SpooledTemporaryFile(_IN_MEMORY)))
             for key, (tests, _) in suites.items()
         }
         totals = sum((counts for _, counts, _ in written.values()), Counter[str]())

@@ -33,7 +33,8 @@ def levers_content(evaluation: Evaluation, additions: Additions) -> Mapping[str,
         return None
     fact = levers.fact
     return {
-        "found": levers,
+        "why_not": levers.why_not,
+        "drives": levers.drives,
         "title": f"{fact.driver} in {fact.scenario} at {point_words(fact.values)}",
         "address": f"#case:{case_key(fact.case)}",
         "ends": ends_words(fact.collision),

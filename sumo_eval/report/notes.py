@@ -66,8 +66,8 @@ def why_missing(case: CaseResult) -> str:
         (case.no_reaction_severity, "The case of `no_reaction`", "U0", case.no_reaction_error),
     ):
         if severity is None:
-            unknown = f"could not be evaluated, so {symbol} is not known."
-            return f"{whose} here {unknown}{because(error)}"
+            words = f"{whose} here could not be evaluated, so {symbol} is not known."
+            return words + because(error)
     few = "Fewer than two human drivers could be compared with here."
     return f"There is no D_i: {index_note_words(case) or reference_note_words(case) or few}"
 
@@ -222,10 +222,10 @@ def _missing_note(note: CasesMissing | ReferenceMissing | WorstAndBest) -> str:
                 f"means over the rest{GIVEN_UP}."
             )
         case ReferenceMissing(who, reason, cases, example):
-            drove, unknown = _REFERENCES[who]
+            drive, symbol = _REFERENCES[who]
             return (
-                f"In {count(cases, 'case')}, e.g. {example}, {drove} could not be evaluated, so "
-                f"{unknown} is not known.{because(reason)}"
+                f"In {count(cases, 'case')}, e.g. {example}, {drive} could not be evaluated, so "
+                f"{symbol} is not known.{because(reason)}"
             )
         case WorstAndBest(c, d, s):
             scores = ("C", c, 3), ("D", d, 3), ("S", s, 1)

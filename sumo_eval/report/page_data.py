@@ -73,7 +73,7 @@ def embedded_cases(
     """
     embedded: dict[str, list[EmbeddedCase]] = {zone.scenario: [] for zone in evaluation.zones}
     for findings in findings_of(evaluation):
-        missing, judged = findings.missing, verdicts(evaluation, findings.score)
+        missing, verdict_of = findings.missing, verdicts(evaluation, findings.score)
         ratios, lost_of_c, lost_of_a = findings.terms.ratio, findings.lost_of_c, findings.share_lost
         # `shown` is the same for all ADSs: an index may be beyond the cases of one of them
         indices = shown[findings.score.scenario]
@@ -84,7 +84,7 @@ def embedded_cases(
                 "avoided": finite(ratios[row]),
                 "lost": finite(lost_of_c[row]),
                 "aLost": finite(lost_of_a[row]) if case.collided else None,
-                "verdict": str(judged[row]),
+                "verdict": str(verdict_of[row]),
             }
             embedded[findings.score.scenario].append((case, details))
     return embedded
@@ -165,7 +165,7 @@ def _group_words(group: FailureGroup, logical: LogicalScenario) -> str:
     return f"{where or 'anywhere in the space'}: {words}"
 
 
-_SHOWN = (
+_UNCHANGED = (
     "ads", "zone", "exposure", "status", "outcome", "error", "error_place", "impact_speed",
     "overlap", "side",
     "severity", "loss", "ideal_severity", "no_reaction_severity", "human_likeness",
@@ -176,12 +176,15 @@ _SHOWN = (
 """Fields of a case that the page holds unchanged."""
 
 
-def _case(case: CaseResult, row: FloatArray) -> Json:
-    """One case; the page computes none of this again."""
+def _case(case: CaseResult, values: FloatArray) -> Json:
+    """One case; the page computes none of this again.
+
+    values: of its parameters, in the order of the scenario, (k,).
+    """
     measures = [(label, getattr(case, name), unit) for name, label, unit in MEASURES]
-    return {name: getattr(case, name) for name in _SHOWN} | {
+    return {name: getattr(case, name) for name in _UNCHANGED} | {
         "key": case.case,
-        "values": row.tolist(),
+        "values": values.tolist(),
         "end": end_reason(case),
         "cause": cause_words(case),
         "time": case.simulated_time,

@@ -33,7 +33,7 @@ def write_points(
         title=title,
         sentences=[
             f"{chosen} chosen; {refused} refused, because a constraint of the scenario rules them "
-            "out. A larger mark occurs more often."
+            "out. The larger a mark, the more often its point occurs."
         ],
         figures={title: picture(logical, points)},
         data=Table(

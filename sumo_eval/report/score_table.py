@@ -16,7 +16,7 @@ from sumo_eval.scoring.case_terms import SCORES
 AVOIDABLE, S_PLUS = "avoidable\nof all\ncollisions", "S+ (95 %)"
 FIRST = AVOIDABLE, "T", "A'", "H", S_PLUS, "S"
 """Headings of the first table, after the ADS and the scenario."""
-KEPT_LONGEST = S_PLUS, AVOIDABLE, "T", "A'", "H", "S"
+BY_IMPORTANCE = S_PLUS, AVOIDABLE, "T", "A'", "H", "S"
 """The same headings by importance: a terminal with room for one column has the first."""
 FAULTS = (
     "caused\ncollisions",
@@ -98,7 +98,7 @@ def _score(score: ScenarioResult, heading: str) -> str:
 def _first(rows: Sequence[Row], width: int) -> tuple[list[str], tuple[str, ...]]:
     """The first table with as many columns as fit, at least one, and the headings that do not."""
     for most in range(len(FIRST), 0, -1):
-        columns = [heading for heading in FIRST if heading in KEPT_LONGEST[:most]]
+        columns = [heading for heading in FIRST if heading in BY_IMPORTANCE[:most]]
         if _least_width(rows, columns) <= width:
             break
     left_out = tuple(heading for heading in FIRST if heading not in columns)

@@ -176,7 +176,8 @@ def ranking_content(evaluation: Evaluation, additions: Additions) -> Json | None
         "weights": weights if len(set(weights.values())) > 1 else {},
         "level": f"{100.0 * ranking.level:g} %",
         "parts": parts_of_total(ranking),
-        "found": ranking,
+        "order": ranking.ads,
+        "pairs": ranking.pairs,
     }
 
 

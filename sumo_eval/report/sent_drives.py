@@ -53,7 +53,7 @@ class Embedded(NamedTuple):
 
 
 MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 10 MB at 5,000 cases
-BYTES_OF_A_RUN = 900  # first guess for one trajectory, before the chosen ones are packed
+BYTES_OF_A_TRAJECTORY = 900  # first guess for one trajectory, before the chosen ones are packed
 BYTES_BEYOND = 40  # about, of an entry of `beyond` (`encode_trajectories`)
 
 
@@ -90,7 +90,7 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
     Reading, rounding and deflating hold the interpreter's lock for a quarter of the time, so this
     is for a thread.
     """
-    most = MOST_BYTES // BYTES_OF_A_RUN  # trajectories
+    most = MOST_BYTES // BYTES_OF_A_TRAJECTORY  # trajectories
     with open_store(facts) as store:
         # by scenario and case, in the order given, the number of its point; -1: not recorded
         points = {
@@ -177,12 +177,15 @@ def worth_embedding(
     # trajectories at the points in this order, (n,)
     ads, drivers = (np.array([at_point[point] for point in order]) for at_point in counts.values())
     hits = sum(weight >= HIT for weight in weights.values())
-    # first round: the points before `alone`, without their drivers
-    alone = int(np.searchsorted(np.cumsum(ads[:hits]), most, side="right"))
-    # second round: the points before `both`; those before `alone` need room for drivers only
-    drivers[alone:] += ads[alone:]
-    both = int(np.searchsorted(np.cumsum(drivers), most - ads[:alone].sum(), side="right"))
-    return Embedded(frozenset(order[: max(alone, both)]), frozenset(order[:both]))
+    # first round: the first `with_ads` points have room for their ADSs
+    with_ads = int(np.searchsorted(np.cumsum(ads[:hits]), most, side="right"))
+    # second round: the first `with_drivers` points have room for both; of these the first
+    # `with_ads` need it for their drivers only
+    drivers[with_ads:] += ads[with_ads:]
+    room = most - ads[:with_ads].sum()
+    with_drivers = int(np.searchsorted(np.cumsum(drivers), room, side="right"))
+    points = order[: max(with_ads, with_drivers)]
+    return Embedded(frozenset(points), frozenset(order[:with_drivers]))
 
 
 def contact(
@@ -223,7 +226,7 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> Json:
     unsteered = [
         not np.isfinite(trajectory.steering_wheel_angle).all() for trajectory in trajectories
     ]
-    unknown = np.repeat(np.array(unsteered, bool), counts)
+    unknown = np.repeat(np.array(unsteered, bool), counts)  # of each sample of all trajectories
     for name, step in CHANNEL_STEPS.items():
         channel = np.concatenate(
             [np.zeros(0), *(getattr(trajectory, name) for trajectory in trajectories)]

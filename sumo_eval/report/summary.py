@@ -31,14 +31,14 @@ def summary_content(evaluation: Evaluation, additions: Additions) -> Json:
     scenarios = [zone.scenario for zone in evaluation.zones]
     ends = [ads.interval or (0.0, np.inf) for ads in order]  # no interval counts as wide
     digits = 0 if any(high - low > WIDE for low, high in ends) else 1
-    bad = failed(additions.gates)
+    failures = failed(additions.gates)
     worst = worst_case(evaluation, [ads.ads for ads in order])
     changes = [
         (
             f"{gate.quantity} of {gate.ads}: {change.point}: {change.words}",
             f"#case:{case_key(change.case)}",
         )
-        for gate in bad
+        for gate in failures
         for change in gate.worst[:1]
     ][:MOST_CHANGES]
     notes = []
@@ -49,7 +49,7 @@ def summary_content(evaluation: Evaluation, additions: Additions) -> Json:
         "verdict": verdict(comparison, additions.gates, evaluation).sentence
         if comparison or additions.gates
         else "",
-        "failures": [(additions.since.get(gate.name, ""), gate) for gate in bad],
+        "failures": [(additions.since.get(gate.name, ""), gate) for gate in failures],
         "beside": notes,
         "answers": first_words.answers,
         "alarms": first_words.alarms,

@@ -26,8 +26,8 @@ from sumo_eval.scoring.preventability import preventability, reference_ads
 from sumo_eval.text import cell, point_words
 
 CHECKS = "checks.csv"
-_ALSO = "d_i", "departed", "gave_up", "incident_severity"
-"""Columns behind the fields of `CaseResult`."""
+_DERIVED = "d_i", "departed", "gave_up", "incident_severity"
+"""Columns behind the fields of `CaseResult`, which follow from these."""
 _IN_WORDS: dict[str, Callable[[CaseResult], str]] = {
     "index_note": index_note_words,
     "reference_note": reference_note_words,
@@ -49,13 +49,14 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
     # the first case of each ADS and scenario names the scenario's parameters
     firsts = [next(iter(evaluation.cases_behind(it)), None) for it in evaluation.scores]
     parameters = list(dict.fromkeys(name for case in firsts if case for name in case.values))
-    taken = (*_FIRST, *_REST, *_ALSO)
-    headings = [f"parameter_{name}" if name in taken else name for name in parameters]
+    columns = (*_FIRST, *_REST, *_DERIVED)
+    headings = [f"parameter_{name}" if name in columns else name for name in parameters]
     cases = evaluation.cases
     severities = (
         None if math.isnan(value) else value for value in cases.incident_severity.tolist()
     )
-    also = zip(cases.departed.tolist(), cases.gave_up.tolist(), severities, strict=True)
+    # of each case the values of `_DERIVED` behind the first, `d_i`
+    derived = zip(cases.departed.tolist(), cases.gave_up.tolist(), severities, strict=True)
     rows = (
         (
             *(getattr(case, name) for name in _FIRST),
@@ -65,11 +66,12 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
                 for name in _REST
             ),
             case.index,
-            *more,
+            *rest,
         )
-        for case, more in zip(cases, also, strict=True)
+        for case, rest in zip(cases, derived, strict=True)
     )
-    write_csv(path, map(cell, (*_FIRST, *headings, *_REST, *_ALSO)), (map(cell, it) for it in rows))
+    names = (*_FIRST, *headings, *_REST, *_DERIVED)
+    write_csv(path, map(cell, names), (map(cell, it) for it in rows))
 
 
 def write_tables(evaluation: Evaluation) -> None:

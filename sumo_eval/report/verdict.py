@@ -64,34 +64,35 @@ def verdict(
 
 
 def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tuple[Word, str]:
-    bad = failed(gates)
-    limits = f"{count(len(bad), 'limit')} failed"
+    failures = failed(gates)
+    limits = f"{count(len(failures), 'limit')} failed"
     if comparison is None:
         no_base = "there is no earlier good run to compare with"
-        return "first", f"NOT GOOD: {limits}; {no_base}" if bad else f"FIRST: {no_base}"
+        return "first", f"NOT GOOD: {limits}; {no_base}" if failures else f"FIRST: {no_base}"
 
     base = Path(comparison.base_folder).name
-    # the accepted night, of which there is one, if every failed limit failed beside it alone
-    against = {gate.against for gate in bad}
-    than = f"the accepted {against.pop()}" if bad and "" not in against else base
-    if bad and all(gate.quantity == "pairs" for gate in bad):
-        return "incomplete", f"INCOMPLETE beside {than}: {bad[0].sentence}"
+    # Where every limit failed only in comparison with the accepted night, of which there is one,
+    # the sentence names that night instead of the base.
+    against = {gate.against for gate in failures}
+    than = f"the accepted {against.pop()}" if failures and "" not in against else base
+    if failures and all(gate.quantity == "pairs" for gate in failures):
+        return "incomplete", f"INCOMPLETE beside {than}: {failures[0].sentence}"
     worse, better, pairs = comparison.worse, comparison.better, comparison.pairs
     moved = f"outcome or likeness worse in {count(worse, 'case')}, better in {better}"
-    if bad:
+    if failures:
         # limits on values of the new run alone do not say that it became worse
-        how = "NOT GOOD beside" if all(gate.own for gate in bad) else "WORSE than"
+        how = "NOT GOOD beside" if all(gate.own for gate in failures) else "WORSE than"
         moved = moved if than == base else f"beside {base} {moved}"
         return "worse", f"{how} {than}: {limits}; {moved}"
     equal = "equal to the last bit"
     if comparison.identical:
         return "same", f"THE SAME as {base}: {count(pairs, 'case')} {equal}"
     alike = sum(part.identical for part in comparison.ads)
-    little = pairs - alike - worse - better  # cases changed by less than the tolerances
+    hardly = pairs - alike - worse - better  # cases changed by less than the tolerances
     words = [moved] if worse or better else []
-    if little > 0:
+    if hardly > 0:
         less = "changed by less than the tolerances of outcome and likeness"
-        words.append(f"{count(little, 'case')} {less}")
+        words.append(f"{count(hardly, 'case')} {less}")
     words = words or [f"{count(alike, 'case')} {equal}"]
     if lost := sum(group.lost for group in comparison.unpaired):
         words.append(f"{lost} of the base have no partner")

@@ -1,5 +1,7 @@
 """Words for values, cases and verdicts, which pages, terminal and nights share.
 
+The `z` in formats of numbers, here and in all files of this folder, writes -0.0 as 0.0.
+
 Users: `cli/whatif.py`, `nightly/`, `report/`, `extras/figures/of_scenes.py`, `extras/rates/`.
 """
 

@@ -358,7 +358,7 @@ def test_a_large_evaluation_reports_that_it_embeds_some_points(
     evaluation, partitions, page, monkeypatch
 ):
     assert "points are in this file" not in page
-    monkeypatch.setattr(sent_drives, "MOST_BYTES", 20 * sent_drives.BYTES_OF_A_RUN)
+    monkeypatch.setattr(sent_drives, "MOST_BYTES", 20 * sent_drives.BYTES_OF_A_TRAJECTORY)
     small = write_report(evaluation, partitions).read_text()
     monkeypatch.undo()
     write_report(evaluation, partitions)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import click
 import pytest
 
-from sumo_eval.report.score_table import FIRST, KEPT_LONGEST, MORE, cells_of, score_lines
+from sumo_eval.report.score_table import BY_IMPORTANCE, FIRST, MORE, cells_of, score_lines
 
 LONG = ("acc", "front_assist_planner_of_the_year_2026_a", "front_assist_planner_of_the_year_2026_b")
 INTERVALS = {
@@ -41,7 +41,7 @@ def test_no_line_is_wider_than_the_terminal(evaluation, width, number, everythin
 
 @pytest.mark.parametrize("number", [1, 12])
 def test_a_narrower_terminal_gets_fewer_columns(evaluation, number):
-    many, before = with_ads(evaluation, number), len(KEPT_LONGEST)
+    many, before = with_ads(evaluation, number), len(BY_IMPORTANCE)
     for width in (140, 100, 80, 60, 40, 30):
         text = click.unstyle("\n".join(score_lines(many, width)))
         table = text.partition("\nNot shown")[0]
