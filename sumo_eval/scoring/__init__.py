@@ -1,3 +1,3 @@
-"""Scores from recorded facts: likeness of each case, terms of collisions, and the confidence of
-each score.
+"""Scores from recorded facts: D_i, harm and measures of each case, the scores of each ADS, and
+their intervals. `scoring/steps.py` has the order of the work.
 """

@@ -17,18 +17,21 @@ from sumo_eval.scoring.rule import sign_test
 CONTACT = 50.0 / 3.6
 """Impact speed that counts as one contact in `Behaviour.contacts`, m/s."""
 BY_CHANCE = 0.05
-"""Probability of a sign test below which two ADSs count as different."""
+"""Two ADSs count as different if the sign test's P is below this."""
 
 
 class Behaviour(NamedTuple):
-    """One ADS in one scenario, or in all scenarios of a run; counts are numbers of cases.
+    """One ADS in all scenarios of a run. Integers are numbers of cases.
 
-    stands: safe cases in which it stands where the references drive.
-    slower: safe cases in which it does not stand but is slower than the references.
-    implausible: safe cases of plausibility 0, beyond all recorded people; 0 if not most of them.
-    worst: impact speed of the hardest avoidable collision, m/s; 0 without one.
-    excess: mean of max(0, U - Ug), weighted by exposure, m/s; 0 where nothing could be evaluated.
-    grade, human: A' and H; None where they do not exist.
+    avoidable: collisions that the ideal vehicle avoids.
+    stands: safe cases in which the ADS stands where the references drive.
+    slower: safe cases in which the ADS does not stand but is slower than the references.
+    implausible: safe cases of plausibility 0, beyond all recorded people; 0 if these are at most
+        half of the safe cases with a human-likeness.
+    worst: impact speed of the hardest avoidable collision, m/s; 0 without such a collision.
+    excess: mean of max(0, U - Ug) by exposure, m/s; 0 if nothing could be evaluated.
+    grade: A'; None if it does not exist.
+    human: H; None if it does not exist.
     """
 
     ads: str
@@ -48,13 +51,13 @@ class Behaviour(NamedTuple):
 
     @property
     def contacts(self) -> float:
-        """The excess in units of `CONTACT`: 1 stands for one such contact in every case."""
+        """The excess in units of `CONTACT`; 1 means one contact at this speed in every case."""
         return self.excess / CONTACT
 
 
 def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
-    """The ADSs by their place in the ranking; without a ranking by the mean S+ of their scenarios,
-    ADSs without S+ last and equal ones in the evaluation's order.
+    """The ADSs by their place in the ranking. Without a ranking: by the mean S+ of their scenarios,
+    ADSs without S+ last, equal ADSs in the evaluation's order.
     """
     if evaluation.ranking is not None and evaluation.ranking.ads:
         return evaluation.ranking.ads
@@ -73,13 +76,19 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
     scores = [findings.score for findings in parts]
     by_scenario = {} if evaluation.ranking is None else evaluation.ranking.weights
     weights = [by_scenario.get(score.scenario, 1.0) for score in scores]
-    stands = sum(int(findings.stands.sum()) for findings in parts)  # `slow` counts them too
-    beyond = np.concatenate([it.cases.plausibility[it.likened] == 0.0 for it in parts])
+    stands = sum(int(findings.stands.sum()) for findings in parts)  # `slow` contains these cases
+    # whether each safe case with a human-likeness has plausibility 0
+    beyond = np.concatenate([part.cases.plausibility[part.likened] == 0.0 for part in parts])
 
     def total(field: str) -> int:
+        """Sum of a field of the scores over the scenarios."""
         return sum(getattr(score, field) for score in scores)
 
     def mean(values: Iterable[float | None], *, skip_missing: bool = False) -> float | None:
+        """Mean of a value of each scenario.
+
+        skip_missing: whether a scenario without a value is left out. If not, the mean is None.
+        """
         return _mean(
             pair
             for pair in zip(values, weights, strict=True)
@@ -112,7 +121,9 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
 
 
 def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
-    """The mean of (value, weight); None where a value with a weight is missing or all weigh 0."""
+    """The mean of pairs (value, weight). None if all weights are 0, or if a value is missing whose
+    weight is above 0.
+    """
     pairs = list(values)
     whole = sum(weight for _, weight in pairs)
     if not whole or any(value is None for value, weight in pairs if weight):
@@ -122,10 +133,11 @@ def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
 
 
 class HarmBeside(NamedTuple):
-    """How an ADS compares with a second one, in numbers of cases.
+    """Avoidable harm of an ADS compared with a second ADS, in numbers of points.
 
-    less, more: with less, or more, avoidable harm than the second.
-    common: all cases that both have.
+    less: points at which the ADS does less avoidable harm than the second.
+    more: points at which it does more.
+    common: points at which both have a case.
     """
 
     less: int
@@ -134,23 +146,23 @@ class HarmBeside(NamedTuple):
 
     @property
     def chance(self) -> float:
-        """P of the two-sided sign test: twice that of the one-sided test of the larger number."""
+        """P of the two-sided sign test: twice P of the one-sided test of the larger number."""
         return min(1.0, 2.0 * sign_test(max(self.less, self.more), min(self.less, self.more)))
 
     @property
     def told_apart(self) -> bool:
-        """Whether the ADS does less harm than the second one, and not by chance."""
+        """Whether the ADS does less harm than the second ADS, and not by chance."""
         return self.chance < BY_CHANCE and self.less > self.more
 
 
 def harm_beside(evaluation: Evaluation, first: str, second: str) -> HarmBeside:
-    """Compare the avoidable harm of two ADSs case by case."""
+    """Compare the avoidable harm of two ADSs point by point."""
     of_second = {findings.score.scenario: findings for findings in findings_of(evaluation, second)}
     differences = [np.empty(0)]
     for own in findings_of(evaluation, first):
         if (other := of_second.get(own.score.scenario)) is not None:
             points, other_points = point_numbers([own.cases, other.cases])
-            # rows of the points that both have
+            # rows of the common points in both tables
             rows, other_rows = np.intersect1d(points, other_points, return_indices=True)[1:]
             differences.append(own.beyond[rows] - other.beyond[other_rows])
     harm = np.concatenate(differences)
@@ -158,17 +170,17 @@ def harm_beside(evaluation: Evaluation, first: str, second: str) -> HarmBeside:
 
 
 def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | None:
-    """The case to look at first.
+    """The case to look at first: of the first ADS in `order` that lost any of A, the case that
+    lowers its A most. If no ADS lost any, the least human-like case of the first ADS.
 
-    It is the case (a collision, a departure or a case given up) that lowers A most, of the first
-    ADS in `order` that has one; else the least human-like case of the first ADS.
+    order: names of the ADSs.
     """
     for ads in order:
         worst: list[tuple[float, str, CaseResult]] = []
         for findings in findings_of(evaluation, ads):
             losses = np.nan_to_num(findings.share_lost)
             if (most := float(losses.max(initial=0.0))) > 0.0:
-                # the name decides between equals
+                # of equal cases the last name counts, by `max`
                 worst += [(most, case.case, case) for case in findings.cases[losses == most]]
         if worst:
             return max(worst)[2]
@@ -176,11 +188,13 @@ def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | Non
 
 
 def least_human(evaluation: Evaluation, ads: str) -> CaseResult | None:
-    """The case without a collision in which an ADS is least human-like."""
+    """The case without a collision in which an ADS is least human-like; None without such a
+    case.
+    """
     least = []
     for findings in findings_of(evaluation, ads):
         likeness = np.where(findings.cases.collided, np.inf, findings.cases.human_likeness)
-        lowest = float(np.fmin.reduce(likeness, initial=np.inf))  # fmin: without nan
+        lowest = float(np.fmin.reduce(likeness, initial=np.inf))  # fmin leaves out nan
         if lowest < np.inf:
             least += [(lowest, case.case, case) for case in findings.cases[likeness == lowest]]
     return min(least)[2] if least else None

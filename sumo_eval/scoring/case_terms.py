@@ -1,8 +1,11 @@
-"""Contributions of each case to the scores, as arrays, and all scores of one sample of the cases
-or of many. `scoring.quantities` makes the scores of a run here, `scoring.confidence` their
-intervals, `scoring.comparison` the scores of paired cases.
+"""Contributions of each case to the scores, as arrays, and all scores of one sample of the cases or
+of many.
 
-Users: `nightly/`, `report/`, `scoring/`.
+`scoring.quantities` makes the scores of a run here, `scoring.confidence` their intervals,
+`scoring.comparison` the scores of paired cases.
+
+Users: `nightly/`, `report/`, `scoring/`. Fixed: letters of `SCORES`, which people read; names of
+scores, which are keys of scores.json; the sums, which `AskedTerms` records.
 """
 
 from __future__ import annotations
@@ -32,7 +35,7 @@ SCORES = {
     "D": ("d", 3),
     "S": ("s", 1),
 }
-"""The scores by the letters that people read: (field of ScenarioResult, digits).
+"""Letter that people read -> (field of ScenarioResult, digits after the point).
 
 Comparisons show one digit more.
 """
@@ -41,32 +44,32 @@ COMPUTED = (
     "task_share",
     "avoidance_grade", "s_plus", "collision_probability"
 )  # fmt: skip
-"""Values that `scores_of` computes, by the names of `ScenarioResult`."""
+"""Names of the values that `scores_of` computes: fields of `ScenarioResult`."""
 ScoreSamples = dict[str, FloatArray]
 """Each score in m samples, (m,), by its name."""
-_SEVEREST = 100.0  # m/s, in the severest class of Eq. 14
+_SEVEREST = 100.0  # m/s, a U in the severest class of Eq. 14
 
 
 @frozen(eq=False)
 class CaseTerms:
-    """The cases of one ADS in one logical scenario, arrays (n,); nan where a case has no part in a
-    term.
+    """The n cases of one ADS in one logical scenario, arrays (n,). A number is nan if the case has
+    no part in it.
 
     exposure: p_i.
     weight: r_i.
-    severity: U_i of the worst incident, 0 without one, nan where the harness failed; with
+    severity: U_i of the worst incident, 0 without an incident, nan if the simulation failed. With
         `loss = "class"` its class L, 0.1 without an incident.
     ideal: Ug_i in the same concrete scenario, or its class.
     unreacting: U0_i in the same concrete scenario, or its class.
-    ratio: Ug_i/U_i of a contact, or that of the classes.
+    ratio: Ug_i/U_i of a collision, or the ratio of their classes.
     collided: whether the case is a collision.
-    evaluated: whether it was driven to an end that can be evaluated.
-    index: D_i of a safe case that has one.
-    likeness: human-likeness of a safe case that has one.
-    voids: whether it is a collision after which there is no D.
-    incident: whether it has an incident.
-    counted: whether it was evaluated or the ADS gave up.
-    task: t_i of a case in the mean T.
+    evaluated: whether the case ended in a way that can be evaluated.
+    index: D_i of a safe case.
+    likeness: human-likeness of a safe case.
+    voids: whether the case is a collision after which there is no D.
+    incident: whether the case has an incident.
+    counted: whether the case was evaluated, or the ADS gave up.
+    task: t_i of a safe case.
     """
 
     exposure: FloatArray
@@ -90,7 +93,10 @@ class CaseTerms:
 
 
 def case_terms(cases: CaseTable | Sequence[CaseResult], method: MethodSettings) -> CaseTerms:
-    """The terms of cases, in their order."""
+    """The terms of cases, in the order of the cases.
+
+    method: `[method]`: whether severities or their classes are compared.
+    """
     table = CaseTable.of(cases)
     return CaseTerms(
         exposure=table.exposure,
@@ -113,7 +119,9 @@ def case_terms(cases: CaseTable | Sequence[CaseResult], method: MethodSettings) 
 
 
 def ratios(severity: FloatArray, ideal: FloatArray, method: MethodSettings) -> FloatArray:
-    """Ug/U of collisions, (n,), or that of their loss classes; nan where one of both is nan."""
+    """Eq. 17: Ug/U of collisions, (n,), or the ratio of their loss classes; nan where U or Ug is
+    nan.
+    """
     return score_terms.ideal_ratio(_compared(severity, method), _compared(ideal, method))
 
 
@@ -132,15 +140,18 @@ def scores_of(
     *,
     exposed: bool | None = None,
 ) -> ScoreSamples:
-    """Every score of `COMPUTED` in each of m samples, (m,), nan where it does not exist.
+    """Every score of `COMPUTED` in each of m samples, by name, (m,) each; nan where it does not
+    exist.
 
-    counts: of the cases in each sample, (m, n), see `score_terms`.
-    hits: counts of the cases, (m, n), for C and for whether a sample has a D. None: C by `counts`,
-        and D exists in all samples or in none, by the cases in `terms`.
-    exposed: whether any case has an exposure; None: by the cases in `terms`.
+    terms: of the cases.
+    counts: how often each case occurs in each sample, (m, n), see `score_terms`.
+    hits: the same for C, and for whether a sample has a D (`intervals.py` draws collisions without
+        balance). None: `counts` serves for C, and D exists in every sample if no case voids it.
+    exposed: whether any case has an exposure; None: look at the cases in `terms`.
     """
 
     def mean(values: FloatArray) -> FloatArray:
+        """Mean of a value of the cases in each sample, by exposure, (m,)."""
         return score_terms.exposure_mean(values, terms.exposure, counts)
 
     collisions = terms.ratio, terms.weight, terms.collided, terms.evaluated
@@ -172,7 +183,7 @@ def scores_of(
 
 
 def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | None]:
-    """Every score of `COMPUTED` of the cases themselves; None where it does not exist."""
+    """Every score of `COMPUTED` of the cases themselves, by name; None if it does not exist."""
     counts = score_terms.once(len(terms.exposure))
     values = scores_of(terms, counts, method, counts)
     return {name: None if np.isnan(value[0]) else float(value[0]) for name, value in values.items()}
@@ -186,50 +197,58 @@ def missing_bounds(
     *,
     people: bool,
 ) -> dict[str, tuple[float, float]]:
-    """Least and largest value of each score that missing cases leave open, without the scores that
-    they cannot move.
+    """Score -> least and largest value that missing cases leave open. Scores that they cannot move
+    are not in it.
 
     cases, terms: of an ADS.
-    values: the scores as they are.
+    values: the scores of the cases as they are.
+    method: `[method]`.
     people: whether there are drivers to compare with.
 
-    What is missing, and what stands for it at worst and at best:
-    - T, A, A', regret, H, S+, a case that could not be evaluated: doing nothing, or the ideal
-      vehicle where that hits harder; at best the ideal vehicle.
-    - The ideal vehicle's drive: it avoids, or the point has no part in A, whichever gives the lower
-      A; at best it hits as hard as the ADS.
-    - The drive of doing nothing: it hits as hard as the ADS; at best as hard as the hardest one.
-    - The human-likeness of a safe case: 0; at best 1. After a collision of which it is unknown
-      whether the ideal vehicle avoids it: 0; at best the case has no part in H.
-    - C, a case: a collision of ratio 0, which never raises Eq. 17's mean; at best one of ratio 1,
-      which never lowers it. Where U in m/s is compared and the ideal vehicle avoids, at best no
-      collision, because any contact has a U above 0 (a loss may be 0).
-    - D, the D_i of a safe case without a collision: 0; at best 1.
-    - S: as C and D. A missing safe case may have been a collision, after which there is no D.
+    What may be missing, and what replaces it:
+    - A case that could not be evaluated, in T, A, A', regret, H and S+. At worst the ADS does
+      nothing (or hits as hard as the ideal vehicle, if that hits harder), at best it drives as the
+      ideal vehicle.
+    - The ideal vehicle's drive. At worst it avoids the contact, or the point has no part in A,
+      whichever gives the lower A. At best it hits as hard as the ADS.
+    - The drive of `no_reaction`. At worst it hits as hard as the ADS, at best as hard as the
+      hardest drive of `no_reaction`.
+    - The human-likeness of a safe case. At worst 0, at best 1. After a collision of which it is not
+      known whether the ideal vehicle avoids it: at worst 0, at best no part in H.
+    - A case in C. At worst a collision of ratio 0, which never raises Eq. 17's mean, at best one of
+      ratio 1, which never lowers it. But if U in m/s is compared and the ideal vehicle avoids the
+      contact, no collision has the ratio 1, since any contact has a U above 0: at best no
+      collision. (A loss may be 0.)
+    - D_i of a safe case without a collision. At worst 0, at best 1.
+    - S follows from C and D. A missing safe case may have been a collision, after which there is no
+      D.
     """
     missing = _missing(cases, terms, people=people)
     worst, best = _worst_and_best(cases, terms, missing, method)
     extremes = [
         point_values(filled, method)
-        for filled in (worst, _without_what_lifts(worst, missing.unsure, method), best)
+        for filled in (worst, _without_what_lifts(worst, missing.no_reference, method), best)
     ]
     ordering = (
         "task_share", "avoided_share", "avoided_share_exposure", "avoidance_grade", "regret",
         "human_likeness", "s_plus"
     )  # fmt: skip
-    # cases by which each score may move
-    moves = {"c": missing.unrated, "d": missing.unindexed}
-    moves |= dict.fromkeys(ordering, missing.lost | missing.unsure | missing.unlike)
+    # score -> flags of the cases that may move it
+    moving = {"c": missing.no_ratio, "d": missing.no_index}
+    moving |= dict.fromkeys(
+        ordering, missing.no_outcome | missing.no_reference | missing.no_likeness
+    )
     bounds = {}
-    for name, which in moves.items():
+    for name, flags in moving.items():
         ends = [value for values in extremes if (value := values[name]) is not None]
-        if ends and which.any():
+        if ends and flags.any():
             bounds[name] = min(ends), max(ends)
     if "c" in bounds or "d" in bounds:
         c, d = (
             np.array(bounds.get(name, (values[name], values[name])), float) for name in ("c", "d")
         )
-        if (cases.safe & ~terms.evaluated).any():  # one may be a collision, after which D is void
+        # a missing safe case may be a collision, after which there is no D: its term counts 0
+        if (cases.safe & ~terms.evaluated).any():
             d[0] = np.nan
         low, high = np.nan_to_num(score_terms.paper_score(c, d, method.score))
         bounds["s"] = float(low), float(high)
@@ -237,38 +256,40 @@ def missing_bounds(
 
 
 class _Missing(NamedTuple):
-    """Flags of the cases that lack something, (n,) each.
+    """Whether each case lacks something, (n,) each.
 
-    lost: the case could not be evaluated, and the ADS did not give up.
-    gone: the case was not evaluated, for whatever reason, and is without a collision.
-    unsure: Ug or U0 is missing.
-    untimed: t_i is missing.
-    unrated: the ratio is missing.
-    unindexed: D_i is missing.
-    unlike: the human-likeness is missing.
+    no_outcome: it could not be evaluated, and the ADS did not give up.
+    may_have_hit: it was not evaluated, for whatever reason, and no collision is known.
+    no_reference: Ug or U0 is missing.
+    no_task: t_i is missing.
+    no_ratio: Ug/U is missing.
+    no_index: D_i is missing.
+    no_likeness: the human-likeness is missing.
     """
 
-    lost: BoolArray
-    gone: BoolArray
-    unsure: BoolArray
-    untimed: BoolArray
-    unrated: BoolArray
-    unindexed: BoolArray
-    unlike: BoolArray
+    no_outcome: BoolArray
+    may_have_hit: BoolArray
+    no_reference: BoolArray
+    no_task: BoolArray
+    no_ratio: BoolArray
+    no_index: BoolArray
+    no_likeness: BoolArray
 
 
 def _missing(cases: CaseTable, terms: CaseTerms, *, people: bool) -> _Missing:
-    """Flags of the cases of an ADS."""
+    """What each case of an ADS lacks. Without drivers to compare with (`people`), no D_i and no
+    human-likeness is missing.
+    """
     no_ideal = np.isnan(terms.ideal)
-    lost, gone = ~terms.counted, ~terms.collided & ~terms.evaluated
+    no_outcome, may_have_hit = ~terms.counted, ~terms.collided & ~terms.evaluated
     return _Missing(
-        lost,
-        gone,
-        unsure=no_ideal | np.isnan(terms.unreacting),
-        untimed=cases.safe & lost,
-        unrated=gone | (terms.collided & np.isnan(terms.ratio)),
-        unindexed=cases.counts_for_index & np.isnan(terms.index) & people,
-        unlike=cases.safe & np.isnan(terms.likeness) & (~terms.incident | no_ideal) & people,
+        no_outcome,
+        may_have_hit,
+        no_reference=no_ideal | np.isnan(terms.unreacting),
+        no_task=cases.safe & no_outcome,
+        no_ratio=may_have_hit | (terms.collided & np.isnan(terms.ratio)),
+        no_index=cases.counts_for_index & np.isnan(terms.index) & people,
+        no_likeness=cases.safe & np.isnan(terms.likeness) & (~terms.incident | no_ideal) & people,
     )
 
 
@@ -276,69 +297,78 @@ def _worst_and_best(
     cases: CaseTable, terms: CaseTerms, missing: _Missing, method: MethodSettings
 ) -> tuple[CaseTerms, CaseTerms]:
     """The terms with missing values at their worst, and at their best (see `missing_bounds`)."""
+    # worst: the ideal vehicle avoids, the ADS does nothing
     ideal = _filled(terms.ideal, 0.0)
-    # U of the hardest known collision of doing nothing, m/s, or its class; 0 without one
+    # U of the hardest known collision of `no_reaction`, m/s, or its class; 0 without a collision
     hardest = float(np.nanmax(terms.unreacting, initial=0.0))
     idle = np.maximum(_filled(terms.unreacting, hardest), ideal)
-    severity = np.where(missing.lost, idle, terms.severity)
-    # ratio of each case if the ideal vehicle avoids its collision; an unknown one is the severest
-    ratio = ratios(np.where(missing.gone, _SEVEREST, cases.severity), np.zeros(len(cases)), method)
+    severity = np.where(missing.no_outcome, idle, terms.severity)
+    # ratio of each case if the ideal vehicle avoids its collision: 0, or that of the classes. A
+    # collision that may have happened is the severest.
+    hits = np.where(missing.may_have_hit, _SEVEREST, cases.severity)
+    ratio = ratios(hits, np.zeros(len(cases)), method)
     worst = replace(
-        _with_shares(terms, missing, missing.unlike, 0.0),
+        _with_shares(terms, missing, missing.no_likeness, 0.0),
         severity=severity,
         ideal=ideal,
         unreacting=_filled(terms.unreacting, severity),
-        ratio=np.where(missing.unrated, ratio, terms.ratio),
-        evaluated=terms.evaluated | missing.gone,
-        weight=np.where(missing.unrated, _filled(terms.weight, 1.0), terms.weight),
+        ratio=np.where(missing.no_ratio, ratio, terms.ratio),
+        evaluated=terms.evaluated | missing.may_have_hit,
+        weight=np.where(missing.no_ratio, _filled(terms.weight, 1.0), terms.weight),
     )
-    severity = np.where(missing.lost, ideal, terms.severity)
-    # whether a collision can have the ratio 1; a loss, which has no unit, may be 0
-    may_touch = (terms.ideal != 0.0) | (not method.collision.unit)
+    # best: the ADS drives as the ideal vehicle
+    severity = np.where(missing.no_outcome, ideal, terms.severity)
+    # whether a collision may have the ratio 1; a loss, which has no unit, may be 0
+    may_equal = (terms.ideal != 0.0) | (not method.collision.unit)
     return worst, replace(
-        _with_shares(terms, missing, missing.unlike & ~terms.incident, 1.0),
+        _with_shares(terms, missing, missing.no_likeness & ~terms.incident, 1.0),
         severity=severity,
         ideal=_filled(terms.ideal, severity),
         unreacting=_filled(terms.unreacting, np.maximum(hardest, severity)),
-        ratio=np.where(missing.unrated & may_touch, 1.0, terms.ratio),
+        ratio=np.where(missing.no_ratio & may_equal, 1.0, terms.ratio),
         evaluated=worst.evaluated,
         weight=worst.weight,
     )
 
 
-def _with_shares(terms: CaseTerms, missing: _Missing, unlike: BoolArray, value: float) -> CaseTerms:
-    """The terms with one value for every missing t_i and D_i, and for the human-likeness of the
-    cases in `unlike`.
+def _with_shares(
+    terms: CaseTerms, missing: _Missing, no_likeness: BoolArray, value: float
+) -> CaseTerms:
+    """The terms with `value` for every missing t_i and D_i, and for the human-likeness of the cases
+    flagged in `no_likeness`.
     """
     return replace(
         terms,
-        index=np.where(missing.unindexed, value, terms.index),
-        likeness=np.where(unlike, value, terms.likeness),
-        task=np.where(missing.untimed, value, terms.task),
+        index=np.where(missing.no_index, value, terms.index),
+        likeness=np.where(no_likeness, value, terms.likeness),
+        task=np.where(missing.no_task, value, terms.task),
     )
 
 
 def _filled(values: FloatArray, instead: float | FloatArray) -> FloatArray:
-    """The values, (n,), with others in place of nan."""
+    """The values, (n,), with `instead` for every nan."""
     return np.where(np.isnan(values), instead, values)
 
 
-def _without_what_lifts(terms: CaseTerms, unsure: BoolArray, method: MethodSettings) -> CaseTerms:
-    """The terms without those points among the unsure ones that lift A.
+def _without_what_lifts(
+    terms: CaseTerms, no_reference: BoolArray, method: MethodSettings
+) -> CaseTerms:
+    """The terms at their worst, without the points that lift A though a reference is missing there.
 
-    A point lifts A if it lost a smaller share of what was at stake there than all points did. A
-    falls when such points are left out, so further points may then lift it: the rounds end once
-    these points stay the same.
+    A point lifts A if it lost a smaller share of what was at stake there than all points did. When
+    such points are left out, A falls, and further points may lift the lower A. So points are left
+    out in rounds, until they stay the same.
     """
-    taken = score_terms.excess(terms.severity, terms.ideal)
+    lost = score_terms.excess(terms.severity, terms.ideal)
     stake = score_terms.excess(terms.unreacting, terms.ideal)
-    kept = terms
-    for _ in range(len(unsure)):
-        avoided = point_values(kept, method)["avoided_share"]
+    remaining = terms
+    for _ in range(len(no_reference)):
+        avoided = point_values(remaining, method)["avoided_share"]
         if avoided is None:
             return terms
-        lifts = unsure & (taken < (1.0 - avoided) * stake)
-        if np.array_equal(lifts, unsure & np.isnan(kept.ideal)):  # the same points lift A again
+        lifts = no_reference & (lost < (1.0 - avoided) * stake)
+        if np.array_equal(lifts, no_reference & np.isnan(remaining.ideal)):  # the same as before
             break
-        kept = replace(terms, ideal=np.where(lifts, np.nan, terms.ideal))
-    return kept
+        # without Ug a point has no part in A
+        remaining = replace(terms, ideal=np.where(lifts, np.nan, terms.ideal))
+    return remaining

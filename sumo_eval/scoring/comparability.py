@@ -1,7 +1,8 @@
-"""Differences between two runs, apart from the behaviour of their ADSs.
+"""Differences between two runs, apart from the behaviour of their ADSs: settings, scenario files,
+versions, builds.
 
-`scoring/comparison.py` notes every difference. One that could change a score by itself is an
-InputError unless the user accepts it.
+`scoring/comparison.py` lists every difference. A difference that could change a score by itself
+(it decides) is an InputError unless the user accepts it.
 """
 
 from collections.abc import Iterator, Mapping
@@ -12,21 +13,21 @@ from sumo_eval.results import Evaluation
 from sumo_eval.settings.config import to_plain
 
 HARMLESS = "name", "ads", "run", "report"
-"""Settings that change no case of an ADS that both runs have: the list of ADSs, how work is spread,
-how results are shown."""
+"""Tables of settings that change no case of an ADS that both runs have: the run's name, the list of
+ADSs, how work is spread, how results are shown."""
 
-ABSENT = "not set"  # shown instead of the value that one of the runs does not have
+ABSENT = "not set"  # shown instead of a value that a run does not have
 INPUTS = "networks/", "routes/"  # folders of a run with SUMO's files
-SIMULATORS = "libsumo", "sumo", "eclipse-sumo"
-_FILE = "file of scenario "  # begins the name of a difference
+SIMULATORS = "libsumo", "sumo", "eclipse-sumo"  # packages whose versions decide
+_FILE = "file of scenario "  # begins the name of a difference between scenario files
 
 
 class Difference(NamedTuple):
     """A value that differs between two runs.
 
-    what: its name.
-    base, new: the value of each run.
-    decides: it could change a score, whatever the ADS did.
+    what: name of the value.
+    base, new: the value in each run.
+    decides: whether it could change a score, whatever the ADS did.
     """
 
     what: str
@@ -36,18 +37,18 @@ class Difference(NamedTuple):
 
     @property
     def words(self) -> str:
-        """`method.score.a: 50 in the base, 60 in the new run`."""
+        """The difference in words: `method.score.a: 50 in the base, 60 in the new run`."""
         return f"{self.what}: {self.base} in the base, {self.new} in the new run"
 
 
 def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
-    """Everything that differs except the ADSs' behaviour; deciding differences first."""
+    """Everything that differs except the ADSs' behaviour. Differences that decide come first."""
     items = []
-    # both runs have the same parts, in the same order
+    # `_parts` of both runs have the same parts, in the same order
     for (decides, old), (_, now) in zip(_parts(base, new), _parts(new, base), strict=True):
         for key in old | now:
             before, after = old.get(key, ABSENT), now.get(key, ABSENT)
-            # a run of an earlier version has no hash of a scenario's file
+            # a run of an earlier version of this package has no hash of a scenario's file
             unknown = key.startswith(_FILE) and ABSENT in (before, after)
             if before != after and not unknown:
                 items.append(Difference(key, before, after, decides))
@@ -55,7 +56,7 @@ def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
 
 
 def refuse_unless_comparable(differing: tuple[Difference, ...]) -> None:
-    """Raise InputError that lists all deciding differences, if there are any."""
+    """Raise InputError that lists all differences that decide, if there are any."""
     deciding = [item.words for item in differing if item.decides]
     if deciding:
         raise InputError(
@@ -69,30 +70,31 @@ def refuse_unless_comparable(differing: tuple[Difference, ...]) -> None:
 def _parts(evaluation: Evaluation, other: Evaluation) -> list[tuple[bool, dict[str, str]]]:
     """Parts in which two runs may differ: whether a difference decides, and name -> value.
 
+    evaluation: the run whose values these are.
     other: run that it is compared with.
     """
     manifest, settings = evaluation.manifest, evaluation.settings
     plain = {key: value for key, value in to_plain(settings).items() if key not in HARMLESS}
-    # of a scenario that only one run has its name is enough
+    # a scenario that only one run has is listed by its name alone
     common = {entry.use for entry in other.settings.scenario}
     plain["scenario"] = {
         entry["use"]: entry if entry["use"] in common else {"use": entry["use"]}
         for entry in plain["scenario"]
     }
-    # two versions of the package may write one scenario differently
+    # SUMO's files: two versions of this package may write one scenario differently
     written = {
         name: sha256[:12]
         for name, sha256 in manifest.get("sha256", {}).items()
         if name.startswith(INPUTS)
     }
-    # the file of a user's own severity may have been edited
+    # hash of the file of a user's own severity, which may have been edited
     severity = str(manifest.get("severity", {}).get("sha256", ""))
-    # Earlier runs have no reference car: their T and S+ are not comparable with later ones. All
-    # scores of a run have the same.
+    # Runs of an earlier version have no reference car, so their T and S+ are not comparable with
+    # later ones. All scores of a run have the same car: look at the first.
     cars = [score.task_reference or "none" for score in evaluation.scores[:1]]
-    # a user's own scenario files, too
+    # hashes of scenario files, which may have been edited
     files = {f"{_FILE}{name}": it.get("file", "")[:12] for name, it in evaluation.exposures.items()}
-    # by whether they decide: those of the simulator do
+    # whether a version decides -> name -> version
     versions: dict[bool, dict[str, str]] = {True: {}, False: {}}
     for name, version in manifest.get("versions", {}).items():
         versions[name in SIMULATORS][f"version of {name}"] = str(version)

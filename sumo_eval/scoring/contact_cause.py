@@ -1,7 +1,8 @@
-"""Cause of a contact, by when its ADS braked and by the point of no return.
+"""Cause of a contact: when the ADS braked, compared with the point of no return, the last time at
+which full braking would have avoided the contact.
 
 Users: `report/levers_section.py`, `report/replay.py`, `report/sent_drives.py`, `report/words.py`,
-`scoring/quantities.py`.
+`scoring/quantities.py`. Fixed: the causes, which are values in cases.csv.
 """
 
 from typing import NamedTuple
@@ -19,20 +20,21 @@ class ContactCause(NamedTuple):
 
 
 def cause_of_contact(fact: Fact) -> ContactCause:
-    """Cause of a contact, by when its ADS braked and by the point of no return.
+    """Cause of a contact.
 
-    never_braked: it did not brake.
-    late: it first braked after the point of no return.
-    weak: it first braked before that.
+    never_braked: the ADS did not brake.
+    late: the ADS first braked after the point of no return.
+    weak: the ADS first braked before the point of no return.
     unavoidable_by_braking: full braking from the start on does not avoid the contact.
-    not_repeatable: a replay of the drive does not end in this contact, or none was made.
+    not_repeatable: a replay of the drive does not end in this contact, or there was no replay.
     """
     clip = next((clip for clip in fact.clips if clip.what == NO_RETURN), None)
     if clip is None or clip.first_time == UNKNOWN:
         return ContactCause("not_repeatable")
-    last, braked = clip.first_time, clip.requested  # s; `NO_RETURN` defines both
-    if last == NEVER:
+    # this clip's fields: point of no return, s, and time of the first braking, s (`NO_RETURN`)
+    no_return, braking = clip.first_time, clip.requested
+    if no_return == NEVER:
         return ContactCause("unavoidable_by_braking")
-    if braked == NEVER:
-        return ContactCause("never_braked", last)
-    return ContactCause("late" if braked > last else "weak", last, braked)
+    if braking == NEVER:
+        return ContactCause("never_braked", no_return)
+    return ContactCause("late" if braking > no_return else "weak", no_return, braking)

@@ -1,5 +1,5 @@
-"""Points of a run that matter most: `evaluation.score` keeps their trajectories under
-`[run] keep = "critical"`.
+"""Critical points of a run: under `[run] keep = "critical"`, `evaluation.score` keeps their
+trajectories alone.
 
 Users: `evaluation.py`.
 """
@@ -20,12 +20,12 @@ def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[t
 
     numbers: case -> number of its point.
 
-    A point is critical if an ADS has a case there that
+    A point is critical if the case of an ADS there
     - collided, left the road or could not be evaluated,
-    - collided while its case at the nearest other point did not, or the reverse,
-    - is among its `LEAST_HUMAN` least human-like cases.
+    - collided while the ADS's case at the nearest other point did not, or the reverse,
+    - is among the ADS's `LEAST_HUMAN` least human-like cases of the scenario.
     """
-    chosen = set()
+    critical_ones = set()
     for score in evaluation.scores:
         name, logical = score.scenario, evaluation.scenarios[score.scenario]
         cases = evaluation.cases_of(score.ads, name)
@@ -37,8 +37,8 @@ def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[t
         critical[least_first[:LEAST_HUMAN]] = True
         if len(points) > 1:
             places = logical.to_unit(cases.parameters(logical.names))
-            # the nearest of all is the point itself: take the second
+            # column 1: the nearest of all (column 0) is the point itself
             nearest = np.asarray(KDTree(places).query(places, k=2)[1])[:, 1]
             critical |= collided[nearest] != collided
-        chosen |= {(name, number) for number in points[critical].tolist()}
-    return chosen
+        critical_ones |= {(name, number) for number in points[critical].tolist()}
+    return critical_ones

@@ -1,6 +1,9 @@
-"""One recorded drive beside the drivers at its point: what stands out, when, and by how much.
+"""One recorded drive compared with the drivers at its point: what differs, when, and by how much.
 
-`report.driving_words` makes sentences and a picture of it, `report.explain` takes D_i from here.
+`report/driving_words.py` makes sentences and a picture of it, `report/explain.py` takes D_i from
+here.
+
+Users: `report/`.
 """
 
 from bisect import bisect_left
@@ -25,26 +28,28 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import FloatArray, Trajectories, Trajectory
 
 LOW = 0.99
-"""A t_i, or a factor of a case's part in H, is explained where it is lower."""
+"""A t_i, or a factor of a case's part in H, is explained if it is lower than this."""
 BRAKES = -1.0
-"""Acceleration at or below which a vehicle counts as braking, m/s2."""
+"""m/s2; a vehicle with this acceleration or less counts as braking."""
 SIDEWAYS = 0.5
-"""Least distance from its first y at which a vehicle counts as moved sideways, m."""
+"""m; a vehicle this far from its first y counts as moved sideways."""
 HALF_WINDOWS = {
     "max_deceleration": 0.5, "max_jerk": 1.0, "max_unrest": 1.0, "max_lateral_speed": 0.5,
     "max_lateral_acceleration": 1.0
 }  # fmt: skip
-"""Half of the time window that an extreme is measured over, s; 0 for extremes not named here."""
+"""Extreme -> half of the time window over which it is measured, s; 0 for other extremes."""
 LEAST_SPREADS = {"speed": 1.0, "y": 0.2}
 """Standard deviation of speed, m/s, and y, m, used where the drivers' is less."""
 
 
 class CaseDrives(NamedTuple):
-    """Drive of a case, with all drives that it is compared with at its point.
+    """Drive of a case, and all drives that it is compared with at its point.
 
-    road: the drives are in its coordinates.
-    drivers: drives of the human drivers.
-    references: by name, the drives of the drivers and of the reference car (`task_reference`).
+    ego: trajectory of the ego.
+    actors: trajectories of the other vehicles by name.
+    road: in whose coordinates all trajectories are.
+    drivers: trajectories of the human drivers.
+    references: trajectories of the drivers and of the reference car (`task_reference`) by name.
     """
 
     case: CaseResult
@@ -56,7 +61,10 @@ class CaseDrives(NamedTuple):
 
     @classmethod
     def of(cls, case: CaseResult, fact: Fact, store: Store, road: Road) -> Self:
-        """The drives as they were recorded."""
+        """The drives of a case as they were recorded.
+
+        fact: of the case.
+        """
         vehicles = store.trajectories(case.case)
         drives = store.driven_at(case.scenario, fact.point, "human", "task_reference")
         references = {fact.driver: store.trajectory(fact.case) for fact in drives}
@@ -67,7 +75,9 @@ class CaseDrives(NamedTuple):
 def index_again(
     evaluation: Evaluation, fact: Fact, road: Road, store: Store
 ) -> AnthropomorphicIndex:
-    """D_i of one case, computed again from its trajectory and the drivers' at its point."""
+    """D_i of one case, computed again from the trajectories of the case and of the drivers at its
+    point.
+    """
     drives = store.driven_at(fact.scenario, fact.point, "human")
     job = PointJob(tuple(fact.case for fact in drives), road, (fact.case,))
     settings = evaluation.settings.method.anthropomorphic
@@ -77,7 +87,11 @@ def index_again(
 
 
 class ObservedBraking(NamedTuple):
-    """Time at which an ego began to brake, s, and its strongest deceleration, m/s2."""
+    """The braking of an ego.
+
+    first: time at which it began, s since the start.
+    hardest: strongest deceleration, m/s2.
+    """
 
     first: float
     hardest: float
@@ -86,30 +100,32 @@ class ObservedBraking(NamedTuple):
 def braking_before(
     ego: Trajectory, contact: float, commanded: float | None
 ) -> ObservedBraking | None:
-    """The ego's braking up to a time, s since its start; None without any.
+    """The ego's braking before a contact; None without any.
 
-    commanded: when it began, s, by the recorded commands; None: they do not say, samples do.
+    contact: time of the contact, s since the start.
+    commanded: when braking began by the recorded commands, s; None: it is not recorded, and the
+        samples show it.
     """
-    since = ego.time - ego.time[0]
-    felt = ego.acceleration[since <= contact]
-    brakes = since[: len(felt)][felt <= BRAKES]
-    if commanded is None and not len(brakes):
+    time = ego.time - ego.time[0]
+    acceleration = ego.acceleration[time <= contact]
+    braking_times = time[: len(acceleration)][acceleration <= BRAKES]
+    if commanded is None and not len(braking_times):
         return None
-    first = brakes[0] if commanded is None else commanded
-    return ObservedBraking(float(first), -float(felt.min()))
+    first = braking_times[0] if commanded is None else commanded
+    return ObservedBraking(float(first), -float(acceleration.min()))
 
 
 class Behind(NamedTuple):
     """Place at which a drive fell furthest behind the slowest reference.
 
-    what: `missed`: a lane change due there was missed. `stood`: the ego stood there. `short`: it
-        came no further. `late`: it was late there.
+    what: `missed`: a lane change due there was missed. `stood`: the ego stood there at the end.
+        `short`: the ego came no further. `late`: the ego was late there.
     way: distance of the place from the ego's start, m.
-    time: at which the ego was there, s since its start.
-    target: for `stood` and `short` the distance that was asked for, m; for `late` the time of the
-        slowest reference there, s; nan for `missed`.
+    time: when the ego was there, s since its start.
+    target: of `stood` and `short` the length of the asked way, m; of `late` the time of the slowest
+        reference at the place, s; nan for `missed`.
     drivers: number of drivers among the references.
-    car: whether the reference car is one of these.
+    car: whether the reference car is one of the references.
     """
 
     what: Literal["missed", "stood", "short", "late"]
@@ -121,15 +137,17 @@ class Behind(NamedTuple):
 
 
 def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind | None:
-    """Place at which a drive fell furthest behind; None if it lost little of its t_i, or had an
-    incident.
+    """Place at which a drive fell furthest behind the slowest reference; None if its t_i is at
+    least `LOW`, if the case has an incident, or if the asked way has no place.
 
+    scene: the drive with its references.
     margin: `road_margin`, m; a drive that departs from the road does not count as a reference.
     """
     share, ego = scene.case.task_share, scene.ego
     if share is None or share >= LOW or scene.case.incident:
         return None
     start = logical.placed(scene.case.values).ego
+    # references without an incident
     clean = [
         trajectory
         for trajectory in scene.references.values()
@@ -138,18 +156,18 @@ def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind
     asked = asked_way(start.x, clean)
     if not asked:
         return None
-    # t_i of an excused case leaves out the places that the ego did not reach
+    # in an excused case the places that the ego did not reach do not count, as in `task_share`
     counted = asked.places <= (ego.x.max() if scene.case.excused else np.inf)
     places, slowest = asked.places[counted], asked.slowest[counted]
     if not places.size:
         return None
     drivers = sum(trajectory in scene.drivers for trajectory in clean)
-    references = drivers, len(clean) > drivers
+    references = drivers, len(clean) > drivers  # the last two fields of `Behind`
     if start.way is not None and misses(ego, start.way):
         when = float(times_at(ego, np.array([start.way.by]))[0])
         return Behind("missed", start.way.by - start.x, when, np.nan, *references)
     own = times_at(ego, places)
-    if np.isinf(own[-1]):  # it never came to the last place
+    if np.isinf(own[-1]):  # the ego never reached the last place
         last = int(np.argmax(ego.x))
         way, when = max(float(ego.x[last]) - start.x, 0.0), float(ego.time[last] - ego.time[0])
         return Behind(
@@ -165,7 +183,12 @@ def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind
 
 
 class Event(NamedTuple):
-    """Move of an actor, and when it began, s."""
+    """Move of an actor.
+
+    time: when it began, s since the actor's first sample.
+    actor: its name.
+    what: in words.
+    """
 
     time: float
     actor: str
@@ -175,9 +198,11 @@ class Event(NamedTuple):
 class Extreme(NamedTuple):
     """The extreme of a drive that fewest people reach.
 
-    share: of people who go as far.
+    name: as in `plausibility.EXTREMES`.
+    value: of the drive, in the extreme's unit.
+    share: share of people at least as extreme, 0..1.
     usual: the people's median.
-    time: s, when it was first reached, the middle of its window.
+    time: when the drive first reached it, the middle of its window, s.
     event: the move of an actor that is nearest in time, if any.
     """
 
@@ -190,13 +215,16 @@ class Extreme(NamedTuple):
 
 
 def rarest_extreme(scene: CaseDrives, people: Quantiles) -> Extreme:
-    """The extreme of a drive that fewest people reach."""
+    """The extreme of a drive that fewest people reach.
+
+    people: the table to compare with.
+    """
     extremes = extremes_of(course_of(scene.ego, scene.actors, None, scene.road))
     name, share = least_plausible(extremes, people)
     value, half = extremes[name], HALF_WINDOWS.get(name, 0.0)
     when = max(0.0, _reached(scene, name, value) - half)
     near = min(_events(scene), key=lambda event: abs(event.time - when), default=None)
-    # the last level of the table is the median
+    # [-1]: the last level of the table is the median
     return Extreme(name, value, share, people.values[name][-1], when, near)
 
 
@@ -205,7 +233,9 @@ def _reached(scene: CaseDrives, name: str, value: float) -> float:
     ego = scene.ego
 
     def has(samples: int) -> bool:
-        """Whether the first `samples` samples reach the extreme; if they do, more do."""
+        """Whether the first samples reach the extreme. More samples then reach it too, so bisection
+        finds the least number.
+        """
         part = course_of(first_samples(ego, samples), scene.actors, None, scene.road)
         return bool(np.isclose(extremes_of(part)[name], value, rtol=1e-6))
 
@@ -217,18 +247,20 @@ def _events(scene: CaseDrives) -> Iterator[Event]:
     """When each actor first braked, and first moved sideways."""
     for name, actor in scene.actors.items():
         brakes = actor.acceleration <= BRAKES
-        moves = np.abs(actor.y - actor.y[0]) >= SIDEWAYS
-        for done, what in ((brakes, "braked"), (moves, "moved over")):
-            if done.any():
-                yield Event(float(actor.time[np.argmax(done)] - actor.time[0]), name, what)
+        is_aside = np.abs(actor.y - actor.y[0]) >= SIDEWAYS
+        for flags, what in ((brakes, "braked"), (is_aside, "moved over")):
+            if flags.any():
+                yield Event(float(actor.time[np.argmax(flags)] - actor.time[0]), name, what)
 
 
 class Furthest(NamedTuple):
-    """The place at which a quantity of the ADS deviates most from the drivers' mean.
+    """The place at which speed or y of the ADS deviates most from the drivers' mean.
 
-    deviations: from the drivers' mean, in their standard deviations.
-    time: of the ego there, s.
-    own, least, mean, most: the quantity of the ADS and of the drivers there.
+    deviations: difference from the mean, in standard deviations of the drivers.
+    channel: the quantity.
+    time: when the ego was there, s since its start.
+    own: value of the ADS there, m/s or m.
+    least, mean, most: values of the drivers there, m/s or m.
     """
 
     deviations: float
@@ -241,17 +273,20 @@ class Furthest(NamedTuple):
 
 
 def furthest(scene: CaseDrives) -> Furthest:
-    """Where speed or y deviates most from the drivers' mean, in their standard deviations."""
+    """The place at which speed or y of the ADS deviates most from the drivers' mean."""
     ego = scene.ego
     end = min(float(trajectory.x.max()) for trajectory in (ego, *scene.drivers))
-    # every metre, at least the first place
+    # every metre up to where the shortest drive ended, at least the first place
     places = np.arange(float(ego.x[0]), max(end, float(ego.x[0]) + 1.0))
     speed, y = _furthest(scene, places, "speed"), _furthest(scene, places, "y")
     return speed if speed.deviations > y.deviations else y
 
 
 def _furthest(scene: CaseDrives, places: FloatArray, channel: Literal["speed", "y"]) -> Furthest:
-    """Where `channel` differs most, among places x, (n,), m."""
+    """The place at which one channel deviates most.
+
+    places: x, (n,), m.
+    """
     ads = _at_places(scene.ego, places, channel)
     drivers = np.array([_at_places(driver, places, channel) for driver in scene.drivers])
     spread = np.maximum(drivers.std(axis=0, ddof=1), LEAST_SPREADS[channel])
@@ -264,7 +299,7 @@ def _furthest(scene: CaseDrives, places: FloatArray, channel: Literal["speed", "
 
 
 def _at_places(drive: Trajectory, places: FloatArray, channel: str) -> FloatArray:
-    """A channel of a drive at places x, (n,)."""
+    """A channel of a drive at places x (n,), m, (n,)."""
     reached = np.maximum.accumulate(drive.x)
     return np.asarray(np.interp(places, reached, getattr(drive, channel)))
 
@@ -275,7 +310,10 @@ def mean_path(*drives: Trajectory) -> float:
 
 
 def mean_speed(drives: Sequence[Trajectory], times: FloatArray) -> FloatArray:
-    """Mean speed of drives at times since their start, m/s; nan after the first of them ends."""
+    """Mean speed of drives, m/s, (n,); nan after the first of them ends.
+
+    times: since the start of each, (n,), s.
+    """
     speeds = [np.interp(times, drive.time - drive.time[0], drive.speed) for drive in drives]
     last = min(drive.duration for drive in drives)
     # 1e-9 s is rounding

@@ -1,11 +1,12 @@
-"""Results of each recorded drive: its departure, t_i (share of the driving task done), and in an
-evaluated case its measures other than D_i: criticality, plausibility, lane keeping, PET. The
-equations are in `method/`.
+"""Results of each recorded drive: its departure and t_i (share of the driving task done). In an
+evaluated case also its measures: criticality, plausibility, lane keeping, PET. The equations are in
+`method/`.
 
-A result depends on recorded trajectories alone: it is kept in the run's folder, and the missing
-ones are computed, point by point, in the processes that compute D_i.
+A result depends on recorded trajectories alone. So it is kept in the cache of the run's folder.
+Results that are not there are computed point by point, in the processes that compute D_i.
 
-Users: `report/page_data.py`, `scoring/quantities.py`, `scoring/steps.py`.
+Users: `report/page_data.py`, `scoring/quantities.py`, `scoring/steps.py`. Fixed: the keys must name
+all that a result depends on.
 """
 
 import math
@@ -46,7 +47,8 @@ from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.trajectory import FloatArray, Trajectories, Trajectory
 
-_AT_ONCE = 16  # points that a process does before it answers
+_AT_ONCE = 16  # points that a process computes before it returns them
+# numbers of measures of each kind
 _CRITICALITY, _LANE = len(fields(CriticalityMeasures)), len(fields(LaneKeeping))
 _MEASURED = tuple(item.name for part in (CriticalityMeasures, LaneKeeping) for item in fields(part))
 
@@ -55,12 +57,12 @@ _MEASURED = tuple(item.name for part in (CriticalityMeasures, LaneKeeping) for i
 class DriveResult:
     """Result of one drive.
 
-    departure: None where the drive stayed on the road.
+    departure: from the road; None if the drive stayed on it.
     share: t_i; None without a reference.
-    excused: whether a road user excuses an ego that stands, so that t_i leaves out the places that
-        it did not reach.
-    numbers: made by `_numbers` and read by `measures`, in this order: criticality, extremes, lane
-        keeping, PET of conflicting ways. Only an ADS's evaluated case has any.
+    excused: whether the ego stands because of a road user, so that t_i leaves out the places that
+        the ego did not reach.
+    numbers: criticality, extremes, lane keeping, PET of conflicting paths, in this order.
+        `_numbers` makes them, `measures` reads them. Empty except for an ADS's evaluated case.
     """
 
     departure: Departure | None
@@ -69,7 +71,7 @@ class DriveResult:
     numbers: FloatArray
 
     def measures(self, people: Quantiles) -> dict[str, float | None]:
-        """The numbers as fields of a case.
+        """The numbers as fields of a case, by name.
 
         people: table of people that the plausibility compares with.
         """
@@ -86,23 +88,24 @@ class DriveResult:
 
 
 def finite(value: float) -> float | None:
-    """None for values that a table cannot hold: not defined, or unbounded."""
+    """The value, but None for one that a table cannot hold: not defined (nan), or unbounded."""
     return value if math.isfinite(value) else None
 
 
-_UNDRIVEN = DriveResult(None, None, False, np.empty(0))
+_UNDRIVEN = DriveResult(None, None, False, np.empty(0))  # result of a case without a drive
 _RECORDS = {record.__name__: record for record in (DriveResult, Departure)}
 
 
 class _Point(NamedTuple):
-    """Job: drives at one point.
+    """Job of a process: the drives at one point whose results are missing.
 
-    references: cases of the references' drives, which ended without contact.
+    drives: facts of these drives.
+    references: keys of the cases of references that ended without contact.
     road: of the scenario.
     margin: how far a corner may be beyond the road (`road_margin`), m.
     begin: x of the ego's start, m.
     way: the lane change that the point asks for; None without one.
-    conflicting: the actor whose way conflicts with the ego's, "" for none.
+    conflicting: name of the actor whose path conflicts with the ego's; "": none.
     """
 
     drives: Sequence[Fact]
@@ -117,28 +120,29 @@ class _Point(NamedTuple):
 def drive_results(
     drives: Sequence[Fact], references: Iterable[Fact], space: ScenarioRun
 ) -> dict[str, DriveResult]:
-    """Results of the cases at some points of a scenario, by case, from the cache, or computed in
-    processes and kept.
+    """Case -> its result, for the cases at some points of a scenario, from the cache or computed in
+    processes.
 
-    drives: of the ADSs and of `no_reaction`.
-    references: the drives of drivers and of the reference car there.
+    drives: drives of the ADSs and of `no_reaction` at these points.
+    references: drives of the drivers and of the reference car there.
     """
     logical, hash_of = space.logical, space.store.case_hash
     road, margin = logical.road, space.method.task.road_margin
-    # all files on which the way of an actor that conflicts with the ego may depend
+    # all files on which the path of a conflicting actor may depend
     files = space.entry.use, space_key(space.entry, space.source), sources("scenario", "settings")
     references_at = grouped((fact.point, fact.case) for fact in references if fact.status == "ok")
-    results = {}
-    keys = {}
-    points = []
-    # a case without an end or with `sim_error` has no drive; one that gave up may leave the road
+    results = {}  # case -> encoded result from the cache
+    keys = {}  # case -> key in the cache
+    points = []  # jobs
+    # A case without an end, or with `sim_error`, has no drive. A case that was given up has one,
+    # in which the ego may leave the road.
     driven = grouped(
         (fact.point, fact) for fact in drives if fact.end_reason not in (None, "sim_error")
     )
     for number, facts in driven.items():
         others, concrete = references_at.get(number, []), logical.placed(facts[0].values)
         start = concrete.ego
-        # a result depends on the point's references and on its own drive
+        # a result depends on the point's references (this key) and on its own drive (`hash_of`)
         common = key_of(
             [hash_of(case) for case in others], road, margin, start.x, start.way, files,
             sources("method")
@@ -162,7 +166,10 @@ def drive_results(
 
 
 def _results(path: Path, points: Sequence[_Point]) -> dict[str, bytes]:
-    """Results of the drives at some points, by case, from the facts at a path."""
+    """Case -> encoded result, for the drives at some points. Runs in a process of its own.
+
+    path: of the facts.
+    """
     with open_store(path, checked=True) as store:
         return {
             case: encoded(result) for point in points for case, result in _results_at(point, store)
@@ -171,9 +178,12 @@ def _results(path: Path, points: Sequence[_Point]) -> dict[str, bytes]:
 
 def _results_at(point: _Point, store: Store) -> Iterator[tuple[str, DriveResult]]:
     """Each case at a point with its result."""
-    beside = [store.trajectory(case) for case in point.references]
-    clean = [drive for drive in beside if first_departure(drive, point.road, point.margin) is None]
-    asked = asked_way(point.begin, clean)  # places along the road, with times at which to be there
+    references = [store.trajectory(case) for case in point.references]
+    # references without an incident
+    clean = [
+        drive for drive in references if first_departure(drive, point.road, point.margin) is None
+    ]
+    asked = asked_way(point.begin, clean)
     for fact in point.drives:
         actors = store.trajectories(fact.case)
         if EGO not in actors:
@@ -208,7 +218,8 @@ def _numbers(fact: Fact, point: _Point, ego: Trajectory, actors: Trajectories) -
 
 
 def recorded_with(store: Store, car: str) -> bool:
-    """Whether a run holds the drive of the reference car at every point: as many as of `ideal`.
+    """Whether a run has the drive of this reference car at every point: as many as of the ideal
+    vehicle, which drives every point.
 
     car: locator of the reference car.
     """

@@ -1,5 +1,7 @@
-"""Human-likeness of the drivers: D_i of each driver beside that of an ADS, case by case, for
-`report.people`.
+"""Bands of the drivers: D_i of the drivers at each point, measured against the other drivers there,
+beside D_i of an ADS.
+
+Users: `report/`.
 """
 
 from collections.abc import Iterator
@@ -15,12 +17,15 @@ from sumo_eval.scoring.findings import findings_of, mean_of
 class DriverBand(NamedTuple):
     """D_i of the drivers, over the safe cases in which an ADS has a D_i.
 
-    low, mean, high: D_i of the least human driver, mean D_i of all drivers, D_i of the most human
-        driver, each averaged over the cases by exposure; None where no case has a band.
-    below: number of cases in which the ADS is below every driver.
-    banded: number of cases with a band of the drivers.
-    drivers: fewest and most drivers of a case; empty where no case has drivers.
-    recorded: share of recorded drivers, 0..1.
+    score: of the ADS in the scenario.
+    low: D_i of the driver with the least D_i of each case, averaged by exposure.
+    mean: mean D_i of the drivers of each case, averaged by exposure.
+    high: D_i of the driver with the largest D_i of each case, averaged by exposure. These three are
+        None if no case has a band.
+    below: number of cases in which D_i of the ADS is below that of every driver.
+    banded: number of cases with a band.
+    drivers: fewest and most drivers of a case; empty if no case has drivers.
+    recorded: share of recorded drivers among all, 0..1.
     thin: number of cases with too few recorded drivers.
     outside: number of cases outside the support of the exposure.
     bimodal: number of cases with drivers in two groups.
@@ -52,7 +57,8 @@ def driver_bands(evaluation: Evaluation) -> Iterator[DriverBand]:
         )
         known = own.drivers[np.isfinite(own.drivers)].astype(int)
         all_drivers, recorded = known.sum(), np.nansum(own.recorded_drivers)
-        in_each_case = (  # thin (a note says so), outside, bimodal, unlike: the last four fields
+        # whether each case is thin (it has a note), outside, bimodal, unlike: the last four fields
+        in_each_case = (
             [note is not None for note in own.reference_note], own.exposure_note != "",
             own.bimodal, own.manoeuvre_share == 0.0
         )  # fmt: skip
@@ -66,8 +72,10 @@ def driver_bands(evaluation: Evaluation) -> Iterator[DriverBand]:
 
 
 def below_drivers(evaluation: Evaluation, most: int) -> CaseTable:
-    """The cases in which an ADS scores furthest below the drivers' own mean, at most `most`."""
+    """The cases of all ADSs with D_i furthest below the drivers' mean D_i, the furthest first, at
+    most `most`.
+    """
     cases, ahead = evaluation.cases, evaluation.cases.index - evaluation.cases.human_mean
     places = np.flatnonzero(ahead < 0.0)
-    # the furthest below first, then by name (the last key is first)
+    # lexsort: the last key counts first, so equal cases are sorted by name
     return cases[places[np.lexsort((cases.case[places], ahead[places]))[:most]]]

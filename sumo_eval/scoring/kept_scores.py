@@ -1,6 +1,11 @@
-"""The scores of a run and its rows of cases, as the cache in the run's folder keeps them.
+"""The scores of a run and its rows of cases, as the cache (`kept.sqlite`) in the run's folder keeps
+them.
 
-Users: `evaluation.py`, `scoring/steps.py`.
+Each scoring has a key, a hash of all that it depends on. Under it stand the scores (table
+`evaluation`) and, part by part, the columns of the rows (table `rows`).
+
+Users: `evaluation.py`, `scoring/steps.py`. Free to change: everything, since a change of this code
+changes the keys; old parts are then computed again.
 """
 
 import itertools
@@ -17,16 +22,16 @@ from sumo_eval.frozen import frozen
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.results import Ranking, ScenarioResult, ZoneResult
 
-# bytes of rows that are kept for earlier settings; beyond this the oldest are deleted
+# bytes of rows that are kept for other settings, 256 MiB; beyond this the oldest are deleted
 _MOST_OF_OTHERS = 256 << 20
-_in_use: set[bytes] = set()  # keys of scores that this process has handed out
+_in_use: set[bytes] = set()  # keys of scores that this process has returned to a caller
 
 
 @frozen
 class KeptChunk:
-    """Rows of one ADS in one scenario that are kept together.
+    """Some rows of one ADS in one scenario, which are kept together.
 
-    rows: their number.
+    rows: number of rows.
     place: number of this chunk among all chunks of a scoring.
     """
 
@@ -38,9 +43,9 @@ class KeptChunk:
 
 @frozen
 class Scores:
-    """Results of scoring a run other than its rows.
+    """Results of scoring a run, without its rows.
 
-    chunks: where the rows are.
+    chunks: where the rows are kept, in the order of the scores.
     """
 
     zones: tuple[ZoneResult, ...]
@@ -57,7 +62,10 @@ _RECORDS: dict[str, type] = {
 
 
 def table_of(cache: KeptResults, key: bytes, chunks: Sequence[KeptChunk]) -> CaseTable:
-    """The rows of a scoring, each column read from the run's folder when it is asked for."""
+    """The rows of a scoring. Each column is read from the run's folder at its first use.
+
+    key: of the scoring.
+    """
     return CaseTable(
         (
             Chunk(chunk.scenario, chunk.ads, chunk.rows, partial(_columns, cache, key, chunk.place))
@@ -68,7 +76,14 @@ def table_of(cache: KeptResults, key: bytes, chunks: Sequence[KeptChunk]) -> Cas
 
 
 def _columns(cache: KeptResults, key: bytes, place: int, places: slice) -> list[bytes]:
-    first = place * COLUMNS  # each chunk has a part for each column
+    """Some columns of a chunk, encoded.
+
+    place: number of the chunk.
+    places: numbers of the columns.
+
+    Raises InputError if the cache does not have them any more.
+    """
+    first = place * COLUMNS  # the parts of a scoring: column after column of each chunk
     data = cache.some("rows", key, first + (places.start or 0), first + places.stop)
     if not data:
         raise InputError(f"Rows of {cache.path} are missing: score the run again.")
@@ -76,14 +91,14 @@ def _columns(cache: KeptResults, key: bytes, place: int, places: slice) -> list[
 
 
 class RowWriter:
-    """Takes in the rows of a scoring, some at a time, and gives them back when asked."""
+    """Writes the rows of a scoring to the cache, some at a time, and reads them again."""
 
     def __init__(self, cache: KeptResults, key: bytes) -> None:
         self._cache, self._key = cache, key
         self._chunks: list[KeptChunk] = []
 
     def add(self, rows: Sequence[CaseResult]) -> None:
-        """Keep rows of one ADS in one scenario, after the rows of it that are kept already."""
+        """Write rows of one ADS in one scenario, after its earlier rows."""
         if rows:
             chunk = KeptChunk(rows[0].scenario, rows[0].ads, len(rows), len(self._chunks))
             self._cache.put(
@@ -97,14 +112,14 @@ class RowWriter:
         return table_of(self._cache, self._key, self._chunks).part(scenario, ads)
 
     def chunks(self, order: Sequence[tuple[str, str]]) -> tuple[KeptChunk, ...]:
-        """Chunks of the rows, in this order of (ADS, scenario)."""
+        """All chunks, sorted by an order of (ADS, scenario)."""
         return tuple(
             chunk for pair in order for chunk in self._chunks if (chunk.ads, chunk.scenario) == pair
         )
 
 
 def kept_scores(cache: KeptResults, key: bytes) -> Scores | None:
-    """The scores under a key; None where they are not kept."""
+    """The scores under a key; None if the cache does not have them."""
     data = cache.get("evaluation", key)
     if data is None:
         return None
@@ -114,13 +129,13 @@ def kept_scores(cache: KeptResults, key: bytes) -> Scores | None:
 
 
 def keep_scores(cache: KeptResults, key: bytes, scores: Scores) -> Scores:
-    """Keep scores whose rows are kept already, and return them as `kept_scores` will.
+    """Write scores whose rows are in the cache already, and return them as `kept_scores` will.
 
-    Deletes the oldest rows of other settings where all of these take more than `_MOST_OF_OTHERS`.
+    If the rows of other settings take more than `_MOST_OF_OTHERS`, the oldest of them are deleted.
     """
     cache.put([("evaluation", key, 0, encoded(scores))])
     _in_use.add(key)
-    # the newest first, each with the sum of sizes so far
+    # (key, size) of other settings, the newest first; `total`: the sum of sizes so far
     others = [pair for pair in reversed(cache.sizes("rows")) if pair[0] not in _in_use]
     pairs = zip(others, itertools.accumulate(size for _, size in others), strict=True)
     cache.forget([other for (other, _), total in pairs if total > _MOST_OF_OTHERS])

@@ -1,7 +1,10 @@
 """Comparison of each safe case with the human drivers at its point: D_i of the case, D_i of each
-driver among the drivers, and the fields of the case's row.
+driver among the other drivers (the band), and the fields of the case's row.
 
-`scoring.steps` calls this before `scoring.quantities` makes the rows.
+`steps.py` calls `survey` once for a scenario, then `compare_with_people` for some points at a time.
+`quantities.py` then makes the rows.
+
+Users: `scoring/quantities.py`, `scoring/steps.py`.
 """
 
 from __future__ import annotations
@@ -32,9 +35,9 @@ from sumo_eval.settings import DriverSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 FEWEST_DRIVERS = 2  # a standard deviation needs two
-FEWEST_FOR_A_BAND = 3  # two must remain when a driver is compared with the rest
-_AT_ONCE = 8_192  # points whose zone and weight are computed at a time; 65,536 need 0.3 GB
-# cases of an ADS in a scenario for which drivers are left out one by one, at most
+FEWEST_FOR_A_BAND = 3  # drivers; two must remain when one is compared with the rest
+_AT_ONCE = 8_192  # points whose zone and weight are computed at a time; 65,536 would need 0.3 GB
+# most cases of an ADS in a scenario for which D_i is computed again without each driver
 JACKKNIFED = 16
 
 
@@ -43,13 +46,13 @@ RowFields = dict[str, Any]
 
 
 class PointReference(NamedTuple):
-    """The human drivers of one concrete scenario, with the drives that ended well.
+    """The human drivers of one concrete scenario, whose drives ended with status `ok`.
 
-    cases: names of these drives' cases.
-    drivers: driver of each drive.
+    cases: keys of their cases.
+    drivers: their names, in the same order.
     recorded: number of recorded drivers among them.
-    note: on a reference with too few recorded drivers; None: it has enough.
-    usable: whether a D_i may be computed from it.
+    note: note on too few recorded drivers; None: there are enough.
+    usable: whether a D_i may be computed from these drivers.
     """
 
     cases: tuple[str, ...]
@@ -60,7 +63,7 @@ class PointReference(NamedTuple):
 
 
 def references(drives: Iterable[Fact], settings: DriverSettings) -> dict[int, PointReference]:
-    """Point -> its human drivers, of every concrete scenario that has any.
+    """Point -> its human drivers, for every point that has any.
 
     drives: of all drivers.
     """
@@ -78,28 +81,31 @@ def references(drives: Iterable[Fact], settings: DriverSettings) -> dict[int, Po
 def _usable(
     drivers: int, recorded: int, settings: DriverSettings
 ) -> tuple[ThinReference | None, bool]:
-    """A note on a reference with too few recorded drivers, and whether a D_i may be computed from
-    it.
+    """A note on too few recorded drivers at a point, and whether a D_i may be computed there.
 
-    drivers: their number.
+    drivers: number of drivers.
     recorded: number of recorded drivers among them.
+    settings: `[drivers]`: `source`, `least` number of recorded drivers, and `too_thin`, whether
+        synthetic drivers fill up.
     """
     enough, fills = drivers >= FEWEST_DRIVERS, settings.too_thin == "fill"
     if settings.source != RECORDED or recorded >= settings.least:
         return None, enough
+    # number of synthetic drivers among them
     filled = drivers - recorded if fills else None
     return ThinReference(recorded, settings.least, filled), fills and enough
 
 
 class Survey(NamedTuple):
-    """Summary of a scenario of a run, made before its cases are scored some points at a time.
+    """All points of a scenario of a run, looked at before its cases are scored some points at a
+    time.
 
     hazardous: whether each point is hazardous, (points,).
     weights: r of each point, times the number of points that it stands for, (points,).
-    points: values, (points, k), nan where no case was driven.
+    points: values of the parameters, (points, k), nan where no case was driven.
     people: whether ADSs can be compared with human drivers.
-    driven: points of each ADS's cases, in their order.
-    left_out: of each ADS, points at which drivers are left out one by one for its case.
+    driven: ADS -> numbers of the points of its cases, in the order of the cases.
+    left_out: ADS -> points at which D_i of its case is computed again without each driver.
     """
 
     hazardous: BoolArray
@@ -111,11 +117,11 @@ class Survey(NamedTuple):
 
 
 def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
-    """The sample of a run: the points that the settings choose now. If these are not the points
-    that were driven (a file of points has changed), the driven points.
+    """The sample of a run: the points that the settings choose now, if these were driven. If not
+    (a file of points has changed), the points that were driven.
 
-    chosen: the points that the settings choose.
-    driven: values of the points, (n, k), nan where no case was driven.
+    chosen: the points that the settings choose now.
+    driven: values of points 0 to n - 1, (n, k), nan where no case was driven.
     whole: whether all points of the sample must have been driven.
     """
     is_driven = ~np.isnan(driven[:, 0])
@@ -136,9 +142,10 @@ def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
 def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey:
     """Find zone and weight of all points of a scenario, and the points of each ADS's cases.
 
-    Raises InputError for an ADS without a case.
-
+    zones: of the scenario.
     zones_key: a hash of all that the zones depend on.
+
+    Raises InputError for an ADS without a case.
     """
     numbers, values = _driven_points(space)
     count = int(numbers.max(initial=-1)) + 1  # of points
@@ -146,7 +153,7 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
     for first in range(0, len(values), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
         some = values[part]
-        # zone (1: hazardous, 0: safe) and weight r (Eq. 16), from the cache or computed
+        # zone (1: hazardous, 0: safe) and weight r (Eq. 16), (2, points), cached or computed
         key = key_of("weights", zones_key, some.tobytes())
         data = space.cache.get("weights", key)
         if data is None:
@@ -160,7 +167,7 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
         )
     if space.points.stands_for is not None:
         weights = weights * space.points.stands_for[:count]
-    usable = np.zeros(count, np.bool_)
+    usable = np.zeros(count, np.bool_)  # whether a point has enough drivers for a D_i
     any_drivers = False
     for point, drivers, recorded in space.store.drivers_at_points(space.name):
         usable[point] = _usable(drivers, recorded, space.settings.drivers)[1]
@@ -182,7 +189,7 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
 def _driven_points(space: ScenarioRun) -> tuple[IntArray, FloatArray]:
     """Numbers of the points that were driven, (n,), and their values, (n, k)."""
     names = space.logical.names
-    facts = space.store.facts("ideal", space.name)  # every point has one
+    facts = space.store.facts("ideal", space.name)  # the ideal vehicle drives every point once
     rows = ((fact.point, *(fact.values[name] for name in names)) for fact in facts)
     table = np.fromiter(rows, np.dtype((np.float64, (1 + len(names),))))
     return table[:, 0].astype(np.intp), np.ascontiguousarray(table[:, 1:])
@@ -191,10 +198,13 @@ def _driven_points(space: ScenarioRun) -> tuple[IntArray, FloatArray]:
 def _points_of_ads(
     space: ScenarioRun, comparable: BoolArray
 ) -> tuple[dict[str, array[int]], dict[str, array[int]]]:
-    """Of each ADS the points of its cases, and of those cases that may have a D_i.
+    """ADS -> points of its cases; and ADS -> points of those cases that may have a D_i.
 
     comparable: whether a point is safe and has enough drivers, (points,).
+
+    Raises InputError for an ADS without a case.
     """
+    # arrays of 8-byte integers, because a run may have millions of cases
     driven: dict[str, array[int]] = {ads.name: array("q") for ads in space.settings.ads}
     with_index = {name: array("q") for name in driven}
     for point, name, status, hit in space.store.outcomes("ads", space.name):
@@ -214,9 +224,9 @@ def _points_of_ads(
 class DriverComparison(NamedTuple):
     """Cases compared with the human drivers at their points.
 
-    references: the drivers, by point.
+    references: point -> the drivers there.
     results: D_i of the cases, and bands of the drivers.
-    left_out: of evenly chosen cases, D_i without each driver, and the drivers, by case.
+    left_out: case -> its D_i without each driver, and the drivers' names, for some cases.
     """
 
     references: Mapping[int, PointReference]
@@ -231,16 +241,17 @@ def compare_with_people(
     people: Sequence[Fact],
     drives: Mapping[str, Sequence[Fact]],
 ) -> DriverComparison:
-    """Eqs. 9-12: D_i of every evaluated safe case without a collision at a point with a usable
-    reference, and of the drivers there.
+    """Eqs. 9-12: D_i of every evaluated safe case without a collision at a point with enough
+    drivers, and D_i of the drivers there.
 
-    overview: has the points at which drivers are left out.
+    overview: zones, and the points at which drivers are left out.
     points: numbers of the points.
     people: drives of the human drivers at these points.
-    drives: drives of each ADS there.
+    drives: ADS -> its drives at these points.
     """
     settings = space.settings
     compared = references(people, settings.drivers)
+    # point -> cases of all ADSs that may have a D_i
     cases = grouped(
         (fact.point, fact)
         for fact in chain.from_iterable(drives.values())
@@ -249,7 +260,7 @@ def compare_with_people(
         and not overview.hazardous[fact.point]
     )
     jobs = []
-    drivers_of: dict[str, Sequence[str]] = {}  # of the cases without each driver
+    drivers_of: dict[str, Sequence[str]] = {}  # case for which drivers are left out -> drivers
     for point in sorted(point for point, reference in compared.items() if reference.usable):
         reference, own = compared[point], cases.get(point, [])
         left_out = [fact.case for fact in own if point in overview.left_out[fact.driver]]
@@ -265,6 +276,7 @@ def compare_with_people(
         jobs += [job] if job.wants_any else []
 
     def progress(done: int) -> None:
+        """Report a number of finished jobs as a number of finished points."""
         of_these = round(done / len(jobs) * len(points))
         space.progress(
             f"{space.name}: comparison with the drivers",
@@ -280,7 +292,7 @@ def compare_with_people(
 
 
 def jackknifed(points: Sequence[int]) -> frozenset[int]:
-    """At most `JACKKNIFED` of the points, evenly chosen."""
+    """At most `JACKKNIFED` of the points, evenly spread over their list."""
     places = np.linspace(0, len(points) - 1, min(JACKKNIFED, len(points)))
     return frozenset(points[round(index)] for index in places)
 
@@ -288,7 +300,11 @@ def jackknifed(points: Sequence[int]) -> frozenset[int]:
 def beside_people(
     fact: Fact, zone: Zone, people: DriverComparison, settings: DriverSettings
 ) -> RowFields:
-    """Fields of a case's row on its D_i and its human drivers; none in the hazardous zone."""
+    """Fields of a case's row on its D_i and its human drivers; none in the hazardous zone.
+
+    people: comparison with the drivers.
+    settings: `[drivers]`.
+    """
     if zone == "hazardous":
         return {}
     reference = people.references.get(fact.point)
@@ -323,8 +339,8 @@ def beside_people(
 
 
 def reference_notes(cases: CaseTable) -> Iterator[ScoreNote]:
-    """Remarks on the human reference and the exposure of the cases of one ADS in one
-    scenario.
+    """Notes on too few recorded drivers, and on cases outside the support of the exposure, of one
+    ADS in one scenario.
     """
     safe = cases.safe
     if thin := [note for note in cases.reference_note[safe] if note is not None]:

@@ -1,4 +1,4 @@
-"""Cases of a run by their parameters: those nearest to given values, for the command line.
+"""Cases of a run that are nearest to values of parameters, for the command line.
 
 Users: `cli/look.py`.
 """
@@ -19,20 +19,19 @@ def nearest(
     scenario: str | None,
     most: int,
 ) -> Iterator[tuple[CaseTable, CaseTable]]:
-    """All cases of each ADS in a scenario, and the `most` of them that are nearest to parameter
-    values, nearest first.
+    """All cases of each ADS in a scenario, and those nearest to the values, nearest first.
 
-    Distance: in the unit box, over the parameters that are given.
-
-    values: of some parameters.
+    values: of some parameters, by name. The distance is over these, in the unit box.
     ads: only this ADS; None: every ADS.
     scenario: its name; None: the first scenario that has all of these parameters.
+    most: number of nearest cases, at most.
+
     Raises InputError for a name that the run does not have, and for a value that is not finite.
     """
     scenarios = evaluation.scenarios
-    having = [name for name, logical in scenarios.items() if values.keys() <= set(logical.names)]
-    # without any, the first scenario: the check of the parameters below then names the mistake
-    name = scenario or next(iter((*having, *scenarios)))
+    fitting = [name for name, logical in scenarios.items() if values.keys() <= set(logical.names)]
+    # If none fits, the first scenario: the check of the parameters below names the mistake then.
+    name = scenario or next(iter((*fitting, *scenarios)))
     check_known("scenario of this run", scenarios, name)
     names = [score.ads for score in evaluation.scores_in(name)]
     chosen = names if ads is None else [ads]
@@ -46,6 +45,6 @@ def nearest(
     for ads_name in chosen:
         cases = evaluation.cases_of(ads_name, name)
         away = (cases.parameters(list(values)) - list(values.values())) / spans
-        with np.errstate(over="ignore"):  # beyond 1e154 all cases are equally far
+        with np.errstate(over="ignore"):  # values beyond 1e154: all distances are inf
             distance = (away**2).sum(axis=1)
         yield cases, cases[np.argsort(distance, kind="stable")[:most]]

@@ -1,4 +1,5 @@
-"""The people that show which driving in a scenario is plausible.
+"""The people whose extremes show which driving in a scenario is plausible: motorway drivers from a
+table that ships, or the recorded drivers of the run.
 
 Users: `scoring.steps`, `report.driving_words`.
 """
@@ -21,20 +22,22 @@ from sumo_eval.score_notes import PlausibleTo, ScoreNote
 from sumo_eval.settings import PlausibilitySettings
 from sumo_eval.trajectory import Trajectory
 
-SYNTHETIC = "synthetic"  # recorded as the controller of a synthetic driver
+SYNTHETIC = "synthetic"  # what a fact has as the controller of a synthetic driver
 
 
 def plausible_people(
     logical: LogicalScenario, store: Store, settings: PlausibilitySettings
 ) -> tuple[Quantiles, tuple[ScoreNote, ...]]:
-    """The motorway people, or the run's recorded drivers in this scenario; and notes on who they
-    are, none where the settings ask for "motorway".
+    """The table of people for a scenario, and notes on who they are: the run's recorded drivers
+    there. With the setting `table = "motorway"`: `MOTORWAY_PEOPLE`, without a note.
 
-    Recorded drives hold no other vehicles. Those of the concrete scenario take their place, as they
-    move while the ego keeps its speed.
+    settings: `[method.plausibility]`.
 
-    All drives of a person count as one. Fewer than `LEAST_PEOPLE` persons cannot resolve a share of
-    5 %: the motorway people stand in.
+    Recorded drives have no other vehicles. The actors of the concrete scenario replace them, moving
+    as they do while the ego keeps its speed.
+
+    All drives of a person together weigh 1. Fewer than `LEAST_PEOPLE` persons cannot show a share
+    of 5 %: then the table is `MOTORWAY_PEOPLE` too, with a note.
     """
     if settings.table == "motorway":
         return MOTORWAY_PEOPLE, ()
@@ -49,7 +52,7 @@ def plausible_people(
     people = MOTORWAY_PEOPLE
     stand_in = None
     if persons < LEAST_PEOPLE:
-        stand_in = MOTORWAY_PEOPLE.people  # how many stand in
+        stand_in = MOTORWAY_PEOPLE.people  # number of people of the other table
     else:
         people = quantiles_of(
             drives, names, source=f"recorded drivers of the run in {logical.name}"
@@ -58,10 +61,12 @@ def plausible_people(
 
 
 def _undisturbed(concrete: ConcreteScenario, drive: Trajectory) -> dict[str, Trajectory]:
-    """The other vehicles of a concrete scenario during a drive, by name, as they move while the ego
-    keeps its speed.
+    """Actors of a concrete scenario by name, moving as they do while the ego keeps its speed.
+
+    drive: of the ego; its length, width and last time.
     """
-    # (actors, times, channels); the first four channels are a Trajectory's, in its order
+    # motion: (actors, times, channels). Channels 0 to 3 are x, y, heading, speed, in the order of
+    # `Trajectory`.
     size = drive.length, drive.width
     others = tracks([concrete], [size], CLOCK, float(drive.time[-1])).others[0]
     time = CLOCK * np.arange(others.shape[1])

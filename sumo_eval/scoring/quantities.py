@@ -1,7 +1,11 @@
-"""Quantities of the paper from recorded facts: D_i, U, L, Ug, r of every case, then C, D, S.
+"""Rows of cases from recorded facts (D_i, U, L, Ug, U0, r of each case), then the scores of an ADS
+in a scenario from its rows.
 
-`scoring.steps` calls `references_struck`, then `harm_at` and `tabulate` at some points at a time,
-then `combine`; it and `cli/space.py` call `describe_zones`.
+`steps.py` calls `references_struck`, then `harm_at` and `tabulate` for some points at a time, then
+`combine`. It and `cli/space.py` call `describe_zones`.
+
+Users: `scoring/steps.py`, `cli/space.py`. Fixed: fields of `CaseResult` and `ScenarioResult`, which
+are columns of cases.csv and keys of scores.json.
 """
 
 import math
@@ -58,15 +62,15 @@ from sumo_eval.trajectory import NO_RETURN, BoolArray, FloatArray
 _RECORDED = {item.name for item in fields(CaseResult) if item.name != "clips"} & {
     item.name for item in fields(Fact)
 }
-"""Fields that a row takes from its fact unchanged. `tabulate` makes one text of the clips."""
+"""Fields that a row takes from its fact unchanged. Of the clips `tabulate` makes one text."""
 
 
 class Remarks(NamedTuple):
-    """Remarks on the drives of an ADS in a scenario that its rows do not have, collected some
-    drives at a time.
+    """What an ADS's notes in a scenario need of its facts beyond its rows, collected some drives at
+    a time.
 
-    blocks: number of drives by size of their fixed batch.
-    beyond: number of collisions by why their severity is out of its range.
+    blocks: size of a fixed batch -> number of drives in batches of this size.
+    beyond: reason why a severity may not hold -> number of collisions with it.
     """
 
     blocks: Counter[int]
@@ -75,7 +79,7 @@ class Remarks(NamedTuple):
     def add(self, facts: Sequence[Fact], severity: Severity) -> None:
         """Count some drives of the ADS."""
         for fact in facts:
-            # `requested`: size of the block
+            # `requested` of this clip is the size of the fixed batch
             self.blocks.update(int(it.requested) for it in fact.clips if it.what == IN_BLOCK)
             if fact.collision is not None and (reason := severity.beyond(fact.collision)):
                 self.beyond[reason] += 1
@@ -88,32 +92,34 @@ class Remarks(NamedTuple):
         struck: Sequence[ScoreNote],
         cases: CaseTable,
     ) -> Iterator[ScoreNote]:
-        """Make the notes.
+        """The notes on an ADS in a scenario.
 
         plausible: notes on the people that the plausibility compares with.
         struck: notes of `references_struck`.
         cases: all cases of the ADS.
         """
-        # status -> drives of the human drivers, who count together; `_`: driver, exposure
-        ended = {
+        # status -> number of drives of human drivers. The store counts all human drivers together,
+        # so each status occurs once. `_`: the driver and the exposure.
+        statuses = {
             status: number
             for scenario, role, _, status, number, _ in space.store.counts()
             if (scenario, role) == (space.name, "human")
         }
-        drives, complete = sum(ended.values()), ended.pop("ok", 0)
-        if ended:
-            yield DrivesLeftOut(drives - complete, drives, tuple(sorted(ended.items())))
+        drives, complete = sum(statuses.values()), statuses.pop("ok", 0)
+        if statuses:
+            yield DrivesLeftOut(drives - complete, drives, tuple(sorted(statuses.items())))
         yield from plausible
         if alone := space.store.simulated_alone(space.name, ads):
             yield DrivenAlone(tuple(alone.items()))
-        if together := _number(cases.batched != ""):
-            yield Counted("compared", _number(cases.batched == "compared"), together)
+        if batched := _number(cases.batched != ""):
+            yield Counted("compared", _number(cases.batched == "compared"), batched)
         if self.blocks:
             yield DrivenInBlocks(self.blocks.total(), tuple(sorted(self.blocks)))
-        if left := _number(np.strings.find(cases.clips, "actor_left_the_network") >= 0):
-            yield Counted("actors_left", left, len(cases))
-        if moved := _number(np.strings.find(cases.clips, "actor_off_its_script") >= 0):
-            yield Counted("actors_moved", moved, len(cases))
+        # `clips` is one text a case; find: -1 if the clip is not in it
+        if number := _number(np.strings.find(cases.clips, "actor_left_the_network") >= 0):
+            yield Counted("actors_left", number, len(cases))
+        if number := _number(np.strings.find(cases.clips, "actor_off_its_script") >= 0):
+            yield Counted("actors_moved", number, len(cases))
         yield from struck
         yield from reference_notes(cases)
         if self.beyond:
@@ -144,8 +150,8 @@ def struck_by_other(fact: Fact, space: ScenarioRun) -> bool:
     # An ego that has been in the lane since its start has been there long enough, even if the
     # collision comes sooner; 1e-6 s is rounding.
     enough = min(settings.others_fault_after, fact.collision.time - 1e-6)
-    # `applied`: time that the ego had been in the lane, s
-    return any(it.what == "struck_from_behind" and it.applied >= enough for it in fact.clips)
+    # `applied` of this clip is the time that the ego had been in the lane, s
+    return any(clip.what == "struck_from_behind" and clip.applied >= enough for clip in fact.clips)
 
 
 def harm_at(
@@ -158,10 +164,10 @@ def harm_at(
     """Point -> fields that all cases there share: weight (Eq. 16), Ug (Eq. 17), U0, and PET and
     time to the conflict if no vehicle reacts.
 
-    overview: has the weights of all points, r times the points that each stands for.
+    overview: weights of all points (r times the number of points that each stands for).
     points: numbers of the points.
-    unreacting: the drives of `no_reaction` at these points.
-    drives: departures, by case.
+    unreacting: drives of `no_reaction` at these points.
+    drives: results of each drive, by case, which have its departure.
     """
     unreacting_at = {fact.point: fact for fact in unreacting}
     harm = {}
@@ -180,10 +186,10 @@ def harm_at(
 def _reference(
     reference: Literal["ideal", "no_reaction"], fact: Fact, space: ScenarioRun, least: float = 0.0
 ) -> RowFields:
-    """Fields on the drive of a reference: Ug or U0, 0 where it avoids the contact. If it could not
-    be evaluated, U is None and a second field has the reason.
+    """Fields on the drive of a reference: Ug or U0, 0 if it avoids the contact. If the drive could
+    not be evaluated, the field is None, and a second field has the reason.
 
-    least: lower bound of U: that of its departure from the road.
+    least: U of its departure from the road, m/s, which is the lower bound.
     """
     if fact.status not in EVALUATED:
         return {f"{reference}_severity": None, f"{reference}_error": fact.error or fact.status}
@@ -191,8 +197,10 @@ def _reference(
 
 
 def _of_departure(departure: Departure | None, case: str, space: ScenarioRun) -> float:
-    """U of a case's departure from the road, as a contact with an obstacle beside the road; 0
-    without a departure.
+    """U of a departure from the road, as a contact with an obstacle beside the road; 0 without a
+    departure.
+
+    case: its key, for error messages.
     """
     if departure is None:
         return 0.0
@@ -200,8 +208,8 @@ def _of_departure(departure: Departure | None, case: str, space: ScenarioRun) ->
 
 
 def _severity(fact: Fact, space: ScenarioRun) -> float | None:
-    """U of a case's collision, or the measure of severity that the settings use instead; None
-    without a collision, or where it is the other vehicle's fault.
+    """U of a case's collision, or the severity that the settings use instead; None without a
+    collision, and if the collision is the other vehicle's fault.
     """
     if fact.collision is None or struck_by_other(fact, space):
         return None
@@ -219,28 +227,28 @@ def tabulate(
 ) -> Iterator[CaseResult]:
     """Make the row of each case.
 
-    facts: one ADS's drives, each becomes a row.
-    overview: zones and weights of the points.
+    facts: drives of one ADS, each of which becomes a row.
+    overview: zones of the points.
     people: comparison with the human drivers.
-    harm: fields that the cases at a point share, by point, from `harm_at`.
+    harm: point -> fields that the cases there share, from `harm_at`.
     drives: departure, t_i and measures, by case.
     plausible: table of people that the plausibility compares with.
     """
     for fact in facts:
         zone: Zone = "hazardous" if overview.hazardous[fact.point] else "safe"
-        driven, struck = drives[fact.case], struck_by_other(fact, space)
+        drive, struck = drives[fact.case], struck_by_other(fact, space)
         severity = _severity(fact, space)
         ideal = harm[fact.point]["ideal_severity"]
         fields_of_row: RowFields = {
             **{name: getattr(fact, name) for name in _RECORDED},
             **harm[fact.point],
             **beside_people(fact, zone, people, space.settings.drivers),
-            **driven.measures(plausible),
+            **drive.measures(plausible),
             **_of_contact(fact, struck),
         }
         if fact.latency_median is not None and fact.latency_reference:
             fields_of_row["latency_relative"] = fact.latency_median / fact.latency_reference
-        if (departure := driven.departure) is not None:
+        if (departure := drive.departure) is not None:
             fields_of_row |= {
                 "departure_time": departure.time,
                 "departure_speed": departure.speed,
@@ -254,8 +262,8 @@ def tabulate(
             severity=severity,
             beats_ideal=severity is not None and ideal is not None and severity < ideal,
             ideal_collided=None if ideal is None else ideal > 0.0,
-            task_share=0.0 if fact.status in GAVE_UP else driven.share,
-            excused=driven.excused,
+            task_share=0.0 if fact.status in GAVE_UP else drive.share,
+            excused=drive.excused,
             clips="; ".join(
                 f"{clip.what} x{clip.count}" for clip in fact.clips if clip.what != NO_RETURN
             ),
@@ -263,14 +271,14 @@ def tabulate(
             requirements_missed=requirements_missed(fact, space),
             **fields_of_row,
         )
-        # H_i is computed from properties of the row
+        # last the human-likeness, which needs the properties of a complete row
         yield replace(row, human_likeness=_human_likeness(row) if overview.people else None)
 
 
 def _of_contact(fact: Fact, struck: bool) -> RowFields:
     """Fields on the contact of a case; none without a contact.
 
-    struck: whether it is the other vehicle's fault, so that there is no L.
+    struck: whether it is the other vehicle's fault. Then it has no L.
     """
     hit = fact.collision
     if hit is None:
@@ -285,8 +293,8 @@ def _of_contact(fact: Fact, struck: bool) -> RowFields:
 
 
 def _human_likeness(row: CaseResult) -> float | None:
-    """H_i of a case: 0 with an incident in the safe zone that the ideal vehicle avoids; None where
-    the case has no part in H.
+    """Human-likeness of a case: the product of its factors; 0 after an incident in the safe zone
+    that the ideal vehicle avoids; None if the case has no part in H.
     """
     if row.safe and row.incident and row.ideal_severity == 0.0:
         return 0.0
@@ -310,8 +318,10 @@ def combine(
     counts.
 
     rows: of all its cases.
-    people: whether there are human drivers to compare with. If not, cases without D_i or H_i are
-        not missing.
+    method: `[method]`.
+    notes: made so far; more are added here.
+    people: whether there are human drivers to compare with. If not, cases without D_i or
+        human-likeness are not missing.
     task_reference: the reference car that T compares with; empty: the run has none.
     """
     cases = CaseTable.of(rows)
@@ -319,7 +329,8 @@ def combine(
     values = point_values(terms, method)
     safe_cases, voiding = _number(cases.safe), _number(cases.voids_index)
     is_missing = cases.missing
-    # a case without D_i is missing where their mean exists: with drivers, and no collision voids it
+    # D exists with human drivers and without a collision that voids it. Only then a case without
+    # D_i is missing from it.
     if not voiding and people:
         is_missing = is_missing | (cases.counts_for_index & ~np.isfinite(cases.index))
     missing = Counter[Zone](cases.zone[is_missing].tolist())
@@ -333,9 +344,10 @@ def combine(
     points = worth(method.score)
     # T max(A', 0), the part of S+ that a and b H multiply
     done = (values["task_share"] or 0.0) * max(values["avoidance_grade"] or 0.0, 0.0)
+    # fields of the result by name; the interval is what missing cases leave open so far
     scores: dict[str, Any] = {f"{name}_interval": ends for name, ends in bounds.items()}
-    scores |= values | counts(cases) | {"not_evaluated": missing.total()}  # by name of the field
-    # this field of the result is never None
+    scores |= values | counts(cases) | {"not_evaluated": missing.total()}
+    # a float, which is never None
     if values["collision_probability"] is None:
         scores["collision_probability"] = math.nan
     return ScenarioResult(
@@ -362,12 +374,12 @@ def combine(
 
 
 def _number(flags: BoolArray) -> int:
-    """How many flags are set."""
+    """Number of flags that are true."""
     return int(np.count_nonzero(flags))
 
 
 def _case_notes(cases: CaseTable) -> Iterator[ScoreNote]:
-    """Notes on how many cases are of a kind, where there are any."""
+    """A note on each kind of case that occurs, with the number of its cases."""
     safe, hits = _number(cases.safe), _number(cases.collided)
     safe_hits = _number(cases.collided & cases.safe)
     counted = (
@@ -392,8 +404,9 @@ def _references_missing(cases: CaseTable) -> Iterator[ReferenceMissing]:
 def _without_mean(values: FloatArray, voiding: int, *, people: bool) -> NotComputed:
     """The reason why there is no mean over the safe cases.
 
-    values: of the safe cases; nan: none.
-    voiding: number of collisions, each of which alone voids the mean.
+    values: of the safe cases, nan for a case without one.
+    voiding: number of collisions that void the mean; one is enough.
+    people: whether there are human drivers to compare with.
     """
     if not people:
         return NotComputed("no_drivers")
@@ -405,7 +418,11 @@ def _without_mean(values: FloatArray, voiding: int, *, people: bool) -> NotCompu
 
 
 def describe_zones(logical: LogicalScenario, zones: ZonePartition, points: Sample) -> ZoneResult:
-    """Summary of a scenario's zones for the report."""
+    """Summary of a scenario's zones for the report.
+
+    points: the sample that was driven.
+    """
+    # whether each point is hazardous by max ITTC itself
     inside = zones.exactly_hazardous(points.points)
     error = boundary_error(zones)
     return ZoneResult(

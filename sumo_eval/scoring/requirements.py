@@ -1,7 +1,8 @@
-"""Requirements of a scenario that a drive does not meet, for cases.csv, the scores and
-`report.checks`.
+"""Requirements of a scenario that a drive misses, for cases.csv and the scores. Requirements are
+conditions on a drive, such as `min(gap) > 2`; `scenario/requirement.py` reads them.
 
-Users: `report/checks.py`, `scoring/quantities.py`, `scoring/steps.py`.
+Users: `report/checks.py`, `scoring/quantities.py`, `scoring/steps.py`. Fixed: `SEPARATOR`, which
+stands in cases.csv.
 """
 
 from collections import Counter
@@ -27,13 +28,15 @@ SEPARATOR = "; "
 def series_of(
     ego: Trajectory, actors: Trajectories, collision: Collision | None, road: Road
 ) -> dict[str, FloatArray]:
-    """Values for requirements at each sample of the ego, by the names of
-    `scenario.requirement.SERIES`; `gap`, `thw` and `ttc` are inf where no actor is ahead.
+    """Quantity of `scenario.requirement.SERIES` -> its values at the n samples of the ego, (n,).
 
-    road: the trajectories are in its coordinates.
+    collision: the ego's first contact, if any.
+    road: in whose coordinates the trajectories are.
+
+    `gap`, `thw` and `ttc` are inf where no actor is ahead.
     """
     course = course_of(ego, actors, collision, road)
-    # 0 at the first sample
+    # from sample to sample, m/s3; 0 at the first sample
     jerk = np.concatenate([[0.0], np.diff(ego.acceleration) / np.diff(ego.time)])
     to_lead = {"gap": course.gap, "thw": course.thw, "ttc": course.ttc}
     return {
@@ -49,9 +52,9 @@ def series_of(
 
 
 def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
-    """Names of the requirements that a drive misses, as one text.
+    """Names of the requirements that a drive misses, joined by `SEPARATOR`.
 
-    "": it meets all. None: the scenario requires nothing, or the drive was not evaluated.
+    "": it misses none. None: the scenario requires nothing, or the drive was not evaluated.
     """
     required = space.logical.requirements
     if required is None or fact.status not in EVALUATED:
@@ -60,13 +63,15 @@ def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
     if EGO not in actors:
         raise space.store.no_trajectory(fact.case)
     ego = actors.pop(EGO)
-    known = required.numbers.extend(fact.values) | {
+    # definitions of the scenario, parameters of the point, outcomes of the drive
+    numbers = required.numbers.extend(fact.values) | {
         "collided": float(fact.collision is not None),
-        # x is the ego's centre, whose arrival at the end of the road ends the drive
+        # x is the ego's centre; when it is at the end of the road, the drive ends
         "reached_end": float(ego.x[-1] >= space.logical.road.length),
     }
     series = series_of(ego, actors, fact.collision, space.logical.road)
-    for placeholder, quantity, name in (asked for each in required.all for asked in each.asks):
+    # quantities of actors: `x(lead)` has the placeholder `x_of_lead`
+    for placeholder, quantity, name in (ask for each in required.all for ask in each.asks):
         actor = actors[name]
         values = {
             "x": actor.x,
@@ -74,18 +79,21 @@ def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
             "speed": actor.speed * np.cos(actor.heading),
             "lateral_speed": actor.speed * np.sin(actor.heading),
         }
-        # outside an actor's own time its first or last value
+        # `interp` gives the first or last value before and after the actor's recording
         series[placeholder] = np.interp(ego.time, actor.time, values[quantity])
-    return SEPARATOR.join(each.name for each in required.all if not each.holds(series, known))
+    return SEPARATOR.join(each.name for each in required.all if not each.holds(series, numbers))
 
 
 def with_counts(score: ScenarioResult, rows: CaseTable, logical: LogicalScenario) -> ScenarioResult:
     """The score with the number of cases that miss a requirement, and a note for each requirement
-    that is missed.
+    that a case misses.
+
+    rows: cases of the ADS.
     """
     if logical.requirements is None:
         return score
     missed = [text for text in rows.requirements_missed.tolist() if text]
+    # name of a requirement -> number of cases that miss it
     number = Counter(name for text in missed for name in text.split(SEPARATOR))
     evaluated = int(rows.evaluated.sum())
     notes = [

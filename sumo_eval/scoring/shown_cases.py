@@ -12,17 +12,20 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scoring.behaviour import least_human, ranked, worst_case
 from sumo_eval.trajectory import FloatArray, IntArray
 
-MOST_SHOWN = 5_000  # of all ADSs and scenarios together: with more the page would be over 10 MB
-# weights in the choice: of a named case, of a case that was not evaluated, and the least weight of
-# an incident (its largest is HIT + 1); any other case weighs at most 1
+# most cases on a page, of all ADSs and scenarios together; with more it would be over 10 MB
+MOST_SHOWN = 5_000
+# Weights in the choice: of a named case, of a case that was not evaluated, and the least weight of
+# an incident, which weighs at most HIT + 1. Any other case weighs at most 1.
 _NAMED_WEIGHT, _UNEVALUATED_WEIGHT, HIT = 5.0, 4.0, 2.0
 
 
 def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str, IntArray]:
-    """Cases on the page: by scenario, indices into the cases of each of its ADSs.
+    """Scenario -> indices of the cases on the page, the same for each of its ADSs.
 
-    named: cases of failed limits. They come first, with the worst case and the least human-like
-        case. Then follow cases that were not evaluated, incidents by U, and the least human-like.
+    named: keys of cases of failed limits.
+
+    Named cases come first, with the worst case and the least human-like case of the run. Then come
+    cases that were not evaluated, then incidents by U, then the least human-like cases.
     """
     cases = {
         zone.scenario: [
@@ -36,10 +39,10 @@ def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str
     order = [ads.ads for ads in ranked(evaluation)]
     extremes = worst_case(evaluation, order), least_human(evaluation, order[0])
     named = {*named, *(case.case for case in extremes if case)}
-    quota = max(MOST_SHOWN // len(evaluation.scores), 2)
+    quota = max(MOST_SHOWN // len(evaluation.scores), 2)  # cases of an ADS in a scenario
     shown = {}
     for name, tables in cases.items():
-        weights = np.zeros(most[name])  # of each index, the greatest of any ADS
+        weights = np.zeros(most[name])  # of each index, the largest of all ADSs
         for table in tables:
             weights[: len(table)] = np.maximum(weights[: len(table)], case_weights(table, named))
         shown[name] = _chosen(weights, min(quota, len(weights)))
@@ -47,7 +50,11 @@ def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str
 
 
 def _chosen(weights: FloatArray, number: int) -> IntArray:
-    """Indices of cases: half of them weigh most, the other half lie evenly among the rest."""
+    """Indices of `number` cases, ascending: half of them weigh most, the other half are evenly
+    spread over the rest.
+
+    weights: of all cases, (n,).
+    """
     heaviest, rest = np.split(np.argsort(-weights, kind="stable"), [number // 2])
     further = number - number // 2
     evenly = np.sort(rest)[np.arange(further) * len(rest) // further]
@@ -55,7 +62,10 @@ def _chosen(weights: FloatArray, number: int) -> IntArray:
 
 
 def case_weights(cases: CaseTable, named: Collection[str] = ()) -> FloatArray:
-    """Weight of each case in a choice, (n,): how much a reader learns from it."""
+    """Weight of each case in a choice, (n,): how much a reader learns from it.
+
+    named: keys of cases that must be chosen.
+    """
     severity = np.nan_to_num(cases.incident_severity)
     harm = HIT + severity / max(float(severity.max(initial=0.0)), 1.0)
     weights = np.where(cases.incident, harm, np.nan_to_num(1.0 - cases.human_likeness))

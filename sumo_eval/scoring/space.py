@@ -22,13 +22,16 @@ class ScenarioRun(NamedTuple):
     """A logical scenario of a run, with its points and the run's facts.
 
     entry: the scenario in the evaluation.
-    settings: those of the run; under `run.only` without ADSs that have no case here.
-    severity: the measure of a collision's severity: U, or its substitute.
+    points: the sample that the settings choose now.
+    settings: of the run; under `run.only` without ADSs that have no case here.
+    source: folder of the evaluation, where relative paths start.
+    severity: the measure of a collision's severity: U, or its replacement.
+    store: the facts.
     cache: earlier results of the run.
-    spread: maps a function over items: `map`, or what `point_processes` gives.
-    car: the reference car of T, "" where the run holds none.
+    spread: maps a function over items: `map`, or a function like it that uses several processes.
+    car: locator of the reference car of T; "": the run has none.
     outside: numbers of the points outside the support of recorded events.
-    edited: whether the file of the scenario has changed since it was driven.
+    edited: whether the scenario's file has changed since the scenario was driven.
     """
 
     entry: ScenarioSettings
@@ -56,5 +59,5 @@ class ScenarioRun(NamedTuple):
         return self.settings.method
 
     def facts_at(self, points: range, role: Role) -> list[Fact]:
-        """The recorded drives of a role at some points."""
+        """The recorded drives of a role (`ads`, `ideal`, `human` ...) at some points."""
         return self.store.facts_at(points, role, self.name)

@@ -1,9 +1,10 @@
-"""The paper's six steps over the recorded facts of a run: zones, drives, D_i, losses and weights,
-scores, ranking.
+"""The paper's six steps over the recorded facts of a run: zones, drives, comparison with drivers,
+D_i, losses and weights, scores. Then intervals, and the ranking of the ADSs.
 
-`sumo_eval.evaluation.score` imports this only where the run's folder does not keep its scores.
+`sumo_eval.evaluation.score` imports this file only if the run's folder does not keep its scores.
 
-Users: `evaluation.py`.
+Users: `evaluation.py`. Fixed: the order in which points and ADSs are scored, on which sums and
+random streams depend.
 """
 
 from collections import Counter, defaultdict
@@ -33,7 +34,7 @@ from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.next_round import ADAPTIVE, standing
 from sumo_eval.scoring.confidence.ranking import rank
-from sumo_eval.scoring.confidence.resamples import of_one_number, strata
+from sumo_eval.scoring.confidence.resamples import Strata, of_one_number, strata
 from sumo_eval.scoring.confidence.scored import with_intervals
 from sumo_eval.scoring.drive_results import drive_results, recorded_with
 from sumo_eval.scoring.kept_scores import RowWriter, Scores
@@ -66,9 +67,12 @@ POINTS_AT_ONCE = 512
 class Scoring(NamedTuple):
     """A run to be scored: its facts, its settings, and the means to compute.
 
-    exposures: notes on the exposure of each scenario, made when it was recorded, by scenario.
+    run: settings and scenarios.
+    exposures: scenario -> notes on its exposure, made when the run was recorded.
+    severity: the measure of a collision's severity, U or its replacement.
+    store: the facts.
     cache: earlier results.
-    spread: `map`, or one that shares the work among processes.
+    spread: `map`, or a function like it that shares the work among processes.
     """
 
     run: Resolved
@@ -80,14 +84,20 @@ class Scoring(NamedTuple):
     progress: Progress
 
     def scores(self, rows: RowWriter) -> Scores:
-        """The paper's six steps in every scenario, then the ranking of the ADSs."""
-        # One thread: these matrices gain little from more threads, which wait for each other on a
-        # busy machine (five times the processor time), and with their number sums may differ by a
-        # bit.
+        """The paper's six steps in every scenario, then the ranking of the ADSs.
+
+        rows: takes in the rows of all cases.
+        """
+        # One thread, for two reasons. These matrices gain little from more threads, which wait for
+        # each other on a busy machine (five times the processor time). And sums may differ by a bit
+        # with the number of threads.
         with threadpool_limits(1):
-            done = [score_scenario(self._space(*named), rows) for named in self.run.entries]
-        zones = tuple(zones for zones, _ in done)
-        scored = [pair for _, pairs in done for pair in pairs]
+            of_scenarios = [
+                score_scenario(self._space(entry, logical), rows)
+                for entry, logical in self.run.entries
+            ]
+        zones = tuple(zones for zones, _ in of_scenarios)
+        scored = [pair for _, pairs in of_scenarios for pair in pairs]
         scores = tuple(score for score, _ in scored)
         intervals = {(score.ads, score.scenario): ends for score, ends in scored}
         ranking = None
@@ -96,33 +106,39 @@ class Scoring(NamedTuple):
         return Scores(zones, scores, ranking, rows.chunks(list(intervals)))
 
     def _same_points(self) -> bool:
-        """Whether all ADSs drove the same points, which they need not do under `run.only`."""
+        """Whether all ADSs drove the same points. Under `run.only` they may not have."""
         if not self.run.settings.run.only:
             return True
         points = defaultdict[str, set[str]](set)
         for case, _, ads in self.store.names("ads"):
-            points[ads].add(case.removesuffix(ads))  # the rest names scenario and point
+            # the key of a case is `scenario-point-ADS`
+            points[ads].add(case.removesuffix(ads))
         return len(set(map(frozenset, points.values()))) == 1
 
     def _space(self, entry: ScenarioSettings, logical: LogicalScenario) -> ScenarioRun:
         """One scenario of the run."""
         settings = self._settings_in(logical.name)
         reference = settings.method.task.task_reference
-        kept = self.exposures.get(logical.name, {})
-        today = hashes_of_scenario(entry.use, self.run.source)
+        exposure = self.exposures.get(logical.name, {})
+        # the scenario's files, now and when the run was recorded; "": not recorded
+        hashes = hashes_of_scenario(entry.use, self.run.source)
+        edited = any(exposure.get(name, "") not in ("", now) for name, now in hashes.items())
         return ScenarioRun(
             entry, logical, self._points(entry, logical), settings, self.run.source,
             self.severity, self.store, self.cache, self.spread, self.progress,
             car=reference if recorded_with(self.store, reference) else "",
-            outside=frozenset(kept.get("outside_support", ())),
-            edited=any(kept.get(name, "") not in ("", now) for name, now in today.items())
+            outside=frozenset(exposure.get("outside_support", ())),
+            edited=edited
         )  # fmt: skip
 
     def _settings_in(self, scenario: str) -> EvaluationSettings:
-        """The settings; under `run.only` with those ADSs alone that have a case in a scenario."""
+        """The settings of the run. Under `run.only` they list only ADSs with a case in the
+        scenario.
+        """
         settings = self.run.settings
         if not settings.run.only:
             return settings
+        # names of these ADSs
         driven = {
             ads
             for where, role, ads, *_ in self.store.counts()
@@ -131,32 +147,37 @@ class Scoring(NamedTuple):
         return replace(settings, ads=tuple(ads for ads in settings.ads if ads.name in driven))
 
     def _points(self, entry: ScenarioSettings, logical: LogicalScenario) -> Sample:
-        """The points that the settings choose now; none, with a note, where a file that they need
-        is gone or has a mistake.
+        """The points that the settings choose now. If a file that they need is gone or has a
+        mistake: no points, and a note.
 
-        Scoring reads no recordings. Where the choice needs a density from recordings there are no
-        points, and no note.
+        Scoring reads no recordings. If the choice needs a density from recordings: no points, and
+        no note.
         """
         settings, source = self.run.settings, self.run.source
-        recorded = entry.exposure.kind == "recorded"
+        density_is_recorded = entry.exposure.kind == "recorded"
         density = None
         try:
-            if not recorded:
+            if not density_is_recorded:
                 density = exposure_of(logical, entry.exposure, settings.drivers, source).density
             return choose_points(logical, entry, source, settings, density)
         except InputError as error:
             no_points = sample_of(np.empty((0, len(logical.names))), entry.sampling.method or "")
+            if density_is_recorded and not entry.sampling.file:
+                return no_points
             remark = "The settings choose no points any more, so those that were driven count"
-            by_recordings = recorded and not entry.sampling.file
-            return no_points if by_recordings else replace(no_points, notes=(f"{remark}: {error}",))
+            return replace(no_points, notes=(f"{remark}: {error}",))
 
 
 Scored = list[tuple[ScenarioResult, ScoreIntervals | None]]
-"""The result of each ADS in a scenario, with the intervals that a ranking needs."""
+"""The result of each ADS in a scenario, with the intervals that a ranking needs; None: too few
+cases for intervals."""
 
 
 def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Scored]:
-    """The six steps in one scenario, steps 3 to 5 for `POINTS_AT_ONCE` points at a time."""
+    """The six steps in one scenario, steps 3 to 5 for `POINTS_AT_ONCE` points at a time.
+
+    rows: takes in the rows of the cases.
+    """
     method = space.method
     # 1  safe and hazardous zones, Eqs. 1-8
     key = zones_key(space.entry, space.settings, space.source)
@@ -190,32 +211,38 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
         driver_deviations(table, left_out, space.settings.drivers, space.settings.seed)
         for table in tables
     ]
-    # points that a resample may exchange for each other
-    if points.stratum is not None:
-        groups = of_one_number(points.stratum)
-    else:
-        groups = strata(space.logical.to_unit(points.points), points.method)
+    groups = _exchangeable(points, space.logical)
     scores, intervals = with_intervals(
         scores, tables, places, deviations, groups, space.settings, space.progress
     )
     described = describe_zones(space.logical, zones, points)
     sentences = [*described.notes, *_on_points(space, points, places)]
     if space.entry.sampling.method == ADAPTIVE:
-        stands = standing(space.entry.sampling, points, scores, tables, places, method, space.name)
-        sentences.append(stands.sentence)
+        state = standing(space.entry.sampling, points, scores, tables, places, method, space.name)
+        sentences.append(state.sentence)
     return replace(described, notes=tuple(sentences)), list(zip(scores, intervals, strict=True))
+
+
+def _exchangeable(points: Sample, logical: LogicalScenario) -> Strata:
+    """Lists of points that a resample may exchange for each other: the sample's own strata, if it
+    has any.
+    """
+    if points.stratum is not None:
+        return of_one_number(points.stratum)
+    return strata(logical.to_unit(points.points), points.method)
 
 
 def _on_points(space: ScenarioRun, points: Sample, places: Sequence[IntArray]) -> Iterator[str]:
     """Sentences for a run whose points are not those of the settings, or not all of them.
 
-    points: the points that were driven.
+    points: the sample that was driven.
     places: of each ADS the numbers of the points of its cases.
     """
     chosen = space.points
-    # scoring does not repeat a choice by recordings; a file of points does not depend on them
-    again = space.entry.exposure.kind != "recorded" or space.entry.sampling.file
-    if points is not chosen and len(chosen.points) and again:
+    # Scoring cannot repeat a choice that needs a density from recordings. A choice from a file of
+    # points needs none.
+    is_repeatable = space.entry.exposure.kind != "recorded" or space.entry.sampling.file
+    if points is not chosen and len(chosen.points) and is_repeatable:
         yield "The settings choose other points now, so those that were driven count."
     if space.edited:
         yield "The scenario's file changed after it was driven: zones are those of today's file."
@@ -235,12 +262,13 @@ def score_points(
     remarks: Mapping[str, Remarks],
     rows: RowWriter,
 ) -> DriverComparison:
-    """Steps 3 to 5 at some points: add every ADS's cases there to `rows`, and notes on them to
-    `remarks`.
+    """Steps 3 to 5 at some points. Adds every ADS's cases there to `rows`, and remarks on them to
+    `remarks`; returns the comparison with the drivers there.
 
     overview: zones and weights of all points.
     points: numbers of the points.
     people: table of people that the plausibility compares with.
+    remarks: of each ADS.
     """
     drives: dict[str, list[Fact]] = {ads.name: [] for ads in space.settings.ads}
     for fact in space.facts_at(points, "ads"):
@@ -249,10 +277,10 @@ def score_points(
     drivers = space.facts_at(points, "human")
     unreacting = space.facts_at(points, "no_reaction")
     cars = space.facts_at(points, "task_reference") if space.car else []
-    # 3 and 4  D_i of the cases that may have one: safe, without a collision, Eqs. 9-12
+    # 3 and 4  D_i of the safe cases without a collision, Eqs. 9-12
     compared = compare_with_people(space, overview, points, drivers, drives)
     egos = [*unreacting, *(fact for facts in drives.values() for fact in facts)]
-    # results that the paper does not have: departures, t_i, TTC, PET, plausibility ...
+    # beyond the paper: departures, t_i, TTC, PET, extremes ...
     results = drive_results(egos, [*drivers, *cars], space)
     # 5  U, L, Ug, r, Eqs. 14-16
     harm = harm_at(space, overview, points, unreacting, results)

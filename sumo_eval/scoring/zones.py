@@ -1,6 +1,7 @@
-"""The zones of a run's scenarios, kept in its folder or computed (Eqs. 7-8).
+"""The zones of a run's scenarios (Eqs. 7-8), from the cache in the run's folder or computed.
 
-Users: `evaluation`, `scoring.steps`, `report.explain`.
+Users: `evaluation`, `scoring.steps`, `report.explain`. Fixed: `zones_key` must name all that the
+zones depend on, or a stale partition would be used.
 """
 
 from collections.abc import Mapping
@@ -19,7 +20,7 @@ from sumo_eval.trajectory import FloatArray
 
 
 def zones_of(run: Resolved, cache: KeptResults) -> dict[str, ZonePartition]:
-    """The partition of each scenario by its name, kept or computed."""
+    """Scenario -> its partition, from the cache or computed."""
     settings = run.settings
     return {
         logical.name: kept_zones(
@@ -30,7 +31,11 @@ def zones_of(run: Resolved, cache: KeptResults) -> dict[str, ZonePartition]:
 
 
 def zones_key(entry: ScenarioSettings, settings: EvaluationSettings, source: Path) -> bytes:
-    """Key of a kept partition of a scenario: a hash of all that it depends on."""
+    """Key of a scenario's partition in the cache: a hash of all that the partition depends on.
+
+    entry: the scenario in the evaluation.
+    source: folder of the evaluation, where relative paths start.
+    """
     return key_of(
         "zones",
         settings.method.zones,
@@ -43,10 +48,11 @@ def zones_key(entry: ScenarioSettings, settings: EvaluationSettings, source: Pat
 def star_distance(
     zones: ZonePartition, row: FloatArray, weight: float
 ) -> tuple[Mapping[str, float], float, float | None]:
-    """The ray of Eq. 16 from x* through a point: x*, the most dangerous point of its nearest zone;
-    |x - x*|; and |b - x*|, None at x* itself. Lengths are those of the unit box.
+    """The ray of Eq. 16 from x* through a point: x*, the most dangerous point of the nearest zone,
+    by name; |x - x*|; and |b - x*|, None at x* itself. Lengths are in the unit box.
 
-    row: the point's values, (k,).
+    zones: at least one.
+    row: x, values of the point, (k,).
     weight: r of the point (Eq. 16).
     """
     logical, star = zones.logical, zones.most_dangerous[int(zones.nearest_zone(row))]
@@ -56,11 +62,18 @@ def star_distance(
 
 
 def zones_are_known(settings: EvaluationSettings, source: Path) -> bool:
-    """Whether this process has the partition of every scenario of an evaluation."""
+    """Whether this process has computed or read the partition of every scenario of an evaluation.
+
+    source: folder of the evaluation.
+    """
     return all(zones_key(entry, settings, source) in ZONES for entry in settings.scenario)
 
 
 def find_zones(settings: EvaluationSettings, source: Path, folder: Path) -> None:
-    """Compute the partition of every scenario of a run that its folder does not keep yet."""
+    """Compute the partitions of a run's scenarios that its folder does not have.
+
+    source: folder of the evaluation.
+    folder: of the run.
+    """
     with closing(KeptResults(folder)) as cache:
         zones_of(Resolved.of(settings, source), cache)
