@@ -42,7 +42,7 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.assessment import assess
 from sumo_eval.scoring.confidence.drivers import driver_deviations
-from sumo_eval.scoring.confidence.intervals import REPLICATES, Judged, score_intervals
+from sumo_eval.scoring.confidence.intervals import REPLICATES, AdsCases, score_intervals
 from sumo_eval.scoring.confidence.resamples import strata
 from sumo_eval.scoring.driver_bands import below_drivers
 from sumo_eval.scoring.findings import Findings
@@ -143,9 +143,9 @@ def intervals(run: Evaluation, replicates: int) -> object:
     points = np.column_stack([np.linspace(0.0, 1.0, len(rows))] * len(BOX))
     drivers = driver_deviations(rows, {}, run.settings.drivers, 1)
     everywhere, safe = np.arange(len(rows)), np.zeros(len(rows), dtype=np.bool_)
-    judged = Judged("first", case_terms(rows, method), everywhere, safe, drivers)
+    ads_cases = AdsCases("first", case_terms(rows, method), everywhere, safe, drivers)
     groups = strata(points, "sobol")
-    return score_intervals([judged], groups, method, 1, "cut_in", replicates=replicates)
+    return score_intervals([ads_cases], groups, method, 1, "cut_in", replicates=replicates)
 
 
 def written_page(run: Evaluation) -> Path:

@@ -277,8 +277,8 @@ class _Missing(NamedTuple):
 
 
 def _missing(cases: CaseTable, terms: CaseTerms, *, people: bool) -> _Missing:
-    """What each case of an ADS lacks. Without drivers to compare with (`people`), no D_i and no
-    human-likeness is missing.
+    """Flags of all that each case of an ADS lacks. Without drivers to compare with (`people`), no
+    D_i and no human-likeness is missing.
     """
     no_ideal = np.isnan(terms.ideal)
     no_outcome, may_have_hit = ~terms.counted, ~terms.collided & ~terms.evaluated

@@ -2,12 +2,13 @@
 how certain the differences are.
 
 Cases are paired by logical scenario and parameter values, never by their order. The comparison
-works on columns of the tables. A `ChangedCase` is made only where it is shown.
+works on columns of the tables. A `ChangedCase` is made only when it is read.
 
-`sumo-eval compare`, the nightly rule (`scoring.rule`, `nightly`), the terminal, pages and JUnit
-read it.
+`sumo-eval compare`, the nightly rule (`scoring/rule.py`, `nightly/`), the terminal, pages and JUnit
+read the comparison.
 
-Users: `cli/compare.py`, `nightly/`, `report/`, `scoring/rule.py`.
+Users: `cli/compare.py`, `nightly/`, `report/`, `scoring/rule.py`. Fixed: names of changes
+(`gate_settings.Change`) and of quantities, which gate files name.
 """
 
 from __future__ import annotations
@@ -42,16 +43,18 @@ from sumo_eval.scoring.gate_settings import (
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 _ORDER: tuple[Change, ...] = get_args(Change)
-WORSE, BETTER = _ORDER[:5], _ORDER[5:]  # the two lines of `Change`
+WORSE, BETTER = _ORDER[:5], _ORDER[5:]  # `Change` lists five changes for the worse, then the rest
 
 
 class ChangedCase(NamedTuple):
     """One concrete scenario in which the two runs differ.
 
-    by: new minus base of the quantity that the change is about, U (m/s), the case's human-likeness
-        or D_i; None for a flip.
-    moved: new minus base of the quantities that enter a score, where they differ: `regret` is
-        max(0, U - Ug), `H_i` the case's human-likeness, and `D_i`.
+    change: kind of the difference.
+    base, new: the case in each run.
+    by: new minus base of the quantity that the change is about: U (m/s), human-likeness or D_i of
+        the case; None for a flip of the outcome.
+    moved: name -> new minus base of quantities that enter a score, if they differ: `regret`
+        (max(0, U - Ug)), `H_i` (the case's human-likeness), `D_i`.
     """
 
     change: Change
@@ -69,7 +72,7 @@ class ChangedCase(NamedTuple):
 class Paired(NamedTuple):
     """Cases of an ADS in a logical scenario, paired by their points.
 
-    base, new: the n pairs; row i of one and row i of the other are at the same point.
+    base, new: cases of the n pairs; row i of both tables is pair i, at one point.
     new_rows: indices of these cases in the new run's table, (n,).
     lost: cases of the base at points that the new run does not have.
     added: cases of the new run at points that the base does not have.
@@ -85,7 +88,7 @@ class Paired(NamedTuple):
 class Unpaired(NamedTuple):
     """Cases of an ADS in a logical scenario that have no partner.
 
-    ads: its name in the base; in the new run where the base has no such ADS.
+    ads: its name in the base; its name in the new run if the base does not have it.
     lost: number of cases that only the base has.
     added: number of cases that only the new run has.
     of: number of all cases of the base.
@@ -102,12 +105,12 @@ class Unpaired(NamedTuple):
 
 @frozen(eq=False)
 class Changes:
-    """Changed cases, the worst first; a `ChangedCase` is made when it is read.
+    """The c changed cases of an ADS in a scenario, the worst first, as a sequence of `ChangedCase`.
 
-    kinds: of each change its index in `Change`, ascending, (c,); those of `WORSE` come first.
+    kinds: index of each change in `Change`, ascending, (c,); changes for the worse come first.
     which: row of its pair in `paired`, (c,).
     by: as in `ChangedCase`, nan for None, (c,).
-    moved: as in `ChangedCase`, by name; nan where a quantity is the same in both runs, (c,).
+    moved: name -> as in `ChangedCase`, nan if the quantity is the same in both runs, (c,).
     """
 
     paired: Paired
@@ -131,6 +134,7 @@ class Changes:
         return self._with(self.kinds >= len(WORSE))
 
     def _with(self, flags: BoolArray) -> Changes:
+        """The flagged changes, (c,)."""
         moved = {name: values[flags] for name, values in self.moved.items()}
         return Changes(self.paired, self.kinds[flags], self.which[flags], self.by[flags], moved)
 
@@ -155,8 +159,9 @@ class Changes:
 class QuantityChange(NamedTuple):
     """A quantity in both runs.
 
-    difference: None where the quantity is missing in a run, or has another unit in each.
-    low, high: interval of the difference; None without one.
+    base, new: its value; None if a run does not have it.
+    difference: new minus base; None if a value is missing, or if the units differ.
+    low, high: interval of the difference; None without an interval.
     """
 
     base: float | None
@@ -168,7 +173,7 @@ class QuantityChange(NamedTuple):
     @property
     def certain(self) -> bool:
         """Whether the interval of the difference excludes 0."""
-        # without an interval both ends count as 0
+        # ends that are None count as 0, which makes this false
         return (self.low or 0.0) > 0.0 or (self.high or 0.0) < 0.0
 
     @property
@@ -180,9 +185,10 @@ class QuantityChange(NamedTuple):
 class AdsComparison(NamedTuple):
     """Comparison of one ADS of the new run in one logical scenario with its partner in the base.
 
+    ads, base_ads: names of the ADS in the new run and in the base.
     identical: number of pairs that are equal to the last bit, except for measured times.
     changed: changed cases, the worst first.
-    quantities: the scores of `paired_differences.COMPARED`, from the paired cases alone.
+    quantities: name -> change of a score of `paired_differences.COMPARED`, from the paired cases.
     counts: outcome -> number of paired cases with it in the base, and in the new run.
     units: unit of U in the base, and in the new run. If they differ, changes of U do not count.
     """
@@ -198,7 +204,7 @@ class AdsComparison(NamedTuple):
 
     @property
     def pairs(self) -> int:
-        """Cases that both runs have."""
+        """Number of cases that both runs have."""
         return len(self.changed.paired.new_rows)
 
     @property
@@ -207,11 +213,11 @@ class AdsComparison(NamedTuple):
         return self.units[0] == self.units[1]
 
     def comparable(self, column: str) -> tuple[FloatArray, FloatArray]:
-        """A column of all pairs in the base and in the new run, (n,) each; all nan where it is a U
-        in two units.
+        """A column of all pairs in the base and in the new run, (n,) each. If it is in the unit of
+        U, and the units differ: nan.
         """
         sides = self.changed.paired.base, self.changed.paired.new
-        # a value and nan add up to nan
+        # added to all values: 0, or nan, which makes them nan
         unknown = 0.0 if self.one_unit or column not in OF_U else np.nan
         before, after = (getattr(cases, column).astype(np.float64) + unknown for cases in sides)
         return before, after
@@ -222,8 +228,9 @@ class Comparison(NamedTuple):
 
     confidence: level of the intervals.
     differences: settings and versions in which the runs differ.
-    supposed: ADS of the new run -> ADS of the base, where the names differ and the two are compared
-        only because each run has a single ADS.
+    ads: comparison of each ADS in each scenario.
+    supposed: ADS of the new run -> ADS of the base, if the names differ and both are compared only
+        because each run has a single ADS.
     only_base, only_new: ADSs without a partner.
     unpaired: cases without a partner.
     """
@@ -241,12 +248,12 @@ class Comparison(NamedTuple):
 
     @property
     def pairs(self) -> int:
-        """Cases that both runs have."""
+        """Number of cases that both runs have."""
         return sum(part.pairs for part in self.ads)
 
     @property
     def identical(self) -> bool:
-        """Whether every case of the base has a partner, equal to the last bit."""
+        """Whether every case of the base has a partner that is equal to the last bit."""
         lost = any(group.lost for group in self.unpaired)
         return not lost and all(part.identical == part.pairs for part in self.ads)
 
@@ -262,8 +269,8 @@ class Comparison(NamedTuple):
 
 
 def builds_besides(builds: Mapping[str, str], comparison: Comparison | None) -> list[str]:
-    """`build of ADS: build` of each ADS, without builds that the comparison's differences already
-    list.
+    """Text of each ADS's build, `build of ADS: build`, without builds that the comparison's
+    differences already list.
 
     builds: ADS -> its build.
     """
@@ -282,9 +289,12 @@ def compare(
 ) -> Comparison:
     """Compare two runs.
 
-    pairs: ADS of the base -> ADS of the new run, where their names differ.
+    settings: the gate file.
+    pairs: ADS of the base -> ADS of the new run, for ADSs whose names differ.
+    accept_differences: whether settings and versions that decide may differ. If not, they raise
+        InputError.
 
-    Raises InputError where more than the ADS differs, unless `accept_differences`.
+    Raises InputError also if no ADS is in a logical scenario of both runs.
     """
     if not accept_differences:
         refuse_unless_comparable(differences(base, new))
@@ -304,10 +314,10 @@ def side_by_side(
     *,
     pairs: Mapping[str, str] | None = None,
 ) -> Comparison:
-    """Compare the cases that two runs have in common, if any; differences of their settings are
-    listed and not refused.
+    """Compare the cases that two runs have in common, if any. Differences of settings and versions
+    are listed, not refused.
 
-    pairs: as in `compare`.
+    settings, pairs: as in `compare`.
     """
     olds, news = base.ads_names, new.ads_names
     partners = _partners(olds, news, pairs or {})
@@ -315,6 +325,7 @@ def side_by_side(
     if not partners and len(olds) == len(news) == 1:
         supposed = {news[0]: olds[0]}
     partners |= supposed
+    # (ADS in the base, ADS in the new run, scenario); "": the run does not have it
     groups = [(partners.get(score.ads, ""), score.ads, score.scenario) for score in new.scores]
     driven = {(old, scenario) for old, _, scenario in groups}
     groups += [
@@ -350,7 +361,13 @@ MOST_EXAMPLES = 5  # most keys of lost cases that are named
 
 
 def _partners(olds: Sequence[str], news: Sequence[str], pairs: Mapping[str, str]) -> dict[str, str]:
-    """ADS of the new run -> ADS of the base: by `pairs`, else by the same name."""
+    """ADS of the new run -> ADS of the base, by `pairs`, else by name.
+
+    olds, news: names of the ADSs of the base and of the new run.
+    pairs: as in `compare`.
+
+    Raises InputError for unknown names in `pairs`.
+    """
     for old, now in pairs.items():
         check_known("ADS", olds, old)
         check_known("ADS", news, now)
@@ -393,13 +410,13 @@ def _paired(base: CaseTable, new: CaseTable) -> Paired:
     first occur in the new run.
     """
     no_rows = np.empty(0, np.intp)
-    # without cases, or with other parameters, nothing is paired
+    # without cases in a run, or with different parameters, nothing is paired
     if not (len(base) and len(new)) or base[0].values.keys() != new[0].values.keys():
         return Paired(base[no_rows], new[no_rows], no_rows, base, new)
     base_points, new_points = point_numbers([base, new])
     olds, _, last_old = _cases_at(base_points)
     news, first_new, last_new = _cases_at(new_points)
-    # positions of the common points in `olds` and in `news`
+    # indices of the common points in `olds` and in `news`
     in_old, in_new = np.intersect1d(olds, news, assume_unique=True, return_indices=True)[1:]
     order = np.argsort(first_new[in_new])
     base_rows, new_rows = last_old[in_old[order]], last_new[in_new[order]]
@@ -408,9 +425,13 @@ def _paired(base: CaseTable, new: CaseTable) -> Paired:
 
 
 def _cases_at(points: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Each different point of some cases, ascending, with the rows of its first and last case."""
+    """Each different point of some cases, ascending, (p,), with the rows of its first and last
+    case, (p,) each.
+
+    points: number of each case's point, (n,).
+    """
     distinct, first = np.unique(points, return_index=True)
-    # the first row in reversed order is the last row
+    # `unique` gives first rows; the first row of the reversed list is the last row
     return distinct, first, len(points) - 1 - np.unique(points[::-1], return_index=True)[1]
 
 
@@ -418,22 +439,23 @@ _NOT_DRIVEN = frozenset((
     "case", "scenario", "ads", "values", "exposure", "weight", *TIMED,
     "index_note", "reference_note", "batched"
 ))  # fmt: skip
-"""Fields of a row that do not describe its drive, measured times, and fields with other than plain
-values."""
+"""Fields of a row that `identical_pairs` leaves out: those that do not describe the drive, measured
+times, and those whose values are records."""
 
 
 def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
     """Number of pairs that are equal to the last bit, except for measured times.
 
-    If all rows are equal, the recorded drives are compared too, with the trajectories that both
-    runs have kept.
-
     base, new: folders of the runs.
+
+    If the rows of all pairs are equal, the recorded drives are compared too, with those
+    trajectories that both runs have.
     """
     same = np.ones(len(paired.new_rows), np.bool_)
     for name in {item.name for item in fields(CaseResult)} - _NOT_DRIVEN:
         before, after = getattr(paired.base, name), getattr(paired.new, name)
-        same &= (before == after) | ((before != before) & (after != after))  # nan equals nan
+        # nan counts as equal to nan; only nan differs from itself
+        same &= (before == after) | ((before != before) & (after != after))
 
     files = base / FACTS, new / FACTS
     if not same.all() or base == new or not all(file.is_file() for file in files):
@@ -441,7 +463,7 @@ def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
     alike = 0
     with open_store(files[0]) as old, open_store(files[1]) as now:
         for before, after in zip(paired.base.case.tolist(), paired.new.case.tolist(), strict=True):
-            # whole: with the trajectory
+            # whether the trajectory is compared too
             whole = not (old.is_discarded(before) or now.is_discarded(after))
             alike += old.drive(before, whole=whole) == now.drive(after, whole=whole)
     return alike
@@ -455,24 +477,25 @@ def _changes(
     *,
     one_unit: bool,
 ) -> Changes:
-    """The change of each pair: the first of the changes below that applies.
+    """The changed cases. Of several changes of a pair the first one below counts.
 
     terms: of the base and of the new run.
+    settings: `harsher_by`, `less_human_by`.
     units: of U in the base and in the new run.
-    one_unit: whether the regret has the same unit in both.
+    one_unit: whether the regret has one unit in both runs.
     """
     old, now = paired.base, paired.new
-    # of each pair the index of its change, -1: none yet; and the size of that change
+    # of each pair: index of its change, -1: none so far; size of its change, nan for a flip
     kind, by = np.full(len(old), -1, np.intp), np.full(len(old), np.nan)
 
     def mark(flags: BoolArray, change: Change, size: FloatArray | None = None) -> None:
-        """Give a change to the flagged pairs that have none yet."""
+        """Give a change, and its size, to the flagged pairs that have none so far."""
         unmarked = flags & (kind < 0)
         kind[unmarked] = _ORDER.index(change)
         if size is not None:
             by[unmarked] = size[unmarked]
 
-    left_before, left_now = (it.off_road | it.departed for it in (old, now))
+    left_before, left_now = (cases.off_road | cases.departed for cases in (old, now))
     flips: tuple[tuple[BoolArray, BoolArray, Change, Change], ...] = (
         (~old.evaluated, ~now.evaluated, "not evaluated any more", "evaluated again"),
         (old.collided, now.collided, "new collision", "collision gone"),
@@ -481,7 +504,7 @@ def _changes(
     for before, after, worse, better in flips:
         mark(after & ~before, worse)
         mark(before & ~after, better)
-    # a value and nan add up to nan: a difference of U in two units does not count
+    # adding nan makes a difference of U in two units nan, so that it does not count
     harsher = now.severity - old.severity + (0.0 if units[0] == units[1] else np.nan)
     likeness, index = now.human_likeness - old.human_likeness, now.index - old.index
     least_of_u = change_of_u(settings.harsher_by, HARSHER_BY, units[1])
@@ -490,9 +513,9 @@ def _changes(
     for rise in (likeness, index):
         mark(rise < -settings.less_human_by, "less human", rise)
         mark(rise > settings.less_human_by, "more human", rise)
-    regrets = [excess(it.severity, it.ideal) for it in terms]
+    regrets = [excess(run.severity, run.ideal) for run in terms]
     which = np.flatnonzero(kind >= 0)
-    # by kind of change, then the largest first, then by name; the last key counts first
+    # by kind of change, then the largest first, then by name (lexsort: the last key counts first)
     order = np.lexsort((now.case[which], -np.abs(np.nan_to_num(by[which])), kind[which]))
     which = which[order]
     moves = {
@@ -500,19 +523,20 @@ def _changes(
         "H_i": likeness,
         "D_i": index,
     }
-    moved = {name: np.where(it != 0.0, it, np.nan)[which] for name, it in moves.items()}
+    moved = {name: np.where(rise != 0.0, rise, np.nan)[which] for name, rise in moves.items()}
     return Changes(paired, kind[which], which, by[which], moved)
 
 
 def _quantity_changes(
     runs: Sequence[Run], settings: GateSettings, *, one_unit: bool
 ) -> dict[str, QuantityChange]:
-    """The scores of both runs and their differences, by name.
+    """Name -> a score in both runs, with the interval of its difference.
 
-    runs: the base and the new run: terms of the paired cases, and settings of the scores.
-    one_unit: whether the regret has the same unit in both.
+    runs: terms of the paired cases and settings of the scores, of the base and of the new run.
+    settings: `confidence`, `resamples`, `seed`.
+    one_unit: whether the regret has one unit in both runs.
     """
-    # imported here: it loads scipy and libsumo, which a look at kept results does not need
+    # imported here: it loads scipy and libsumo, which reading earlier results does not need
     from sumo_eval.scoring.confidence.intervals import percentiles
 
     old, now = (point_values(*run) for run in runs)

@@ -1,11 +1,11 @@
 """Groups of similar failures, for the report: the parameter ranges that their cases share.
 
-Failures of one ADS and one kind belong to one group if a chain of neighbours among the driven
-points joins them (single linkage in the unit box). A group is described by the narrowest ranges
-that hold all its cases, for each parameter whose driven range it does not fill, and by the share of
-all cases in these ranges that fail in this way.
+Failures of one ADS and one kind belong to one group if a chain of neighbours joins their points
+(single linkage in the unit box). A group is described by two things: the narrowest ranges that hold
+all its cases, of those parameters whose driven range it does not fill; and the share of all cases
+in these ranges that fail in this way.
 
-Users: `report/page_data.py`.
+Users: `report/page_data.py`. Free to change: kinds in words, and the limits below.
 """
 
 from collections.abc import Mapping
@@ -17,22 +17,22 @@ from sumo_eval.case_table import CaseTable
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import FloatArray, IntArray
 
-# kinds of failure by gravity; the first word of a kind decides its place
+# Kinds of failure, the gravest first. The first word of a kind decides its place.
 GRAVEST_FIRST = "caused", "avoidable", "collision", "not evaluated", "off road", "unavoidable"
-MOST_LINKED = 2_000  # failures of one kind that are compared pair by pair; more form one group
-# Failures in k parameters are neighbours if their distance in steps (`_step`) is at most this times
-# sqrt(k): one step in every parameter is a distance of sqrt(k), the rest is a margin.
+MOST_LINKED = 2_000  # most failures of one kind that are compared pair by pair; more form one group
+# Points of k parameters are neighbours if their distance in steps (`_step`) is at most this times
+# sqrt(k). One step in every parameter is a distance of sqrt(k); the factor 1.6 leaves a margin.
 NEIGHBOUR_DISTANCE = 1.6
-SPANNED = 0.999  # a group that covers this share of a parameter's driven range does not narrow it
+SPANNED = 0.999  # a group that covers this share of a parameter's driven range fills the range
 
 
 class FailureGroup(NamedTuple):
-    """Cases of one ADS that fail in the same way and are neighbours.
+    """Cases of one ADS that fail in one way and are neighbours.
 
     kind: of the failure, in words.
-    places: indices of its cases among all cases, (k,), ascending.
-    ranges: parameter -> (least, most) where the group is narrower than the cases of the ADS.
-    alike: number of cases in these ranges that fail in this way.
+    places: indices of its m cases among all cases, (m,), ascending.
+    ranges: parameter -> (least, most), for parameters whose driven range the group does not fill.
+    alike: number of cases of the ADS in these ranges that fail in this way.
     inside: number of all cases of the ADS in these ranges.
     """
 
@@ -45,11 +45,11 @@ class FailureGroup(NamedTuple):
 
 
 def failure_kinds(cases: CaseTable) -> tuple[IntArray, list[str]]:
-    """The kind of failure of each case, (n,), as an index of the list of kinds, and this list.
+    """The kind of failure of each case, (n,), as an index of a list of kinds, and this list.
 
     The first kind is the empty word: the case did not fail. A case of several kinds gets the last
-    of them in the list: a contact outranks a departure. A case gets plain `collision` where it is
-    not known what the ideal vehicle does.
+    of them in the list, so a contact outranks a departure. A collision is plain `collision` if it
+    is not known whether the ideal vehicle collides.
     """
     flags = {"off road": cases.off_road | cases.departed, "collision": cases.collided}
     for kind in ("unavoidable", "avoidable", "caused"):
@@ -67,8 +67,8 @@ def failure_kinds(cases: CaseTable) -> tuple[IntArray, list[str]]:
 
 
 def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGroup]:
-    """The groups of one logical scenario: the gravest kinds first, the largest groups first within
-    a kind.
+    """The groups of one logical scenario: the gravest kind first, and within a kind the largest
+    group first.
     """
     groups = []
     ads_of_case, points = cases.ads, cases.parameters(logical.names)
@@ -77,7 +77,7 @@ def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGr
         places = np.flatnonzero(ads_of_case == ads)
         own_points = points[places]
         for kind in set(np.unique(kinds[places]).tolist()) - {0}:
-            failed = kinds[places] == kind
+            failed = kinds[places] == kind  # whether each case of the ADS fails in this way
             for members in _linked(logical, own_points, np.flatnonzero(failed)):
                 least, most = own_points[members].min(axis=0), own_points[members].max(axis=0)
                 narrow = np.flatnonzero(most - least < SPANNED * np.ptp(own_points, axis=0))
@@ -91,19 +91,19 @@ def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGr
                     )
                 )
     rank = {kind.split()[0]: index for index, kind in enumerate(GRAVEST_FIRST)}
-    groups.sort(key=lambda it: (rank[it.kind.split()[0]], it.kind, -len(it.places)))
+    groups.sort(key=lambda group: (rank[group.kind.split()[0]], group.kind, -len(group.places)))
     return groups
 
 
 def _linked(logical: LogicalScenario, points: FloatArray, failed: IntArray) -> list[IntArray]:
     """The failures of each group, as indices of `points`.
 
-    points: all of the ADS, (n, k).
+    points: of all cases of the ADS, (n, k), in the parameters' units.
     failed: indices of the points at which the ADS fails in one way.
     """
     if len(failed) < 2 or len(failed) > MOST_LINKED:
         return [failed]
-    # imported here: scipy's clustering takes half a second, and a replay never groups
+    # imported here: scipy's clustering takes half a second, and a replay makes no groups
     from scipy.cluster.hierarchy import fcluster, linkage
 
     unit = logical.to_unit(points)
@@ -115,10 +115,10 @@ def _linked(logical: LogicalScenario, points: FloatArray, failed: IntArray) -> l
 
 
 def _step(values: FloatArray) -> float:
-    """Length of one step along a parameter: the median distance of neighbouring levels, but at
-    least an eighth of the driven range; 1 where there is one level.
+    """Length of one step along a parameter, unit-box length: the median distance of neighbouring
+    levels, but at least an eighth of the driven range; 1 if there is one level.
 
-    values: of the parameter at all points, 0..1.
+    values: of the parameter at all points, in the unit box, (n,).
     """
     levels = np.unique(values)
     if len(levels) < 2:

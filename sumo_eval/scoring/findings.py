@@ -1,8 +1,7 @@
-"""Findings of a scored run: what one ADS did in one scenario, and what each case took from its
-scores.
+"""Findings of a scored run: what one ADS did in one scenario, and what each case took from the
+ADS's scores.
 
-Reports and figures read them here and compute nothing themselves; other files of `scoring` use
-them too.
+Reports and figures read findings and compute nothing themselves.
 
 Users: `report/`, `scoring/`, `extras/figures/of_scores.py`.
 """
@@ -38,15 +37,15 @@ LIKENESS_FACTORS = {
 }
 """The factors of a case's part in H: name -> field of CaseResult."""
 NOTICEABLE = 0.01
-"""A case is slow if its task share is below 1 by more than this; 1 is the slowest reference's."""
+"""A case is slow if its task share t_i is below 1, the slowest reference's, by more than this."""
 
 
 class Part(NamedTuple):
-    """One case in a mean over cases.
+    """One case in a weighted mean over cases.
 
     cases: number of cases in the mean.
     total: sum of their weights.
-    share: weight of this case over the total.
+    share: weight of this case divided by the total.
     value: of this case, 0..1.
     """
 
@@ -57,20 +56,23 @@ class Part(NamedTuple):
 
     @property
     def gives(self) -> float:
-        """Its term of the mean."""
+        """The case's term of the mean."""
         return self.share * self.value
 
     @property
     def takes(self) -> float:
-        """By how much it lowers the mean below 1."""
+        """By how much the case lowers the mean below 1."""
         return self.share * (1.0 - self.value)
 
 
 class Harm(NamedTuple):
     """One case in A.
 
-    u, ideal, nothing: U, Ug and U0 (without any reaction), or their loss classes.
-    lost, at_stake: w max(0, U - Ug) and w max(0, U0 - Ug).
+    u: U of the ADS, m/s, or its loss class.
+    ideal: Ug of the ideal vehicle, or its loss class.
+    nothing: U0 of `no_reaction`, or its loss class.
+    lost: w max(0, U - Ug).
+    at_stake: w max(0, U0 - Ug).
     taken: loss of A by this case.
     """
 
@@ -93,23 +95,23 @@ class Findings(NamedTuple):
 
     @classmethod
     def of(cls, evaluation: Evaluation, score: ScenarioResult) -> Self:
-        """Findings of one result of a run."""
+        """Findings of one result of a run, with its rows."""
         return cls(score, evaluation.cases_behind(score), evaluation.settings.method)
 
     @property
     def missing(self) -> BoolArray:
-        """Whether each case is missing from a mean, (n,): from all of them, or from D alone."""
+        """Whether each case is missing from a mean, (n,): from all means, or from D alone."""
         cases, reason = self.cases, self.score.d_reason
-        missed = cases.counts_for_index & np.isnan(cases.index)  # index: D_i
+        without_index = cases.counts_for_index & np.isnan(cases.index)  # index: D_i
         if reason is not None and reason.why in ("collisions", "no_drivers"):
-            # there is no D that a case could be missing from
-            missed = np.zeros(len(cases), np.bool_)
-        return np.asarray(cases.missing | missed)
+            # there is no D from which a case could be missing
+            without_index = np.zeros(len(cases), np.bool_)
+        return np.asarray(cases.missing | without_index)
 
     @property
     def slow(self) -> BoolArray:
-        """Whether each case counts for D, has no incident, and is slower than the slowest
-        reference, whose share of the task is 1, (n,).
+        """Whether each case counts for D, has no incident, and is noticeably slower than the
+        slowest reference, (n,).
         """
         cases = self.cases
         late = cases.counts_for_index & (cases.task_share < 1.0 - NOTICEABLE)
@@ -127,22 +129,22 @@ class Findings(NamedTuple):
 
     @property
     def beyond(self) -> FloatArray:
-        """Severity of each case above the ideal vehicle's, max(0, U - Ug), (n,)."""
+        """How much harder than the ideal vehicle the ADS hit in each case, max(0, U - Ug), (n,);
+        nan where U or Ug is not known.
+        """
         terms = self.terms
         return excess(terms.severity, terms.ideal)
 
     @property
     def share_lost(self) -> FloatArray:
-        """Share that each case takes from A, (n,), together 1 - A; nan where it has no part in
-        A.
-        """
+        """Share that each case takes from A, (n,), together 1 - A; nan if it has no part in A."""
         terms = self.terms
         return avoided_share_losses(terms.severity, terms.ideal, terms.unreacting, terms.weight)
 
     @property
     def lost_of_c(self) -> FloatArray:
-        """Part that each case takes from C, (n,), together 1 - C (Eq. 17); nan where it has no
-        ratio, and so no part in C.
+        """Part that each case takes from C (Eq. 17), (n,), together 1 - C; nan if it has no ratio
+        Ug/U, and so no part in C.
         """
         ratio = self.terms.ratio
         known = np.isfinite(ratio)
@@ -150,10 +152,12 @@ class Findings(NamedTuple):
 
     @property
     def collisions(self) -> IntArray:
-        """Rows of the h collisions, (h,), by their loss of C, the largest first."""
+        """Rows of the h collisions, (h,), the largest loss of C first; a collision without a known
+        loss comes last.
+        """
         places = np.flatnonzero(self.cases.collided)
         lost = self.lost_of_c[places]
-        # known losses first, the largest first, then by name (lexsort: the last key counts most)
+        # lexsort: the last key counts first, so collisions of equal loss are sorted by name
         names = self.cases.case[places]
         return places[np.lexsort((names, -np.nan_to_num(lost), np.isnan(lost)))]
 
@@ -184,7 +188,11 @@ class Findings(NamedTuple):
     def part(
         self, case: CaseResult, counted: BoolArray, weights: FloatArray, values: FloatArray
     ) -> Part:
-        """The part of a case in a mean of values, (n,), over the cases that are counted."""
+        """The part of a case in a weighted mean over the counted cases.
+
+        counted, weights: as in `shares`.
+        values: of all cases, (n,), 0..1.
+        """
         is_case = self.cases.case == case.case
         counted_weights = np.nan_to_num(weights[counted]).tolist()
         share, value = self.shares(counted, weights)[is_case], values[is_case]
@@ -193,15 +201,19 @@ class Findings(NamedTuple):
         )
 
     def shares(self, counted: BoolArray, weights: FloatArray) -> FloatArray:
-        """Share of each case in a mean over the counted cases, (n,); 0 for any other case."""
+        """Share of each case in a weighted mean over the counted cases, (n,); 0 for other cases.
+
+        counted: whether a case is in the mean, (n,).
+        weights: of all cases, (n,); nan counts 0.
+        """
         shares = np.zeros(len(counted))
         shares[counted] = mean_shares(np.nan_to_num(weights[counted]))
         return shares
 
     @property
     def factor_means(self) -> dict[str, float]:
-        """Mean of every factor of D_i over the safe cases that have one, by exposure; empty without
-        any.
+        """Mean of every factor of D_i over the safe cases that have a D_i, by exposure; empty
+        without such cases.
         """
         return self._means(self.indexed, FACTORS)
 
@@ -213,7 +225,11 @@ class Findings(NamedTuple):
         return self._means(self.likened & ~self.cases.incident, LIKENESS_FACTORS)
 
     def _means(self, counted: BoolArray, factors: Mapping[str, str]) -> dict[str, float]:
-        """The mean of every factor over the cases that are counted, (n,)."""
+        """The mean of every factor over the counted cases, by exposure.
+
+        counted: whether a case is in the mean, (n,).
+        factors: name -> field of CaseResult.
+        """
         some = self.cases[counted]
         means = {
             name: mean_of(getattr(some, field), some.exposure) for name, field in factors.items()
@@ -222,14 +238,14 @@ class Findings(NamedTuple):
 
 
 def mean_of(values: FloatArray, exposure: FloatArray) -> float | None:
-    """The mean of values by exposure, (n,) each; None where no value counts."""
-    # `once`: each case counts once, as there is no resampling
+    """The mean of values by exposure, (n,) each; None if no case has both."""
+    # `once`: each case counts once, because nothing is resampled
     mean = float(exposure_mean(values, exposure, once(len(values)))[0])
     return None if np.isnan(mean) else mean
 
 
 def findings_of(evaluation: Evaluation, ads: str | None = None) -> list[Findings]:
-    """Findings of every ADS, or of one, in every scenario."""
+    """Findings of every ADS (or of this ADS alone) in every scenario."""
     return [
         Findings.of(evaluation, score) for score in evaluation.scores if ads in (None, score.ads)
     ]
@@ -244,10 +260,10 @@ def unevaluated(evaluation: Evaluation) -> list[CaseTable]:
 class PeopleBehind:
     """Number of recorded drivers behind the D_i and H of a scenario.
 
-    points: number of safe concrete scenarios.
-    with_people: number of these in which D_i compares with recorded drivers.
-    drives: number of drives of recorded drivers in these. With `too_thin = "leave_out"`, points
-        with fewer than `drivers.least` do not count.
+    points: number of safe points.
+    with_people: number of these at which D_i compares with recorded drivers.
+    drives: number of drives of recorded drivers at these. With `too_thin = "leave_out"`, points
+        with fewer than `drivers.least` recorded drivers do not count.
     """
 
     scenario: str
@@ -271,7 +287,7 @@ def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
             continue
         recorded = np.nan_to_num(cases.recorded_drivers[safe])
         points, group = np.unique(point_numbers([cases])[0][safe], return_inverse=True)
-        # each ADS has a case at a point; the largest of their numbers of recorded drivers counts
+        # Each ADS has a case at a point. Of their numbers of recorded drivers the largest counts.
         most = np.zeros(len(points))
         np.maximum.at(most, group, np.where(recorded >= fewest, recorded, 0.0))
         scenarios.append(

@@ -1,7 +1,10 @@
-"""The gate file: which changes between two runs, and which values of the new one, fail it.
+"""The gate file: which changes between two runs, and which values of the new run, fail it.
 
 `nightly/`, `scoring/` and `cli/compare.py` take bounds and tolerances from here. `report/` and
 `extras/` look up which scores are better when higher.
+
+Fixed: keys of the settings and names of quantities, which users' gate files have. A text of a
+setting appears in the reference page and in messages.
 """
 
 from pathlib import Path
@@ -28,16 +31,16 @@ from sumo_eval.settings.checked import (
 from sumo_eval.settings.config import read_checked
 
 INDEXES = {name: attribute for name, (attribute, _) in SCORES.items() if name != "regret"}
-"""Scores that are better when higher: name -> field of ScenarioResult."""
+"""Score that is better when higher -> field of ScenarioResult."""
 HIGHER_IS_BETTER = tuple(INDEXES)
-"""Scores that are better when higher; every other number of an ADS is better when lower."""
+"""Names of scores that are better when higher. Any other number of an ADS is better when lower."""
 WITH_INTERVAL = (*HIGHER_IS_BETTER, "regret", "collision_probability")
 """Quantities whose difference between two runs has an interval."""
 Change = Literal[
     "new collision", "left the road", "not evaluated any more", "harsher", "less human",
     "collision gone", "back on the road", "evaluated again", "softer", "more human",
 ]  # fmt: skip
-"""Change of a case: those for the worse, the worst first, then those for the better."""
+"""Changes of a case: five for the worse, the worst first, then five for the better."""
 OF_THE_COMPARISON: dict[str, Change] = {
     "new_collisions": "new collision",
     "harsher": "harsher",
@@ -45,7 +48,7 @@ OF_THE_COMPARISON: dict[str, Change] = {
     "newly_off_road": "left the road",
     "newly_not_evaluated": "not evaluated any more",
 }
-"""Quantities that are changes between two runs: numbers of cases."""
+"""Quantity of a limit that counts cases with a change -> the change."""
 
 QUANTITIES = (
     *WITH_INTERVAL,
@@ -69,13 +72,13 @@ HIGHER_COLUMNS = frozenset((
 OF_U = frozenset((
     "severity", "ideal_severity", "no_reaction_severity", "departure_severity", "incident_severity",
 ))  # fmt: skip
-"""Columns in the unit of U; they are compared only where both runs have U in one unit."""
+"""Columns in the unit of U. They are compared only if both runs have U in one unit."""
 
 ENDS = {
     "collided": "collided", "departed": "left the road", "gave_up": "gave up",
     "not_evaluated": "not evaluated", "missed": "missed a requirement",
 }  # fmt: skip
-"""Words for each bad end, the gravest first. A case with several counts for the first one."""
+"""Bad end of a case -> its words, the gravest first. A case with several counts for the first."""
 
 TIMED = (
     "wall_time", "latency_mean", "latency_max", "latency_median", "latency_p99",
@@ -84,20 +87,20 @@ TIMED = (
 """Columns of measured times, which differ between any two drives of one case."""
 
 LAST_DIGIT = 1e-9
-"""Largest effect of rounding, as a share of what is compared: nothing fails by so little."""
+"""Largest effect of rounding, as a share of what is compared: no difference up to it counts."""
 
 # defaults for the change of U that counts
 SEVERITY_BY = 0.5  # m/s; the rule fails a case whose U rises by more
-HARSHER_BY = 0.1  # m/s, above which a comparison lists a collision as harsher or softer
-LOSS_BY = 0.01  # instead of both where the evaluation's `severity` makes U a loss in 0..1
+HARSHER_BY = 0.1  # m/s; a comparison lists a collision as harsher or softer by more
+LOSS_BY = 0.01  # instead of both if the evaluation's `severity` makes U a loss in 0..1
 _OF_A_LOSS = f"or {LOSS_BY:g} if U is a loss in 0..1"
 
 
 def change_of_u(setting: float | None, default: float, unit: str) -> float:
     """Change of U that counts, in the unit of U.
 
-    setting: None: the default.
-    default: where U is in m/s; for a loss it is `LOSS_BY`.
+    setting: from the gate file; None: the default.
+    default: for U in m/s. For a loss the default is `LOSS_BY`.
     unit: of U, empty for a loss.
     """
     if setting is not None:
@@ -281,9 +284,9 @@ class GateSettings(Checked):
 
 
 def read_gate(path: Path | None) -> GateSettings:
-    """The settings in a gate file; without one, the defaults.
+    """The settings in a gate file; without a file, the defaults.
 
-    Raises InputError naming every mistake.
+    Raises InputError for mistakes in the file.
     """
     if path is None:
         return GateSettings()
@@ -297,6 +300,10 @@ def read_gate(path: Path | None) -> GateSettings:
 
 
 def _check(limit: LimitSettings, where: str) -> None:
+    """Raise InputError unless the bounds of a limit fit its quantity.
+
+    where: the limit and its file, for messages.
+    """
     if limit.quantity not in (*QUANTITIES, *COLUMNS):
         raise unknown(f"quantity of {where}", limit.quantity, (*QUANTITIES, *COLUMNS))
     changes = [by for by in (limit.worse_by, limit.worse_by_percent) if by is not None]

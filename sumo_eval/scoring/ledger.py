@@ -1,15 +1,16 @@
-"""The ledger of a score: where every point went, term by term and case by case, adding up to the
-printed number.
+"""The ledger of a score: where every point went, term by term and case by case. Its lines add up to
+the printed score.
 
-Users: `extras/figures/of_scores.py`, `report/sections.py`, `report/terminal.py`.
+S+ is 100 times the product of T, A' and (a + b H) / 100. The ledger begins with 100 points. Each of
+the three factors takes its Shapley value (`score_terms.product_losses`) from them. The cases share
+a factor's value in proportion to their losses in T, A or H.
 
-S+ is 100 times the product of T, A' and (a + b H) / 100. Each of the three factors takes its
-Shapley value from 100 points. Its cases share that value in proportion to their losses in T, A or
-H.
+S begins with the points for C = 1 and D = 1. Each collision takes its loss of C, each factor of a
+case's D_i its part of the case's loss of D. A case loses 1 minus the product of its factors; a
+factor's part of this loss is its Shapley value.
 
-S begins with what C = 1 and D = 1 would give. From it, each collision and each factor of a case's
-D_i take their part. A case loses 1 minus the product of its factors. A factor's part of that loss
-is its Shapley value (`score_terms.product_losses`).
+Users: `extras/figures/of_scores.py`, `report/sections.py`, `report/terminal.py`. Fixed: the sum of
+the lines is the score. Free to change: causes in words.
 """
 
 import math
@@ -27,7 +28,7 @@ from sumo_eval.results import ScenarioResult
 from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, NOTICEABLE, Findings
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
-FULL = 100.0  # points
+FULL = 100.0  # points of S+ or S at most
 ROUNDING = 1e-9  # of an index or of points; less is only rounding
 WORTH_COUNTING = 1e-4  # of an index; `LedgerLine.cases` counts cases that lost at least this
 NOT_COMPUTED = "not computed"  # cause of a line that takes a whole term
@@ -37,16 +38,18 @@ Term = Literal["S+", "T", "A", "H", "C", "D"]
 
 @frozen
 class LedgerLine:
-    """One term of the ledger.
+    """One line of the ledger.
 
+    term: the index that the line belongs to; `S+` for the line with all points.
     cause: why the points were gained or lost, in words, or `NOT_COMPUTED`.
     index: contribution of the line to T, A, H, C or D; a loss is negative.
-    scale: points of S+ or S for 1 of the index.
-    entries: its m cases, the costliest first.
+    entries: the m cases of the line, the costliest first.
     parts: contribution of each case to the index, (m,); a loss is negative.
-    cases: number of these cases that lost at least `WORTH_COUNTING` of the index. T counts those
-        with t_i below 1 - `NOTICEABLE`. A counts all: a collision that C counts must be in A, too.
-    equation: its number in the paper; empty for a term that is not the paper's.
+    cases: number of these cases that lost at least `WORTH_COUNTING` of the index. Two terms differ:
+        T counts cases with t_i below 1 - `NOTICEABLE`, and A counts every case that lost anything,
+        so that a collision which C counts is counted in A too.
+    equation: number in the paper; empty for a term that is not the paper's.
+    scale: points of S+ or S for 1 of the index.
     """
 
     term: Term
@@ -64,7 +67,7 @@ class LedgerLine:
         return self.index * self.scale
 
     def worst(self, most: int) -> Iterator[tuple[CaseResult, float]]:
-        """The costliest cases that cost anything, each with its points."""
+        """The costliest cases that lost anything, at most `most`, each with its points, below 0."""
         points = (self.parts[:most] * self.scale).tolist()
         pairs = zip(self.entries[:most], points, strict=True)
         return ((case, lost) for case, lost in pairs if lost < 0.0)
@@ -79,17 +82,21 @@ class Ledger(NamedTuple):
 
     @property
     def total(self) -> float:
-        """The sum of all points, which is the score; 0 if it is only rounding, to not print -0."""
+        """The sum of all points, which is the score; 0 if only rounding is left, so that no -0 is
+        printed.
+        """
         total = math.fsum(line.points for line in self.lines)
         return 0.0 if abs(total) < ROUNDING else total
 
 
-_NO_CASES: Any = np.empty(0, dtype=np.intp)  # rows of a line without cases, and losses
+_NO_CASES: Any = np.empty(0, dtype=np.intp)  # rows, and losses, of a line without cases
 _Lines = Iterable[LedgerLine]
 
 
 def ledger_plus(findings: Findings) -> Ledger:
-    """100 points less what T, A' and (a + b H) / 100 take from S+ = T max(A', 0) (a + b H)."""
+    """The ledger of S+ = T max(A', 0) (a + b H): 100 points, less what each of T, A' and
+    (a + b H) / 100 takes.
+    """
     score, weights = findings.score, findings.method.score
     grade = max(score.avoidance_grade or 0.0, 0.0)
     manner = (weights.a + weights.b * (score.human_likeness or 0.0)) / FULL
@@ -102,14 +109,16 @@ def ledger_plus(findings: Findings) -> Ledger:
     factors = _task_lines, _avoided_lines, _human_lines
     for lines_of, lost in zip(factors, losses.tolist(), strict=True):
         of_factor = list(lines_of(findings))
-        # `lost`: points that the factor costs, its Shapley value; `taken`: what its index lost
-        taken = -math.fsum(line.index for line in of_factor)
-        lines += _scaled(lost / taken if taken > 0.0 else 0.0, of_factor)
+        # `lost`: points that the factor takes, its Shapley value; the lines of its index share them
+        lost_of_index = -math.fsum(line.index for line in of_factor)
+        lines += _scaled(lost / lost_of_index if lost_of_index > 0.0 else 0.0, of_factor)
     return Ledger("S+", score, tuple(lines))
 
 
 def ledger(findings: Findings) -> Ledger:
-    """S, Eq. 18: C = 1 and D = 1, less what collisions and the factors of D_i take from them."""
+    """The ledger of S, Eq. 18: points for C = 1 and D = 1, less what collisions and the factors of
+    D_i take.
+    """
     points = worth(findings.method.score)  # points of S for C = 1 and for D = 1
     lines = _scaled(points.c, _collision_lines(findings)) + _scaled(
         points.d, _likeness_lines(findings)
@@ -126,21 +135,21 @@ def _line(
     findings: Findings, term: Term, cause: str, places: IntArray = _NO_CASES, *,
     lost: FloatArray = _NO_CASES, alone: float = 0.0, equation: str = "",
 ) -> LedgerLine:  # fmt: skip
-    """A line of cases.
+    """A line of the ledger, with scale 1.
 
     places: rows of its cases, (m,).
-    lost: loss of each in the index, (m,).
-    alone: contribution of a line without cases to the index.
+    lost: loss of each case in the index, (m,).
+    alone: contribution to the index if the line has no cases.
     """
     entries = findings.cases[places]
-    order = np.lexsort((entries.case, -lost))  # by loss, then by name
+    order = np.lexsort((entries.case, -lost))  # the largest loss first, then by name
     index = math.fsum(-lost) if len(places) else alone
     number = int(np.count_nonzero(lost >= WORTH_COUNTING))
     return LedgerLine(term, cause, index, entries[order], -lost[order], number, equation)
 
 
 def _task_lines(findings: Findings) -> _Lines:
-    """Losses in T, each case by the first cause that applies."""
+    """Losses in T, a line for each cause. A case belongs to the first cause that applies."""
     cases = findings.cases
     if findings.score.task_share is None:
         yield _line(findings, "T", NOT_COMPUTED, alone=-1.0)
@@ -165,7 +174,7 @@ def _first_of(
     lost: FloatArray,
     noticeable: BoolArray,
 ) -> _Lines:
-    """A line for each group, with the cases that lost something and are in no group before it.
+    """A line for each group, with those cases that lost something and are in no earlier group.
 
     groups: cause -> whether each case belongs to it, (n,).
     lost: loss of each case in the index, (n,).
@@ -181,14 +190,14 @@ def _first_of(
 
 
 def _avoided_lines(findings: Findings) -> _Lines:
-    """Losses in A, each case by the first cause that applies."""
+    """Losses in A, a line for each cause. A case belongs to the first cause that applies."""
     cases = findings.cases
     if findings.score.avoided_share is None:
         yield _line(findings, "A", NOT_COMPUTED, alone=-1.0)
         return
     lost = np.nan_to_num(findings.share_lost)
     groups = {
-        # one given up after a departure with a larger U counts as "left the road"
+        # a case given up after a departure with a larger U belongs to "left the road"
         "given up, which counts as doing nothing": cases.gave_up
         & (cases.incident_severity <= cases.no_reaction_severity),
         "collisions that the ADS caused: a vehicle that does nothing has none": cases.caused,
@@ -201,7 +210,7 @@ def _avoided_lines(findings: Findings) -> _Lines:
 
 def _human_lines(findings: Findings) -> _Lines:
     """Losses in H: by incidents, then by the factors of all other cases."""
-    cases, counted = findings.cases, findings.likened  # counted: with a human-likeness
+    cases, counted = findings.cases, findings.likened  # counted: has a human-likeness
     if findings.score.human_likeness is None:
         yield _line(findings, "H", NOT_COMPUTED, alone=-1.0)
         return
@@ -241,8 +250,9 @@ def _likeness_lines(findings: Findings) -> _Lines:
     yield _line(findings, "D", whole, alone=1.0, equation="13")
     if findings.score.d is None:
         hits = np.flatnonzero(cases.voids_index)
-        # Without D, S lacks its whole term (Eq. 18), so the lines add -1. The collisions share it
-        # equally, because each alone would void D. Without any, it is a line without cases.
+        # Without D its term of S is 0 (Eq. 18), so this line takes the 1 of the line above. The
+        # collisions share it equally, because each of them alone voids D. If D does not exist for
+        # another reason, the line has no cases.
         each = np.full(len(hits), 1.0 / max(len(hits), 1))
         yield _line(findings, "D", NOT_COMPUTED, hits, lost=each, alone=-1.0, equation="18")
         return
@@ -254,10 +264,10 @@ def _likeness_lines(findings: Findings) -> _Lines:
 def _factor_lines(
     findings: Findings, term: Literal["D", "H"], places: IntArray, weights: FloatArray
 ) -> _Lines:
-    """A line for each factor of D_i, or of a case's human-likeness.
+    """A line for each factor of D_i (term "D"), or of a case's human-likeness (term "H").
 
-    places: rows of the cases.
-    weights: each case's share of the mean, (n,).
+    places: rows of the cases, (m,).
+    weights: share of each of all n cases in the mean, (n,).
     """
     if not len(places):
         return
@@ -270,13 +280,14 @@ def _factor_lines(
         equation = "11–13"
         likeness = cases.index
     share = weights[places]
+    # (m, factors)
     values = np.column_stack([getattr(cases, field)[places] for field in factors.values()])
     losses = product_losses(values)
     for column, name in enumerate(factors):
         cause = name if name in ("similarity", "plausibility") else f"{name} factor"
         lost = share * losses[:, column]
         yield _line(findings, term, cause, places, lost=lost, equation=equation)
-    # by how much a value is below the product of its factors; negative (a gain) if it is above
+    # by how much each value is below the product of its factors; negative, a gain, if it is above
     rest = share * (values.prod(axis=1) - likeness[places])
     if (np.abs(rest) > ROUNDING).any():
         cause = "the rest, not a product of the factors"

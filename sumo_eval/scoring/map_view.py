@@ -1,4 +1,4 @@
-"""The map of a space: its x and y, its panels along a third parameter, its slice through others.
+"""The map of a space: its two axes, its panels along a third parameter, its slice through the rest.
 
 Users: `extras/figures/of_scenes.py`, `report/density.py`, `report/html.py`, `report/junit.py`,
 `report/page_data.py`, `scoring/zone_levels.py`.
@@ -14,21 +14,24 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
 from sumo_eval.trajectory import FloatArray, IntArray
 
-# panels, one for each value of the first parameter; with more values there are GATHERED_PANELS
+# Most panels with one value of a parameter each. With more values there are GATHERED_PANELS panels,
+# and each case is drawn in the nearest.
 MOST_PANELS = 12
 GATHERED_PANELS = 6
-SMALLEST_SLICE = 0.1  # share of the cases; on a smaller slice all cases are drawn, projected
+SMALLEST_SLICE = 0.1  # share of the cases; if a slice has fewer, all cases are drawn on it
 
 
 class View(NamedTuple):
-    """Parameters that a map of a space shows, each as its column in `names`.
+    """Choice of what a map of a space shows. A parameter is given by its column in `names`.
 
-    y: None for a space of one parameter, whose map is a strip.
-    panel: the parameter that has a panel for each value; None: a single panel.
-    panels: values of the `panel` parameter, one panel each; (None,) where it is None.
-    fixed: the slice that is shown: column -> value of each parameter without an axis or panels.
-    projected: cases off the slice are drawn on it too.
-    gathered: the panels' values are evenly spaced, and each case is drawn in the nearest panel.
+    names: of all parameters.
+    x, y: parameters of the axes; y is None for a space of one parameter, whose map is a strip.
+    panel: the parameter of the panels; None: there is a single panel.
+    panels: value of the `panel` parameter in each panel; (None,) for a single panel.
+    fixed: the slice: column -> value of each parameter without an axis or panels.
+    projected: whether cases off the slice are drawn on it too.
+    gathered: whether the panels' values are evenly spaced, and each case is drawn in the nearest
+        panel.
     """
 
     names: tuple[str, ...]
@@ -41,7 +44,7 @@ class View(NamedTuple):
     gathered: bool = False
 
     def panel_of(self, row: FloatArray) -> int:
-        """The panel nearest to a point of the space."""
+        """Index of the panel nearest to a point of the space, (k,)."""
         if self.panel is None:
             return 0
         return int(np.argmin(np.abs(row[self.panel] - np.array(self.panels))))
@@ -58,11 +61,13 @@ def choose_view(
 ) -> View:
     """The map of a space, chosen by the number of its parameters.
 
-    One or two: a single panel. Three: a panel for each value of the first. More, or three with
-    `axes`: x and y are the two with most values, and a slice holds each other one fixed at its most
-    common value.
+    cases: that the map shows.
+    axes: names of x and y from the settings; None: chosen here.
 
-    axes: names of x and y from the settings, instead of the choice above.
+    - One or two parameters: a single panel.
+    - Three: a panel for each value of the first, the other two are x and y.
+    - More, or three with `axes`: x and y are the two with most different values. A slice fixes each
+      other parameter at its most common value.
     """
     names, columns = logical.names, range(len(logical.parameters))
     if len(columns) < 3:
@@ -87,7 +92,9 @@ def choose_view(
 def _variety(column: FloatArray) -> tuple[int, float]:
     """Number of different values of a parameter, and its most common value.
 
-    Where several are equally common, the least of them; where each value occurs once, the middle.
+    column: of the parameter, one value a case, (n,).
+
+    Of several equally common values the least counts; if each value occurs once, the middle one.
     """
     values, counts = np.unique(column, return_counts=True)
     chosen = len(values) // 2 if counts.max() == 1 else np.argmax(counts)
@@ -95,10 +102,10 @@ def _variety(column: FloatArray) -> tuple[int, float]:
 
 
 def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
-    """The slice with most collisions, at which a map opens, column -> value.
+    """The slice with most collisions, at which a map opens: column -> value.
 
-    Of slices with equally many collisions, the slice with the least values. Empty where the view
-    fixes no parameter or draws all cases on one slice.
+    Of slices with equally many collisions the one with the least values counts. Empty if the view
+    fixes no parameter, or draws all cases on one slice.
     """
     if view.projected or not view.fixed:
         return {}
@@ -112,10 +119,11 @@ def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
 def tile_counts(
     axes: Sequence[Parameter], cases: CaseTable, tiles: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Number of cases in each tile of a plane, and the share of them that collided.
+    """Number of cases in each tile of a plane, and the share of them that collided, both
+    (tiles * tiles,), x fastest.
 
     axes: the parameters of x and y.
-    tiles: number along each axis; results are (tiles * tiles,), x fastest.
+    tiles: number of tiles along each axis.
     """
     x, y = cases.parameters([item.name for item in axes]).T
     across, up = ((item.low, item.high) for item in axes)
@@ -127,10 +135,12 @@ def tile_counts(
 
 
 def cells_of(points: FloatArray, cells: int) -> tuple[IntArray, FloatArray]:
-    """Equal cells of the box that points (n, k) fill, for one JUnit test a cell: number of each
-    point's cell along each parameter, (n, k), and the edges of the cells, (cells + 1, k).
+    """Equal cells of the box that points fill, for one JUnit test a cell: index of each point's
+    cell along each parameter, (n, k), and the edges of the cells, (cells + 1, k).
 
-    cells: number along each parameter; all points are in cell 0 of one that does not vary.
+    points: (n, k), in the parameters' units.
+    cells: number of cells along each parameter. Along a parameter that does not vary, all points
+        are in cell 0.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     spans = np.where(high > low, high - low, 1.0)
@@ -141,10 +151,11 @@ def cells_of(points: FloatArray, cells: int) -> tuple[IntArray, FloatArray]:
 def slice_points(
     logical: LogicalScenario, view: View, panel: int, x: FloatArray, y: FloatArray
 ) -> FloatArray:
-    """Points of a panel, (len(y), len(x), k), at which a map shows the zones.
+    """Points of a panel at which a map shows the zones, (len(y), len(x), k), in the parameters'
+    units.
 
-    panel: its number in `view.panels`.
-    x, y: shares of the parameters' ranges, 0 to 1.
+    panel: its index in `view.panels`.
+    x, y: positions on the axes, as shares of the parameters' ranges, 0..1.
     """
     unit = np.zeros((len(y), len(x), len(logical.parameters)))
     unit[..., view.x] = x

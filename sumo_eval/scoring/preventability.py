@@ -1,10 +1,11 @@
-"""Preventability: the outcome of every case beside that of a reference in the same concrete
+"""Preventability: the outcome of every case compared with that of a reference in the same concrete
 scenario.
 
-The question of type approval (UN Regulation No. 157): a collision that a careful and competent
-driver avoids must not happen. Leaving the road and giving up are incidents as a collision is, and U
-counts them. The reference is an ADS of the same run, `[report] reference`, or the ideal vehicle
-where the run has none. Users: `report/`, `extras/figures/`.
+Type approval (UN Regulation No. 157) asks that no collision happens which a careful and competent
+driver avoids. Here a collision, leaving the road and giving up are all incidents. The reference is
+an ADS of the same run, `[report] reference`, or the ideal vehicle if the run has no such ADS.
+
+Users: `report/`, `extras/figures/`. Fixed: the verdicts, which stand in the report's data.
 """
 
 from collections import Counter
@@ -24,13 +25,17 @@ Verdict = Literal["avoided", "better", "preventable", "unpreventable", "undecide
 
 @frozen
 class Preventability:
-    """One ADS in one logical scenario beside the reference, in numbers of cases.
+    """One ADS in one logical scenario compared with the reference, in numbers of cases.
 
-    cases = avoided + incidents + not_evaluated. incidents (U > 0) = preventable (the reference has
-    none) + unpreventable (it has one too) + undecided (its case has no outcome).
-
-    better: those of the avoided in which the reference has an incident.
-    collided, off_road, gave_up: incidents of each kind; one case may hold two.
+    cases: all cases = avoided + incidents + not_evaluated.
+    avoided: the ADS has no incident.
+    better: of these, the cases in which the reference has an incident.
+    incidents: cases with an incident = preventable + unpreventable + undecided.
+    preventable: the reference has no incident.
+    unpreventable: the reference has an incident too.
+    undecided: the reference's case has no outcome.
+    not_evaluated: the ADS's case has no outcome.
+    collided, off_road, gave_up: cases with an incident of each kind; one case may have two kinds.
     """
 
     ads: str
@@ -49,9 +54,8 @@ class Preventability:
 
 
 def reference_ads(settings: EvaluationSettings) -> str | None:
-    """Name of the ADS whose name, or else controller, is the setting `[report] reference`.
-
-    None: ideal vehicle.
+    """Name of the ADS whose name, or else controller, is the setting `[report] reference`. None:
+    the ideal vehicle.
     """
     wanted = settings.report.reference
     by_key = (
@@ -67,9 +71,9 @@ def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
     """The verdict on every case of one ADS in one scenario, (n,)."""
     cases = evaluation.cases_behind(score)
     reference = reference_ads(evaluation.settings)
-    # The ideal vehicle drove every point once, so each row has its outcome: 1, 0, nan where it is
-    # not known. Its contacts alone count (Ug): it hardly steers, and leaves roads that drivers stay
-    # on.
+    # Whether the reference has an incident at the point of each case: 1, 0, nan if not known. Each
+    # row has the outcome of the ideal vehicle. Of that only contacts count, as in Ug: the ideal
+    # vehicle hardly steers, and leaves roads on which drivers stay.
     beside = cases.ideal_collided
     if reference is not None:
         other = evaluation.cases_of(reference, score.scenario)
@@ -77,7 +81,7 @@ def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
         incidents = np.full(len(cases) + len(other), np.nan)  # by number of the point
         incidents[other_points] = np.where(other.counted, _incident(other), np.nan)
         beside = incidents[points]
-    # texts as long as the longest verdict
+    # numpy's texts have a fixed length: that of the longest verdict
     verdict_of = np.full(len(cases), "avoided", f"U{max(map(len, get_args(Verdict)))}")
     rules = (
         ("better", beside == 1.0),
@@ -86,13 +90,13 @@ def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
         ("undecided", _incident(cases) & np.isnan(beside)),
         ("not evaluated", ~cases.counted),
     )
-    for verdict, holds in rules:  # of several that hold the last one counts
+    for verdict, holds in rules:  # of several rules that hold the last one counts
         verdict_of[holds] = verdict
     return verdict_of
 
 
 def _incident(cases: CaseTable) -> BoolArray:
-    """Cases with U > 0, (n,), also those whose centre left the road, whatever the margin."""
+    """Whether each case has an incident, or its centre left the road, whatever the margin, (n,)."""
     return np.asarray(cases.incident | cases.off_road)
 
 

@@ -66,8 +66,8 @@ _RECORDED = {item.name for item in fields(CaseResult) if item.name != "clips"} &
 
 
 class Remarks(NamedTuple):
-    """What an ADS's notes in a scenario need of its facts beyond its rows, collected some drives at
-    a time.
+    """Counts for an ADS's notes in a scenario that its rows do not have, collected from its facts,
+    some drives at a time.
 
     blocks: size of a fixed batch -> number of drives in batches of this size.
     beyond: reason why a severity may not hold -> number of collisions with it.

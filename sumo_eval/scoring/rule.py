@@ -1,8 +1,12 @@
-"""The rule that decides whether a build got worse than its base, in three parts: outcome, near
-miss, shift. `nightly/` makes limits of it; the numbers below are the defaults of a gate file.
+"""The nightly rule: whether a build got worse than its base. Its three parts:
+
+1. Outcome: a single case ended worse.
+2. Near miss: more cases lost than gained distance to an accident.
+3. Shift: many cases became a little worse.
 
 d is the amount by which a quantity of a case got worse. A case is worse if d is above its
-tolerance, better if -d is.
+tolerance, better if -d is above it. `nightly/` makes limits of the rule. Numbers in these
+docstrings are the defaults of a gate file (`gate_settings.py`).
 
 Users: `nightly/gates.py`, `nightly/judgement.py`, `nightly/repeats.py`, `nightly/rule_limits.py`,
 `scoring/behaviour.py`.
@@ -35,8 +39,8 @@ class Repeats(NamedTuple):
 
     cases: number of cases that were driven twice.
     alike: number of these that were equal to the last bit.
-    floors: least tolerance that covers the random variation, by quantity.
-    apart: cases that differed by more than a tolerance, with the change, by key.
+    floors: quantity -> least tolerance that covers the random variation.
+    apart: key of a case that differed by more than a tolerance -> its change.
     """
 
     cases: int
@@ -53,10 +57,10 @@ class Repeats(NamedTuple):
 class Noise(NamedTuple):
     """Random variation of the ADSs in a night.
 
-    repeats: of each ADS that was driven twice, by its name.
-    bad: number of tonight's bad drives, the first included, of each newly bad case of a noisy ADS.
+    repeats: ADS that was driven twice -> its repeats.
+    bad: newly bad case of a noisy ADS -> number of its bad drives tonight, the first included.
     shaky: cases that in an earlier good night were bad in some drives and not in others.
-    steady: ADSs that drove every repeated case of the base alike to the last bit: none of their
+    steady: ADSs that in the base drove every repeated case alike to the last bit. None of their
         newly bad cases is chance.
     """
 
@@ -77,38 +81,47 @@ QUIET = Noise()  # no ADS was driven twice
 
 
 def worsening(base: FloatArray, new: FloatArray, measure: MeasureSettings) -> FloatArray:
-    """d: amount by which a quantity got worse, (n,); nan where it has no value in a run."""
+    """d, the amount by which a quantity got worse, (n,); nan if it has no value in a run.
+
+    base, new: the quantity of the paired cases, (n,).
+    """
     return measure.sign * (base - new)
 
 
 def tolerance(base: FloatArray, measure: MeasureSettings, floor: float = 0.0) -> FloatArray:
-    """max(absolute, share |base|, floor), (n,).
+    """Tolerance max(absolute, share |base|, floor), in the quantity's unit, (n,).
 
-    floor: from the random variation of an ADS that does not repeat itself.
+    base: the quantity in the base, (n,).
+    floor: from the random variation of an ADS that does not repeat itself, from `floor_of`.
     """
     return np.maximum(np.maximum(measure.absolute, measure.share * np.abs(base)), floor)
 
 
 def floor_of(differences: FloatArray, settings: NoiseSettings) -> float:
-    """Floor of a tolerance: 1.5 q95(|d|); 0 without any difference.
+    """Floor of a tolerance: 1.5 times the 95 % quantile of |d|; 0 without any difference.
 
-    differences: between two drives of each case with one build, (n,); nan where not known.
+    differences: d between two drives of each case with one build, (n,); nan if not known.
     """
     sizes = np.abs(differences[np.isfinite(differences)])
     return float(settings.factor * np.quantile(sizes, settings.quantile)) if len(sizes) else 0.0
 
 
 def sign_test(worse: int, better: int) -> float:
-    """P(Bin(W + B, 1/2) >= W): chance of W or more worse cases if nothing changed."""
-    # bdtr(B, ...) is P(Bin <= B), the same by symmetry
+    """P(Bin(W + B, 1/2) >= W): probability of W or more worse cases if nothing changed.
+
+    worse, better: W and B, numbers of cases.
+    """
+    # bdtr(B, n, 1/2) is P(Bin(n, 1/2) <= B), which is the same by symmetry
     return float(bdtr(better, worse + better, 0.5))
 
 
 def kept_margin(base: FloatArray, new: FloatArray, measure: MeasureSettings) -> FloatArray:
     """Share of its distance to an accident that each case kept, (n,).
 
-    It is new / base, or base / new of a quantity that rises with danger, such as DRAC. It is 1
-    where the divisor is 0 or less.
+    base, new: the quantity of the paired cases, (n,).
+
+    The share is new / base; for a quantity that rises with danger, such as DRAC, base / new. It is
+    1 if the divisor is 0 or less.
     """
     kept, whole = (new, base) if measure.sign > 0.0 else (base, new)
     return np.divide(kept, whole, out=np.ones_like(kept), where=whole > 0.0)
@@ -118,11 +131,11 @@ def holm(chances: Sequence[tuple[float, float]], level: float) -> list[bool]:
     """Holm's method: whether each test is rejected, so that the probability of any false alarm is
     at most `level`.
 
-    Tests whose least P is too large for a rejection are left out first, as Tarone does.
+    chances: P of each test, and the least P that it could have.
 
-    chances: (P, least P that was possible) of each test.
+    Tests whose least P is too large for any rejection are left out first (Tarone's method).
     """
-    # indices; with m tests left, the least P of each must be at most level / m
+    # indices of tests that can be rejected: with m of them, the least P of each is <= level / m
     possible = list(range(len(chances)))
     while any(chances[i][1] > level / len(possible) for i in possible):
         possible.remove(max(possible, key=lambda i: chances[i][1]))
@@ -139,10 +152,10 @@ def holm(chances: Sequence[tuple[float, float]], level: float) -> list[bool]:
 
 
 class Ends(NamedTuple):
-    """Ends of cases: arrays (n,).
+    """How n cases ended, arrays (n,). All but the last are flags of bad ends.
 
-    missed: a requirement of the scenario was missed.
-    severity: U of the contact or of the departure, in the run's unit of U; 0 without one.
+    missed: whether a requirement of the scenario was missed.
+    severity: the larger U of contact and departure, in the run's unit of U; 0 without either.
     """
 
     collided: BoolArray
@@ -168,8 +181,8 @@ class Ends(NamedTuple):
 
     @property
     def bad(self) -> BoolArray:
-        """Cases with any of these ends."""
-        return np.asarray(np.any(self[:-1], axis=0))
+        """Whether each case has any bad end, (n,)."""
+        return np.asarray(np.any(self[:-1], axis=0))  # all fields but `severity`
 
 
 def both_ends(part: AdsComparison) -> tuple[Ends, Ends]:
@@ -178,10 +191,10 @@ def both_ends(part: AdsComparison) -> tuple[Ends, Ends]:
 
 
 class Worse(NamedTuple):
-    """Cases of an ADS in one scenario that are worse in a quantity, the worst first.
+    """Cases of an ADS in one scenario that are worse in a quantity.
 
-    part: comparison of the ADS in the scenario.
-    which: indices of their pairs, (w,).
+    part: comparison of the ADS in the scenario, with n pairs.
+    which: indices of the pairs of these cases, the worst first.
     before, after: the quantity of all pairs in the base and in the new run, (n,).
     """
 
@@ -192,20 +205,21 @@ class Worse(NamedTuple):
 
 
 def _worst_first(flags: BoolArray, by: FloatArray) -> list[int]:
-    """Indices of the pairs with a flag, the worst first.
+    """Indices of the flagged pairs, the worst first.
 
+    flags: of all pairs, (n,).
     by: amount by which each pair is worse, (n,).
     """
     return sorted(np.flatnonzero(flags).tolist(), key=lambda pair: -by[pair])
 
 
 def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray]:
-    """Part one: flags of the cases that ended worse, (n,), by end: a name of `ENDS`, or `severity`
-    for a higher U.
+    """Part one: bad end (a name of `ENDS`, or `severity` for a higher U) -> whether each case ended
+    worse in this way, (n,).
 
-    An end counts if the case did not have it in the base. A case is flagged once.
+    severity_by: a rise of U above this counts, in the unit of U.
 
-    severity_by: rise of U that counts, in its unit.
+    An end counts if the case did not have it in the base. A case is flagged for one end only.
     """
     flagged = np.zeros_like(base.collided)
     ends = {}
@@ -217,17 +231,20 @@ def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray
 
 
 def severity_floor(once: Ends, twice: Ends, settings: NoiseSettings) -> float:
-    """Floor of U from two drives of one build, in its unit.
+    """Floor of U from two drives of one build, in the unit of U.
 
-    Only cases with a U in either drive count: zeros of all others would hide how much it varies.
+    once, twice: ends of the cases in the first and in the second drive.
+
+    Only cases with a U above 0 in one of the drives count: the zeros of all other cases would hide
+    how much U varies.
     """
     harmed = (once.severity > 0.0) | (twice.severity > 0.0)
     return floor_of((twice.severity - once.severity)[harmed], settings)
 
 
 def severity_limit(settings: GateSettings, repeats: Repeats, units: tuple[str, str]) -> float:
-    """Rise of U that counts: max(0.5 m/s, 2 floors of U); max(0.01, 2 floors) if U is a loss
-    without unit; inf, so none, if the runs have U in different units.
+    """Rise of U above which a case failed: max(0.5 m/s, 2 floors of U). If U is a loss without
+    unit: max(0.01, 2 floors). If the runs have U in different units: inf, so that no rise counts.
 
     units: of U in the base and in the new run.
     """
@@ -241,8 +258,8 @@ def severity_limit(settings: GateSettings, repeats: Repeats, units: tuple[str, s
 def newly_bad(
     part: AdsComparison, settings: GateSettings, repeats: Repeats
 ) -> dict[str, list[int]]:
-    """Part one: indices of the pairs that ended worse, the worst first, by the names of
-    `worse_ends`.
+    """Part one: bad end, as in `worse_ends` -> indices of the pairs that ended worse in this way,
+    the worst first.
     """
     base, new = both_ends(part)
     ends = worse_ends(base, new, severity_limit(settings, repeats, part.units))
@@ -253,12 +270,13 @@ def newly_bad(
 class Tally(NamedTuple):
     """Worse and better cases of one ADS in all scenarios by one measure, for the sign test.
 
-    near: True: of part two, near misses; False: of part three, shifts.
-    worse: of each scenario.
+    near: True: part two of the rule, near misses; False: part three, shifts.
+    worse: worse cases of each scenario.
     better: number of better cases.
-    cases: number of all cases that have the measure.
+    cases: number of all cases that count.
     least_kept: least `kept_margin` of a worse case; 1 if no case is worse.
-    most, furthest: largest d of a worse case, and in tolerances; 0 if no case is worse.
+    most: largest d of a worse case; 0 if no case is worse.
+    furthest: largest d of a worse case in multiples of its tolerance; 0 if no case is worse.
     """
 
     ads: str
@@ -273,7 +291,7 @@ class Tally(NamedTuple):
 
     @property
     def number(self) -> int:
-        """W, the worse cases."""
+        """W, the number of worse cases."""
         return sum(len(worse.which) for worse in self.worse)
 
     @property
@@ -285,12 +303,12 @@ class Tally(NamedTuple):
 def tally(
     ads: str, compared: Sequence[AdsComparison], measure: MeasureSettings, floor: float, near: bool
 ) -> Tally:
-    """Count worse and better cases of an ADS.
+    """Count worse and better cases of an ADS by a measure.
 
-    compared: of the ADS, of each scenario.
+    compared: comparison of the ADS in each scenario.
     floor: least tolerance.
-    near: True for part two. A missing value then counts as one at the limit of the measure's
-        `zone`, and only cases with a value inside the zone in a run count.
+    near: True for part two. Then a missing value becomes the limit of the measure's `zone`, and
+        only cases whose value is worse than this limit in one of the runs count.
     """
     worse, kept, most = [], 1.0, 0.0
     furthest, better, cases = 0.0, 0, 0
@@ -300,7 +318,7 @@ def tally(
         limit = tolerance(before, measure, floor)
         beyond = limit * (1.0 + LAST_DIGIT)
         if near and measure.zone is not None:
-            # times the sign, a smaller value is worse: the worse of the two is inside the zone
+            # sign * value: smaller is worse. The worse of the two values is inside the zone.
             sign = measure.sign
             counts &= np.fmin(sign * before, sign * after) < sign * measure.zone
         flags = counts & (by > beyond)
@@ -318,13 +336,15 @@ def values_of(
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """A quantity of all pairs, (n,) each: in the base, in the new run, and whether it counts.
 
-    It counts where it is finite and the status is `ok`, in both runs.
+    fill: whether a missing value becomes the limit of the measure's `zone`.
 
-    fill: a missing value becomes the limit of the measure's `zone`.
+    The quantity counts if it is finite and the status is `ok`, in both runs.
     """
     paired, (before, after) = part.changed.paired, part.comparable(measure.quantity)
     if fill and measure.zone is not None:
-        before, after = (np.where(np.isnan(it), measure.zone, it) for it in (before, after))
+        before, after = (
+            np.where(np.isnan(values), measure.zone, values) for values in (before, after)
+        )
     counts = (paired.base.status == "ok") & (paired.new.status == "ok")
     return before, after, counts & np.isfinite(before) & np.isfinite(after)
 
@@ -333,18 +353,26 @@ def values_of(
 
 
 def got_worse(total: Tally, settings: GateSettings) -> bool:
-    """Whether a tally of an ADS that repeats itself fails, with W worse and B better cases.
+    """Whether a tally of an ADS that repeats itself fails. W: worse cases, B: better cases, P: of
+    the sign test.
 
-    Part two: W > B, and one of: P < 0.1; B = 0; a worse case kept at most 60 % of its margin.
-    Part three: W >= max(3, 5 % of all cases) and P < 0.02; or B = 0 and one of: W >= max(3, 15 % of
-    all cases); W >= 3, one by 5 tolerances of anything but a time; a case lost 0.3 of its task.
+    Part two fails if W > B and one of these holds:
+    - P < 0.1,
+    - B = 0,
+    - a worse case kept at most 60 % of its margin.
+
+    Part three fails if one of these holds:
+    - W >= max(3, 5 % of all cases), and P < 0.02,
+    - B = 0, and W >= max(3, 15 % of all cases),
+    - B = 0, W >= 3, and a case is worse by 5 tolerances of anything but a time,
+    - B = 0, and a case lost 0.3 of its task.
     """
     if total.near:
         rule = settings.near_miss
         certain = total.chance < rule.chance or not total.better
         return total.number > total.better and (certain or total.least_kept <= rule.kept_margin)
     shift = settings.shift
-    # 0.7 - 0.4 is below 0.3 by rounding
+    # `LAST_DIGIT`: 0.7 - 0.4 is below 0.3 by rounding
     task = total.measure.quantity == "task_share"
     lost = task and total.most >= shift.lost * (1.0 - LAST_DIGIT)
     enough = many(total, settings, 0.0 if is_far(total, settings) else shift.share_alone)
@@ -354,14 +382,14 @@ def got_worse(total: Tally, settings: GateSettings) -> bool:
 
 
 def is_far(total: Tally, settings: GateSettings) -> bool:
-    """Whether a case is worse by many tolerances; not of times."""
+    """Whether a case is worse by many (5) tolerances of anything but a time."""
     # a drive takes longer where it no longer crashes, and measured times vary
     is_time = total.measure.quantity in (*TIMED, "simulated_time")
     return total.furthest >= settings.shift.far * (1.0 - LAST_DIGIT) and not is_time
 
 
 def many(total: Tally, settings: GateSettings, share: float) -> bool:
-    """Whether at least 3 cases, and at least `share` of all cases, are worse."""
+    """Whether at least 3 cases, and at least `share` of all cases that count, are worse."""
     least = share * total.cases * (1.0 - LAST_DIGIT)  # 0.07 * 100 is above 7 by rounding
     return total.number >= max(settings.shift.cases, least)
 
@@ -371,13 +399,14 @@ def can_fail(total: Tally, settings: GateSettings, *, noisy: bool) -> bool:
 
     noisy: the ADS does not repeat itself, so that P must be small.
     """
-    alone = total.near or total.measure.quantity == "task_share"  # one case can fail it
+    # whether one worse case can be enough
+    alone = total.near or total.measure.quantity == "task_share"
     enough = total.cases >= (1 if alone else settings.shift.cases)
     return enough and (not noisy or 0.5**total.cases <= settings.noise.chance)
 
 
 def tallies(comparison: Comparison, settings: GateSettings, noise: Noise) -> list[Tally]:
-    """Tallies of parts two and three of every ADS: near misses, then shifts."""
+    """Tallies of parts two and three: near misses of every ADS, then shifts of every ADS."""
     return [
         tally(ads, [part for part in comparison.ads if part.ads == ads], measure,
               noise.of(ads).floors.get(measure.quantity, 0.0), near)
@@ -388,14 +417,14 @@ def tallies(comparison: Comparison, settings: GateSettings, noise: Noise) -> lis
 
 
 def only_improved(comparison: Comparison, settings: GateSettings) -> bool:
-    """Whether no paired case is worse in any quantity, not even within a tolerance, and at least
-    one is better beyond its tolerance.
+    """Whether at least one paired case is better beyond its tolerance, and none is worse in any
+    quantity, not even within a tolerance. Measured times do not count.
     """
     measures = [measure for measure in settings.watched if measure.quantity not in TIMED]
     better = False
     for part in comparison.ads:
         base, new = both_ends(part)
-        least = 0.0 if part.one_unit else math.inf  # U in two units cannot be compared
+        least = 0.0 if part.one_unit else math.inf  # U in two units is not compared
         if any(flags.any() for flags in worse_ends(base, new, least).values()):
             return False
         better |= bool((base.bad & ~new.bad).any())

@@ -1,3 +1,3 @@
-"""Confidence of scores: intervals, risk, coverage of the sample, and the further cases that would
-help most.
+"""Confidence in scores: intervals, ranking, risk, coverage of the sample, and the further cases
+that would narrow an interval most.
 """

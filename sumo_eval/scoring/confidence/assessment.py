@@ -1,5 +1,5 @@
-"""Confidence in an evaluation: intervals, risk, coverage and further cases, put together from its
-scores and rows. `report.confidence_section` shows it.
+"""Confidence in an evaluation: intervals, risk, coverage and further cases, from its scores and
+rows. `report/confidence_section.py` shows it.
 
 Users: `report/assessed.py`, `report/confidence_section.py`, `report/evidence.py`,
 `report/verdict.py`.
@@ -30,9 +30,11 @@ FURTHER = 20  # cases that are proposed
 
 @frozen
 class Risk:
-    """Exposure-weighted collision probability and expected loss L (Eq. 14) of an encounter.
+    """Risk of an encounter, by exposure.
 
-    effective_cases: number of equally frequent cases with the same information (Kish).
+    collision_probability: probability of a collision.
+    expected_loss: expected L (Eq. 14); 0 without a collision.
+    effective_cases: number of cases of equal exposure with the same information (Kish).
     """
 
     collision_probability: Interval
@@ -43,9 +45,11 @@ class Risk:
 class Assessment(NamedTuple):
     """Confidence in one ADS's scores in one scenario.
 
-    intervals: of every score that has one, by its name in `ScenarioResult`.
+    intervals: name of a score in `ScenarioResult` -> its interval, if it has one.
     sources: score (`s`, `s_plus`) -> source (`cases`, `drivers`) -> half the interval's width.
-    risk, further: None where there are too few evaluated cases, see `reason`.
+    risk: None if there are too few evaluated cases.
+    further: proposed cases; None likewise.
+    reason: why these two are None.
     """
 
     ads: str
@@ -70,9 +74,9 @@ class Confidence(NamedTuple):
 def assess(
     evaluation: Evaluation, partitions: Mapping[str, ZonePartition], progress: Progress = quiet
 ) -> Confidence:
-    """Confidence of each score of an evaluation.
+    """Confidence in each score of an evaluation.
 
-    partitions: the zones, by scenario name.
+    partitions: scenario -> its zones.
     """
     assessments = []
     for score in evaluation.scores:
@@ -86,12 +90,15 @@ def assess(
 
 
 def _points(evaluation: Evaluation, zones: ZonePartition) -> FloatArray:
-    """The points of all cases in a scenario, each once, ascending, (n, k)."""
+    """The points of all cases in a scenario, each once, ascending, (n, k), in the parameters'
+    units.
+    """
     logical = zones.logical
     return np.unique(evaluation.cases_in(logical.name).parameters(logical.names), axis=0)
 
 
 def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition) -> Assessment:
+    """Confidence in the scores of one ADS in one scenario."""
     settings, cases = evaluation.settings, evaluation.cases_behind(score)
     evaluated = cases[cases.evaluated]
     risk = risk_of(evaluated, score, settings.seed)
@@ -111,7 +118,7 @@ def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition)
 
 
 def intervals_of(score: ScenarioResult) -> dict[str, Interval]:
-    """Each interval that a result has, by the name of its score."""
+    """Name of a score -> its interval, for each interval that a result has."""
     ends = {name: getattr(score, f"{name}_interval") for name in SCORED}
     return {
         name: Interval(getattr(score, name), *limits)
@@ -121,12 +128,15 @@ def intervals_of(score: ScenarioResult) -> dict[str, Interval]:
 
 
 def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
-    """Points by which each case moves S, (n,), to first order: the points that C or D is worth,
-    times the case's share of all weights, times its value less the mean.
+    """Points by which each case moves S, (n,), to first order: the points for C = 1 (D = 1), times
+    the case's share of the mean, times its value less the mean.
+
+    terms: of the n cases of an ADS.
+    method: `[method]`.
     """
     moved, whole = np.zeros(len(terms.exposure)), worth(method.score)
     hit = np.isfinite(terms.ratio) & np.isfinite(terms.weight)
-    # where a case voids D, no case moves it
+    # if a case voids D, there is no D that another case could move
     counted = np.isfinite(terms.index) & ~terms.voids.any()
     for rows, worth_points, weights, values in (
         (hit, whole.c, terms.weight, terms.ratio),
@@ -139,8 +149,10 @@ def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
 
 
 def risk_of(evaluated: CaseTable, score: ScenarioResult, seed: int) -> Risk | None:
-    """Risk of an ADS in a scenario, from its evaluated cases; None with fewer than two of them, or
-    without exposure.
+    """Risk of an ADS in a scenario; None with fewer than two evaluated cases, or without exposure.
+
+    evaluated: its evaluated cases.
+    seed: of the run.
     """
     if len(evaluated) < 2 or not evaluated.exposure.sum() > 0.0:
         return None
@@ -153,11 +165,13 @@ def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] 
 
     exposure: p_i of the evaluated cases, (n,).
     loss: L of Eq. 14, (n,), 0 without a collision.
-    name: parts of the random stream's name.
+    seed, name: of the random stream.
 
-    Resamples of cases with one outcome have no other. So the exact binomial limit for n effective
+    If all cases end alike, so do all resamples of them. So the exact binomial limit for n effective
     cases, u = 1 - ((1 - level) / 2)^(1 / n), is the upper end if no case with exposure collided. If
     all of them collided, the lower end is multiplied by 1 - u.
+
+    Raises InputError for fewer than two cases, and without exposure.
     """
     n = len(exposure)
     if n < 2 or not exposure.sum() > 0.0:
@@ -169,11 +183,11 @@ def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] 
         )
     hit = (loss > 0.0).astype(float)
     terms = np.column_stack([exposure, exposure * hit, exposure * loss])
-    sums = np.zeros((REPLICATES, 3))
+    sums = np.zeros((REPLICATES, 3))  # of each term in each replicate
     for part in resamples(one_list(n), REPLICATES, seed, ("risk", *name)):
         sums += part.counts @ terms[part.places]
     over, hits, losses = sums.T
-    drawn = over > 0.0  # replicates with exposure
+    drawn = over > 0.0  # whether a replicate has exposure
     effective = float(exposure.sum() ** 2 / np.sum(exposure**2))
     tail = (1.0 - LEVEL) / 2.0
     # upper limit of the probability of an outcome that none of the effective cases had
@@ -181,6 +195,10 @@ def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] 
     exposed_hit = hit[exposure > 0.0]
 
     def interval(values: FloatArray, drawn_sums: FloatArray) -> Interval:
+        """Mean of values (n,) by exposure, with its interval.
+
+        drawn_sums: sum of exposure times value in each replicate, (m,).
+        """
         low, high = np.quantile(drawn_sums[drawn] / over[drawn], [tail, 1.0 - tail])
         if not exposed_hit.any():
             high = unseen  # limits the expected loss as well, because L is at most 1

@@ -1,4 +1,4 @@
-"""Coverage of a space by its sample, for `assessment`.
+"""Coverage of a space by its sample: which parts of the space have cases, and which have none.
 
 Users: `report/confidence_section.py`, `scoring/confidence/assessment.py`.
 """
@@ -16,16 +16,15 @@ from sumo_eval.scenario.sampling.drawn_points import steadily
 from sumo_eval.trajectory import FloatArray
 
 BUCKETS = 5  # equal parts of each parameter's range
-COUNTED = 2**15  # number of evenly spread points that stand for the space
-# distance within which both sides of the boundary need a case; the range of each parameter is 1
-RESOLVED = 0.1
+COUNTED = 2**15  # number of evenly spread points that represent the space
+RESOLVED = 0.1  # unit-box length within which the zone boundary needs a case on each side
 
 
 class PairCoverage(NamedTuple):
     """Number of cases in each pair of buckets of two parameters.
 
     x, y: names of the parameters.
-    counts: (buckets of y, buckets of x); -1 where no point is possible.
+    counts: number of cases, (buckets of y, buckets of x); -1 where no point is possible.
     """
 
     x: str
@@ -34,16 +33,17 @@ class PairCoverage(NamedTuple):
 
 
 class SpaceCoverage(NamedTuple):
-    """Coverage of one space. Distances are in the unit box: the range of each parameter is 1.
+    """Coverage of one space. A point is possible if it satisfies the constraints.
 
-    buckets: parameter -> number of its buckets with a case, and number of possible buckets.
+    buckets: parameter -> number of its buckets with a case, and number of buckets with a possible
+        point.
     pairs: cases by every pair of parameters.
-    empty_radius, empty_centre: largest ball around a possible point that holds no case; its radius
-        in the unit box, its centre by parameter.
+    empty_radius: radius of the largest ball around a possible point that holds no case, unit box.
+    empty_centre: centre of this ball, by parameter.
     boundary_resolved: share of the zone boundary with a case within `RESOLVED` on each side; None
         without a boundary.
     exposure_inside: share of all encounters whose parameters lie in the ranges, by the
-        distributions of those parameters that have one; None where none has.
+        distributions of the parameters; None if no parameter has a distribution.
     """
 
     buckets: Mapping[str, tuple[int, int]]
@@ -55,17 +55,22 @@ class SpaceCoverage(NamedTuple):
 
     @property
     def pairs_hit(self) -> tuple[int, int]:
-        """Bucket pairs with a case, and possible ones."""
+        """Number of pairs of buckets with a case, and number of possible pairs."""
         hit = sum(int(np.sum(pair.counts > 0)) for pair in self.pairs)
         return hit, sum(int(np.sum(pair.counts >= 0)) for pair in self.pairs)
 
 
 def space_coverage(zones: ZonePartition, points: FloatArray) -> SpaceCoverage:
-    """Coverage by cases at `points` (n, k) of the space that `zones` partitions."""
+    """Coverage of a space by cases.
+
+    zones: partition of the space.
+    points: of the cases, (n, k), in the parameters' units.
+    """
     logical = zones.logical
     possible = logical.from_shares(steadily(len(logical.names), COUNTED))
-    # the cases' points count as possible too: a narrow space may admit no evenly spread point
+    # the cases' points too, because a narrow space may contain no evenly spread point
     possible = np.concatenate([possible[logical.feasible(possible)], points])
+    # bucket of each case and of each possible point, along each parameter
     hit, reachable = _buckets(logical, points), _buckets(logical, possible)
     sizes = [len(item.values) or BUCKETS for item in logical.parameters]
     buckets = {
@@ -76,7 +81,7 @@ def space_coverage(zones: ZonePartition, points: FloatArray) -> SpaceCoverage:
     for x, y in itertools.combinations(range(len(sizes)), 2):
         counts = np.full((sizes[y], sizes[x]), -1.0)
         counts[reachable[:, y], reachable[:, x]] = 0.0
-        np.add.at(counts, (hit[:, y], hit[:, x]), 1.0)
+        np.add.at(counts, (hit[:, y], hit[:, x]), 1.0)  # counts a bucket as often as it occurs
         pairs.append(PairCoverage(logical.names[x], logical.names[y], counts))
     distance = np.asarray(KDTree(logical.to_unit(points)).query(logical.to_unit(possible))[0])
     emptiest = int(np.argmax(distance))
@@ -91,8 +96,11 @@ def space_coverage(zones: ZonePartition, points: FloatArray) -> SpaceCoverage:
 
 
 def _buckets(logical: LogicalScenario, points: FloatArray) -> np.ndarray:
-    """Index of the bucket of each point along each parameter, (n, k). Each of a parameter's listed
-    values is a bucket of its own.
+    """Index of the bucket of each point along each parameter, (n, k).
+
+    points: (n, k), in the parameters' units.
+
+    A parameter with listed values has a bucket for each value.
     """
     columns = []
     for column, item in enumerate(logical.parameters):
@@ -106,7 +114,10 @@ def _buckets(logical: LogicalScenario, points: FloatArray) -> np.ndarray:
 
 
 def _resolved(zones: ZonePartition, points: FloatArray) -> float | None:
-    """`boundary_resolved` of `SpaceCoverage`."""
+    """`boundary_resolved` of `SpaceCoverage`.
+
+    points: of the cases, (n, k), in the parameters' units.
+    """
     boundary = zones.boundary  # points in the unit box
     if not len(boundary):
         return None

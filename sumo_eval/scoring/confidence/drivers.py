@@ -1,10 +1,10 @@
-"""Effect of the choice of drivers on an ADS's D and H, for `intervals`: a jackknife that respects
-how drivers are drawn.
+"""Errors of an ADS's D and H by the choice of drivers, for `intervals`: a jackknife (each driver is
+left out once) that respects how drivers are drawn.
 
-The synthetic drivers are not a simple random sample: of any n, n * `overtake_share` overtake,
-rounded down or up (`sumo_eval.drivers.synthetic.population`). So followers are compared with
-followers and overtakers with overtakers, and the rounding adds an error. Recorded people are one
-group.
+The synthetic drivers are not a simple random sample. Of any n drivers n * `overtake_share`
+overtake, rounded down or up (`drivers/synthetic/population.py`). So drivers are in two groups,
+those who overtake and those who follow. Each is compared with its own group, and the rounding adds
+an error. Recorded drivers are one group.
 
 Users: `scoring/confidence/intervals.py`, `scoring/confidence/scored.py`, `scoring/likeness.py`,
 `scoring/steps.py`.
@@ -27,21 +27,21 @@ from sumo_eval.record.store import RECORDED
 from sumo_eval.settings import DriverSettings, PopulationSettings
 from sumo_eval.trajectory import FloatArray
 
-INCLINATION = "share who overtake"  # name of the rounding error, after the drivers' names
-_SYNTHETIC = re.compile(r"driver_(\d+)")
+INCLINATION = "share who overtake"  # name of the rounding's error, after the drivers' names
+_SYNTHETIC = re.compile(r"driver_(\d+)")  # name of a synthetic driver, with its index
 
 
 @frozen(eq=False)
 class DriverDeviations:
-    """Errors of D and H by the choice of k drivers.
+    """Errors of D and H by the choice of drivers.
 
-    The error of a score is the sum over the drivers of their deviations, each times a random number
-    of the driver (`intervals.driver_deviates`).
-
-    names: of the drivers, and `INCLINATION` last; none: the deviations are not known.
+    names: of the drivers, and `INCLINATION` last, k in all; empty: the errors are not known.
     index: signed standard deviation of D by each name, (k,).
-    likeness: the same of H, (k,).
+    likeness: signed standard deviation of H by each name, (k,).
     freedom: degrees of freedom.
+
+    A replicate of a score gets the sum over the names of the deviation times a random number of the
+    name (`intervals.driver_deviates`).
     """
 
     names: tuple[str, ...]
@@ -59,21 +59,24 @@ def driver_deviations(
     settings: DriverSettings,
     seed: int,
 ) -> DriverDeviations:
-    """The deviations of one ADS in one scenario.
+    """The errors of one ADS in one scenario.
 
     cases: of the ADS.
-    left_out: by case, for some of these: results without each driver, and the names of the
-        drivers.
+    left_out: case -> results without each driver, and the names of the drivers, for some cases.
+    settings: `[drivers]`.
+    seed: of the run, from which synthetic drivers are drawn.
 
-    The same driver is left out of all cases at once, because it is the same person.
+    A driver is left out of all cases at once, because it is one person.
     """
+    # whether each case has results without each driver
     jackknifed = np.isin(
         cases.case, [case for case, (results, _) in left_out.items() if results.index.without]
     )
     chosen = [left_out[case] for case in cases.case[jackknifed].tolist()]
     weights = cases.exposure[jackknifed]
     names = sorted({*chain(*(drivers for _, drivers in chosen))})
-    if len(names) < 3 or not weights.any():  # a deviation needs two that stay
+    # without one driver, two must remain, because a deviation needs two
+    if len(names) < 3 or not weights.any():
         return NO_DEVIATIONS
     groups = [_group(name, settings, seed) for name in names]
     share = 1.0 if None in groups else settings.population.overtake_share
@@ -83,11 +86,13 @@ def driver_deviations(
         return np.asarray((np.array(values) @ weights) / weights.sum())
 
     def errors(values: Sequence[Varied], factor: FloatArray) -> FloatArray:
-        """Errors of a score by each driver.
+        """Errors of a score by each name, (k,).
 
-        factor: of each case, (cases,).
+        values: of each case, with and without each driver.
+        factor: of each case, by which its values are multiplied, (cases,).
         """
-        # a row for each driver: every case without it, or with all where the case lacks it
+        # (drivers, cases): value of each case without each driver; with all drivers if the driver
+        # does not drive there
         without = [
             [
                 value.without[drivers.index(name)] if name in drivers else value.everyone
@@ -99,13 +104,13 @@ def driver_deviations(
         return stratified_deviations(mean(factor * without), groups, share, float(change))
 
     likened = cases.safe & np.isfinite(cases.human_likeness)
-    # exposure of the cases in H, and of those among them without an incident
+    # exposure of the cases in H, and of the cases in H without an incident
     whole = sum(cases.exposure[likened].tolist())
     calm = sum(cases.exposure[likened & ~cases.incident].tolist())
     index = errors([case.index for case, _ in chosen], np.ones(len(chosen)))
     plausibility = np.nan_to_num(cases.plausibility[jackknifed])
     likeness = errors([case.likeness for case, _ in chosen], plausibility)
-    # drivers move H only in cases without an incident: the share of these
+    # H is 0 in cases with an incident, so drivers move it only in this share of the cases
     compared = calm / whole if whole else 0.0
     freedom = max(len(names) - len(set(groups)), 1)
     return DriverDeviations((*names, INCLINATION), index, compared * likeness, freedom)
@@ -114,15 +119,16 @@ def driver_deviations(
 def exchanges(
     names: Sequence[str], settings: DriverSettings, seed: int
 ) -> tuple[tuple[int, int], ...]:
-    """Exchanges of drivers, each imitating the number of overtakers rounded the other way: index of
-    the driver left out, and of one of the other group that counts twice.
+    """Exchanges of drivers that imitate rounding the number of overtakers the other way: index of a
+    driver who is left out, and index of a driver of the other group who counts twice instead.
 
     names: of the drivers.
-    settings: population of the synthetic drivers.
+    settings: `[drivers]`: population of the synthetic drivers.
+    seed: of the run.
 
-    If the overtakers were rounded up, each of them is left out once, else each follower. Those of
-    the other group count twice in turn. Empty unless all drivers are synthetic, and some overtake
-    and some follow.
+    If the number of overtakers was rounded up, each overtaker is left out once, else each follower.
+    The drivers of the other group count twice one after another. Empty unless all drivers are
+    synthetic, some overtake and some follow.
     """
     groups = [_group(name, settings, seed) for name in names]
     if set(groups) != {True, False}:
@@ -143,18 +149,18 @@ def stratified_deviations(
     (n + 1,).
 
     without: the value without each driver, (n,).
-    groups: of each driver.
-    share: of drivers who overtake (group True), before rounding.
-    change: of the value if one driver changes from one group to the other (`exchanges`).
+    groups: of each driver: True: overtakes; False: follows; None: not synthetic.
+    share: share of drivers who overtake, before rounding, 0..1.
+    change: change of the value if one driver changes from one group to the other (`exchanges`).
 
-    By driver j in a group h of n_h drivers: sqrt(n_h/(n_h - 1)) (n - 1)/n (value without j - mean
-    of these values in the group). The squares add up to the variance of a stratified sample; with
-    one group they add up to the variance of the plain jackknife.
+    Error by driver j, in a group h of n_h drivers: sqrt(n_h/(n_h - 1)) (n - 1)/n (value without
+    j - mean of these values in the group). The squares add up to the variance of a stratified
+    sample. With one group this is the variance of the plain jackknife.
 
-    By the rounding: n * share is rounded at random, so the number of overtakers has the deviation
-    sqrt(f (1 - f)), f the fractional part of n * share; this times `change`. `without` cannot give
-    `change`: one of two followers left out and not replaced makes a population that is never
-    drawn.
+    Error by the rounding: n * share is rounded at random, so the number of overtakers has the
+    deviation sqrt(f (1 - f)), f the fractional part of n * share. The error is this deviation times
+    `change`. `change` cannot be computed from `without`: a population in which one of two followers
+    is left out and not replaced is never drawn.
     """
     n = len(without)
     errors = np.zeros(n + 1)
@@ -171,7 +177,10 @@ def stratified_deviations(
 
 
 def _group(name: str, settings: DriverSettings, seed: int) -> bool | None:
-    """Whether a synthetic driver overtakes; None for any other driver."""
+    """Whether a synthetic driver overtakes; None for any other driver.
+
+    name: of the driver.
+    """
     match = _SYNTHETIC.fullmatch(name)
     if match is None or settings.source not in ("synthetic", RECORDED):
         return None
@@ -180,4 +189,5 @@ def _group(name: str, settings: DriverSettings, seed: int) -> bool | None:
 
 @lru_cache(4096)
 def _overtakes(index: int, seed: int, population: PopulationSettings) -> bool:
+    """Whether the synthetic driver of this index overtakes."""
     return draw_driver(index, seed, population).overtakes

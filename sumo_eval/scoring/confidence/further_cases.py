@@ -1,5 +1,7 @@
-"""Proposed further cases: points where neighbouring cases differ much in their effect on S, so that
-one more case narrows the interval of S most. `assessment` proposes them.
+"""Proposed further cases: points where neighbouring cases differ much in their effect on S. One
+more case there narrows the interval of S most.
+
+Users: `scoring/confidence/assessment.py`, `report/`.
 """
 
 import math
@@ -19,9 +21,9 @@ CANDIDATES = 8_192  # evenly spread points among which further ones are chosen
 class FurtherCases(NamedTuple):
     """Proposed cases.
 
-    points: (N, k); the first point narrows the interval most.
-    shrink: width of that part of the interval of S which the sampled cases cause, with the proposed
-        cases added, divided by its width now, 0..1.
+    points: (N, k), in the parameters' units; the first point narrows the interval most.
+    shrink: expected width of the interval of S with the proposed cases, divided by its width now,
+        0..1. Only the part of the interval that comes from the sample of cases counts.
     """
 
     points: FloatArray
@@ -33,28 +35,31 @@ def further_cases(
 ) -> FurtherCases:
     """At most `count` further points for the cases of an ADS.
 
-    points: of the cases, (n, k).
-    influence: change of S by each case, in points of S, (n,).
+    points: of the cases, (n, k), in the parameters' units.
+    influence: points by which each case moves S, (n,), from `assessment.influence`.
+    count: most points that are proposed.
 
-    Each case stands for its cell, the part of the space that is nearest to it. The spread s_i of
-    its neighbours' influence gives the cell's error: with m cases in the cell its variance is
-    s_i^2 / m. The next case goes to the cell where one more lowers the sum of the variances most
+    Each case has a cell, the part of the space that is nearest to it. s_i^2 is the variance of the
+    influence of the case's neighbours. With m cases in the cell, the cell's part of the variance of
+    S is s_i^2 / m. The next case goes to the cell where it lowers the sum of these parts most
     (Neyman's allocation), and there to the candidate farthest from all cases.
     """
     unit = logical.to_unit(points)
     tree = KDTree(unit)
-    # the first is the case itself; an array of ranks gives (n, ranks) for a single case, too
+    # Rank 1 is the case itself, which counts as a neighbour. Ranks as an array, because the tree
+    # gives an array (n, ranks) for them even if there is one rank.
     ranks = np.arange(1, min(NEIGHBOURS + 1, len(points)) + 1)
     nearest = np.asarray(tree.query(unit, k=ranks)[1])  # indices of cases, (n, ranks)
     variance = np.var(influence[nearest], axis=1)
     candidates = logical.from_shares(steadily(len(logical.names), CANDIDATES))  # evenly spread
     candidates = candidates[logical.feasible(candidates)]
     where = logical.to_unit(candidates)
-    # by candidate: distance to its nearest case (later also to those chosen), index of that case
+    # of each candidate: distance to its nearest case (later also to chosen candidates), and index
+    # of this case, which is the number of its cell
     distance, cell = (np.asarray(part) for part in tree.query(where))
     held = np.ones(len(points))  # number of cases in each cell, chosen candidates included
     chosen = []
-    free = np.bincount(cell, minlength=len(points)) > 0  # cells with candidates
+    free = np.bincount(cell, minlength=len(points)) > 0  # whether a cell has candidates left
     for _ in range(min(count, len(candidates))):
         gain = np.where(free, variance * (1.0 / held - 1.0 / (held + 1.0)), -1.0)
         best = int(np.argmax(gain))

@@ -1,34 +1,35 @@
-"""Intervals of every score from two sources: which points were driven, and which drivers H and D
-compare with. `scoring.confidence.scored` puts them into the results.
+"""Intervals of every score, from two sources of error: which points were driven, and with which
+drivers H and D compare. `scored.py` puts the intervals into the results.
 
-- Bootstrap. Each replicate draws the points again (`resamples`), the same ones for every ADS. To D
-  and H it adds an error of the drivers, whose size a jackknife over drivers has measured
-  (`sumo_eval.scoring.confidence.drivers`).
+- Bootstrap. Each replicate draws the points again (`resamples.py`), the same points for every ADS.
+  To D and H it adds an error of the drivers, whose size a jackknife over drivers gives
+  (`drivers.py`).
 - Balance. Some methods of sampling leave no part of the space out. The mean of their points is the
-  centre, so a trend of a score's terms along a parameter makes no error. Their replicates are
-  balanced in the same way (`Balance`). Cases that collided are few, no method spreads them, and
-  they are drawn without balance: C is a mean over them, and D exists only in a replicate without a
-  collision in the safe zone, and S with it.
-- Unseen collisions. If k of n hazardous points hold a collision, other points may hold one too. The
-  end of an interval on the bad side therefore has e unseen collisions, as hard as the collisions
-  of `no_reaction`, where e is exponential with mean 1. Together with the drawn collisions, their
+  centre of the space, so a trend of a score's terms along a parameter makes no error. Their
+  replicates are balanced in the same way (`Balance`). Collisions are few, and no method of sampling
+  spreads them over the space. So C, a mean over collisions, comes from draws without balance; so
+  does the question whether a replicate has a D, which a collision in the safe zone voids.
+- Unseen collisions. If k of n hazardous points have a collision, points that were not driven may
+  have one too. So the bad end of an interval has e unseen collisions, as hard as those of
+  `no_reaction`, where e is exponential with mean 1. Together with the drawn collisions, their
   number has a gamma distribution of shape k + 1, as in the exact interval of a Poisson count. Its
-  95 % point for k = 0 is 3.0, the rule of three. A sum loses with each unseen collision. C is a
-  mean over collisions, so the first unseen collision takes all that C can lose: C loses this with
-  the probability that there is at least one among the points.
+  95 % point for k = 0 is 3.0, the rule of three. A and regret, sums over points, lose with each
+  unseen collision. C, a mean over collisions, loses all that it can lose by the first one. So C
+  loses this much with the probability of at least one unseen collision.
 - One more case. T, A' and S+ fall steeply at their good end. Their lower ends have one more case
-  instead, as bad as doing nothing (t = 0, lost = the mean at stake). It weighs e cases, where e is
-  exponential with mean 0.5. Every ADS receives the same case, so in a difference of two ADSs it
-  cancels as far as it has the same effect on both.
-- Limits. They are percentiles of the replicates. With few cases they are widened by as much as
-  Student's t is wider than the normal distribution (Hesterberg 2015). A collision keeps its weight
-  r (Eq. 16) in every replicate.
-- Random streams are named by scenario, driver or ADS, never by a place in a list, so the interval
-  of an ADS does not depend on what else is evaluated.
+  instead of unseen collisions, as bad as doing nothing (t = 0, lost = the mean at stake). It weighs
+  e cases, where e is exponential with mean 0.5. Every ADS receives the same case, so in a
+  difference of two ADSs it cancels as far as its effect on both is equal.
+- Limits are percentiles of the replicates. With few cases they are widened as much as Student's t
+  is wider than the normal distribution (Hesterberg 2015). A collision keeps its weight r (Eq. 16)
+  in every replicate.
+- Random streams are named by scenario, driver or ADS, never numbered by a position in a list. So
+  the interval of an ADS does not depend on what else is evaluated.
 
 Users: `report/evidence.py`, `scoring/comparison.py`, `scoring/confidence/assessment.py`,
 `scoring/confidence/next_round.py`, `scoring/confidence/ranking.py`, `scoring/confidence/scored.py`,
-`scoring/steps.py`.
+`scoring/steps.py`. Fixed: names of the random streams and order of the draws. After a change run
+tests/campaign/test_interval_coverage.py.
 """
 
 from collections.abc import Mapping, Sequence
@@ -67,8 +68,8 @@ from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 LEVEL = 0.95  # probability with which an interval covers its score
 REPLICATES = 2_000  # of the bootstrap
 ONE_MORE = 0.5  # mean weight of the one more case, in cases
-UNSEEN = 3.0  # rule of three: with none seen among n, at most 3/n with 95 % confidence
-# scores with such an interval; `assessment` has that of the collision probability
+UNSEEN = 3.0  # rule of three: after 0 collisions at n points, at most 3/n with 95 % confidence
+# scores with an interval from here; `assessment.py` has that of the collision probability
 SCORED = tuple(name for name in COMPUTED if name != "collision_probability")
 BAD_SIDE_UP = frozenset({"regret"})  # scores of which more is worse
 
@@ -83,13 +84,14 @@ class Interval:
     level: float = LEVEL
 
 
-class Judged(NamedTuple):
-    """The n cases of one ADS in one scenario.
+class AdsCases(NamedTuple):
+    """The n cases of one ADS in one scenario, for which intervals are computed.
 
+    terms: contributions of the cases to the scores.
     points: index of each case's point among the scenario's points, (n,), all different.
-    hazardous: whether each is in a hazardous zone, (n,).
+    hazardous: whether each case is in a hazardous zone, (n,).
     drivers: errors of D and H by the choice of drivers.
-    missing: how far missing cases may move S+, down (at most 0) and up.
+    missing: how far missing cases may move S+, down (at most 0) and up (at least 0).
     """
 
     ads: str
@@ -101,13 +103,14 @@ class Judged(NamedTuple):
 
 
 class ScoreIntervals(NamedTuple):
-    """The intervals of one ADS in one scenario, and what its rank needs.
+    """The intervals of one ADS in one scenario, and what a ranking needs.
 
-    limits: low and high of each score that exists, by its name in `ScenarioResult`.
+    limits: name of a score in `ScenarioResult` -> its low and high, for scores that exist.
     sources: score (`s`, `s_plus`) -> source (`cases`, `drivers`) -> half-width from this source.
-    worse, better: S+ of every replicate, with and without one more case, (m,).
+    worse: S+ of every replicate with one more case, (m,).
+    better: S+ of every replicate without this case, (m,).
     freedom: degrees of freedom of S+.
-    missing: as in `Judged`.
+    missing: as in `AdsCases`.
     """
 
     limits: Mapping[str, Bounds]
@@ -119,7 +122,7 @@ class ScoreIntervals(NamedTuple):
 
 
 def score_intervals(
-    judged: Sequence[Judged],
+    ads_cases: Sequence[AdsCases],
     groups: Strata,
     method: MethodSettings,
     seed: int,
@@ -130,13 +133,16 @@ def score_intervals(
 ) -> list[ScoreIntervals]:
     """The intervals of all ADSs in one scenario.
 
-    groups: lists of all points of the scenario (`strata`).
-    method: settings of the scores.
-    scenario: name of the random streams.
+    ads_cases: of every ADS that gets intervals.
+    groups: lists of all points of the scenario (`resamples.strata`).
+    method: `[method]`.
+    seed, scenario: of the random streams.
+    replicates: m.
     """
-    sums = [_Sums(ads, groups.points, replicates, method) for ads in judged]
+    sums = [_Sums(ads, groups.points, replicates, method) for ads in ads_cases]
 
     def done(points: int, of: int) -> None:
+        """Report a number of points as a number of replicates."""
         progress(f"{scenario}: resamples for the intervals", points * replicates // of, replicates)
 
     for part in resamples(groups, replicates, seed, ("intervals", scenario), done=done):
@@ -146,22 +152,24 @@ def score_intervals(
 
 
 class _Sums:
-    """Sums over the cases of one ADS, in each of m replicates, of which its scores are made.
+    """Sums over the cases of one ADS, in each of m replicates, from which its scores follow.
 
-    `add` adds the cases at some of the points, `intervals` computes all scores from the sums. So no
-    table of all cases and replicates is in memory.
-
+    ads: its cases.
     points: number of points of the scenario.
+    replicates: m.
+
+    `add` adds the cases at some of the points. In the end `intervals` computes all scores from the
+    sums. So no table of all cases and replicates is in memory.
     """
 
-    def __init__(self, ads: Judged, points: int, replicates: int, method: MethodSettings) -> None:
+    def __init__(self, ads: AdsCases, points: int, replicates: int, method: MethodSettings) -> None:
         self._ads, self._method, self._replicates = ads, method, replicates
-        # case at each of the points, -1: none
+        # index of the case at each of the points, -1: the ADS has no case there
         self._rows = np.full(points, -1)
         self._rows[ads.points] = np.arange(len(ads.points))
         self._exposed = bool(ads.terms.exposure.any())  # whether any case has an exposure
         self._unseen = UnseenCollisions.of(ads, method)
-        # sums with balanced and with drawn counts, (m, terms)
+        # sums by balanced counts, and by drawn counts, (m, terms) each
         self._balanced: Any = 0.0
         self._drawn: Any = 0.0
 
@@ -176,17 +184,21 @@ class _Sums:
         self._drawn += drawn @ np.column_stack(hits)
 
     def _asked(self, rows: IntArray | slice) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Terms of these cases: first the terms to sum with balanced counts (of the scores, then of
-        unseen collisions), then the terms to sum with drawn counts.
+        """Terms of some cases: those to sum by balanced counts (of the scores, then of unseen
+        collisions), and those to sum by drawn counts.
 
-        Number and order of the terms are the same for any cases.
+        rows: indices of the cases.
+
+        Number and order of the terms do not depend on the cases.
         """
         asked, hits = AskedTerms(), AskedTerms()
         self._scores(rows, asked, hits)
         return [*asked.terms, *(terms[rows] for terms in self._unseen.terms)], hits.terms
 
     def _scores(self, rows: IntArray | slice, counts: Counts, hits: Counts) -> ScoreSamples:
-        """The scores of these cases in each replicate; `AskedTerms` record the terms to sum."""
+        """The scores of some cases in each replicate. With `AskedTerms` as counts, this records the
+        terms to sum.
+        """
         terms = self._ads.terms.part(rows)
         return scores_of(terms, counts, self._method, hits, exposed=self._exposed)
 
@@ -194,27 +206,28 @@ class _Sums:
         """The intervals, once all points have been added."""
         ads, method, m = self._ads, self._method, self._replicates
         sums = self._balanced.T
-        of_scores = len(sums) - len(self._unseen.terms)  # the first sums
-        # the sums are known, so no case is asked for its terms
+        # number of sums of the scores; those of unseen collisions follow
+        of_scores = len(sums) - len(self._unseen.terms)
+        # scores from known sums: `slice(0, 0)`, because no case is read
         plain = self._scores(slice(0, 0), KnownSums(sums[:of_scores]), KnownSums(self._drawn.T))
 
         def stream(*names: str) -> np.random.Generator:
             """A random stream by its names."""
             return random_stream(seed, "intervals", *names)
 
-        # in each replicate: number of unseen collisions, weight of the one more case
+        # in each replicate: number of unseen collisions, and weight of the one more case, (m,)
         unseen = stream("unseen", scenario, ads.ads).standard_exponential(m)
         weight = stream("one more", scenario).exponential(ONE_MORE, m)
         deviates = driver_deviates(ads.drivers, seed, m)
 
         def with_drivers(scores: ScoreSamples) -> ScoreSamples:
-            """The scores with the drivers' errors of D and H, which stay within 0..1."""
+            """The scores with the drivers' errors added to D and H, which stay within 0..1."""
             index, likeness = deviates @ ads.drivers.index, deviates @ ads.drivers.likeness
             d = np.clip(scores["d"] + index, 0.0, 1.0)
             human = np.clip(scores["human_likeness"] + likeness, 0.0, 1.0)
             return _summed({**scores, "d": d, "human_likeness": human}, method)
 
-        # the good side of each interval, then the bad one
+        # replicates for the good end of each interval, then for the bad end
         better = with_drivers(plain)
         worse = dict(better)
         for name, lost in self._unseen.losses(sums[of_scores:], unseen).items():
@@ -224,7 +237,7 @@ class _Sums:
         values = point_values(ads.terms, method)
         freedom = _freedom(ads, groups)
         limits = self._limits(values, worse, better, freedom)
-        # the scores themselves in every replicate, so that only the drivers vary
+        # every replicate has the scores themselves, so that only the drivers vary
         fixed = {
             name: np.full(m, np.nan if value is None else value) for name, value in values.items()
         }
@@ -247,17 +260,17 @@ class _Sums:
         better: ScoreSamples,
         freedom: Mapping[str, int],
     ) -> dict[str, Bounds]:
-        """Low and high of each score that exists.
+        """Name of a score that exists -> its low and high.
 
         values: the scores themselves.
-        worse, better: their replicates on the bad and on the good side, (m,).
+        worse, better: replicates for the bad and for the good end, (m,) each.
         freedom: degrees of freedom of each score.
         """
         terms = self._ads.terms
         lost = {}
         limits = {}
         if not terms.collided.any():
-            # no collision was seen: the rule of three gives the losses, without any draw
+            # Without a collision the rule of three gives the losses, and no draw is needed.
             whole = np.array([once(len(each)) @ each for each in self._unseen.terms])
             lost = self._unseen.losses(whole, np.array([UNSEEN]))
         for name in SCORED:
@@ -267,7 +280,8 @@ class _Sums:
             ends = percentiles(low[name], high[name], freedom[name])
             if value is None or ends is None:
                 continue
-            # without any incident such a loss is the whole interval; C counts collisions alone
+            # Without any incident this loss alone is the interval. For C no collision is enough,
+            # because it counts collisions alone.
             if name in lost and (name == "c" or not terms.incident.any()):
                 moved = float(lost[name][0])
                 ends = (value, value + moved) if up else (value - moved, value)
@@ -276,10 +290,10 @@ class _Sums:
 
 
 def driver_deviates(drivers: DriverDeviations, seed: int, replicates: int) -> FloatArray:
-    """Student's t numbers, (m, k), a column for each driver.
+    """Random numbers of Student's t distribution, (m, k), a column for each name in `drivers`.
 
-    A driver has the same numbers in every scenario and for every ADS. So the drivers' errors of two
-    ADSs' scores cancel in their difference as far as they are common.
+    A driver has the same numbers in every scenario and for every ADS. So in the difference of two
+    ADSs' scores the drivers' errors cancel as far as they are common.
     """
     normal = [
         random_stream(seed, "intervals", "driver", name).standard_normal(replicates)
@@ -288,13 +302,13 @@ def driver_deviates(drivers: DriverDeviations, seed: int, replicates: int) -> Fl
     if not normal:
         return np.zeros((replicates, 0))
     share = random_stream(seed, "intervals", "spread of drivers").uniform(size=replicates)
-    # t is a normal number over the root of chi^2 / freedom
+    # a number of Student's t is a normal number divided by the root of chi^2 / freedom
     wider = np.sqrt(drivers.freedom / chdtri(drivers.freedom, share))
     return np.column_stack(normal) * wider[:, None]
 
 
 def _summed(scores: ScoreSamples, method: MethodSettings) -> ScoreSamples:
-    """The scores, with S and S+ computed again from their parts."""
+    """The scores in each replicate, with S and S+ computed again from their parts."""
     s = paper_score(scores["c"], scores["d"], method.score)
     plus = ordering_score(
         scores["task_share"], scores["avoidance_grade"], scores["human_likeness"], method.score
@@ -309,19 +323,22 @@ def _with_one_more(
     weight: FloatArray,
     method: MethodSettings,
 ) -> ScoreSamples:
-    """The scores `worse`, with one more case as bad as doing nothing in T, A' and S+.
+    """The scores `worse`, but T, A' and S+ from `better` with one more case, which is as bad as
+    doing nothing.
 
-    better: the scores without it.
-    weight: e, the weight of this case, in cases, (m,).
+    worse, better: scores in each replicate, (m,) each.
+    terms: of the cases.
+    weight: e, weight of the one more case, in cases, (m,).
 
-    Its share of a mean over n cases is e / (n + e). T loses that share of itself. 1 - A goes that
-    share of the way to 1, if anything is at stake.
+    Its share of a mean over n cases is e / (n + e). T loses this share of itself. If anything is at
+    stake, 1 - A goes this share of the way to 1.
     """
     comparable, stake = _stake(terms)
-    timed = int(np.isfinite(terms.task).sum())
-    compared = int(comparable.sum()) if stake.any() else 0
+    # numbers of cases in the means T and A
+    in_task = int(np.isfinite(terms.task).sum())
+    in_harm = int(comparable.sum()) if stake.any() else 0
     of_task, of_harm = (
-        weight / (n + weight) if n else np.zeros(len(weight)) for n in (timed, compared)
+        weight / (n + weight) if n else np.zeros(len(weight)) for n in (in_task, in_harm)
     )
     moved = dict(worse)
     moved["task_share"] = better["task_share"] * (1.0 - of_task)
@@ -331,36 +348,36 @@ def _with_one_more(
 
 
 class UnseenCollisions(NamedTuple):
-    """Cost of collisions that an ADS's cases do not show, for its scores.
+    """Losses of an ADS's scores by collisions that its cases do not show.
 
-    points: number of hazardous points.
+    points: number of points that count: hazardous ones; all evaluated ones, if none is hazardous.
     terms: two arrays for each score of `losses`, of each case, (n,). The sum of the first over the
-        sum of the second is the score's loss if every free point held a collision.
+        sum of the second is the score's loss if every free point had a collision.
 
-    A free point is a hazardous one without an incident (any evaluated one, if none is hazardous).
-    An unseen collision there is as hard as the collision of `no_reaction`, so A and regret lose
-    max(0, U0 - Ug). C is Ug/U0 after the first unseen collision and 1 without one. After a seen
-    collision C is a mean over collisions. Unseen collisions need not lower this mean, so C has no
-    loss then. Where all cases that count have the weight 0, each has the weight 1.
+    A free point is one that counts and has no incident. An unseen collision there is as hard as the
+    collision of `no_reaction`, so A and regret lose max(0, U0 - Ug). C is 1 without a collision,
+    and Ug/U0 after the first one. If the cases show a collision, C is a mean over collisions, which
+    unseen ones need not lower: then C has no loss. If all cases that can be compared have the
+    weight 0, each has the weight 1.
     """
 
     points: int
     terms: tuple[FloatArray, ...]
 
     @classmethod
-    def of(cls, ads: Judged, method: MethodSettings) -> Self:
+    def of(cls, ads: AdsCases, method: MethodSettings) -> Self:
         """Unseen collisions of an ADS, from all its cases."""
         terms = ads.terms
         comparable, stake = _stake(terms)
-        among = comparable & ads.hazardous
+        among = comparable & ads.hazardous  # the points that count
         if not among.any():
             among = comparable
-        weight, exposure = (  # 1 each where all cases that count weigh 0
+        weight, exposure = (  # 1 each if all comparable cases weigh 0
             np.where(comparable, weights if (weights * comparable).any() else 1.0, 0.0)
             for weights in map(np.nan_to_num, (terms.weight, terms.exposure))
         )
         free = stake * (among & ~terms.incident)
-        # pairs of terms, in the order of `losses`; that of C only without a collision
+        # pairs of terms in the order of `losses`; the last pair, of C, only without a collision
         losses = [
             weight * free, weight * stake, exposure * free, exposure * stake, weight * free, weight
         ]  # fmt: skip
@@ -371,41 +388,45 @@ class UnseenCollisions(NamedTuple):
         return cls(points, tuple(losses) if points else ())
 
     def losses(self, sums: FloatArray, unseen: FloatArray) -> ScoreSamples:
-        """The mean loss of each score, (m,), by its name.
+        """Score -> its mean loss, (m,).
 
-        sums: of the terms, (k, m).
+        sums: of the terms in each replicate, (k, m).
         unseen: expected number of unseen collisions, (m,).
 
-        A point has an unseen collision with probability p = unseen / points. Of the loss if every
-        free point held one, a score loses the share p; C, which loses all of it by the first
-        collision, the share 1 - (1 - p)^points.
+        A point has an unseen collision with probability p = unseen / points. A and regret lose the
+        share p of what they would lose if every free point had one. C loses all of it by the first
+        collision, so its share is the probability of at least one, 1 - (1 - p)^points.
         """
         chance = np.minimum(unseen / max(self.points, 1), 1.0)
         names = "avoided_share", "avoided_share_exposure", "regret", "c"
         losses = {}
-        # strict=False: C has no sums after a collision
+        # strict=False: if the cases show a collision, there are no sums of C
         for name, over, under in zip(names, sums[::2], sums[1::2], strict=False):
+            # the loss if every free point had a collision
             whole = np.divide(over, under, out=np.zeros(over.shape), where=under > 0.0)
             losses[name] = (1.0 - (1.0 - chance) ** self.points if name == "c" else chance) * whole
         return losses
 
 
 def _stake(terms: CaseTerms) -> tuple[BoolArray, FloatArray]:
-    """Whether each case was evaluated and can be compared with its references, and max(0, U0 - Ug)
-    there, 0 elsewhere.
+    """Whether each case counts and has both references, (n,); and max(0, U0 - Ug) there, 0
+    elsewhere, (n,).
     """
     stake = excess(terms.unreacting, terms.ideal)
     comparable = terms.counted & np.isfinite(stake)
     return comparable, np.where(comparable, stake, 0.0)
 
 
-def _freedom(ads: Judged, groups: Strata) -> dict[str, int]:
-    """Degrees of freedom of each score's error: the number of points with a part in it, less one
-    for each group; of C after a collision, the number of collisions less one.
+def _freedom(ads: AdsCases, groups: Strata) -> dict[str, int]:
+    """Score -> degrees of freedom of its error: the number of points with a part in it, less one
+    for each list. For C with collisions: the number of collisions less one.
+
+    groups: lists of points that may replace each other.
     """
     group = groups.numbers()
 
     def free(part: BoolArray) -> int:
+        """Degrees of freedom of the cases with a part in a score, (n,), at least 1."""
         places = group[ads.points[part]]
         return max(len(places) - len(np.unique(places)), 1)
 
@@ -426,10 +447,14 @@ def _freedom(ads: Judged, groups: Strata) -> dict[str, int]:
 def percentiles(
     low: FloatArray, high: FloatArray, freedom: float, level: float = LEVEL
 ) -> Bounds | None:
-    """Low end of an interval from `low` and high end from `high`, (m,) each; None where one of them
-    has no number.
+    """Low end of an interval from the replicates `low`, high end from `high`, (m,) each; None if
+    one of them has no finite number.
 
-    The percentiles are those of Student's t with this freedom in place of the normal distribution.
+    freedom: degrees of freedom.
+    level: probability with which the interval covers its score.
+
+    Each end cuts off the share that the normal distribution has beyond the limit of Student's t.
+    This share is less than (1 - level) / 2, so that few degrees of freedom widen the interval.
     """
     low, high = low[np.isfinite(low)], high[np.isfinite(high)]
     if not low.size * high.size:
@@ -439,6 +464,6 @@ def percentiles(
 
 
 def _half(values: FloatArray, freedom: int) -> float:
-    """Half the width of the interval of replicates (m,)."""
+    """Half the width of the interval of replicates (m,); 0 without an interval."""
     ends = percentiles(values, values, freedom)
     return 0.0 if ends is None else (ends[1] - ends[0]) / 2.0

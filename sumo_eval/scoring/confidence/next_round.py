@@ -1,5 +1,7 @@
-"""State of the rounds of an adaptive sample, for `scoring.steps`, and the number of points that the
-next round takes from each cell, for `evaluation`.
+"""Rounds of an adaptive sample: their state after scoring, and the number of points that the next
+round takes from each cell of the space.
+
+Users: `scoring/steps.py` (state), `evaluation.py` (next round).
 """
 
 import math
@@ -34,8 +36,8 @@ class Standing(NamedTuple):
 
     rounds: number of rounds so far.
     size: number of points of a round.
-    further: number of points of the next round; 0: there is none.
-    sentence: the state, for readers of the report.
+    further: number of points of the next round; 0: there is no next round.
+    sentence: the state in words, for the report.
     """
 
     rounds: int
@@ -55,10 +57,13 @@ def standing(
 ) -> Standing:
     """State of a scenario's rounds.
 
+    sampling: `count` (most points), `round`, `aim`, `until` (half-width at which sampling ends).
     points: of all rounds so far.
-    scores: results of the ADSs.
+    scores: results of the ADSs, with intervals.
     rows: cases of each ADS.
     places: of each ADS the indices of its cases' points.
+    method: `[method]`.
+    scenario: name, for messages.
     """
     budget = sampling.count or 0
     size = size_of_round(budget, sampling.round, f"the sampling of scenario `{scenario}`")
@@ -78,7 +83,7 @@ def standing(
     if half == math.inf:
         state = "an ADS has no interval"
     asked = "" if until is None else f"more than the {until:g} asked for"
-    # why there is no further round; where there is one, why it is not driven yet
+    # reason: why there is no further round; if there is one, why it was not driven
     if until is not None and half <= until:
         further, reason = 0, f"{state}, no {asked}"
     elif further:
@@ -92,27 +97,28 @@ def standing(
 def further_round(
     logical: LogicalScenario, sampling: SamplingSettings, points: Sample, evaluation: Evaluation
 ) -> SamplingSettings:
-    """The sampling of a scored run with one more round; unchanged if it has come to its end.
+    """The settings of a scored run's sampling with one more round; unchanged if there is no further
+    round.
 
     points: of all rounds so far.
     evaluation: the scored run.
 
-    A cell gets more points the more its cases differ (Neyman's allocation): in the amount by which
-    they move S+, or with the aim "boundary" in whether they collide.
+    A cell gets the more points, the more its cases differ (Neyman's allocation) in how much they
+    move S+; with the aim "boundary", in whether they collide.
     """
-    assert points.stratum is not None
+    assert points.stratum is not None  # every adaptive sample has both
     assert points.stands_for is not None
     method = evaluation.settings.method
     scores = evaluation.scores_in(logical.name)
     rows = [evaluation.cases_of(score.ads, logical.name) for score in scores]
     places = [np.arange(len(points.points))] * len(scores)  # every ADS drove every point
-    stands = standing(sampling, points, scores, rows, places, method, logical.name)
-    if not stands.further:
+    state = standing(sampling, points, scores, rows, places, method, logical.name)
+    if not state.further:
         return sampling
-    capacity = capacity_of_cells(logical, stands.size, evaluation.settings.seed)
+    capacity = capacity_of_cells(logical, state.size, evaluation.settings.seed)
     cells = len(capacity)
-    variance = np.zeros(cells)
-    # A stratum is a cell in a round, round * cells + cell: `% cells` is the cell.
+    variance = np.zeros(cells)  # of each cell, summed over the ADSs
+    # The number of a stratum is round * cells + cell, so `% cells` gives the cell.
     for cases in rows:
         terms = case_terms(cases, method)
         moved = (
@@ -122,17 +128,19 @@ def further_round(
         )
         variance += variance_in_cells(moved, points.stratum % cells, cells)
     # points of each round, by cell
-    taken = np.bincount(points.stratum, minlength=stands.rounds * cells).reshape(-1, cells)
-    # cells hold equally many candidates, so V_h s_h is in proportion to s_h
-    further = spread(stands.further, np.sqrt(variance), capacity - taken.sum(axis=0))
-    return replace(sampling, rounds=(*map(tuple, taken.tolist()), further))
+    counts = np.bincount(points.stratum, minlength=state.rounds * cells).reshape(-1, cells)
+    # Neyman: in proportion to volume times deviation. Cells have equally many candidates, so their
+    # volumes are equal.
+    further = spread(state.further, np.sqrt(variance), capacity - counts.sum(axis=0))
+    return replace(sampling, rounds=(*map(tuple, counts.tolist()), further))
 
 
 def variance_in_cells(values: FloatArray, cell: IntArray, cells: int) -> FloatArray:
-    """s_h^2: the variance of values in each cell, (cells,).
+    """Variance of the values in each cell, (cells,).
 
-    values: (n,).
-    cell: of each value its cell, (n,).
+    values: (n,), in any unit.
+    cell: number of each value's cell, (n,).
+    cells: number of cells.
 
     The variance of few values may be 0 by chance. So the common variance of all cells counts as one
     more squared deviation in each cell: n + 1 values have n degrees of freedom.
@@ -145,15 +153,16 @@ def variance_in_cells(values: FloatArray, cell: IntArray, cells: int) -> FloatAr
 
 
 def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSettings) -> FloatArray:
-    """Influence of each case on S+, (n,): to first order, n times the points by which it moves S+,
-    scaled to a case that stands for one point of an even sample.
+    """Influence of each case on S+, (n,): to first order, n times the points by which the case
+    would move S+ if it stood for one point of an even sample.
 
-    terms: of the cases of an ADS.
+    terms: of the n cases of an ADS.
     stands_for: number of points that each case stands for, (n,).
+    method: `[method]`.
 
     S+ = T A' (a + b H). A case moves T by p (t - T) / sum(p), H likewise, and A by
-    w ((1 - A) stake - lost) / sum(w stake). Each is multiplied by the slope of S+ along it. The sum
-    weighted by `stands_for` is 0.
+    w ((1 - A) stake - lost) / sum(w stake). Each is multiplied by the slope of S+ along T, H or A.
+    The sum of the influences, weighted by `stands_for`, is 0.
     """
     values = point_values(terms, method)
     task, human = values["task_share"] or 0.0, values["human_likeness"] or 0.0
@@ -163,7 +172,7 @@ def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSetti
 
     stakes = Stakes.of(terms.severity, terms.ideal, terms.unreacting, terms.weight)
     at_stake = float(stakes.weight @ stakes.at_stake)
-    # weight and exposure contain `stands_for`, which is divided out
+    # weight and exposure contain the factor `stands_for`, which is divided out
     if at_stake > 0.0 and avoided is not None:
         part = (1.0 - avoided) * stakes.at_stake - stakes.lost
         slope = task * manner * grade_slope(avoided, method.task.sharpness)
@@ -181,27 +190,29 @@ def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSetti
 
 
 def _collides(terms: CaseTerms) -> FloatArray:
-    """1 of each case that collides, else 0, (n,)."""
+    """1 for each case that collides, else 0, (n,)."""
     return np.where(terms.evaluated & terms.collided, 1.0, 0.0)
 
 
 def _collided_half_width(hit: FloatArray, points: Sample, place: IntArray) -> float:
     """Half the 95 % interval of the share of the space in which an ADS collides.
 
-    hit: 1 of each case that collides, else 0.
-    place: index of each case's point.
+    hit: 1 for each case that collides, else 0, (n,).
+    points: of all rounds so far.
+    place: index of each case's point, (n,).
 
     The share is a stratified mean, with the cells of each round as strata. The variance of the mean
     of n points in a cell is s^2 / n. A round's weight is its share of all points. Rounds are
-    uncorrelated, because the expectation of each is the mean of the space, whatever came before.
+    uncorrelated, because the expected value of each is the mean of the space, whatever the earlier
+    rounds were.
     """
-    assert points.stratum is not None
+    assert points.stratum is not None  # every adaptive sample has both
     assert points.stands_for is not None
     stratum, weight = points.stratum[place], points.stands_for[place] / len(points.points)
     number = np.maximum(np.bincount(stratum), 1)
     mean = np.bincount(stratum, hit) / number
-    # of a stratum: (weight n)^2 s^2 / n, with s^2 = sum((hit - mean)^2) / (n - 1); its n points all
-    # have the same weight
+    # A stratum adds (weight n)^2 s^2 / n, with s^2 = sum((hit - mean)^2) / (n - 1). All its n
+    # points have one weight.
     squares = np.bincount(stratum, (weight * (hit - mean[stratum])) ** 2)
     variance = float(np.sum(squares * number / np.maximum(number - 1, 1)))
     return float(ndtri(0.5 + LEVEL / 2.0)) * math.sqrt(variance)

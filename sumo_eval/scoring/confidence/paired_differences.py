@@ -1,11 +1,13 @@
 """Paired bootstrap: how far the differences between two runs' scores would move with other concrete
-scenarios, for `scoring.comparison`.
+scenarios.
 
-A replicate draws concrete scenarios with replacement and takes the cases of both runs there, so
+A replicate draws concrete scenarios with replacement, and takes the cases of both runs there. So
 their common part cancels. A replicate has a D if the whole run has one (step 3 of the method).
 
-More than `MOST_DRAWN` scenarios are put together in `BLOCKS` random blocks, and blocks are drawn: a
-mean has the same variance.
+More than `MOST_DRAWN` concrete scenarios are put together in `BLOCKS` random blocks, and blocks are
+drawn instead. The variance of a mean stays the same.
+
+Users: `scoring/comparison.py`.
 """
 
 import numpy as np
@@ -17,21 +19,22 @@ from sumo_eval.settings import MethodSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
-MOST_DRAWN, BLOCKS = 10_000, 2_000
+MOST_DRAWN, BLOCKS = 10_000, 2_000  # concrete scenarios, blocks
 COMPARED = {name: field for name, (field, _) in SCORES.items()} | {
     "collision_probability": "collision_probability"
 }
-"""Quantities by which two runs are compared, with their names among the scores."""
+"""Quantity by which two runs are compared -> field of ScenarioResult."""
 
 Run = tuple[CaseTerms, MethodSettings]
 """Terms of a run's cases, and the settings of its scores."""
 
 
 def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> ScoreSamples:
-    """New minus base of every quantity that both runs have: a value for each replicate in which
-    both exist.
+    """Quantity of `COMPARED` that both runs have -> new minus base, a value for each replicate in
+    which both exist.
 
-    base, new: their cases at the same points, in the same order.
+    base, new: terms of the cases at the same points, in the same order.
+    replicates: number of replicates.
     """
     runs = base, new
     tables = [_terms(run, seed) for run in runs]
@@ -40,7 +43,7 @@ def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> Score
         for total, table in zip(sums, tables, strict=True):
             total += part.counts @ table[part.places]
 
-    # the scores of known sums need no cases
+    # scores from known sums: `slice(0, 0)`, because no case is read
     before, after = (
         _scores(run, slice(0, 0), KnownSums(total.T)) for total, run in zip(sums, runs, strict=True)
     )
@@ -53,7 +56,9 @@ def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> Score
 
 
 def _terms(run: Run, seed: int) -> FloatArray:
-    """The k terms that the scores of a run sum, of each case or block, (n, k)."""
+    """The k terms that the scores of a run sum, of each case, (n, k); sums over blocks if there are
+    more than `MOST_DRAWN` cases, (BLOCKS, k).
+    """
     asked, n = AskedTerms(), len(run[0].collided)
     _scores(run, slice(0, n), asked)
     if n <= MOST_DRAWN:

@@ -1,15 +1,15 @@
-"""ADSs in the order of S+ over all scenarios, and which of them can be told apart.
+"""Ranking of the ADSs by S+ over all scenarios, and which ADSs can be told apart.
 
-Two ADSs share points and drivers to compare with, so their common errors cancel in their
-difference; a comparison of two intervals would not use this. A replicate has two values of S+:
-`worse`, with one more case, as bad as doing nothing (`intervals`), and `better`, without it. The
-lower end of an interval takes the smaller difference of the two, the upper end the larger. Missing
-cases count against the ADS that lacks them. One ADS under two names differs from itself by 0,
-exactly.
+Two ADSs share points and drivers, so errors that are common to both cancel in the difference of
+their scores. A comparison of two intervals would not use this. A replicate has two values of S+:
+`worse`, with one more case that is as bad as doing nothing (`intervals.py`), and `better`, without
+this case. The lower end of an interval takes the smaller of the two differences, the upper end the
+larger. Missing cases count against the ADS that lacks them. An ADS differs from itself under
+another name by exactly 0.
 
-S+ over several scenarios is the mean of theirs. A scenario without a safe point has no task to
-drive, no S+ and no part in the order. In one without drivers to compare with, H counts 0 for every
-ADS.
+S+ over several scenarios is the mean of their S+. A scenario without a safe point has no task to
+drive, so no S+ and no part in the order. In a scenario without drivers to compare with, H counts 0
+for every ADS.
 
 Users: `scoring/steps.py`.
 """
@@ -30,15 +30,19 @@ from sumo_eval.settings import RankingSettings
 from sumo_eval.trajectory import FloatArray, IntArray
 
 Replicates = Mapping[tuple[str, str], ScoreIntervals | None]
-"""By (ADS, scenario)."""
+"""(ADS, scenario) -> its intervals with their replicates; None: too few cases."""
 
 
 def rank(
     scores: Sequence[ScenarioResult], replicates: Replicates, settings: RankingSettings
 ) -> Ranking:
-    """The ranking of an evaluation's ADSs. Scenarios without any S+ are left out.
+    """The ranking of an evaluation's ADSs.
 
-    An ADS shares the place above it, unless it can be told apart from the first there.
+    scores: of every ADS in every scenario.
+    settings: `[method.ranking]`: weights of the scenarios.
+
+    Scenarios without any S+ are left out. An ADS shares the place of the ADS above it, unless it
+    can be told apart from the first ADS at that place.
     """
     weights = scenario_weights(list(dict.fromkeys(score.scenario for score in scores)), settings)
     weighted = [name for name, weight in weights.items() if weight > 0.0]
@@ -95,31 +99,33 @@ def rank(
 
 
 class _Means(NamedTuple):
-    """Means over the scenarios that weigh and have a task.
+    """Weighted means over the scenarios with a task.
 
-    weights: above 0, by scenario.
+    weights: scenario -> its weight, above 0.
     """
 
     weights: Mapping[str, float]
 
     def of(self, values: Iterable[Any]) -> Any:
-        """The mean of values (numbers or arrays), one for each scenario as in `weights`."""
+        """The mean of values (numbers or arrays), one for each scenario in the order of
+        `weights`.
+        """
         weights = self.weights.values()
         weighted = zip(weights, values, strict=True)
         return sum(weight * value for weight, value in weighted) / sum(weights)
 
     def total(self, scores: Mapping[str, ScenarioResult]) -> float | None:
-        """S+ of one ADS; None where it has none in a scenario.
+        """S+ of one ADS; None if it has no S+ in one of the scenarios.
 
-        scores: by scenario.
+        scores: scenario -> its result.
         """
         plus = [scores[name].s_plus if name in scores else None for name in self.weights]
         return None if not plus or None in plus else float(self.of(plus))
 
     def spread(self, ads: str, replicates: Replicates) -> _Spread | None:
-        """The mean S+ of one ADS in every replicate; None where a scenario has no replicates.
+        """The mean S+ of one ADS in every replicate; None if a scenario has no replicates.
 
-        In a replicate without safe points no ADS has an S+: it counts 0 for all of them.
+        In a replicate without safe points no ADS has an S+, and S+ counts 0 for all of them.
         """
         intervals: list[Any] = [replicates.get((ads, scenario)) for scenario in self.weights]
         if None in intervals:
@@ -137,12 +143,13 @@ class _Means(NamedTuple):
 
 
 class _Spread(NamedTuple):
-    """Replicates of one ADS's mean S+, or of the difference of two ADSs'.
+    """m replicates of the mean S+ of one ADS over k scenarios, or of the difference of two means.
 
     worse: with one more case, (m,).
-    better: without that case, the part of each scenario in the mean, (k, m).
+    better: without this case, the part of each scenario in the mean, (k, m).
     freedom: degrees of freedom of each scenario, (k,).
-    lower, higher: how far missing cases may move it: down (<= 0) and up (>= 0).
+    lower: how far missing cases may move the mean down, at most 0.
+    higher: how far missing cases may move the mean up, at least 0.
     """
 
     worse: FloatArray
@@ -152,7 +159,9 @@ class _Spread(NamedTuple):
     higher: float
 
     def minus(self, other: _Spread) -> _Spread:
-        """The difference; missing cases are worst for this ADS and best for the other one."""
+        """The difference to another ADS. `lower` has missing cases at their worst for this ADS and
+        at their best for the other, `higher` the reverse.
+        """
         return _Spread(
             self.worse - other.worse,
             self.better - other.better,
@@ -162,12 +171,14 @@ class _Spread(NamedTuple):
         )
 
     def interval(self, value: float) -> Bounds:
-        """The interval, in which the value itself always is.
+        """The interval of a mean or difference; it always contains the value itself.
+
+        value: of the cases as they are.
 
         Each scenario counts in the degrees of freedom by its variance (Satterthwaite 1946).
         """
         both = np.stack([self.worse, self.better.sum(axis=0)])
-        variance = self.better.var(axis=1) + 1e-12  # never 0
+        variance = self.better.var(axis=1) + 1e-12  # above 0, because it is a divisor
         ends = percentiles(
             both.min(axis=0) + self.lower,
             both.max(axis=0) + self.higher,

@@ -1,16 +1,17 @@
-"""Number of times that each point of a scenario occurs in each replicate of a bootstrap over the
-points.
+"""Counts of a bootstrap over the points of a scenario: how often each point occurs in each
+replicate.
 
-Points that may stand for each other form a list (`Strata`), and each replicate draws from every
-list as many points as the list has. Points of a method that leaves no part of the space out are
-balanced over it as well (`Balance`).
+Points that may replace each other form a list (`Strata`). From every list each replicate draws as
+many points as the list has. Replicates of a sample that leaves no part of the space out are also
+balanced over the space (`Balance`).
 
-`resamples` draws all replicates of some points, then those of the next ones. So time grows in
-proportion to the points, and no table of all points and replicates is in memory. `intervals`,
-`assessment` and `paired_differences` sum the terms of scores over the parts.
+`resamples` draws all replicates of some points, then all replicates of the next points. So time
+grows in proportion to the points, and no table of all points and replicates is in memory.
+`intervals`, `assessment` and `paired_differences` sum the terms of scores over these parts.
 
 Users: `scoring/confidence/assessment.py`, `scoring/confidence/intervals.py`,
 `scoring/confidence/paired_differences.py`, `scoring/confidence/scored.py`, `scoring/steps.py`.
+Fixed: names of random streams and order of the draws, on which all intervals depend.
 """
 
 import math
@@ -23,22 +24,23 @@ import numpy as np
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray, IntArray
 
-# Most numbers in a table of points and replicates, 16 MB: 1,000 points by 2,000 replicates. Of more
-# points a table of whole lists has at most an eighth of this, one of a divided list all of it.
+# Most numbers in a table of points and replicates, 16 MB: 1,000 points by 2,000 replicates. If all
+# points need more, they are drawn in blocks: a block of whole lists has at most 1/SPLIT of this, a
+# block of a divided list all of it.
 AT_ONCE = 2_000_000
 SPLIT = 8
 # methods of sampling that leave no part of the space out
 EVEN = frozenset({"grid", "sobol", "halton"})
 SMALLEST = 4  # fewest points of a list that is halved
-_FLAT = 1e-9  # a singular value, unit-box lengths; a direction with less has no trend
+_FLAT = 1e-9  # singular value, unit-box lengths; along a direction with less the points do not vary
 
 
 class Strata(NamedTuple):
-    """Lists of points; a replicate exchanges the points of a list for each other.
+    """g lists of points. A replicate exchanges the points of a list for each other.
 
     order: indices of all n points, list after list, (n,).
     ends: index in `order` at which each list ends (exclusive), (g,).
-    even: the points in the unit box, (n, k), if they are to be balanced over it.
+    even: the points in the unit box, (n, k), if replicates are to be balanced; else None.
     """
 
     order: IntArray
@@ -51,7 +53,7 @@ class Strata(NamedTuple):
         return np.diff(self.ends, prepend=0)
 
     def numbers(self) -> IntArray:
-        """The number of each point's list, (n,)."""
+        """Number of each point's list, (n,)."""
         numbers = np.empty(self.points, np.intp)
         numbers[self.order] = np.repeat(np.arange(len(self.ends)), self.sizes)
         return numbers
@@ -69,13 +71,13 @@ def strata(unit: FloatArray, method: str) -> Strata:
     method: of their sampling.
 
     Points of a method that leaves no part of the space out (`EVEN`) are halved again and again,
-    along the widest side, down to two or three neighbours: only these may stand for each other.
-    Points of all other methods are one list.
+    along the widest side, down to two or three neighbours. Only these may replace each other.
+    Points of any other method are one list.
     """
     order, sizes = np.arange(len(unit)), np.array([len(unit)])
     while method in EVEN and (sizes >= SMALLEST).any():
         _sort_along_widest(order, sizes, unit)
-        # a list that is not split has an empty second half
+        # a list that is not halved has an empty second half, which is left out
         half = np.where(sizes >= SMALLEST, sizes // 2, sizes)
         halves = np.column_stack([half, sizes - half])
         sizes = halves[halves > 0]
@@ -83,40 +85,41 @@ def strata(unit: FloatArray, method: str) -> Strata:
 
 
 def of_one_number(stratum: IntArray) -> Strata:
-    """Lists of the points with the same number.
+    """Lists of points, one for each stratum.
 
-    stratum: of each point the number of its stratum, (n,).
+    stratum: number of each point's stratum, (n,).
     """
     order = np.argsort(stratum, kind="stable")
     return Strata(order, np.append(np.flatnonzero(np.diff(stratum[order])) + 1, len(order)))
 
 
 def one_list(points: int) -> Strata:
-    """A number of points, all of which may stand for each other."""
+    """One list of this number of points."""
     return Strata(np.arange(points), np.array([points]))
 
 
 def _sort_along_widest(order: IntArray, sizes: IntArray, unit: FloatArray) -> None:
     """Sort the points of each list that is halved next along its widest side, in place.
 
-    order: points, list after list, (n,).
+    order: indices of the points, list after list, (n,).
     sizes: of the lists, (g,).
+    unit: the points, (n, k), in the unit box.
 
     Lists of one size are sorted together, because a million points have half a million lists.
     """
-    firsts = np.cumsum(sizes) - sizes
+    firsts = np.cumsum(sizes) - sizes  # index in `order` at which each list begins
     for size in np.unique(sizes[sizes >= SMALLEST]).tolist():
         places = firsts[sizes == size][:, None] + np.arange(size)
         rows = order[places]
         points = unit[rows]  # (g, size, k)
-        axis = np.argmax(np.ptp(points, axis=1), axis=1)
+        axis = np.argmax(np.ptp(points, axis=1), axis=1)  # the widest side of each list, (g,)
         along = np.take_along_axis(points, axis[:, None, None], axis=2)[:, :, 0]
         order[places] = np.take_along_axis(rows, np.argsort(along, axis=1, kind="stable"), axis=1)
 
 
 def same_sizes(groups: Strata) -> list[tuple[int, IntArray]]:
-    """Lists of more than one point, by size: each size with the points of its lists, (g, size), in
-    the order of the lists.
+    """Each size of lists with more than one point, with the points of the lists of this size,
+    (lists, size), in the order of the lists.
     """
     sizes, order = groups.sizes, groups.order
     firsts = groups.ends - sizes
@@ -129,9 +132,12 @@ def same_sizes(groups: Strata) -> list[tuple[int, IntArray]]:
 def draw_counts(groups: Strata, replicates: int, stream: np.random.Generator) -> FloatArray:
     """Number of times that each point occurs in each replicate, (m, n).
 
+    replicates: m.
+    stream: of random numbers.
+
     From each list of s points s - 1 are drawn with replacement, and each draw counts s/(s - 1)
     times (Rao and Wu 1988). So the variance of a mean is right for lists of two as well. The point
-    of a list of one is in every replicate once.
+    of a list of one occurs once in every replicate.
     """
     counts = np.ones((replicates, groups.points))
     for size, same in same_sizes(groups):
@@ -145,8 +151,10 @@ def _multinomial(
 ) -> IntArray | FloatArray:
     """Number of times that each of `size` points occurs among size - 1 draws, (*shape, size).
 
-    For two points this is one uniform number, above a half or not: the same as the stream's
-    multinomial numbers, in a sixth of the time.
+    shape: replicates, lists.
+
+    For two points the result follows from one uniform number, above a half or not. It equals the
+    stream's multinomial numbers, in a sixth of the time.
     """
     if size != 2:
         return stream.multinomial(size - 1, np.full(size, 1.0 / size), shape)
@@ -157,15 +165,15 @@ def _multinomial(
 
 
 class Balance(NamedTuple):
-    """Makes replicates whose points have the same mean place as all points.
+    """Changes counts so that the mean position of a replicate's points is that of all points.
 
     trend: orthonormal basis of the directions that R removes, (n, r).
     scale: sqrt(tr G / tr(R G)).
 
-    Drawn counts are c = 1 + e. G is the covariance of e. R projects onto the space
+    Drawn counts are c = 1 + e, (n,). G is the covariance of e. R projects e onto the space
     orthogonal to 1 and to the k coordinates of the points. Balanced counts are c' = 1 + scale R e,
-    and at least 0. A linear trend of the terms then adds nothing to the variance of their mean, and
-    terms without a trend keep theirs (balanced sampling: Deville and Tille 2005).
+    and at least 0. So a linear trend of the terms adds nothing to the variance of their mean, and
+    the variance of terms without a trend stays (balanced sampling: Deville and Tille 2005).
     """
 
     trend: FloatArray
@@ -173,8 +181,8 @@ class Balance(NamedTuple):
 
     @classmethod
     def of(cls, groups: Strata, unit: FloatArray) -> Self | None:
-        """Balance of lists of points; None with fewer than 2 k degrees of freedom in the lists,
-        where a trend cannot be told from chance.
+        """Balance of lists of points. None if the lists have fewer than 2 k degrees of freedom: a
+        trend would then look like chance.
 
         unit: the points, (n, k), in the unit box.
         """
@@ -182,16 +190,18 @@ class Balance(NamedTuple):
         sizes = groups.sizes
         if n - len(sizes) < 2 * k:
             return None
-        # e is orthogonal to 1 already, because each list keeps its number of points
+        # Basis of the coordinates about their mean. (e is orthogonal to 1 already, because each
+        # list keeps its number of points.)
         about = unit - unit.mean(axis=0)
-        # R of QR has the singular values and directions of `about`, in a third of the memory
+        # The triangle of QR has the singular values and directions of `about`. SVD of `about`
+        # itself would need three times the memory.
         _, extent, directions = np.linalg.svd(np.linalg.qr(about, mode="r"))
         wide = extent > _FLAT
         trend = about @ (directions[wide].T / extent[wide])
-        del about
+        del about  # (n, k) numbers
         # tr G: the variance of each point in a list of s is s/(s - 1) (1 - 1/s) = 1
         spread = float(sizes[sizes > 1].sum())
-        # tr G - tr(R G), list by list, where G is s/(s - 1) (identity - 1/s)
+        # tr G - tr(R G), list by list; within a list of s points G is s/(s - 1) (identity - 1/s)
         by_group = np.zeros(len(sizes))
         for size, same in same_sizes(groups):
             part = trend[same]
@@ -201,18 +211,19 @@ class Balance(NamedTuple):
         return cls(trend, math.sqrt(spread / (spread - lost)))
 
     def along(self, counts: FloatArray, places: IntArray) -> FloatArray:
-        """The part of e along the trend, (m, r): a sum over points, which may be added up in parts.
+        """The part of e along the trend, (m, r): a sum over points, to which each part of the
+        points adds its terms.
 
-        counts: of some points in each replicate, (m, k).
-        places: indices of these points, (k,).
+        counts: of p points in each replicate, (m, p).
+        places: indices of these points, (p,).
         """
         return (counts - 1.0) @ self.trend[places]
 
     def balanced(self, counts: FloatArray, places: IntArray, along: FloatArray) -> FloatArray:
-        """The counts of these points, (m, k), balanced.
+        """Balanced counts of some points, (m, p).
 
         counts, places: as in `along`.
-        along: the sum of `along` over all points.
+        along: sum of `Balance.along` over all points, (m, r).
         """
         errors = counts - 1.0
         errors -= along @ self.trend[places].T
@@ -222,11 +233,11 @@ class Balance(NamedTuple):
 
 
 class Resampled(NamedTuple):
-    """Number of times that some of the points occur in each replicate.
+    """Number of times that p of the points occur in each of m replicates.
 
-    places: indices of the points, (k,).
-    counts: (m, k), balanced if the sample is.
-    drawn: before balancing, (m, k).
+    places: indices of the points, (p,).
+    counts: (m, p), balanced if the sample is to be balanced.
+    drawn: counts before balancing, (m, p).
     """
 
     places: IntArray
@@ -242,12 +253,13 @@ def resamples(
     *,
     done: Callable[[int, int], None] = lambda points, of: None,
 ) -> Iterator[Resampled]:
-    """Replicates of all points, some points at a time; each point is in one part.
+    """Replicates of all points, some points at a time. Each point is in one part.
 
-    groups: lists of points that stand for each other.
-    name: of the random stream.
-    done: receives the number of points drawn so far, and of all. The points of a balanced sample
-        are drawn twice, because balancing needs all of them.
+    groups: lists of points that may replace each other.
+    replicates: m.
+    seed, name: of the random stream.
+    done: receives the number of points drawn so far, and the number of points to draw. A balanced
+        sample is drawn twice: first for `along`, the sum over all points that balancing needs.
     """
     most = AT_ONCE // replicates  # points at a time
     if groups.points > most:
@@ -272,22 +284,22 @@ def resamples(
 def _draws(
     lists: Strata, most: int, replicates: int, seed: int, name: Sequence[str]
 ) -> Iterator[tuple[IntArray, FloatArray]]:
-    """Blocks of k points with their counts in each replicate, (m, k), the same at each call.
+    """Blocks of p points, with their counts in each replicate, (m, p), the same at each call.
 
     most: points of a block of whole lists. A list with more points is divided into several blocks.
     """
-    first = 0
-    number = 0
+    first = 0  # index in `lists.order` of the next point
+    number = 0  # of the next block
     ends = lists.ends
-    # most points of a block of a divided list; more blocks would keep more shares in memory
+    # most points of a block of a divided list; shorter blocks would need more shares in memory
     longest = max(AT_ONCE // replicates, 1)
 
     def stream() -> np.random.Generator:
-        """The random stream of the block."""
+        """The random stream of the next block."""
         return random_stream(seed, *name, *([number] if number else []))
 
     while first < len(lists.order):
-        # whole lists from `first` on, as many as one block holds
+        # whole lists from `first` on, as many as one block holds; last: first list after them
         last = int(np.searchsorted(ends, first + most, side="right"))
         if (end := int(ends[last - 1]) if last else 0) > first:
             list_ends = ends[int(np.searchsorted(ends, first, side="right")) : last] - first
@@ -295,7 +307,8 @@ def _draws(
             yield lists.order[first:end], draw_counts(groups, replicates, stream())
             number, first = number + 1, end
             continue
-        # the next list alone is too long: share its draws among pieces, at random
+        # The next list alone is too long for a block. Its draws are first shared among pieces at
+        # random, then drawn within each piece.
         size = int(ends[last]) - first
         pieces = np.array_split(lists.order[first : first + size], -(-size // longest))
         parts = np.array([len(places) for places in pieces]) / size

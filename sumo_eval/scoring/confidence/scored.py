@@ -1,6 +1,7 @@
-"""Puts the intervals of a scored scenario into its results, with what missing cases leave open.
+"""Puts the intervals of a scored scenario into its results, together with the bounds that missing
+cases leave open.
 
-`scoring.steps` calls it.
+Users: `scoring/steps.py`.
 """
 
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
-from sumo_eval.scoring.confidence.intervals import Judged, ScoreIntervals, score_intervals
+from sumo_eval.scoring.confidence.intervals import AdsCases, ScoreIntervals, score_intervals
 from sumo_eval.scoring.confidence.resamples import Strata
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import IntArray
@@ -31,9 +32,9 @@ WITHIN = {
     "avoidance_grade": (-np.inf, 1.0),
     "s_plus": (0.0, 100.0),
 }
-"""Range of each score. That of S, which is not here, ends at the S of C = D = 1 (Eq. 18)."""
+"""Score -> its range. The range of S, which is not in it, is 0 to S of C = D = 1 (Eq. 18)."""
 
-LEAST = 2  # fewest cases that count for an interval
+LEAST = 2  # fewest counted cases (`CaseTerms.counted`) of an ADS that gets intervals
 
 
 def with_intervals(
@@ -48,30 +49,32 @@ def with_intervals(
     """The results of all ADSs in one scenario with the interval of every score, and the intervals
     that a ranking needs.
 
-    scores: the results; their intervals so far are the bounds that missing cases leave open.
+    scores: the results. Their intervals so far are the bounds that missing cases leave open.
     rows: cases of each ADS.
     places: of each ADS the indices of its cases' points.
     drivers: of each ADS the errors by the choice of drivers.
-    groups: all points, in lists of those that may stand for each other.
+    groups: all points, in lists of points that may replace each other.
 
-    An ADS with fewer than two cases that count keeps the intervals that it has.
+    An ADS with fewer than two counted cases keeps the intervals that it has. Instead of intervals
+    for a ranking it has None.
     """
-    judged = []
+    ads_cases = []
     for score, cases, at, errors in zip(scores, rows, places, drivers, strict=True):
         terms, missing = case_terms(cases, settings.method), (0.0, 0.0)
+        # how far missing cases may move S+, down and up
         if score.s_plus is not None and score.s_plus_interval is not None:
             low, high = score.s_plus_interval
             missing = low - score.s_plus, high - score.s_plus
         if np.count_nonzero(terms.counted) >= LEAST:
-            judged.append(Judged(score.ads, terms, at, ~cases.safe, errors, missing))
+            ads_cases.append(AdsCases(score.ads, terms, at, ~cases.safe, errors, missing))
     computed = (
         score_intervals(
-            judged, groups, settings.method, settings.seed, scores[0].scenario, progress=progress
+            ads_cases, groups, settings.method, settings.seed, scores[0].scenario, progress=progress
         )
-        if judged
+        if ads_cases
         else []
     )
-    by_ads = {it.ads: interval for it, interval in zip(judged, computed, strict=True)}
+    by_ads = {each.ads: interval for each, interval in zip(ads_cases, computed, strict=True)}
     intervals = [by_ads.get(score.ads) for score in scores]
     most = sum(worth(settings.method.score))  # of S
     return [
@@ -81,21 +84,22 @@ def with_intervals(
 
 
 def _joined(score: ScenarioResult, intervals: ScoreIntervals, most_of_s: float) -> ScenarioResult:
-    """A result whose intervals hold what missing cases leave open and the chance of the sample.
+    """A result whose intervals contain both what missing cases leave open and the chance of the
+    sample.
 
-    score: the result; its intervals are what missing cases leave open.
-    intervals: intervals by the sample, of the cases that are there.
+    score: the result. Its intervals are the bounds that missing cases leave open.
+    intervals: by the sample, of the cases that are there.
     most_of_s: largest value of S.
 
-    Each end is the bound that missing cases leave open, moved outwards by the distance of the
-    sample's end from the score, but not out of the score's range.
+    Each end is the bound by missing cases, moved outwards by the distance between the score and the
+    sample's end, but not out of the score's range.
     """
     ends: dict[str, Any] = {}
     for name, (low, high) in intervals.limits.items():
         value = getattr(score, name)
         worst, best = getattr(score, f"{name}_interval") or (value, value)
         least, most = WITHIN.get(name, (0.0, most_of_s))
-        # where rounding has put the score out of its range, the score is the bound
+        # if rounding has put the bound out of the score's range, the bound itself is the limit
         ends[f"{name}_interval"] = (
             float(max(worst - (value - low), min(least, worst))),
             float(min(best + (high - value), max(most, best))),

@@ -18,7 +18,12 @@ from sumo_eval.scoring.confidence.drivers import (
     exchanges,
     stratified_deviations,
 )
-from sumo_eval.scoring.confidence.intervals import ONE_MORE, Judged, _with_one_more, score_intervals
+from sumo_eval.scoring.confidence.intervals import (
+    ONE_MORE,
+    AdsCases,
+    _with_one_more,
+    score_intervals,
+)
 from sumo_eval.scoring.confidence.resamples import of_one_number, one_list, resamples, strata
 from sumo_eval.settings import DriverSettings, MethodSettings, PopulationSettings
 from sumo_eval.settings.random_streams import random_stream
@@ -34,7 +39,7 @@ def hits(hit, share):
 
 def judged(n=60, *, ads="one", hazardous=None, drivers=NO_DEVIATIONS, **changes):
     marked = np.ones(n, dtype=bool) if hazardous is None else hazardous
-    return Judged(ads, terms_of(n, **changes), np.arange(n), marked, drivers)
+    return AdsCases(ads, terms_of(n, **changes), np.arange(n), marked, drivers)
 
 
 def intervals(one, groups=None, *, seed=3, replicates=2_000):
