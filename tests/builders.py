@@ -4,9 +4,9 @@ import tomllib
 from dataclasses import replace
 
 import numpy as np
+from evaluations import EMPTY, small
 from scipy.integrate import cumulative_trapezoid
 
-from sumo_eval.cases import CaseResult
 from sumo_eval.method.index_terms import IndexNote
 from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.run_folder import FACTS
@@ -16,14 +16,7 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.score_notes import BeyondRange
 from sumo_eval.scoring.quantities import combine
-from sumo_eval.settings import (
-    AdsSettings,
-    DriverSettings,
-    EvaluationSettings,
-    MethodSettings,
-    SamplingSettings,
-    ScenarioSettings,
-)
+from sumo_eval.settings import MethodSettings, RunSettings
 from sumo_eval.trajectory import Clip, Collision, Latency, Recording, Trajectory
 
 CALM = "calm"
@@ -48,12 +41,9 @@ def evaluation(folder, partitions):
     calm: 0.5 m to the left; hits in the hazardous zone only; one case crashed and has no recording.
     HOSTILE: hits in the safe zone of the cut-out, so it has no D there; one case of the other
         scenario has an error."""
-    settings = EvaluationSettings(
-        name="made <by> hand",
-        scenario=tuple(ScenarioSettings(name, SamplingSettings(levels=3)) for name in SCENARIOS),
-        ads=(AdsSettings(CALM, "idm"), AdsSettings(HOSTILE, "no_reaction")),
-        drivers=DriverSettings(count=DRIVERS),
-    )
+    ads = {CALM: "idm", HOSTILE: "no_reaction"}
+    plain = small(ads, SCENARIOS, DRIVERS, run=RunSettings())
+    settings = replace(plain, name="made <by> hand")
     zones, scores, cases = [], [], []
     folder.mkdir(parents=True, exist_ok=True)
     with open_store(folder / FACTS, create=True) as store:
@@ -120,12 +110,10 @@ def _case(store, number, concrete, zone, ads):
     elif not cut_out and number == 2 and ads == HOSTILE:
         status = "off_road"
     case = Case(number, concrete, "ads", ads, "idm")
-    row = CaseResult(
-        case=case.key, scenario=concrete.scenario, ads=ads, values=concrete.values,
+    row = replace(
+        EMPTY, case=case.key, scenario=concrete.scenario, ads=ads, values=concrete.values,
         zone=zone,
-        exposure=concrete.exposure, status=status, end_reason=None, error=None, wall_time=None,
-        simulated_time=None, latency_mean=None, latency_max=None, collided=False,
-        ideal_severity=0.0, no_reaction_severity=0.0 if safe else 12.0,
+        exposure=concrete.exposure, status=status, no_reaction_severity=0.0 if safe else 12.0,
         weight=0.25 + 0.01 * number, task_share=float(status == "ok") if safe else None,
     )  # fmt: skip
     if status == "crashed":

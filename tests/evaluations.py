@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Mapping
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.settings import (
     AdsSettings,
     DriverSettings,
@@ -12,6 +13,14 @@ from sumo_eval.settings import (
     ScenarioSettings,
 )
 from sumo_eval.settings.config import settings_from
+
+EMPTY = CaseResult(
+    case="", scenario="s", ads="a", values={}, zone="hazardous", exposure=1.0, status="ok",
+    end_reason=None, error=None,
+    wall_time=None, simulated_time=None, latency_mean=None, latency_max=None, collided=False,
+    ideal_severity=0.0, no_reaction_severity=10.0,
+)  # fmt: skip
+"""A case in which nothing happened."""
 
 
 def settings_of(**changes):

@@ -54,14 +54,10 @@ def _closed():
     close()
 
 
-def scenarios():
-    return tuple(catalogue.SCENARIOS)
-
-
-@pytest.mark.parametrize("scenario", scenarios())
+@pytest.mark.parametrize("scenario", catalogue.SCENARIOS)
 def test_gymnasium_accepts_the_environment_of_every_scenario(scenario):
-    bent = catalogue.load(scenario).road.bent
     logical = catalogue.load(scenario)
+    bent = logical.road.bent
     if logical.concretes(central_point(logical)[None])[0].lively:
         with refusal("time alone to be learned in, and lanes that neither open nor end"):
             make(f"sumo_eval/{scenario}-v0", steering=True).reset()
@@ -389,7 +385,7 @@ def test_rows_restart_without_actors_and_keep_no_history():
 
 def test_every_scenario_is_registered_once():
     sumo_eval.extras.gym.register()
-    for scenario in scenarios():
+    for scenario in catalogue.SCENARIOS:
         assert f"sumo_eval/{scenario}-v0" in gymnasium.registry
 
 

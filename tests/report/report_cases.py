@@ -36,6 +36,12 @@ def pick(evaluation, *, collided, zone="hazardous"):
     )
 
 
+def with_scores(evaluation, **values):
+    """The evaluation with every score changed."""
+    scores = (replace(score, **values) for score in evaluation.scores)
+    return replace(evaluation, scores=tuple(scores))
+
+
 def with_settings(evaluation, **values):
     return replace(evaluation, settings=replace(evaluation.settings, **values))
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import builders
 import pytest
 from refusals import refused
-from report_cases import HIT, every, pick, with_case
+from report_cases import HIT, every, pick, with_case, with_scores
 from tables import rows_of, values_of
 
 from sumo_eval.nightly import gates
@@ -39,12 +39,6 @@ def judged(base, new, *limits):
     """By these limits alone, without any by the rule."""
     settings = GateSettings(resamples=400, **({"limit": limits, **OFF} if limits else {}))
     return judge(new, compare(base, new, settings), settings)
-
-
-def with_scores(evaluation, **values):
-    return replace(
-        evaluation, scores=tuple(replace(score, **values) for score in evaluation.scores)
-    )
 
 
 def test_a_repeat_of_the_same_run_passes_every_gate(evaluation):

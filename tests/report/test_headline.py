@@ -189,17 +189,15 @@ def test_an_answer_compares_those_who_have_its_score(evaluation, field, place, n
 
 
 def test_no_ads_is_the_most_human_at_nought(evaluation):
-    scores = tuple(replace(score, human_likeness=0.004) for score in evaluation.scores)
-    unranked = Ranking({}, 0.95, tuple(RankedAds(it.ads, None, None, None) for it in scores), ())
-    found = headline(replace(evaluation, scores=scores, ranking=unranked)).answers
+    even = report_cases.with_scores(evaluation, human_likeness=0.004)
+    ads = tuple(RankedAds(it.ads, None, None, None) for it in even.scores)
+    found = headline(replace(even, ranking=Ranking({}, 0.95, ads, ()))).answers
     assert found[1] == ("Most human", "no ADS, every H is 0.00.")
 
 
 def test_without_a_task_a_prime_stands_in_for_s_plus(evaluation):
-    scores = tuple(replace(score, task_share=None, s_plus=None) for score in evaluation.scores)
-    answer = dict(headline(replace(evaluation, scores=scores, ranking=UNRANKED)).answers)[
-        "Best by S+"
-    ]
+    without = report_cases.with_scores(evaluation, task_share=None, s_plus=None)
+    answer = dict(headline(replace(without, ranking=UNRANKED)).answers)["Best by S+"]
     assert answer.startswith("none: no safe case could be compared with a reference")
     assert "A'" in answer
 
@@ -243,9 +241,7 @@ def test_first_screen_says_what_the_terminal_says(evaluation):
 
 
 def test_departures_stand_beside_collisions(evaluation):
-    left = replace(
-        evaluation, scores=tuple(replace(score, departures=2) for score in evaluation.scores)
-    )
+    left = report_cases.with_scores(evaluation, departures=2)
     for row in summary_content(left, Additions())["rows"]:
         assert (
             row["of"].departures == 2 * sum(score.ads == row["of"].ads for score in left.scores) > 0

@@ -15,7 +15,7 @@ import pytest
 from lxml import html
 from packed_pages import unpacked
 from refusals import refusal
-from report_cases import with_losses, with_settings
+from report_cases import with_losses, with_scores, with_settings
 from tables import values_of
 
 from sumo_eval.case_table import CaseTable
@@ -98,8 +98,8 @@ def test_the_scores_headings_have_tooltips(tags):
 
 
 def test_an_interval_stands_below_its_score(evaluation, partitions):
-    scores = tuple(replace(s, s_plus_interval=(12.0, 87.0)) for s in evaluation.scores)
-    page = write_report(replace(evaluation, scores=scores), partitions).read_text()
+    wide = with_scores(evaluation, s_plus_interval=(12.0, 87.0))
+    page = write_report(wide, partitions).read_text()
     assert page.count('<small class="pair">12..87</small>') == len(evaluation.scores)
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import builders
 from click import unstyle
+from report_cases import with_scores, with_settings
 
 from sumo_eval.report.score_table import score_lines
 from sumo_eval.report.terminal import closing_lines, ledger_lines
@@ -48,19 +49,17 @@ def test_at_most_five_kinds_of_cases_are_listed_and_the_rest_is_counted(evaluati
 
 
 def test_nothing_is_said_of_synthetic_drivers_when_they_are_not(evaluation):
-    recorded = replace(evaluation.settings, drivers=DriverSettings(source="mine:drivers"))
-    assert not any(
-        "synthetic" in line for line in closing_lines(replace(evaluation, settings=recorded))
-    )
+    recorded = with_settings(evaluation, drivers=DriverSettings(source="mine:drivers"))
+    assert not any("synthetic" in line for line in closing_lines(recorded))
     nobody = NotComputed("no_drivers")
-    alone = [replace(score, human_likeness=None, h_reason=nobody) for score in evaluation.scores]
-    told = "\n".join(closing_lines(replace(evaluation, scores=tuple(alone))))
+    bare = with_scores(evaluation, human_likeness=None, h_reason=nobody)
+    told = "\n".join(closing_lines(bare))
     assert "D and H have no drivers to compare with" in told
     assert "human drivers of each concrete scenario" not in told
-    (first, *_), (last, *_) = alone, reversed(alone)
+    first, *_, last = bare.scores
     some = [
         one if one.scenario == last.scenario else score
-        for one, score in zip(alone, evaluation.scores, strict=True)
+        for one, score in zip(bare.scores, evaluation.scores, strict=True)
     ]
     assert first.scenario != last.scenario
     told = "\n".join(closing_lines(replace(evaluation, scores=tuple(some))))

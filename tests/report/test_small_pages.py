@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from browser import Page, needs_chromium
 from page_checks import holds_what_every_page_holds, saved_table, size
-from report_cases import HIT, pick, with_case
+from report_cases import HIT, pick, with_case, with_scores
 
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.html import Additions, write_comparison, write_report
@@ -32,11 +32,9 @@ def test_compare_points_and_a_report_without_people_hold_what_every_page_holds(
     comparison = write_comparison(struck, Additions(comparison=compared), tmp_path / "compare.html")
     nobody = NotComputed("no_drivers")
     blank = {"s": None, "d": None, "s_plus": None, "avoided_share": None, "human_likeness": None}
-    bare = [
-        replace(score, **blank, d_reason=nobody, h_reason=nobody) for score in evaluation.scores
-    ]
+    bare = with_scores(evaluation, **blank, d_reason=nobody, h_reason=nobody)
     shutil.copy(evaluation.folder / FACTS, tmp_path)
-    report = write_report(replace(evaluation, scores=tuple(bare), folder=tmp_path), partitions)
+    report = write_report(replace(bare, folder=tmp_path), partitions)
     logical = catalogue.load(builders.SCENARIOS[0])
     unit = np.random.default_rng(1).uniform(size=(30, len(logical.names)))
     chosen = logical.from_unit(unit)

@@ -5,9 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from evaluations import EMPTY
 from record.runs import sumo_eval_cli, write_evaluation
 
-from sumo_eval.cases import CaseResult
 from sumo_eval.report.notes import score_note
 from sumo_eval.report.score_table import score_lines
 from sumo_eval.results import Evaluation
@@ -20,12 +20,7 @@ from sumo_eval.settings import (
     ScenarioSettings,
 )
 
-EMPTY = CaseResult(
-    case="", scenario="s", ads="a", values={}, zone="hazardous", exposure=1.0, status="ok",
-    end_reason=None, error=None,
-    wall_time=None, simulated_time=None, latency_mean=None, latency_max=None, collided=False,
-    ideal_severity=0.0, no_reaction_severity=10.0,
-)  # fmt: skip
+SETTINGS = EvaluationSettings("e", (ScenarioSettings("s"),), (AdsSettings("a", "idm"),))
 HIT = replace(
     EMPTY,
     case="hit",
@@ -211,8 +206,7 @@ def test_the_note_says_how_many_are_missing_and_where_and_the_table_shows_the_in
     assert interval.startswith(
         "With the missing cases counted as worst and as best: C within 0.067..0.900, D within"
     )
-    settings = EvaluationSettings("e", (ScenarioSettings("s"),), (AdsSettings("a", "idm"),))
-    table = score_lines(Evaluation("e", Path(), settings, {}, (), (result,), ()), everything=True)
+    table = score_lines(Evaluation("e", Path(), SETTINGS, {}, (), (result,), ()), everything=True)
     assert "0.400 (0.067..0.900)" in "\n".join(table)
 
 

@@ -1,5 +1,7 @@
 """A severity of one's own from the evaluation file to the scores, on real SUMO runs."""
 
+from dataclasses import replace
+
 import pytest
 from laid import read_json
 from refusals import refusal
@@ -72,12 +74,8 @@ def test_the_scores_tell_which_severity_they_were_made_with(found):
     assert made_with["name"] == "own.py:by_speed"
     assert made_with["unit"] == "loss"
     assert len(made_with["sha256"]) == 64
-    edited = sumo_eval.results.Evaluation(
-        found.name, found.folder, found.settings,
-        {**found.manifest, "severity": {**made_with, "sha256": "0" * 64}}, found.zones,
-        found.scores, found.cases,
-        found.exposures,
-    )  # fmt: skip
+    manifest = found.manifest | {"severity": made_with | {"sha256": "0" * 64}}
+    edited = replace(found, manifest=manifest)
     assert [item.what for item in differences(found, edited) if item.decides] == [
         "file of the severity"
     ]

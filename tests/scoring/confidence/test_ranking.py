@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import refusal
-from scoring.test_scoring_intervals import HIT, LOST_SAFE, SAFE, combined
+from scoring.test_scoring_intervals import HIT, LOST_SAFE, SAFE, SETTINGS, combined
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.report.score_table import score_lines
@@ -19,9 +19,8 @@ from sumo_eval.scoring.confidence.ranking import rank
 from sumo_eval.scoring.confidence.resamples import one_list
 from sumo_eval.scoring.confidence.scored import with_intervals
 from sumo_eval.scoring.quantities import combine
-from sumo_eval.settings import AdsSettings, EvaluationSettings, RankingSettings, ScenarioSettings
+from sumo_eval.settings import RankingSettings
 
-SETTINGS = EvaluationSettings("e", (ScenarioSettings("s"),), (AdsSettings("a", "idm"),))
 UNIFORM = np.random.default_rng(4).uniform(size=80)
 
 
