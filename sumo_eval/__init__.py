@@ -29,7 +29,7 @@ _import_name = first_use("sumo_eval", _HOMES)
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use: `import sumo_eval` and `sumo-eval --help` cost nothing."""
+    """A name of `__all__`, imported on first use: `import sumo_eval` alone loads none of them."""
     if name == "__version__":
         from importlib.metadata import version
 

@@ -1,7 +1,8 @@
 """Results of many cases as a table of columns.
 
-`scoring/` makes it, `report/` and `nightly/` read it. A table loads a column when it is first used:
-a million records in memory are some gigabytes, their columns on disk a twentieth of that.
+`scoring/` makes the table, `report/` and `nightly/` read it. A table loads a column when it is
+first used: a million records take some gigabytes of memory, their columns on disk a twentieth of
+that.
 
 Users: `nightly/`, `record/`, `report/`, `results.py`, `scoring/`, `extras/`.
 """
@@ -136,6 +137,7 @@ def _array(name: str, data: bytes, rows: int) -> Column:
 def _plain(name: str, data: bytes, rows: int) -> list[Any]:
     """A column as the values of records, with None for nan."""
     if _is_real(name):
+        # only nan differs from itself
         return [None if value != value else value for value in _real(data, rows).tolist()]
     values, indices = _listed(data, rows)
     return [values[index] for index in indices.tolist()]

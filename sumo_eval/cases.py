@@ -1,6 +1,7 @@
 """The result of one case: fields that are recorded or computed once, and properties that follow.
 
-`scoring/` makes records, `report/` and `nightly/` read them; a table of many is in `case_table.py`.
+`scoring/` makes records, `report/` and `nightly/` read them; `case_table.py` holds many of them as
+a table.
 
 Users: `case_table.py`, `nightly/`, `record/`, `report/`, `results.py`, `score_notes.py`,
 `scoring/`, `whatif/`, `extras/`.
@@ -30,8 +31,8 @@ OUTCOMES = "no contact", "collision", "off road", "not evaluated"
 GAVE_UP = "ads_error", "ads_timeout", "timeout", "crashed", "rejected"
 """Statuses of cases that failed because of their ADS: it "gave up".
 
-They were not evaluated, but count in T, A, A', H and S+. The one status that is in neither list,
-`sim_error`, is a fault of the simulation and counts nowhere.
+These cases were not evaluated, but count in T, A, A', H and S+. The status `sim_error` is in
+neither list: it is a fault of the simulation and counts nowhere.
 """
 
 

@@ -61,9 +61,9 @@ LEAST_ALIKE = 0.55  # similarity of difflib, 0..1, from which a name is offered
 def nearest(name: str, known: Sequence[str]) -> str | None:
     """The known name that is most similar to a misspelt one, None where none is similar.
 
-    It gives the answer of `difflib.get_close_matches`, but faster for a hundred thousand known
-    names. It begins with the one that has the longest common beginning: after that, quick upper
-    bounds of the similarity rule out most of the rest.
+    The answer is that of `difflib.get_close_matches`, but it comes faster for a hundred thousand
+    known names. The known name with the longest common beginning is compared first. After that,
+    quick upper bounds of the similarity rule out most other names.
     """
     if not known:
         return None
@@ -183,8 +183,8 @@ def check_known(kind: str, known: Collection[str], *names: str) -> None:
 def said(error: BaseException) -> str:
     """Words for an exception, as `ValueError: no such lane`, without a full stop at the end.
 
-    For an attribute that an object of this package lacks, they offer `ego.NAME` if the object's ego
-    has it, else the object's attribute of the nearest name.
+    If an object of this package lacks an attribute, the words offer another: `ego.NAME` where the
+    object's ego has that attribute, else the object's attribute of the nearest name.
     """
     text = words_of(error).strip().rstrip(".")
     if (
@@ -201,11 +201,11 @@ def said(error: BaseException) -> str:
 
 @contextmanager
 def users_code(what: str, *stay: type[Exception]) -> Iterator[None]:
-    """A block that runs code of a user or of another package. All that it raises becomes an
-    InputError, except Ctrl-C.
+    """A block that runs code of a user or of another package. Each exception of that code becomes
+    an InputError; only Ctrl-C (KeyboardInterrupt) is raised unchanged.
 
-    what: begins the sentence, ``Sampler `my.py:points` failed`` for example.
-    stay: further errors that are raised unchanged.
+    what: begins the error message, ``Sampler `my.py:points` failed`` for example.
+    stay: further exceptions that are raised unchanged.
     """
     try:
         yield

@@ -1,11 +1,11 @@
 """The method from end to end, in the paper's six steps.
 
-The only module that knows both SUMO's side and the equations'.
+It joins recording (`record/`), which simulates, with scoring (`scoring/`), which computes.
 
 Facts first: `evaluate` simulates and stores what happened. Scores second: `score` computes every
-index from the stored facts alone, again and again, with other settings if wanted, without a
-simulation. Modules that simulate or compute are imported where they are needed: scores that a run
-keeps are read without these imports, which take a second.
+index from the stored facts alone, without a simulation, as often as wanted and with other settings
+if wanted. Functions import the modules that simulate or compute where they need them: these imports
+take a second, and scores that a run has kept are read without them.
 
 Users: `cli/`, `nightly/`, `report/assessed.py`, `extras/figures/`, `extras/studies/sensitivity.py`.
 """
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from sumo_eval.record.facts import Evaluable, Recorded
 
 
-_NOT_DRIVEN_BY = "method.", "report.", "run.workers", "run.incomplete"
+_SCORING_SETTINGS = "method.", "report.", "run.workers", "run.incomplete"
 """Beginnings of settings on which no recorded fact depends."""
 
 
@@ -79,7 +79,7 @@ def evaluate(
     record_rounds(run, folder, resume=resume, progress=progress, stopping=stopping)
     done = score(folder, progress=progress, resolved=run)
     discard_trajectories(done)
-    # by name: `report/` imports this file
+    # loaded by its name, because `report/` imports this file
     load_object("sumo_eval.report.junit:write_results", None, "function")(done)
     return done
 
@@ -98,7 +98,7 @@ def record_rounds(
     adaptive = any(entry.sampling.method == "adaptive" for entry in run.settings.scenario)
     if adaptive:
         run = in_rounds(run, folder if resume else None)
-    # driving needs no zones, scoring does: those that are not known are found meanwhile
+    # scoring needs the zones, driving does not: missing ones are computed while cases are driven
     zones_known = zones_are_known(run.settings, run.source)
     zones = None if zones_known else partial(find_zones, run.settings, run.source, folder)
     record = partial(record_facts, folder=folder, progress=progress, stopping=stopping)
@@ -110,13 +110,13 @@ def record_rounds(
             break
         run, notes = replace(run, settings=further), recorded.notes
         recorded = record(run, resume=True, another_round=True)
-        # of all rounds, each once
+        # the notes of all rounds, each note once
         recorded = replace(recorded, notes=tuple(dict.fromkeys(notes + recorded.notes)))
     return recorded
 
 
 def _further_rounds(evaluation: Evaluation, settings: EvaluationSettings) -> EvaluationSettings:
-    """The settings with one more round in every adaptive scenario that has not come to its end."""
+    """The settings with one more round in every adaptive scenario whose sample is not complete."""
     from sumo_eval.scoring.confidence.next_round import further_round
 
     entries = []
@@ -142,13 +142,13 @@ def score(
     changes: settings to use instead, e.g. `method.score.a=60`.
     resolved: the evaluation of the run, where its scenarios have been looked up.
 
-    Results are kept in the run's folder under a hash of all that they depend on, and read from
-    there.
+    The run's folder keeps the results under a hash of all that they depend on. If it has them
+    already, they are read from there.
     """
     folder = Path(run)
     settings = with_changes(run_folder.read_settings(folder), changes)
     for change in changes:
-        if not change.strip().startswith(_NOT_DRIVEN_BY):
+        if not change.strip().startswith(_SCORING_SETTINGS):
             raise InputError(
                 f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts "
                 "depend on it. Only `method`, `report`, `run.workers` and `run.incomplete` can; "
@@ -224,6 +224,7 @@ def discard_trajectories(evaluation: Evaluation) -> int:
                 lambda scenario, number: (scenario, number) in critical
             )
         cache = KeptResults(folder)
+        # the file has changed, so it is checked as a whole before it is vouched for
         with open_store(facts, whole=True):
             vouch(facts, cache)
         cache.close()

@@ -1,8 +1,8 @@
 """Text from outside - exceptions, tracebacks, logs, names, cells - made fit to be kept, sent and
 shown.
 
-`clean` is the one function for that. It is called where a text is made, so that no more of it
-travels than is kept.
+`clean` is the one function for that. It is called where a text is made: what would be cut later is
+then never sent to another process.
 
 Users: `cli/`, `cosim/`, `drivers/`, `errors.py`, `input_file.py`, `method/`, `nightly/`, `record/`,
 `report/`, `scenario/`, `scoring/`, `settings/`, `extras/`.
@@ -40,6 +40,7 @@ UNFIT = re.compile(
 # address of an object; the `>` is optional, so that the search reads a text only once
 _ADDRESS = re.compile(r"(?: at 0x[0-9A-Fa-f]+)+(>?)")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
+# first characters of a cell that a spreadsheet runs as a formula
 _FORMULA = "=", "+", "-", "@", "\t", "\r", "\n"
 
 
@@ -101,8 +102,8 @@ def _replaced(text: str, *, lines: bool) -> str:
 
 
 def words_of(value: object, most: int = WORDS) -> str:
-    """Text of an exception, or of any other object of a user's, cleaned, whatever its `__str__`
-    does.
+    """`str` of an exception or of another object, cleaned and cut; its `__str__` may be a user's
+    and may fail.
     """
     try:
         return clean(str(value), most)
@@ -134,7 +135,7 @@ def capitalised(text: str) -> str:
 
 
 def shown(value: object, most: int = WORDS) -> str:
-    """`repr` of anything, cleaned and cut; whatever its `__repr__` does."""
+    """`repr` of any object, cleaned and cut; its `__repr__` may be a user's and may fail."""
     try:
         return clean(repr(value), most)
     # `__repr__` is the user's code; an int may have too many digits
@@ -144,6 +145,7 @@ def shown(value: object, most: int = WORDS) -> str:
 
 def kind_of(value: object) -> str:
     """The name of a value's class."""
+    # by `type`'s own attribute: a user's metaclass may define another `__name__`
     return clean(type.__dict__["__name__"].__get__(type(value)), WORDS)
 
 

@@ -94,10 +94,10 @@ may type instead.
 """
 
 MEANT = {name: words for names in TASKS.values() for name, words in names.items()}
-"""Words that a user may type instead of a command of this package."""
+"""By command of this package: words that a user may type instead, separated by spaces."""
 
 FURTHER = "From other packages"
-"""Section of the help with all other commands."""
+"""Section of the help with the commands of other packages."""
 
 
 class _Group(click.Group):
@@ -124,7 +124,9 @@ class _Group(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         refuse_command(args)
         if args and not args[0].startswith("-") and args[0] not in commands():
-            if args[0] in MEANT:  # an extra's command, added after the package was installed
+            if (
+                args[0] in MEANT
+            ):  # of this package, but its entry point was added after installation
                 raise click.UsageError(
                     f"Command `{args[0]}` is not installed: run `pip install -e .` again."
                 )
@@ -150,7 +152,7 @@ class _Group(click.Group):
         return command.get_short_help_str(limit=WHOLE)
 
     def main(self, args: Any = None, *rest: Any, **named: Any) -> Any:
-        if args is None:  # called from a shell; a caller in Python, as a test, gives arguments
+        if args is None:  # called from a shell; callers in Python, such as tests, give arguments
             # SIGTERM acts as Ctrl-C, outside of drives as well
             signal.signal(signal.SIGTERM, signal.default_int_handler)
             _fill_closed_streams()
@@ -161,13 +163,13 @@ class _Group(click.Group):
         return super().main(args, *rest, **named)
 
     def invoke(self, ctx: click.Context) -> Any:
-        # Limit linear algebra to one thread, before numpy is loaded, unless the user has set a
-        # number. The matrices here are small: threads would only wait for each other, and the last
-        # bits of sums depend on their number.
+        # Limit linear algebra to one thread unless the user has set a number; this must be done
+        # before numpy is loaded. The matrices are small, so threads would only wait for each other.
+        # The last bits of sums depend on the number of threads.
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
             os.environ.setdefault(name, "1")
         _give_memory_back()
-        # else Python searches all objects for garbage at exit, which takes 0.2 s
+        # without this, Python searches all objects for garbage at exit, which takes 0.2 s
         atexit.register(gc.freeze)
         with _errors_reported():
             return super().invoke(ctx)
@@ -186,7 +188,7 @@ def _errors_reported() -> Iterator[None]:
         tell(f"sumo-eval: {str(stop) or 'Stopped.'}", err=True)
         sys.exit(INTERRUPTED)
     except SumoEvalError as error:
-        # else the fork server keeps loading the simulator for seconds
+        # without this, the fork server continues to load the simulator for seconds
         if "sumo_eval.record.children" in sys.modules:
             import_module("sumo_eval.record.children").cool_down()
         _refuse(str(error))
@@ -194,15 +196,15 @@ def _errors_reported() -> Iterator[None]:
         _stdout_to_nowhere()
         if error.errno == errno.EPIPE:
             sys.exit(NOT_READ)
-        # only `os.getcwd` names no file
+        # an error without a file name is that of `os.getcwd`
         name = error.filename or ("the working folder" if error.errno == errno.ENOENT else "")
         place = f" ({clean(str(name), 200)})" if name else ""
         _refuse(f"{error.strerror or error}{place}. What was finished before is kept.")
 
 
 def _nearest(name: str) -> str:
-    """Last sentence of an error: the command with that meaning, else the one with the most similar
-    name.
+    """Last sentence of an error: offers the command that has the name among its words in `MEANT`,
+    else the command with the most similar name.
     """
     word = name.lower()
     for command, words in MEANT.items():
@@ -245,8 +247,8 @@ def _loaded(point: EntryPoint) -> click.Command:
 
 
 def _read_utf8() -> None:
-    """Restart Python in UTF-8 mode if names of files have another encoding, which lacks characters
-    of some paths.
+    """Restart Python in UTF-8 mode if it uses another encoding for names of files: some paths have
+    characters that this encoding lacks.
     """
     if sys.getfilesystemencoding().lower() != "utf-8" and not sys.flags.utf8_mode:
         arguments = [sys.executable, "-X", "utf8", *sys.orig_argv[1:]]
@@ -254,10 +256,10 @@ def _read_utf8() -> None:
 
 
 def _give_memory_back() -> None:
-    """Return arrays of more than 2 MiB to the system when they are released.
+    """Return the memory of arrays of more than 2 MiB to the system when they are released.
 
-    The GNU C library keeps released memory between objects that are in use: 100 MB for a page of a
-    million cases. Other C libraries have no such setting.
+    The GNU C library would keep released memory that lies between objects in use: 100 MB while a
+    page of a million cases is written. Other C libraries have no such setting.
     """
     mmap_threshold = -3  # M_MMAP_THRESHOLD of malloc.h
     # Windows raises TypeError for CDLL(None)
@@ -273,8 +275,9 @@ def _refuse(sentence: str) -> NoReturn:
 
 
 def _fill_closed_streams() -> None:
-    """Replace standard streams that are closed (`>&-` in a shell) by the null device, for children
-    too. Else the next file to be opened would get the number of such a stream.
+    """Replace standard streams that are closed (`>&-` in a shell) by the null device, for child
+    processes too. Otherwise the next file that is opened would get the number of such a stream, and
+    printed text would go into that file.
     """
     # each `open` takes the lowest free number, so first those of closed streams (0, 1, 2)
     while (number := os.open(os.devnull, os.O_RDWR)) < 3:

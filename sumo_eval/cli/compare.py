@@ -72,7 +72,7 @@ def compare(
 
     settings = read_gate(gate)
     give_what_is_own(base, new)  # trusts the ADS code of a run that this user recorded here
-    # fails now for a run that is not complete or was changed, as scoring may take hours
+    # a run that is incomplete or was changed is refused now: scoring the other may take hours
     for run in (base, new):
         refuse_to_score(run)
     partners = _partners(pairs, base, new)
@@ -105,16 +105,17 @@ def _partners(pairs: Sequence[str], base: Path, new: Path) -> dict[str, str]:
     partners = []
     olds, news = ([ads.name for ads in read_settings(run).ads] for run in (base, new))
     for pair in pairs:
-        split = re.fullmatch("(?s)(.+?)=(.+)", pair)  # at the first `=` between two names
+        split = re.fullmatch("(?s)(.+?)=(.+)", pair)  # at the first `=` that has text on both sides
         if split is None:
             raise InputError(f"A pair must have the form BASE=NEW, got {listed!r}.")
-        # the first between two known names; if none is, the error names the first split
+        # A `=` may be part of a name: the split into two known names is used. If there is none, the
+        # first split is, which `check_known` refuses.
         known = (it for it in product(sorted(olds, key=len), news) if "=".join(it) == pair)
         old, now = next(known, split.groups())
         check_known("ADS", olds, old)
         check_known("ADS", news, now)
         partners.append((old, now))
-    # `side`: all names of the base, then all names of the new run
+    # `zip` gives two sides: all names of the base, and all names of the new run
     if any(len(set(side)) < len(partners) for side in zip(*partners, strict=True)):
         raise InputError(f"An ADS may stand in one --pair only, got {listed!r}.")
     return dict(partners)
@@ -228,7 +229,7 @@ def trend(history: Path, runs: tuple[Path, ...]) -> None:
 
     if runs:
         with Progress() as progress:
-            for run in runs:  # each is named, also where a later one is refused
+            for run in runs:  # one at a time: earlier ones are named even if a later one is refused
                 (night,) = import_runs(history, [run], progress)
                 tell(f"Added {night.folder} as night {night.night}.")
     with open_history(history) as database:

@@ -32,7 +32,7 @@ ALL = flag(
 
 
 def scored(run: Path, changes: Sequence[str] = (), resolved: Resolved | None = None) -> Evaluation:
-    """A run, scored with a bar on the terminal.
+    """A run, scored; the terminal shows the progress.
 
     changes, resolved: as in `score`.
     """
@@ -61,8 +61,8 @@ def finish(
 ) -> NoReturn:
     """Write report and result files, print the tables, and exit with the status of the cases.
 
-    notes: sentences to print above the line that says where the report is.
-    everything: whether all tables are printed.
+    notes: sentences to print before the line that names the report.
+    everything: whether to print all tables.
     """
     from sumo_eval.report.assessed import write_assessed_report
     from sumo_eval.report.junit import write_results
@@ -77,7 +77,9 @@ def finish(
 
 
 def leave(evaluation: Evaluation, status: int) -> NoReturn:
-    """Leave with the status of the gates, or with that of cases that could not be evaluated."""
+    """Exit with a status: `status` unless it is `DONE`, else that of cases that could not be
+    evaluated. `run.incomplete = "gate"` makes such cases a failed gate.
+    """
     if evaluation.not_evaluated and evaluation.settings.run.incomplete == "gate":
         tell("The gate failed: `run.incomplete` allows no case that could not be evaluated.")
         sys.exit(GATE_FAILED)

@@ -17,10 +17,10 @@ from sumo_eval.text import duration_words
 _LINE_EVERY = 10.0  # s between two plain lines of one stage
 # the time left is estimated from the last 30 s: a stage may begin at another rate
 _RECENT = 30.0
-_FEWEST_DONE = 5  # items; an estimate needs at least so many in these 30 s
-_SHORTEST = 5.0  # s; an estimate needs first and last of these items at least so far apart
+_FEWEST_DONE = 5  # items that must have ended in these 30 s for an estimate
+_SHORTEST = 5.0  # s that must lie between the first and the last of them for an estimate
 _WIDE = 120  # columns of a terminal with room for a long bar
-_BURST = 1.0  # s; reports within it are one burst, as of a batch whose cases end together
+_BURST = 1.0  # s; reports within this time are one burst, e.g. of a batch whose cases end together
 
 
 class _Burst(NamedTuple):
@@ -48,8 +48,8 @@ class _StageProgress:
     def note(self, now: float, done: int) -> None:
         """Remember the bursts of the last half minute.
 
-        Reports before the first new item are forgotten: in that time rules were compiled and
-        processes started, which says nothing about the rate of the rest.
+        The bursts before the first item that ends are dropped: during them rules are compiled and
+        processes start, and items end later at another rate.
         """
         recent = self._recent
         if recent and now - recent[-1].begin < _BURST:
@@ -64,10 +64,10 @@ class _StageProgress:
             recent.pop(0)
 
     def left(self, total: int, unless: str) -> str:
-        """`12.0/s, about 40 s left`, at the rate of the last half minute; "" too early, and at the
-        end.
+        """`12.0/s, about 40 s left`, at the rate of the last half minute; "" before there is a
+        rate, and at the end.
 
-        unless: text to append, on how the work may end sooner.
+        unless: appended text on how the work may end sooner.
         """
         first, last = self._recent[0], self._recent[-1]
         done, seconds = last.done - first.done, last.end - first.end
@@ -82,7 +82,7 @@ class Progress:
 
     The function's arguments: name of the stage, items done, their total, items that failed.
 
-    at_most: the work may end before the total is reached, as a search that finds its answer.
+    at_most: whether the work may end before the total is reached, as a search may.
     """
 
     def __init__(self, at_most: bool = False) -> None:

@@ -6,7 +6,7 @@ import sys
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
@@ -93,7 +93,7 @@ def run(
     if evaluation is not None and not evaluation.is_dir():
         from sumo_eval.settings.config import read_evaluation
 
-        # reports a mistake before the slow imports; the file's own ADSs count only without `--ads`
+        # reports a mistake before the slow imports; with `--ads` the file needs no ADSs of its own
         read_evaluation(evaluation, own_ads=not ads)
     with heard():
         # another process loads the simulator during these imports, which take a second; a signal
@@ -114,31 +114,39 @@ def run(
         raise click.UsageError("`--resume` and `--shard` need `--out`, the folder that is meant.")
     name = "paper" if evaluation is None else evaluation.stem
     folder = out or (Path() if dry_run else out_folder.default(name))  # a dry run writes nothing
-    changes["only"] = changes["only"] or None  # without the option the file's `only` holds
+    changes["only"] = changes["only"] or None  # None: without the option, the file's `only` holds
     resolved = replace(resolve(evaluation, folder, resume, ads, **changes), shard=part)
     if dry_run:
         tell(str(estimate(resolved, out if resume else None)))
         sys.exit(DONE)
-    # refusals before anything that takes time
+    # further refusals come before anything that takes time
     if out is not None:
         refuse_foreign(folder, resume)
     if resolved.settings.run.engine == "dask":
         from sumo_eval.record.cluster import refuse_without
 
         refuse_without(resolved.settings.run.scheduler)
+
     with Progress() as progress, stop_on_signal() as stopping:
         recorded = record_rounds(
             resolved, folder, resume=resume, progress=progress, stopping=stopping
         )
     say(recorded.notes)
     if part != WHOLE:
-        failed = recorded.not_evaluated
-        note = f", {failed} drives of ADSs were not evaluated" if failed else ""
-        tell(f"Shard {shard}: {recorded.drives} drives are recorded in {folder}{note}.")
-        sys.exit(NOT_EVALUATED if failed else DONE)
+        _leave_shard(shard, folder, recorded.drives, recorded.not_evaluated)
     result = scored(folder, resolved=resolved)
     discard_trajectories(result)
     finish(result, everything=everything)
+
+
+def _leave_shard(shard: str | None, folder: Path, drives: int, failed: int) -> NoReturn:
+    """Print the number of drives of a shard, and exit: `merge` scores all shards together.
+
+    drives, failed: number of recorded drives, and of drives of ADSs that were not evaluated.
+    """
+    note = f", {failed} drives of ADSs were not evaluated" if failed else ""
+    tell(f"Shard {shard}: {drives} drives are recorded in {folder}{note}.")
+    sys.exit(NOT_EVALUATED if failed else DONE)
 
 
 @click.command(epilog="Example: sumo-eval score results/first --set method.score.a=60")

@@ -1,5 +1,5 @@
-"""Lines that the commands print: on a terminal broken between words, to a file or a pipe whole; and
-how long the first sentence of a command may be.
+"""Lines that the commands print: on a terminal they are broken between words, in a file or a pipe
+they are whole. Also: how long the first sentence of a command's help may be.
 
 Users: `cli/`, `extras/`.
 """
@@ -31,9 +31,7 @@ def say(lines: Iterable[str], *, err: bool = False, fg: str | None = None) -> No
 
 
 def show(lines: Iterable[str], *, err: bool = False) -> None:
-    """Print styled lines as they are; without colours to a file, a pipe, or where NO_COLOR asks for
-    none.
-    """
+    """Print styled lines; a file, a pipe, or a terminal with NO_COLOR gets no colours."""
     colour = False if os.environ.get("NO_COLOR") else None
     for line in lines:
         click.echo(line, err=err, color=colour)
@@ -55,7 +53,8 @@ def open_in_browser(address: str) -> None:
 
 
 def broken(line: str, width: int) -> str:
-    """A line broken between words into parts of `width` characters at most, as its words allow.
+    """A line broken between words into parts of at most `width` characters; longer words stay
+    whole.
 
     A line that fits stays as it is, spaces between words too, so that columns stay columns.
     """

@@ -1,7 +1,7 @@
-"""Ctrl-C once: finish what runs, keep everything. Twice: stop at once, and still keep everything.
+"""Reaction to signals. The first Ctrl-C: finish the running cases, keep everything. The second:
+stop at once, and still keep everything.
 
-SIGTERM: running work has a few seconds to end, whatever it is; the sender mostly sends SIGKILL
-next.
+SIGTERM: the running cases have `GRACE` to end, since its sender mostly sends SIGKILL next.
 
 Users: `cli/compare.py`, `cli/run.py`, `extras/studies/trials.py`.
 """
@@ -20,9 +20,9 @@ GRACE = 10.0  # s for running cases after SIGTERM
 
 @contextmanager
 def heard() -> Iterator[None]:
-    """Context for imports: a Ctrl-C or SIGTERM that comes meanwhile is raised at its end.
+    """Context for imports: for a Ctrl-C or SIGTERM in it, KeyboardInterrupt is raised at its end.
 
-    During an import it could be raised in a callback of Python's own, which drops it.
+    Raised during an import, the exception could end in a callback of Python's own, which drops it.
     """
     signals = []
     with _handled(lambda number, frame: signals.append(number)):
@@ -33,11 +33,11 @@ def heard() -> Iterator[None]:
 
 @contextmanager
 def stop_on_signal() -> Iterator[Callable[[], bool]]:
-    """Context that gives a function: whether a signal has come, so work should stop. The
-    second signal raises KeyboardInterrupt.
+    """Context whose value is a function: whether a signal has come, after which work should stop.
+    The second signal raises KeyboardInterrupt.
     """
     signals: list[int] = []
-    # started by SIGTERM: sends a second one, which stops at once
+    # SIGTERM starts this timer, which sends a second SIGTERM; that stops at once
     last_signal = threading.Timer(GRACE, os.kill, (os.getpid(), signal.SIGTERM))
     last_signal.daemon = True
 
@@ -56,7 +56,7 @@ def stop_on_signal() -> Iterator[Callable[[], bool]]:
             yield lambda: bool(signals)
         finally:
             last_signal.cancel()
-    if signals:  # it came while the last cases ran: what follows may take as long as they did
+    if signals:  # also after the last case: the steps that follow may take as long as the cases
         raise KeyboardInterrupt
 
 

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from sumo_eval.record.recording import Space
     from sumo_eval.settings import EvaluationSettings
 
-    Part = tuple[Any, ...]  # what is checked; its check, which returns words on it; arguments
+    # (name of the part, function that checks it and returns words on it, arguments of the function)
+    Part = tuple[Any, ...]
 
 _MOST_POINTS = 200  # of a scenario's own sample, at which `check` searches for a hazard
 _MOST_FILES = 5  # of a folder, that an error message names
@@ -59,7 +60,7 @@ def check(what: str, step_timeout: float | None, case_timeout: float | None, see
     """
     from sumo_eval.scenario.shipped_files import scenario_files
 
-    # each `_check_...` ends the command: nothing below it is done
+    # each `_check_...` exits: the lines after its call do not run
     file, mark, options = what.partition("?")
     if file in scenario_files():
         _check_scenario(f"{scenario_files()[file]}{mark}{options}")
@@ -129,8 +130,8 @@ def _has_scheme(locator: str) -> bool:
 def _is_scenario(path: Path) -> bool:
     """Whether a file describes a logical scenario, by its tables.
 
-    In invalid TOML, `[[parameter]]` decides. For an unreadable file, False: the evaluation's
-    reader reports why.
+    In a file that is not valid TOML, the text `[[parameter]]` decides. False for a file that cannot
+    be read: the reader of evaluations then reports why.
     """
     from sumo_eval.settings.toml_file import read_toml
 
@@ -202,7 +203,7 @@ def _check_controller(
     findings, printed = check_apart(locator, cases, run)
     if printed:
         tell(f"It printed:\n{last_lines(printed, _MOST_LINES)}", err=True)
-    # there is always a finding; after the last one follows None
+    # each finding with the next one; None follows the last
     for finding, following in zip(findings, [*findings[1:], None], strict=True):
         tell(f"{finding.kind:4}  {finding.text}")
         # findings in a row with one remedy share its line
@@ -279,8 +280,8 @@ def _planned_parts(settings: EvaluationSettings, source: Path) -> Iterator[Part]
         drivers=DriverSettings(),
         simulation=replace(settings.simulation, plant=None),
     )
-    # all ADSs load in one call, which uses several processes; if it fails, each is checked alone,
-    # so that the message names it
+    # One call loads all ADSs, in several processes. If it fails, each ADS is checked alone, so that
+    # a line names the faulty one.
     all_load = False
     with suppress(InputError):
         all_load = bool(_planned(replace(bare, ads=settings.ads), source, "all"))

@@ -29,10 +29,10 @@ class Bases(NamedTuple):
     good, accepted: the last good night and the accepted one.
     comparison: with the last good night.
     pinned: comparison with the accepted night; None if both are one night.
-    notes: on nights that could not be used.
-    unusable: whether there are good nights, but none can be compared with; or an accepted one that
-        cannot.
-    steady: ADSs whose repeats in the last good night were all alike to the last bit.
+    notes: sentences on nights that could not be used.
+    unusable: whether there are good nights but none that can be compared with, or an accepted night
+        that cannot be compared with.
+    steady: ADSs whose repeats in the last good night were all equal to the last bit.
     """
 
     good: Night | None
@@ -52,8 +52,10 @@ class Bases(NamedTuple):
 def find_bases(
     history: Path, database: History, evaluation: Evaluation, settings: GateSettings
 ) -> Bases:
-    """Compare a night with the newest good one that can be used, in the order of adding, and with
-    the accepted one.
+    """Compare a night with two bases: the last good night that can be used, in the order of adding,
+    and the accepted night.
+
+    history: folder of the nights.
     """
     nights = database.nights()
     notes = []
@@ -92,7 +94,9 @@ def _first_usable(
     settings: GateSettings,
     notes: list[str],
 ) -> tuple[Night | None, Comparison | None]:
-    """The first comparable night, and the comparison; adds a note on each night tried before."""
+    """The first of the nights that can be compared with, and the comparison. A note on each night
+    before it is added to `notes`.
+    """
     for night in nights:
         try:
             return night, side_by_side(score(history / night.folder), evaluation, settings)
@@ -116,7 +120,9 @@ def pin_of(database: History) -> Accepted | None:
 
 
 class Acceptance(NamedTuple):
-    """An accepted night, its accepted failures and cases, and the failures that no base changes."""
+    """An accepted night, with sentences on its failures: `accepted` as they become part of the
+    base, and `remaining`, which fail in the next night all the same.
+    """
 
     night: Night
     accepted: list[str]
@@ -124,18 +130,19 @@ class Acceptance(NamedTuple):
 
 
 def accept(history: Path, night: str | None, reason: str, until: str | None) -> Acceptance:
-    """Accept a night as a base, by default the newest that ran.
+    """Accept a night as a base.
 
-    until: the last day on which that counts.
+    night: its name or folder; None: the newest that ran.
+    until: the last day on which the acceptance counts.
 
-    Raises InputError, also for a night that fails by limits on its own values alone: the next night
-    would fail all the same.
+    Raises InputError, also for a night that fails only by limits on its own values: with it as a
+    base, the next night would fail all the same.
     """
     if not reason.strip():
         raise InputError("--reason must say why the night is accepted, got an empty text.")
     if until is not None and until < _now()[:10]:
         raise InputError(f"--until must be today (UTC) or later, got {until}.")
-    # refuses a folder without a history
+    # `create` adds tables that an older history lacks; a folder without a history is refused
     with open_history(history, create=is_begun(history)) as database:
         nights = {night.night: night for night in database.nights()}
         if not nights:
@@ -184,7 +191,7 @@ def _failed(record: Path) -> tuple[set[str], dict[str, list[str]]]:
     return own, changes
 
 
-UNITS = {"m": "minutes", "h": "hours", "d": "days"}
+UNITS = {"m": "minutes", "h": "hours", "d": "days"}  # of an age: arguments of `timedelta`
 
 
 def finished_within(history: Path, age: str, now: datetime | None = None) -> tuple[bool, str]:
@@ -210,9 +217,10 @@ def finished_within(history: Path, age: str, now: datetime | None = None) -> tup
 
 
 def pinned_by_itself(night: str, reason: str, pin: Accepted | None) -> Accepted:
-    """A night that becomes the base without a user, at most until the base before expires.
+    """Acceptance of a night that becomes the base without a user, at most until the acceptance of
+    the earlier base expires.
 
-    pin: acceptance of the base before; None: there was no acceptance.
+    pin: acceptance of the earlier base; None: there was none.
     """
     return Accepted(night, _now(), reason, None if pin is None else pin.until, itself=True)
 

@@ -38,8 +38,8 @@ def judge(
     comparison: with an earlier run; None without a base.
     noise: random variation of the ADSs.
 
-    A limit on missed requirements in all scenarios is about the scenarios with requirements, if
-    there are any. A limit on an ADS or a scenario that the run does not have is not evaluated.
+    A limit on missed requirements that names no scenario is about the scenarios with requirements,
+    if there are any. A limit on an ADS or a scenario that the run does not have is not evaluated.
     """
     compared = {(part.ads, part.scenario): part for part in comparison.ads} if comparison else {}
     requiring = {score.scenario for score in new.scores if score.requirements_missed is not None}
@@ -90,7 +90,7 @@ def _judge(
     why = "there is no base to compare with"
     result = partial(GateResult, quantity, score.ads, score.scenario)
     without_base = partial(result, None, f"{quantity}: {why}", reason=why)
-    # the number: of changed cases, or of the new run alone
+    # the quantity is a value of the new run, or a number of cases that changed against the base
     if quantity not in OF_THE_COMPARISON:
         value = getattr(score, SCORES[quantity][0] if quantity in SCORES else quantity)
     elif part is None:
@@ -105,7 +105,7 @@ def _judge(
         got = "not computed" if value is None or np.isnan(value) else _number(quantity, value, unit)
         asked = f"it must be at {words} {bound:g}{unit}"
         sentence = f"{quantity} is {got}; {asked}"
-        # beyond the bound by no more than the tolerance, a share of the bound
+        # it passes if it is beyond the bound by at most the tolerance, a share of the bound
         ok = value is not None and sign * (value - bound) >= -limit.tolerance * max(1.0, abs(bound))
         keys, worst = ((), ()) if ok or value is None else _worst(quantity, part)
         if keys:
@@ -138,9 +138,10 @@ def _judge_change(
     bound: tuple[float, str, str],
     confidence: float,
 ) -> GateResult:
-    """Compare with the base: a number may become worse only so much.
+    """A limit on how much a number may become worse than in the base.
 
-    bound: how much worse; ` %` of the base's value, or empty; unit of the quantity.
+    bound: (how much worse it may become, " %" if that is a share of the base's value or else "",
+        unit of the quantity).
     """
     quantity, (most, percent, unit) = limit.quantity, bound
     asked = _asked(limit, most, percent or unit)
@@ -195,7 +196,7 @@ def _moved(quantity: str, change: QuantityChange, unit: str, confidence: float) 
 
 def _why_missing(quantity: str, score: ScenarioResult) -> str:
     """Reason, in words, why a score was not computed."""
-    # the term that is missing in the sum
+    # of a sum of terms, the term that is missing
     name = {"S": "D", "S+": "T" if score.task_share is None else ""}.get(quantity, quantity)
     return not_computed(reason_without(name, score)) or "no case could be evaluated"
 
@@ -237,7 +238,8 @@ def _judge_cases(
     if part is not None:
         before[part.changed.paired.new_rows] = part.comparable(name)[0]
     for beyond, scale, words in _column_bounds(limit, before, after, unit):
-        # own: a bound on the new run's values alone; one on a change has the base's as its scale
+        # own: whether the bound is on the new run's values alone; a bound on a change has the
+        # base's values as its scale
         own, known = scale is not before, int(np.isfinite(beyond).sum())
         result = partial(
             GateResult, limit.quantity, score.ads, score.scenario, own=own, bound=words
@@ -271,9 +273,11 @@ def _column_bounds(
 ) -> Iterator[tuple[FloatArray, FloatArray | float, str]]:
     """Bounds on a column, each as (beyond, scale, words).
 
-    beyond: how far each case is beyond the bound, (n,).
-    scale: value of which the tolerance is a share.
     before, after: values of the base and of the new run, (n,), nan where there is none.
+
+    beyond: how far each case is beyond the bound, (n,).
+    scale: value of which the tolerance is a share: the bound, or (n,) the base's values.
+    words: what a case beyond the bound is, e.g. `below 5 m`.
     """
     worse = before - after if limit.quantity in HIGHER_COLUMNS else after - before
     if (least := limit.at_least) is not None:

@@ -75,7 +75,8 @@ _FIX = "Put a copy of it back, or begin a history in another folder. No night wa
 class Night(NamedTuple):
     """One line of the history.
 
-    night: its name: the UTC time at which it began; also the name of its folder.
+    night: its name, which is the UTC time at which it began.
+    folder: path of its folder, relative to the history's folder; of an imported run, absolute.
     wall_time: s.
     base: night that it was compared with; None: none.
     """
@@ -101,9 +102,10 @@ class Night(NamedTuple):
 
 
 class Value(NamedTuple):
-    """One quantity of one ADS in one logical scenario in one night, None where it was not computed.
+    """One quantity of one ADS in one logical scenario in one night.
 
-    run_time is the wall time of the ADS's cases, s.
+    quantity: name of a score, of a number of cases, or `run_time`: wall time of the ADS's cases, s.
+    value: None: it was not computed.
     """
 
     night: str
@@ -183,11 +185,12 @@ class History:
         shaky: Collection[ShakyCase] = (),
         pin: Accepted | None = None,
     ) -> None:
-        """Add a night with everything it keeps, or nothing, in one transaction.
+        """Add a night and all its lines in the other tables, in one transaction.
 
-        Refuses a night that is there.
-
+        shaky: as in `shaky`.
         pin: acceptance of this night, if it becomes a base at once.
+
+        Raises InputError if the history has a night of this name.
         """
         if any(known.night == night.night for known in self.nights()):
             raise InputError(
@@ -256,7 +259,7 @@ class History:
             self._insert("begun", [(night,)])
 
     def stopped(self) -> set[str]:
-        """The nights that began and have no line: they were stopped, or failed."""
+        """Names of the nights that began and have no line: they were stopped, or failed."""
         return {
             night
             for (night,) in self._connection.execute(
@@ -277,7 +280,7 @@ class History:
         return self._read("nights", Night)
 
     def ran(self) -> list[Night]:
-        """The nights that ran here, i.e. without imported ones, the oldest first."""
+        """All nights but the imported ones, in the order of adding."""
         return [night for night in self.nights() if not night.imported]
 
     def values(self) -> list[Value]:
@@ -311,7 +314,8 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
         if version == 0 and connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
             raise InputError(f"{path} is not a history: it is a database of something else.")
         if version == FORMAT_VERSION:
-            # raises sqlite3.Error if one of these is missing; tables of later versions may be
+            # Raises sqlite3.Error if one of these tables is missing. The others were added by later
+            # versions, so they may be missing.
             connection.execute("SELECT 1 FROM nights, quantities, gates LIMIT 0")
         if version in (0, FORMAT_VERSION) and create:
             connection.executescript(
@@ -341,7 +345,7 @@ def _columns(connection: sqlite3.Connection, table: str) -> set[str]:
 def is_begun(folder: Path) -> bool:
     """Whether there is a history file in a folder, and something in it."""
     path = folder / HISTORY
-    # a folder of that name counts: `open_history` then says that it cannot be opened
+    # something else than a file counts, too: `open_history` then reports that it cannot be opened
     return path.exists() and (not path.is_file() or path.stat().st_size > 0)
 
 

@@ -1,5 +1,5 @@
-"""Judges a night against its bases: each limit once, what may be chance, and whether the night
-becomes a base. For `nightly.night`.
+"""Judgement of a night: its limits, compared with its bases; what may be chance; and whether the
+night becomes a base itself. For `nightly.night`.
 
 Users: `nightly/morning.py`, `nightly/night.py`.
 """
@@ -24,7 +24,7 @@ from sumo_eval.scoring.rule import Noise, only_improved
 
 
 class Since(NamedTuple):
-    """The first of the nights in a row in which a limit failed, and their number with tonight."""
+    """Nights in a row, up to tonight, in which a limit failed: the first, and their number."""
 
     night: str
     nights: int
@@ -36,13 +36,13 @@ class Since(NamedTuple):
 
 
 class Judgement(NamedTuple):
-    """A night beside its bases.
+    """A night compared with its bases.
 
-    gates: each limit once.
-    noise: by how much the ADSs drove repeated cases differently tonight.
+    gates: results of the limits, each limit once.
+    noise: how differently the ADSs drove repeated cases tonight.
     shaky: cases that ended badly in some of their drives only.
-    builds: build of each ADS, where known.
-    since: by limit name, since when each limit that failed tonight has failed.
+    builds: build by ADS, where known.
+    since: by limit that failed tonight: since when it has failed.
     """
 
     bases: Bases
@@ -63,7 +63,7 @@ def judge_night(
     """
     bases = find_bases(history, database, evaluation, gate)
     folder = history / AGAIN
-    # `bad_again` needs a Noise that holds the repeats only
+    # in two steps: `bad_again` needs the repeats, and gives the number of bad drives
     noise = Noise(repeats_of(evaluation, gate, folder, progress))
     bad = bad_again(bases.comparisons, evaluation, noise, gate, folder)
     noise = Noise(noise.repeats, bad, keys_of(evaluation, database.shaky()), bases.steady)
@@ -101,16 +101,17 @@ def judge_night(
 def judge_repeats(
     noise: Noise, good: Night | None, database: History, settings: GateSettings
 ) -> Iterator[GateResult]:
-    """Whether two drives of a case are alike, within the tolerances, for each ADS.
+    """A result for each ADS on whether two drives of a case are equal, within the tolerances.
 
-    It fails if all were alike in the last good night and in k nights in a row up to it, n differ
-    tonight, and it is improbable that by chance all n do so tonight: 1 / (k + 1) ** n.
+    With k nights in a row, up to the last good one, in which all repeats were equal, the
+    probability that n cases differ tonight by chance is taken as 1 / (k + 1) ** n. The result fails
+    where this is below `settings.noise.chance`.
     """
-    repeats = [line for line in database.gates()[::-1] if line.quantity == "repeats"]
-    lines = list(dropwhile(lambda line: good is None or line.night != good.night, repeats))
+    newest_first = [line for line in database.gates()[::-1] if line.quantity == "repeats"]
+    lines = list(dropwhile(lambda line: good is None or line.night != good.night, newest_first))
     for ads, (cases, _, _, apart) in noise.repeats.items():
         quiet = len(list(takewhile(bool, (line.passed for line in lines if line.ads == ads))))  # k
-        lost = (quiet + 1.0) ** -len(apart) < settings.noise.chance
+        lost = (quiet + 1.0) ** -len(apart) < settings.noise.chance  # repeatability was lost
         sentence = f"{len(apart)} of {count(cases, 'case')} differed in a second drive"
         if apart and not lost:
             named = ", ".join(list(apart)[:MOST_NAMED])
@@ -144,20 +145,21 @@ def failing_since(
 def new_pin(
     night: Night, judgement: Judgement, database: History, gate: GateSettings
 ) -> Accepted | None:
-    """Automatic acceptance of a night: the first good one, or one whose paired cases only improved;
-    None for any other.
+    """Automatic acceptance of a night: of the first good night, and of a night in which paired
+    cases only improved. None for any other night.
     """
     if not night.good:
         return None
     pin = pin_of(database)
     if pin is None:
         return pinned_by_itself(night.night, "the first good night", None)
-    beside = judgement.bases.pinned or judgement.bases.comparison  # the accepted night's, if any
+    # with the accepted night, which is also the last good one if `pinned` is None
+    comparison = judgement.bases.pinned or judgement.bases.comparison
     if (
-        beside is None
+        comparison is None
         or any(repeats.noisy for repeats in judgement.noise.repeats.values())
-        or beside.unpaired
-        or not only_improved(beside, gate)
+        or comparison.unpaired
+        or not only_improved(comparison, gate)
     ):
         return None
     return pinned_by_itself(night.night, "paired cases only improved", pin)

@@ -30,7 +30,9 @@ MOST_IN_CHAT = 5  # failed limits
 class NightResult(NamedTuple):
     """Result of a night.
 
-    notes: sentences on what was cleared away, not compared, or left out.
+    notes: sentences on folders that were removed, nights that were not compared, and drives that
+        were left out.
+    report, trend: paths of the two pages.
     """
 
     night: Night
@@ -49,9 +51,26 @@ def write_night(
 
     word: the verdict in one word, as in `verdict.Word`.
     """
-    bases, folder = judgement.bases, history / night.folder
+    folder = history / night.folder
+    record = _record(night, word, judgement, notes, folder)
+    for path, text in (
+        (folder / NIGHT, json.dumps(record, indent=2, ensure_ascii=False)),
+        (folder / SUMMARY, "\n".join(markdown_lines(night, judgement, folder))),
+        (history / CHAT, json.dumps({"text": chat_text(night, judgement)})),
+    ):
+        write_whole(path, text + "\n")
+
+
+def _record(
+    night: Night, word: str, judgement: Judgement, notes: Sequence[str], folder: Path
+) -> Json:
+    """The content of `night.json`.
+
+    folder: of the night.
+    """
+    bases = judgement.bases
     comparison = bases.comparison
-    record = {
+    return {
         "night": night.night,
         "evaluation": night.evaluation,
         "verdict": word,
@@ -75,12 +94,6 @@ def write_night(
         "builds": judgement.builds,
         "notes": notes,
     }
-    for path, text in (
-        (folder / NIGHT, json.dumps(record, indent=2, ensure_ascii=False)),
-        (folder / SUMMARY, "\n".join(markdown_lines(night, judgement, folder))),
-        (history / CHAT, json.dumps({"text": chat_text(night, judgement)})),
-    ):
-        write_whole(path, text + "\n")
 
 
 def _plain(gate: GateResult, since: Since, folder: Path) -> Json:
@@ -160,7 +173,7 @@ def morning_lines(result: NightResult) -> list[str]:
     """The first screen of a night: differences in anything but the ADS, cases without a partner,
     builds, the verdict, failed limits with new ones first.
 
-    A difference in capitals is one for which the nights are not compared.
+    Capitals mark a difference because of which the nights are not compared.
     """
     judgement, comparison = result.judgement, result.judgement.bases.comparison
     lines = difference_lines(comparison) if comparison else []
@@ -176,8 +189,8 @@ def morning_lines(result: NightResult) -> list[str]:
 
 
 def tell_github(result: NightResult) -> list[str]:
-    """Append the summary to `$GITHUB_STEP_SUMMARY`, if that is set. Returns lines for GitHub's log:
-    annotations, if GitHub runs the night.
+    """Append the summary to the file `$GITHUB_STEP_SUMMARY`, if that is set. Return lines for the
+    log: annotations, if GitHub runs the night, and the reason if the file cannot be written.
     """
     summary = os.environ.get("GITHUB_STEP_SUMMARY")
     lines = list[str]()
@@ -209,6 +222,6 @@ def _code(text: str) -> str:
 def _command(text: str, ends: str = "") -> str:
     """Text in a workflow command, with the characters that would end it percent-encoded.
 
-    ends: further ones that end a property such as `title`; GitHub decodes them only there.
+    ends: further characters that end a property such as `title`; GitHub decodes these only there.
     """
     return "".join(f"%{ord(it):02X}" if it in f"%\r\n{ends}" else it for it in text)

@@ -3,11 +3,11 @@ line of history.
 
 DIR/nights/<time>/ is the folder of a night, DIR/history.sqlite the history.
 
-A night counts once the history has its line. The line is written last, in one transaction, so no
-unfinished night is ever compared. The history also notes which nights began: one that began and has
-no line was killed. The next start with `--resume` continues it. Any other start removes its folder,
-unless its run is complete. Both are reported. A folder is removed only if the history lists it as
-its own.
+A night counts once the history has its line. The line is written in one transaction, after all
+results, so no unfinished night is ever compared with. The history also notes which nights began: a
+night that began and has no line was stopped. The next start with `--resume` continues it. Any other
+start removes its folder, unless its run is complete. Both are reported. Only folders of nights that
+the history knows are ever removed.
 
 Users: `cli/compare.py`.
 """
@@ -59,12 +59,12 @@ from sumo_eval.settings.config import read_evaluation
 from sumo_eval.whatif.search import CaseLevers, WhatIf
 
 NIGHTS = "nights"
-IMPORTED = -1  # exit status of an imported night, which no gate judged
+IMPORTED = -1  # exit status of an imported night, for which no gate was evaluated
 LOCK = "lock"
-SPARE = 1.5  # a night may need this many times the disk space of the last one
-LEVER_DRIVES = 500  # drives, about, that a search for the levers of one case takes
-LONGEST_LEVERS = 600.0  # s: a longer search is left to the user
-FIRST_NIGHT_ROOM = 200_000_000  # bytes that must be free for a first night, a guess
+SPARE = 1.5  # disk space that must be free, in multiples of the last night's
+LEVER_DRIVES = 500  # approximate number of drives that a search for the levers of one case takes
+LONGEST_LEVERS = 600.0  # s; a search that may take longer is left to the user
+FIRST_NIGHT_ROOM = 200_000_000  # bytes that must be free for a first night; estimated
 
 
 def run_night(
@@ -78,13 +78,13 @@ def run_night(
     progress: Progress = quiet,
     stopping: Callable[[], AbstractContextManager[Stopping]] = lambda: nullcontext(never),
 ) -> NightResult:
-    """Run a night: drive and score the evaluation, and judge it by the gate.
+    """Run a night: drive and score the evaluation, and evaluate its gate.
 
     history: folder of the nights.
     keep: number of the newest nights whose folders stay.
-    workers: in place of that in `[run]`.
+    workers: number of processes, instead of `run.workers`.
     resume: continue the night that was stopped, if one was.
-    stopping: makes a context for the time of the drives; its value is asked whether to stop.
+    stopping: makes a context for the time of the drives, whose value returns whether to stop.
     """
     # a mistake in the file is reported before anything is locked, removed or simulated
     read_evaluation(evaluation)
@@ -106,20 +106,12 @@ def run_night(
                 )
             scored = score(folder, progress=progress, resolved=run)
             judgement = judge_night(history, database, scored, gate, progress)
-            notes += [*recorded.notes, *judgement.bases.notes]
-            notes += [
-                f"{ads} drove {repeats.cases - repeats.alike} of {count(repeats.cases, 'case')} "
-                "differently the second time, so its limits have wider tolerances."
-                for ads, repeats in judgement.noise.repeats.items()
-                if repeats.noisy
-            ]
+            notes += [*recorded.notes, *judgement.bases.notes, *_noise_notes(judgement)]
             report = _write_results(scored, judgement, notes, progress)
 
-        status = NOT_EVALUATED if scored.not_evaluated else DONE
-        if failed(judgement.gates) or (status and scored.settings.run.incomplete == "gate"):
-            status = GATE_FAILED
         result = verdict(judgement.bases.comparison, judgement.gates, scored)
         base = judgement.bases.good
+        status = _exit_status(scored, judgement)
         line = _line(
             scored, folder.name, f"{NIGHTS}/{folder.name}", status, result.sentence
         )._replace(
@@ -134,13 +126,31 @@ def run_night(
             pin=new_pin(line, judgement, database, gate),
         )
         write_night(history, line, result.word, judgement, notes)
-        # after the history has the line: until then a stop leaves a night that --resume continues,
-        # and that needs its trajectories
+        # Only after the history has the line: a night that is stopped before needs its trajectories
+        # when --resume continues it.
         notes += _discard(scored)
         notes += _prune(history, database, keep)
         return NightResult(
             line, scored, judgement, tuple(notes), report, write_trend(history, database)
         )
+
+
+def _noise_notes(judgement: Judgement) -> list[str]:
+    """Notes on ADSs that drove repeated cases differently."""
+    return [
+        f"{ads} drove {repeats.cases - repeats.alike} of {count(repeats.cases, 'case')} "
+        "differently the second time, so its limits have wider tolerances."
+        for ads, repeats in judgement.noise.repeats.items()
+        if repeats.noisy
+    ]
+
+
+def _exit_status(evaluation: Evaluation, judgement: Judgement) -> int:
+    """Exit status of a night."""
+    status = NOT_EVALUATED if evaluation.not_evaluated else DONE
+    if failed(judgement.gates) or (status and evaluation.settings.run.incomplete == "gate"):
+        status = GATE_FAILED
+    return status
 
 
 def _write_results(
@@ -232,9 +242,9 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
 
 
 def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet) -> list[Night]:
-    """Add finished runs to a history as nights of the time they were recorded.
+    """Add finished runs to a history, as nights that began when the runs were recorded.
 
-    No imported night is a base: no gate evaluated it.
+    An imported night is never a base, because no gate was evaluated for it.
     """
     added = []
     with _only_one(history), open_history(history, create=True) as database:
@@ -281,11 +291,11 @@ def _importing(history: Path, night: Path) -> str:
 
 
 def _clear_away(history: Path, database: History, resumed: str | None) -> list[str]:
-    """Remove the folders of killed nights. Returns notes on them and on the night that is resumed.
+    """Remove the folders of stopped nights. Return notes on them and on the night that is resumed.
 
     The cause of their end is unknown, so their cases are not used, except those of the night that
-    continues. A folder that the history does not know, as a night or as one that began, stays, and
-    is named.
+    continues. A folder stays, and a note names it, if the history does not know it as a night or as
+    one that began.
 
     resumed: name of the night that continues.
     """
@@ -396,8 +406,8 @@ def _prune(history: Path, database: History, keep: int) -> list[str]:
     nights = database.ran()
     good = [night for night in nights if night.good]
     kept = {night.night for night in (*nights[-keep:], *good[-1:])}
-    # The newest acceptance in force counts. When it ends, an older one may count again: so the one
-    # that counts on the last day of each acceptance stays, and one without an end (9999).
+    # The newest acceptance in force counts. When it expires, an older one may count again. So for
+    # the last day of each acceptance (9999: without end) the night that counts on that day stays.
     pins = in_force(database.accepted())
     for day in {pin.until or "9999-12-31" for pin in pins}:
         kept |= {pin.night for pin in in_force(pins, day)[-1:]}

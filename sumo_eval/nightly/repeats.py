@@ -1,5 +1,5 @@
-"""Repeatability of ADSs: whether two drives of a case are equal, how far they differ, and how often
-a case ends badly, for the verdict of a night.
+"""Repeatability of ADSs, for the verdict on a night: whether two drives of a case are equal, how
+far they differ, and how often a case ends badly.
 
 Users: `nightly/judgement.py`.
 """
@@ -39,22 +39,22 @@ from sumo_eval.scoring.rule import (
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.text import point_words
 
-AGAIN = "again"  # folder beside the nights in which cases are rerun; removed afterwards
+AGAIN = "again"  # folder in the history's folder in which cases are rerun; removed afterwards
 
 
 def repeats_of(
     evaluation: Evaluation, settings: GateSettings, folder: Path, progress: Progress
 ) -> dict[str, Repeats]:
-    """Drive a sample of each ADS's cases once more. Returns how many of them are alike, and for
-    ADSs with different drives the noise floors.
+    """Drive a sample of each ADS's cases a second time. Return by ADS how many are equal to the
+    first drive and, if some are not, the noise floors.
 
-    folder: for a copy of the run, whose second drives are scored; removed afterwards.
+    folder: for a copy of the run with the second drives, which is scored; removed afterwards.
     """
     if not settings.noise.cases:
         return {}
     plan = planner(evaluation.resolved)
     sample = _sample(plan, settings.noise.cases)
-    # alone: rows of a batch may share state of their ADS's module
+    # each case alone: in a batch the cases may share state of their ADS's module
     alone = replace(plan.setup, run=replace(plan.setup.run, cases_per_pack=1))
     alike: dict[str, list[bool]] = {ads.name: [] for ads in evaluation.settings.ads}
     with open_store(evaluation.folder / FACTS) as store:
@@ -89,7 +89,7 @@ def _sample(plan: Planner, number: int) -> list[Case]:
         cases += plan.ads(
             replace(space, numbers=[space.numbers[index] for index in places.tolist()])
         )
-    # in reverse order: an ADS that carries something over from case to case then differs
+    # in reverse order, so that an ADS that carries state from case to case drives differently
     return cases[::-1]
 
 
@@ -143,8 +143,12 @@ def bad_again(
     settings: GateSettings,
     folder: Path,
 ) -> dict[str, int]:
-    """Number of bad drives of each newly bad case of a noisy ADS, which is driven
+    """Number of bad drives of each newly bad case of a noisy ADS. The case is driven
     `settings.outcome.repeats` times more; the first drive counts, too.
+
+    comparisons: with the bases.
+    noise: with the repeats alone.
+    folder: as in `repeats_of`.
     """
     # by key of each such case: its row in the base; units of U in the base and in the new run
     bases = {

@@ -1,11 +1,11 @@
-"""The rule's three parts as limits that passed, failed, or could not be evaluated, each with its
-cases. For the verdict on a night, and for `nightly.gates`.
+"""Results of the nightly rule (`scoring/rule.py`): each of its three parts (outcome, near miss,
+shift) as limits that passed, failed, or could not be evaluated, with their cases.
 
 Users: `nightly/gates.py`, `nightly/judgement.py`.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 
 from sumo_eval.cases import CaseResult
@@ -43,7 +43,8 @@ def judge_rule(comparison: Comparison, settings: GateSettings, noise: Noise) -> 
     """Every part of the rule that is on."""
     results = list(_outcomes(comparison, settings, noise)) if settings.outcome.on else []
     tallied = tallies(comparison, settings, noise)
-    # of noisy ADSs: each P, and the least that is possible for it: if all changed cases were worse
+    # of noisy ADSs: P of each tally, and the least P that is possible: if all changed cases were
+    # worse
     chances = [
         (it.chance, 0.5 ** (it.number + it.better)) for it in tallied if noise.of(it.ads).noisy
     ]
@@ -100,46 +101,56 @@ def _gone(comparison: Comparison) -> Iterator[str]:
 
 def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> Iterator[GateResult]:
     """The part on outcomes: each kind of bad end of each ADS in each scenario."""
-    again = settings.outcome.repeats
     for part in comparison.ads:
         repeats = noise.of(part.ads)
         for quantity, worse in newly_bad(part, settings, repeats).items():
             paired = part.changed.paired
-            keys = paired.new.case[worse].tolist()
-            # by chance: in some drives of an earlier night, or in too few tonight of an ADS that
-            # was noisy in the base, too
-            least = settings.outcome.bad_of if part.ads not in noise.steady else 0
-            shaky = [
-                key
-                for key in keys
-                if repeats.noisy and (key in noise.shaky or noise.bad.get(key, least) < least)
-            ]
-            bad = dict(zip(keys, worse, strict=True))  # pair of each case
-            for key in shaky:
-                del bad[key]
-            number = len(bad)
-            cases = count(number, "case")
+            # by case: number of its pair of rows
+            pairs = dict(zip(paired.new.case[worse].tolist(), worse, strict=True))
+            shaky = _by_chance(pairs, part.ads, settings, noise) if repeats.noisy else []
+            bad = {case: pair for case, pair in pairs.items() if case not in shaky}
+            cases = count(len(bad), "case")
             sentence = f"{quantity}: no case"
-            if number and quantity == "severity":
+            if bad and quantity == "severity":
                 limit = f"{severity_limit(settings, repeats, part.units):z.3g}{part.units[1]}"
                 sentence = f"U rose by more than {limit} in {cases}"
-            elif number:
+            elif bad:
                 sentence = f"{cases} {ENDS[quantity]}, not so in the base"
-            some = [key for key in bad if noise.bad.get(key, math.inf) <= again]
-            if some:
-                sentence += f"; bad in some of {again + 1} drives only: {_drives(some, noise)}"
-            if shaky:
-                sentence += (
-                    "; not failed, because bad in some drives only, tonight (in brackets how many) "
-                    f"or in an earlier night: {_drives(shaky, noise)}"
-                )
+            sentence += _on_repeats(bad, shaky, settings.outcome.repeats, noise)
             yield GateResult(
-                quantity, part.ads, part.scenario, False if number else None if shaky else True,
-                sentence, float(number), 0.0,
+                quantity, part.ads, part.scenario, False if bad else None if shaky else True,
+                sentence, float(len(bad)), 0.0,
                 tuple(bad)[:MOST_KEYS],
                 tuple(end_change(paired.base[k], paired.new[k], part.units)
                       for k in [*bad.values()][:MOST_NAMED])
             )  # fmt: skip
+
+
+def _by_chance(cases: Iterable[str], ads: str, settings: GateSettings, noise: Noise) -> list[str]:
+    """Those of the bad cases of a noisy ADS that are bad by chance: cases that were so in an
+    earlier night, and cases of which too few drives are bad tonight. The latter need an ADS that
+    was noisy in the base, too.
+    """
+    least = settings.outcome.bad_of if ads not in noise.steady else 0
+    return [it for it in cases if it in noise.shaky or noise.bad.get(it, least) < least]
+
+
+def _on_repeats(bad: Iterable[str], shaky: Sequence[str], repeats: int, noise: Noise) -> str:
+    """End of a sentence: the cases that are bad in some drives only.
+
+    bad: cases that fail; shaky: cases that do not.
+    repeats: number of further drives of each.
+    """
+    words = ""
+    some = [case for case in bad if noise.bad.get(case, math.inf) <= repeats]
+    if some:
+        words += f"; bad in some of {repeats + 1} drives only: {_drives(some, noise)}"
+    if shaky:
+        words += (
+            "; not failed, because bad in some drives only, tonight (in brackets how many) "
+            f"or in an earlier night: {_drives(shaky, noise)}"
+        )
+    return words
 
 
 def _drives(keys: Sequence[str], noise: Noise) -> str:
@@ -172,16 +183,19 @@ def _end_words(case: CaseResult, unit: str) -> str:
 def _result(
     tally: Tally, comparison: Comparison, settings: GateSettings, noise: Noise, *, bad: bool
 ) -> GateResult:
-    """A measure of the parts on near misses and on shifts; `bad`: it failed."""
+    """Result of a measure of the parts on near misses and on shifts.
+
+    bad: whether it failed.
+    """
     quantity, zone = tally.measure.quantity, tally.measure.zone
     words, unit = WORDS.get(quantity, (quantity, ""))
     where = list(dict.fromkeys(part.scenario for part in comparison.ads if part.ads == tally.ads))
-    # the scenario that all worse cases are in, or all
+    # the one scenario that has all worse cases; with several, all scenarios
     hit = [worse.part.scenario for worse in tally.worse if worse.which] if bad else where
     where = hit if len(hit) == 1 else where
     result = partial(GateResult, quantity, tally.ads, where[0] if len(where) == 1 else EVERYWHERE)
-    # the cases that could show a change; in `reason` without the limit of their zone, so that
-    # equal reasons share a line
+    # Words on the cases that could show a change. `reason` has them without the limit of the zone,
+    # so that measures with equal reasons share a line.
     of = alike = count(tally.cases, "case")
     if tally.near and zone is not None:
         of, alike = f"{of} inside {zone:g}{unit}", f"{of} inside the zone of interest"

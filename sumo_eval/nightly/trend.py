@@ -38,6 +38,7 @@ CHARTS = (
     ("run_time", "Run time of the cases", "s"),
 )
 """The charts in order: quantity of the history, title, unit."""
+# of ADSs, as variables of the page's style
 COLOURS = "var(--c)", "var(--actor)", "var(--d)", "var(--off)", "var(--muted)", "var(--bad)"
 # 6 colours and 5 dashes repeat independently: the first 30 ADSs look different
 DASHES = "", "7 3", "2 3", "9 3 2 3", "4 4"
@@ -47,7 +48,7 @@ LEFT, RIGHT = 68, 36  # RIGHT: room for half of the last night's date
 TOP, BOTTOM = 12, 40
 _AXIS = WIDTH - LEFT - RIGHT  # length of the axis of nights
 MOST_LABELS = 3  # dates under a chart
-TICKS = 5
+TICKS = 5  # approximate number of values on the vertical axis
 
 
 class Point(NamedTuple):

@@ -1,3 +1,3 @@
-"""Working off many cases: what a case is, the engines that run them, and the store that keeps what
-happened.
+"""Driving of many cases: their plan, the engines that run them, and the store that keeps their
+facts.
 """

@@ -40,8 +40,8 @@ def check_apart(
             Finding(*(clean(text, _LONGEST, lines=True) for text in row)) for row in ended.result
         ], ended.log
     happened = what_happened(ended, limits, "The check", "drove it")
-    mend = "an ADS must not end, hang or write into the process that it is loaded in"
-    return [Finding("FAIL", happened, mend)], ended.log
+    fix = "an ADS must not end, hang or write into the process that it is loaded in"
+    return [Finding("FAIL", happened, fix)], ended.log
 
 
 def _checked(

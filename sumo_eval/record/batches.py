@@ -2,10 +2,10 @@
 `record.engines` and `record.cluster`.
 
 Cases of one kind (same scenario, same ADS or driver) can share one simulation if that ADS or driver
-has a form for many cases. A batch has a cost of its own, so batches are as large as allowed, and
-smaller towards the end, so that all workers have work to the end. Cases of a batch that was lost
-run alone, so that only the faulty one fails. Cases of one block, which a policy over arrays drives
-in one call, stay together.
+can drive many cases at once. A batch costs time of its own, so batches are as large as allowed.
+Towards the end of the run they are smaller, so that every worker has work until the end. If a
+batch is lost, its cases run alone, so that only the faulty case fails. Cases of one block, which a
+policy over arrays drives in one call, stay together.
 """
 
 import math
@@ -38,16 +38,18 @@ class Kind(NamedTuple):
     block: str
 
 
-# cases in a batch, at most, if drives are long: SUMO steps a vehicle slower among more vehicles
+# most cases in a batch of long drives: SUMO steps each vehicle slower among more vehicles
 OF_LONG_CASES = 192
-# cases in a batch, at least, if there are as many: a smaller batch costs more than its cases
+# fewest cases in a batch, if there are as many: starting a smaller batch takes longer than its
+# cases
 LEAST = 32
-# full batches for each worker that are held ready, so that the last ones can be divided evenly
+# batches of full size for each worker that are held ready, so that the last cases can be divided
+# evenly
 _BATCHES_AHEAD = 4
-_MOST_AHEAD = 16_384  # cases that are held ready, at most
+_MOST_AHEAD = 16_384  # most cases that are held ready
 _SHARES = 2  # batches for each worker into which the last cases are divided
 _LOOSE = 256  # ended cases of an ADS on TraCI that are compressed together, to 20 bytes each
-_CUT = 4  # factor by which batches of a kind get smaller after a lost one
+_CUT = 4  # divisor of the size of a kind's batches after one of them was lost
 
 
 class Batches:
@@ -71,8 +73,9 @@ class Batches:
         self._running = 0  # batches that were taken and have not ended
         self._largest_of: dict[Kind, int] = {}  # size of the next batches of a kind, at most
         self._in_time: dict[Kind, int] = {}  # size beyond which batches of a kind take too long
-        # By locator of an ADS on TraCI: its cases that ended in batches, the last ones as they are,
-        # the others compressed. All run again if it is found to keep state (`_keeps_state`: why).
+        # Cases that ended in batches, by locator of their ADS on TraCI: the latest as objects in
+        # `_batched`, earlier ones compressed. All run again if the ADS turns out to keep state
+        # between cases; `_keeps_state` then has the reason.
         self._batched = defaultdict[str, list[Case]](list)
         self._compressed = defaultdict[str, list[bytes]](list)
         self._keeps_state: dict[str, Alone] = {}
@@ -96,17 +99,18 @@ class Batches:
         self._running -= 1
 
     def _next(self) -> Batch:
-        """Cases of the first kind, by their probable end, the latest first.
+        """The cases of the first kind that probably end latest.
 
-        So no process has long cases at the end of the run. A batch lasts as long as its longest
-        case, and its cases end at about the same time.
+        A batch lasts as long as its longest case, so its cases should end at about the same time.
+        Long cases come first, so that none is left for the end of the run.
         """
         kind, queue = next(iter(self._ahead.items()))
         number = min(self._share, self._largest_of.get(kind, self._largest))
         number = 1 if kind.controller in self._keeps_state else number
         if kind.block:
+            # cases of a block are planned in a row: the block is whole once another kind follows
             while kind == self._last and self._make_ready(1):
-                pass  # cases of a block are planned in a row: until one of another kind follows
+                pass
             number = len(queue)
         queue.sort(key=itemgetter(0))
         batch = tuple(case for _, case in queue[-number:])
@@ -149,8 +153,8 @@ class Batches:
         return kind
 
     def record_success(self, batch: Batch) -> None:
-        """Make the next batches of the kind larger after a failure, up to the largest, or to the
-        size that is in time: every case of this batch has its result.
+        """Note that every case of a batch has its result. After an earlier failure, the next
+        batches of the kind become larger again, up to the largest size that is in time.
         """
         kind = _kind(batch[0])
         size = self._largest_of.get(kind, 1)  # 1: no failure, so nothing to restore
@@ -163,9 +167,9 @@ class Batches:
         """Run the cases of a lost batch alone, and make the next batches of the kind smaller, down
         to single cases.
 
-        why: for each case the reason.
+        why: the reason for each case.
         printed: output of the batch, for the log of the first case.
-        too_slow: it ran out of time; batches of the kind do not become as large again.
+        too_slow: whether the batch ran out of time; then batches of the kind stay smaller.
         """
         kind = _kind(batch[0])
         size = max(min(len(batch), self._largest_of.get(kind, self._largest)) // _CUT, 1)
@@ -200,7 +204,9 @@ class Batches:
         return True
 
     def never_together(self, batch: Batch) -> None:
-        """Hold cases ready again, one in a batch: their kind has no form for many."""
+        """Hold cases ready again, each as a batch of its own: their kind cannot share a
+        simulation.
+        """
         for case in batch:
             self._largest_of[self._add(replace(case, block=None))] = 1
 

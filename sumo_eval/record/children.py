@@ -55,9 +55,9 @@ _SAFE_PATH = {"PYTHONSAFEPATH": "sumo_eval"}
 class Child(_ordinary.Process):  # type: ignore[misc]
     """A child process.
 
-    Children normally import the script that started everything, so a script without `if __name__ ==
-    "__main__":` would run the evaluation again in each of them. Nothing a child needs lives in that
-    script, so it is kept out of sight.
+    A child of multiprocessing normally imports the script that was started. A script without `if
+    __name__ == "__main__":` would then run the evaluation again in every child. No child needs
+    anything of that script, so `_Popen` hides it.
     """
 
     asked_for = False  # whether this process has started one
@@ -68,8 +68,8 @@ class Child(_ordinary.Process):  # type: ignore[misc]
             return _ordinary.Process._Popen(process_obj)
 
     def start(self) -> None:
-        """Start it, also from a daemonic process such as a Dask worker: the lifeline ends it, not
-        the exit handlers.
+        """Start the child, also from a daemonic process such as a Dask worker: the lifeline ends
+        the child, so the exit handlers of multiprocessing need not.
         """
         Child.asked_for = True
         process: Any = multiprocessing.current_process()
@@ -141,8 +141,8 @@ def tie_to_owner(lifeline: Connection) -> None:
         return
     import fcntl
 
-    # Opened again: all children share the pipe's open file, whose owner and signal would be those
-    # of the last child.
+    # The pipe is opened again, for this child alone. All children share the inherited open file:
+    # its owner and signal, set below, would be those of the child that set them last.
     reopened = os.open(f"/proc/self/fd/{lifeline.fileno()}", os.O_RDONLY | os.O_NONBLOCK)
     # at an event of the pipe the system sends SIGKILL to this child's process group
     fcntl.fcntl(reopened, fcntl.F_SETOWN, -os.getpgrp())
@@ -173,10 +173,10 @@ def _users_code_out_of_sight() -> Iterator[None]:
 
 
 def _begin_forkserver() -> None:
-    """Start the fork server, deaf to a Ctrl-C at the terminal while it loads; a Ctrl-C that comes
-    to this process meanwhile is not lost.
+    """Start the fork server so that it ignores a Ctrl-C at the terminal while it loads. A Ctrl-C
+    that comes to this process meanwhile acts afterwards.
     """
-    # first, because it unblocks SIGINT at its end, which would undo the block below
+    # first, because at its end it unblocks SIGINT, which is blocked below
     multiprocessing.resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -195,11 +195,11 @@ def _starts_beside_the_package() -> bool:
 
 @contextmanager
 def _children_environment() -> Iterator[None]:
-    """The environment in which children, or the fork server, start; what the user has set stays,
-    except the hash seed.
+    """The environment in which children, or the fork server, start. Variables that the user has set
+    stay, except the hash seed.
 
-    The fork server imports nothing from the working folder, which may hold another copy of this
-    package, or a user's files with the names of modules; except where this package lies in it.
+    The working folder may hold another copy of this package, or a user's files with the names of
+    modules. So the fork server imports nothing from it, unless this package itself lies in it.
     """
     wanted = dict(_ENVIRONMENT)
     if _KIND == "forkserver" and not _starts_beside_the_package():

@@ -17,9 +17,9 @@ from sumo_eval.record.engines import Outcomes, once_each, run_in_children
 from sumo_eval.record.identity import harness_identity
 from sumo_eval.record.progress import Stopping
 
-# cases in a batch, at most: each batch starts a child, and is driven again if its worker is lost
+# most cases in a batch: each batch starts a child process, and is rerun if its worker is lost
 BATCH = 100
-# submitted at a time for each thread of the cluster: enough that none waits, and memory is bounded
+# batches submitted at a time for each thread of the cluster: more than one, so that no thread waits
 _BATCHES_PER_THREAD = 3
 _TIMES = 3  # submissions of a batch to the cluster before its cases count as crashed
 _CONNECT_TIME = 10.0  # s
@@ -27,8 +27,8 @@ _LOG_OF_DASK = "distributed.client"
 
 
 def run_batch(cases: Batch, setup: Setup, harness: str) -> list[Outcome] | str:
-    """On a worker of the cluster: the outcomes of a batch. A worker that would not make the same
-    facts returns the end of an error message instead.
+    """The outcomes of a batch; runs on a worker of the cluster. A worker with other versions of the
+    software would record other facts: it returns the end of an error message instead.
 
     harness: `harness_identity` of the process that collects the facts.
     """
@@ -103,8 +103,8 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> O
 
 
 def _counted(outcomes: Iterable[Outcome], batches: Batches) -> Iterator[Outcome]:
-    """The outcomes, except those from batches of an ADS that keeps state between cases. If one
-    worker finds that it does, its cases run alone on all workers.
+    """The outcomes, except those of batches of an ADS that keeps state between cases. Once one
+    worker finds such an ADS, all cases of this ADS run alone, on any worker.
     """
     for outcome in outcomes:
         why = batches.remark(outcome.case)[0] or outcome.alone

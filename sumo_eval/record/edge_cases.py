@@ -19,19 +19,20 @@ _MOST_PARAMETERS = 10  # of a space whose corners, at most 2 ** 10, are used; wi
 
 
 def edge_cases(logical: LogicalScenario, seed: int) -> list[ConcreteScenario]:
-    """The centre of a space, its most dangerous and its safest point, the fastest and the slowest
-    egos, two corners.
+    """The concrete scenarios at up to seven points of a space: its centre, its most dangerous and
+    its safest point, the points with the fastest and the slowest ego, and two corners.
 
-    Points are those of the space's own sample and the corners of its box that its constraints
-    allow; of points that are equally extreme the first. The two corners are drawn by the seed; no
-    point is taken twice.
+    The extreme points are sought among the space's own sample and the corners of its box, as far as
+    its constraints allow them. Of equally extreme points the first is taken. The seed draws the two
+    corners. A point that has several of these properties stands once.
     """
     box = [(item.low, item.high) for item in logical.parameters]
     every = itertools.product(*box) if len(box) <= _MOST_PARAMETERS else ()
     corners = np.reshape(list(every), (-1, len(box)))
     corners = corners[logical.feasible(corners)]
     points = np.unique(np.concatenate([sample(logical).points, corners]), axis=0)
-    risk = np.round(danger(logical, points, ZoneSettings()), 12)  # rounded: equals must stay equal
+    # rounded: rounding errors must not make a difference between equally dangerous points
+    risk = np.round(danger(logical, points, ZoneSettings()), 12)
     speed = np.array([case.ego.speed for case in logical.concretes(points)])
     drawn = random_stream(seed, "check", logical.name).permutation(len(corners))[:2]
     chosen = [

@@ -28,14 +28,16 @@ from sumo_eval.text import clean
 from sumo_eval.trajectory import Alone, AloneReason
 
 LATE: AloneReason = "late"
-# a late case that waited for a processor for more than this share of its wall time is driven again
+# a case that timed out is rerun if no processor worked on it in more than this share of its time
 IDLE = 0.2
-# a locator, because that module imports this one
+# as a locator: `record/cluster.py` imports this file
 _CLUSTER = "sumo_eval.record.cluster:run_on_cluster"
 
 Outcomes = Generator[list[Outcome], None, None]
-"""Lists of outcomes; a list holds cases that ended together, or none. A case that ran TraCI code in
-a batch gets a second outcome, driven alone, if that code turns out to keep state between cases."""
+"""Lists of outcomes: each list has the cases that ended together, or none. A case of TraCI code
+that ran in a batch gets a second outcome if that code turns out to keep state between cases: it
+then runs alone.
+"""
 
 
 def run_cases(cases: Iterable[Case], setup: Setup) -> Generator[Outcome, None, None]:
@@ -44,7 +46,7 @@ def run_cases(cases: Iterable[Case], setup: Setup) -> Generator[Outcome, None, N
 
 
 def once_each(ended: Outcomes) -> Generator[Outcome, None, None]:
-    """The final outcome of each case as it ends; replaceable outcomes come at the very end."""
+    """The final outcome of each case as it ends; outcomes that may be replaced come last."""
     replaceable: dict[str, Outcome] = {}
     with closing(ended) as batches:
         for outcome in chain.from_iterable(batches):
@@ -81,8 +83,8 @@ def run_in_children(
     cases: Iterable[Case], setup: Setup, stopping: Stopping = never, workers: int = 1
 ) -> Outcomes:
     """Drive each batch in one of `workers` child processes; cases of a lost process run alone."""
-    # Compile the rules now, or the first case would spend its time limit on it. Where `cases` is an
-    # iterator, the caller has compiled them.
+    # Compile the rules now, or the first case would spend its time limit on that. If `cases` is an
+    # iterator, the caller has compiled the rules.
     loops.ready(loops.of_cases(cases if isinstance(cases, Sequence) else ()))
     batches = Batches(cases, workers, min(largest_batch(setup), setup.run.cases_per_child))
     work = Work(answer, setup, lambda batch: affinity(batch[0], setup), driven)
@@ -192,7 +194,7 @@ def _settled_alone(ended: Ended[Batch], batches: Batches, setup: Setup) -> list[
         status: Status = "timeout" if ended.how == "overdue" else "crashed"
         outcome = Outcome(case, status, None, what_happened(ended, setup.run))
     outcome = replace(outcome, log=remark + outcome.log + ended.log, alone=why)
-    # run it again, but only once
+    # a late case is rerun once only
     may_repeat = why is None or why.why != LATE
     if may_repeat and is_late_by_chance(outcome, ended, setup):
         batches.run_undisturbed(case, Alone(LATE, outcome.error or ""), outcome.log)
@@ -201,8 +203,8 @@ def _settled_alone(ended: Ended[Batch], batches: Batches, setup: Setup) -> list[
 
 
 def is_late_by_chance(outcome: Outcome, ended: Ended[Batch], setup: Setup) -> bool:
-    """Whether a drive timed out for a reason that may not recur: it ended in the first step, or
-    waited too long for a processor.
+    """Whether a case timed out for a reason that may not recur: in its first step, or because it
+    waited too long for a processor (`IDLE`).
     """
     recording = outcome.recording
     in_first_step = recording is not None and recording.simulated_time <= setup.simulation.step

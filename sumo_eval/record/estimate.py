@@ -22,16 +22,17 @@ from sumo_eval.record.recording import Planner, Space, find_stale, stages
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.resolved import Resolved
+from sumo_eval.settings import EvaluationSettings
 from sumo_eval.text import duration_words
 
-_TIMED = 32  # drives of a `Kind` that are timed, at most
-_KIND_FOR = 1.0  # s that the drives of one kind may take, if a user's ADS drives
-_TIMED_FOR = 2.0  # s for all kinds: after that no further drives begin
-_LONGEST_DRIVE = 3.0  # s; a longer one is broken off
-_KINDS = 12  # ADSs that are loaded, at most, and pairs of ADS and scenario that are timed, at most
+_MOST_DRIVES = 32  # drives of a `Kind` that are timed, at most
+_KIND_TIME = 1.0  # s that the timed drives of one kind may take, if a user's ADS drives
+_ALL_TIME = 2.0  # s for all kinds: after that no further drives begin
+_LONGEST_DRIVE = 3.0  # s; a longer drive is broken off
+_MOST_KINDS = 12  # most ADSs that are loaded, and most pairs of ADS and scenario that are timed
 _SORTS = {"ads": "ADSs", "references": "references", "humans": "human drivers"}
 """Sorts of drives, with their names in messages; drives of a sort count as equally long."""
-_LOOKED_AT = 2_000  # points of each scenario that are checked and classified, at most
+_MOST_POINTS = 2_000  # points of each scenario that are checked and classified, at most
 
 Kind = tuple[str, list[Case]]
 """A sort, key of `_SORTS`, and cases that are timed together: of one scenario, and of one ADS."""
@@ -69,7 +70,7 @@ class Estimate:
             f"{self.drives['ads']} drives of the ADSs, {self.drives['humans']} of human drivers "
             f"and {self.drives['references']} of the references{done}.",
             f"About {time} with {self.workers} worker{many}, estimated from {timed} timed now, for "
-            f"{_TIMED_FOR:g} s at most; scoring takes additional time.",
+            f"{_ALL_TIME:g} s at most; scoring takes additional time.",
         ]
         if loaded < of_all:
             lines.append(
@@ -94,24 +95,16 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     """
     refuse_engine(run.settings.run)
     recorded = 0 if folder is None else _recorded(folder, run)
-    # an adaptive sample is counted as if its first round drew all its points
-    entries = tuple(
-        replace(entry, sampling=replace(entry.sampling, round=entry.sampling.count, rounds=()))
-        if entry.sampling.method == "adaptive"
-        else entry
-        for entry in run.settings.scenario
-    )
-    settings = replace(run.settings, scenario=entries)
-    workers = run.settings.run.workers
+    settings = _in_one_round(run.settings)
     run = replace(run, settings=settings)
-    # each n-th ADS is loaded; but every ADS if `run.only` names cases, since a case names its ADS
-    step = 1 if settings.run.only else ceil(len(settings.ads) / _KINDS)
+    # every n-th ADS is loaded; all of them if `run.only` names cases, since a case names its ADS
+    step = 1 if settings.run.only else ceil(len(settings.ads) / _MOST_KINDS)
     loaded = settings.ads[::step]
     plan, spaces = planned(
-        replace(run, settings=replace(settings, ads=loaded)), looked_at=_LOOKED_AT
+        replace(run, settings=replace(settings, ads=loaded)), looked_at=_MOST_POINTS
     )
     for space in spaces:
-        refuse_impossible_zones(space.logical, settings.method.zones)  # a run would end there
+        refuse_impossible_zones(space.logical, settings.method.zones)  # as a run does
     compile_loops(settings, spaces)
 
     # drives of every ADS count, also of ADSs that are not loaded
@@ -120,20 +113,35 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     for stage in chain.from_iterable(stages(space, plan_of_all) for space in spaces):
         drives[_sort(stage.role)] += stage.total
     setup = replace(plan.setup, run=replace(settings.run, workers=1, engine="processes"))
-    took, timed, broken_off = _seconds_a_drive(_kinds(plan, spaces), setup)
-    usual = fmean(took.values()) if took else 0.0
-    seconds = sum(number * took.get(sort, usual) for sort, number in drives.items())
-    # a recorded drive counts as the mean of all drives
-    share_left = max(1.0 - recorded / max(drives.total(), 1), 0.0)
+    durations, timed, broken_off = _seconds_a_drive(_kinds(plan, spaces), setup)
+    mean = fmean(durations.values()) if durations else 0.0
+    seconds = sum(number * durations.get(sort, mean) for sort, number in drives.items())
+    # recorded drives are taken to last as long as the mean of all drives
+    missing_share = max(1.0 - recorded / max(drives.total(), 1), 0.0)
     return Estimate(
         drives,
         recorded,
-        seconds * share_left / workers,
+        seconds * missing_share / settings.run.workers,
         timed,
-        workers,
+        settings.run.workers,
         (len(loaded), len(settings.ads)),
-        tuple(words for sort, words in _SORTS.items() if drives[sort] and sort not in took),
+        tuple(words for sort, words in _SORTS.items() if drives[sort] and sort not in durations),
         broken_off,
+    )
+
+
+def _in_one_round(settings: EvaluationSettings) -> EvaluationSettings:
+    """Settings in which every adaptive sample has all its points in one round: they are counted
+    here, not chosen.
+    """
+    return replace(
+        settings,
+        scenario=tuple(
+            replace(entry, sampling=replace(entry.sampling, round=entry.sampling.count, rounds=()))
+            if entry.sampling.method == "adaptive"
+            else entry
+            for entry in settings.scenario
+        ),
     )
 
 
@@ -141,9 +149,9 @@ def _recorded(folder: Path, run: Resolved) -> int:
     """Number of drives of an evaluation that a run folder holds already."""
     if not (folder / FACTS).is_file():
         return 0
-    plan, spaces = planned(in_rounds(run, folder), looked_at=_LOOKED_AT)
+    plan, spaces = planned(in_rounds(run, folder), looked_at=_MOST_POINTS)
     with open_store(folder / FACTS) as store:
-        find_stale(store, run.source)  # marks stale ADSs, of which the store then holds no case
+        find_stale(store, run.source)  # `store.holds` is False for cases of ADSs marked as stale
         cases = (stage.cases for space in spaces for stage in stages(space, plan))
         return sum(map(store.holds, chain.from_iterable(cases)))
 
@@ -155,19 +163,21 @@ def _sort(role: Role) -> str:
 
 def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
     """Cases of each kind to time. The sorts alternate, so that each is timed before time is up."""
-    # with at most `_TIMED` of the points to drive, evenly spread
+    # the spaces with at most `_MOST_DRIVES` of their points, evenly spread
     few = [
-        replace(it, numbers=it.numbers[:: max(ceil(len(it.numbers) / _TIMED), 1)]) for it in spaces
+        replace(it, numbers=it.numbers[:: max(ceil(len(it.numbers) / _MOST_DRIVES), 1)])
+        for it in spaces
     ]
     kinds = {sort: list[Iterable[Case]]() for sort in _SORTS}
-    # each scenario begins with another ADS, so that every n-th pair does not have the same ADS
+    # Each scenario begins with another ADS. Otherwise the pairs chosen below, every n-th, could all
+    # have the same ADS.
     ads = plan.run.settings.ads
     pairs = [
         (space, ads[(first + number) % len(ads)])
         for first, space in enumerate(few)
         for number in range(len(ads))
     ]
-    for space, entry in pairs[:: ceil(len(pairs) / _KINDS)]:
+    for space, entry in pairs[:: ceil(len(pairs) / _MOST_KINDS)]:
         run = replace(plan.run, settings=replace(plan.run.settings, ads=(entry,)))
         kinds["ads"].append(replace(plan, run=run).ads(space))
     for stage in chain.from_iterable(stages(space, plan) for space in few):
@@ -175,7 +185,7 @@ def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
             kinds[_sort(stage.role)].append(stage.cases)
     for turn in zip_longest(*kinds.values(), fillvalue=()):
         for sort, cases in zip(kinds, turn, strict=True):
-            if listed := list(islice(cases, _TIMED)):
+            if listed := list(islice(cases, _MOST_DRIVES)):
                 yield sort, listed
 
 
@@ -183,10 +193,10 @@ def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, flo
     """Wall time of a drive of each sort that was timed, s; number of timed drives; whether one of
     them was broken off.
     """
-    until = perf_counter() + _TIMED_FOR
+    until = perf_counter() + _ALL_TIME
     timed = 0
     broken_off = False
-    took = defaultdict[str, list[float]](list)
+    durations = defaultdict[str, list[float]](list)
     limits = replace(setup.run, case_timeout=min(setup.run.case_timeout, _LONGEST_DRIVE))
     for sort, cases in kinds:
         if timed and perf_counter() >= until:
@@ -194,17 +204,17 @@ def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, flo
         # the time of the first drive, with imports and compilation, counts if no other is timed
         seconds, in_time = _seconds_each(cases[:1], replace(setup, run=limits))
         timed += 1
-        # where the run's own limit is as short, the run breaks it off, too
+        # with a time limit as short as `_LONGEST_DRIVE`, the run itself breaks the drive off, too
         broken_off |= not in_time and limits != setup.run
-        number = _TIMED
+        number = _MOST_DRIVES
         if affinity(cases[0], setup) != NO_USER_CODE:
-            # a batch cannot be stopped: no more than there is time for
-            number = int(min(_KIND_FOR, until - perf_counter()) / seconds)
+            # a batch of a user's ADS cannot be stopped: drive only what fits into the time
+            number = int(min(_KIND_TIME, until - perf_counter()) / seconds)
         if number > 0 and perf_counter() < until:
             seconds, _ = _seconds_each(cases[:number], setup)
             timed += len(cases[:number])
-        took[sort].append(seconds)
-    return {sort: fmean(times) for sort, times in took.items()}, timed, broken_off
+        durations[sort].append(seconds)
+    return {sort: fmean(times) for sort, times in durations.items()}, timed, broken_off
 
 
 def _seconds_each(cases: Sequence[Case], setup: Setup) -> tuple[float, bool]:

@@ -144,7 +144,7 @@ def open_run(path: str | os.PathLike[str]) -> Run:
     Raises InputError if the folder holds no run, or one of another format.
     """
     folder = Path(path)
-    # only to raise InputError now: `Run` reads them again when it is asked
+    # read only to raise InputError now: the properties of `Run` read the files again
     run_folder.read_settings(folder)
     run_folder.read_manifest(folder)
     with open_store(folder / run_folder.FACTS):

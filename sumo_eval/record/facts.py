@@ -83,7 +83,8 @@ class Recorded:
 def resolve(
     evaluation: Evaluable, folder: Path, resume: bool, ads: Sequence[Any] = (), **changes: object
 ) -> Resolved:
-    """An evaluation with its scenarios; `run.only`, where set, selects them.
+    """An evaluation with its scenarios. If `run.only` names cases, it is reduced to their ADSs and
+    scenarios.
 
     ads, changes: as in `settings_of`.
 
@@ -105,8 +106,8 @@ def settings_of(
     """
     settings, source = _read(evaluation, folder, resume, not ads)
     for locator in ads:
-        # A program that does not exist is refused here: below, `made_absolute` puts `env -C` in
-        # front of it, and `env` always exists.
+        # A program that does not exist is refused here. Below it is too late: `made_absolute` puts
+        # `env -C` in front of the command, and `env` always exists.
         if isinstance(locator, str) and locator.startswith(("exec:", "traci:")):
             find_controller(locator, Path.cwd())
     if ads:
@@ -179,9 +180,10 @@ def record_facts(
 ) -> Recorded:
     """Simulate the drives of an evaluation, or of its shard, that a run folder lacks.
 
-    another_round: whether this process began or resumed the run, and adds a round of points.
-    meanwhile: work that another process does while cases are driven. If it fails, driving stops,
-        and this process repeats it to raise its error.
+    another_round: whether this process began or resumed the run earlier, and now adds a round of
+        points.
+    meanwhile: work that another process does while cases are driven. If the work fails, driving
+        stops, and this process repeats the work to raise its error.
 
     Raises StoppedError after `stopping` returned true, or after Ctrl-C; recorded cases are kept,
     and `resume` continues.
@@ -256,7 +258,8 @@ def compile_loops(
 def _filled_folder(
     folder: Path, run: Resolved, spaces: Sequence[Space], *, another_round: bool = False
 ) -> Iterator[Store]:
-    """Write the files of a run folder except its facts, note its shard, and give its store.
+    """Context with the store of a run folder, whose other files are written and whose shard is
+    noted.
 
     Raises InputError if the run in the folder cannot continue as this one, before a file changes.
     """
@@ -285,9 +288,10 @@ def _record_alongside(
     progress: Progress,
     stopping: Stopping,
 ) -> None:
-    """Record while another process does `meanwhile`, whose failure must not lose recorded drives.
+    """Record drives while another process does the work `meanwhile`. A failure of that work must
+    not lose recorded drives.
 
-    The engine `serial` has no other process: it does `meanwhile` first.
+    The engine `serial` has no other process: this process does `meanwhile` first.
     """
     if meanwhile is not None:
         if plan.run.settings.run.engine != "serial":
@@ -299,17 +303,17 @@ def _record_alongside(
                         raise
             if not failed():
                 return
-        # After a failure this raises its error here. If it raises none, only the process was lost,
-        # and recording continues.
+        # Repeated here after a failure, `meanwhile` raises its error. If it raises none, its
+        # process was lost by chance, and recording continues.
         meanwhile()
     record(spaces, plan, store, progress, stopping)
 
 
 def in_rounds(run: Resolved, folder: Path | None) -> Resolved:
-    """An evaluation whose adaptive samples have a number of points per round, and the rounds that
-    the run in the folder has chosen already.
+    """An evaluation in which every adaptive sample has its number of points per round, and the
+    rounds that the run in the folder has already chosen.
 
-    These rounds are kept only if nothing but the end of the sample (`count`, `until`) has changed.
+    A sample keeps these rounds only if nothing but its end (`count`, `until`) has changed.
 
     folder: of a run to resume; None: a new run.
     """
@@ -326,7 +330,7 @@ def in_rounds(run: Resolved, folder: Path | None) -> Resolved:
         if earlier is not None and not sampling.rounds:
             continued = replace(sampling, round=earlier.round, rounds=earlier.rounds)
             with_new_end = replace(earlier, count=sampling.count, until=sampling.until)
-            # these are equal if only the end of the sample has changed
+            # both are equal if nothing but the end of the sample differs from the recorded run
             if sampling.round in (None, earlier.round) and with_new_end == continued:
                 return replace(entry, sampling=continued)
         size = size_of_round(
@@ -359,7 +363,8 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
         )
     run = Resolved.of(settings, Path(manifest["source_folder"]))
     with run_folder.only_writer(out, resume=False), _filled_folder(out, run, _spaces(run)) as store:
-        # this also trusts each shard's code; the merged run is trusted only if every shard is
+        # The call also trusts the code of this user's own shards. The merged run is trusted only if
+        # this user recorded every shard.
         if run_folder.give_what_is_own(*shards):
             remember(out, settings, run.source)
         for shard in sorted(folders):
@@ -456,7 +461,7 @@ def _spaces(run: Resolved, progress: Progress = quiet, looked_at: int | None = N
     for number in range(len(run.scenarios)):
         spaces.append(space_of(run, number, looked_at))
         progress("zones", len(spaces), len(run.scenarios))
-    # only for its checks: scoring would otherwise refuse the weights after hours of simulation
+    # called for its refusals: without them scoring would refuse the weights after hours of driving
     scenario_weights(list(run.scenarios), run.settings.method.ranking)
     return spaces
 
@@ -479,8 +484,8 @@ def space_of(run: Resolved, number: int, looked_at: int | None = None) -> Space:
     check_points(logical, points.points[::every])
     hazardous = exactly_hazardous(logical, points.points[::every], settings.method.zones)
     index, count = run.shard
-    # Each scenario gives its first point to another shard. Otherwise all scenarios with few points
-    # would fill the first shards.
+    # Shards take turns over the points. The first point of each scenario goes to another shard:
+    # otherwise scenarios with few points would fill the first shards only.
     share = range((index - 1 - number) % count, total, count)
     return Space(
         logical,

@@ -28,7 +28,7 @@ _FILES = (
     "trajectory.py"
 )  # fmt: skip
 _READERS = "extras/openscenario"  # makes scenarios of files, as the room `scenario` does
-_COMPUTES = "numpy", "scipy", "numba"  # libraries whose version may change a score
+_LIBRARIES = "numpy", "scipy", "numba"  # whose version may change a score
 
 
 @cache
@@ -47,7 +47,7 @@ def sources(*rooms: str) -> str:
     readers = [
         (reader.value, reader.dist and reader.dist.version) for reader in entry_points(group=GROUP)
     ]
-    digest = hashlib.blake2b(repr(([version(name) for name in _COMPUTES], readers)).encode())
+    digest = hashlib.blake2b(repr(([version(name) for name in _LIBRARIES], readers)).encode())
     for file in sorted(files):
         digest.update(str(file.relative_to(_PACKAGE)).encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()
@@ -72,7 +72,8 @@ def scores_key(
         getattr(settings, part)
         for part in ("scenario", "ads", "seed", "drivers", "simulation", "method")
     )
-    # COLUMNS too: after an update the files may be newer than the code that runs
+    # COLUMNS, a value of the running code, is also in the key: a process that was started before an
+    # update would otherwise write rows in its old form under the key of the new files
     return key_of("scores", COLUMNS, content, chosen, named, severity, exposures, sources())
 
 
@@ -82,5 +83,5 @@ def space_key(entry: ScenarioSettings, source: Path) -> bytes:
     """
     named = options_of(entry.use)[0], entry.sampling.method, entry.sampling.file
     files = [file for locator in named if locator for file in files_of(locator, source)]
-    # a missing file matches no earlier state
+    # a missing file: random bytes, so that the key equals no other
     return key_of([(it, it.read_bytes() if it.is_file() else os.urandom(16)) for it in files])

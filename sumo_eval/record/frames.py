@@ -1,8 +1,10 @@
-"""Frames: the form in which a child of `pool`, which runs users' code, sends a result to it.
+"""Frames: messages in which a child process of the pool, which runs users' code, sends a result.
 
 A frame is a header and plain values as `marshal` writes them; nothing in it executes. The header
-has the number of the item (of `record.pool`) that it answers, so that no other item takes it, and a
-checksum, so that only a whole frame is read. `FrameReader` takes the bytes as they arrive.
+has the number of the item that the frame answers, so that no other item accepts it, and a checksum,
+so that only a whole frame is read. `FrameReader` takes the bytes as they arrive.
+
+Users: `record/pool.py`.
 """
 
 import marshal

@@ -1,8 +1,8 @@
-"""ADSs that are given as they are, a class, a function or an object of a notebook cell, instead of
-a locator.
+"""ADSs that a caller in Python gives as a class, a function or an object instead of a locator, for
+example from a notebook's cell.
 
-An ADS in a file gets a locator of this file. Any other is written by value into the run folder,
-only by the user's own process; the children only read it there.
+A class or a function in a file gets a locator of this file. Anything else is pickled into the run
+folder by the user's own process; child processes only read it there.
 
 Users: `record/facts.py`.
 """
@@ -21,9 +21,10 @@ from sumo_eval.settings import AdsSettings
 
 
 def entry_of(ads: Any, run: Path, *, resume: bool) -> AdsSettings:
-    """The `[[ads]]` entry of something that is given.
+    """The `[[ads]]` entry of an ADS that is a class, a function, an object or already an entry.
 
     run: folder of the run, which need not exist yet.
+    resume: whether that folder may hold a run.
     """
     if isinstance(ads, AdsSettings):
         return ads

@@ -1,12 +1,13 @@
 """Comparisons with each concrete scenario's drivers: D_i of the ADSs, the drivers' own band, D_i
 with one left out.
 
-All three need the same drives' trajectory fields, so a point is one job. `scoring.likeness`
-asks for the points; they are read from the store and spread over processes.
+All three need the trajectory fields of the same drives, so the comparisons at one point are one
+job. `scoring.likeness` requests the jobs; processes read the drives from the store and compute
+them.
 
-All three depend on the recorded drives and the settings alone, so a run's folder keeps them
-(`record.kept_results`): scoring, explaining or comparing a run again reads them there, and scoring
-that was stopped continues where it was.
+The results depend on the recorded drives and the settings alone, so a run's folder keeps them
+(`record.kept_results`). Scoring, explaining or comparing the run again reads them there, and
+scoring that was stopped continues where it was.
 
 Users: `evaluation.py`, `scoring/confidence/drivers.py`, `scoring/drive_beside.py`,
 `scoring/likeness.py`, `scoring/steps.py`.
@@ -39,8 +40,8 @@ from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
 
 _CHUNK = 2  # points that a process receives at once
-_KEPT_AT_ONCE = 32  # new results that are written together; scoring that is stopped loses as many
-_WORTH_PROCESSES = 160  # human drives; fewer are computed sooner than processes start
+_KEPT_AT_ONCE = 32  # new results that are written together, and lost if scoring is stopped before
+_WORTH_PROCESSES = 160  # human drives; results of fewer are computed before processes have started
 
 
 @frozen
@@ -49,7 +50,7 @@ class PointJob:
 
     drivers: the human drivers' cases at the point.
     ads: the cases that get a D_i.
-    left_out: ADSs' cases that get a D_i for each driver left out and each of `exchanges`.
+    left_out: ADSs' cases that get a D_i without each driver in turn, and for each of `exchanges`.
     band: whether each driver gets a D_i against all other drivers.
     exchanges: pairs of places in `drivers`: the driver that is left out, and the driver that counts
         twice instead.
@@ -242,8 +243,8 @@ def _compute(
     sets = _left_out(drivers, job.exchanges)
     spacing = _coarse(settings)
     # Each ADS is a group of its own, so that its result is the same to the last bit whatever else
-    # is compared. `indexes` has the groups' results in the order of the groups: the ADSs, the band
-    # (empty unless it is wanted), the ADSs with drivers left out.
+    # is compared. `indexes` gives the result of each group in the order of `groups`: the ADSs, the
+    # band (empty unless it is requested), the ADSs with drivers left out.
     groups = [
         *([Pairing(place[it], drivers, settings.slice_spacing, likeness=True)] for it in job.ads),
         band_pairings(drivers, settings) if job.band else [],

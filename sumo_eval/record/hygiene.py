@@ -1,11 +1,11 @@
 """Process hygiene: a supervisor for every child that runs users' code, and a folder for what
 children leave on disk.
 
-The owner is the process whose pool (`record.pool`) starts children. The supervisor stands between
-the owner and a child, runs no users' code, and is the subreaper of everything that the child
-starts: processes that an ADS leaves behind, even in a session of their own, become its children,
-and it ends them. It watches the memory of them all from outside, and ends them when their owner
-ends.
+The owner is the process whose pool (`record.pool`) starts children. A supervisor is a process
+between the owner and one child, and runs no users' code. It is the subreaper (see prctl(2)) of
+everything that the child starts: processes that an ADS leaves behind, even in a session of their
+own, become the supervisor's children, and it ends them. It also watches the memory of them all, and
+ends them when the owner ends.
 
 Users: `record/pool.py`, `record/reads.py`.
 """
@@ -56,7 +56,8 @@ class Report(NamedTuple):
 
 
 def supervise(work: Callable[[], object], leash: int, report: int, memory_limit: float) -> None:
-    """Fork a child that does `work`, wait for its end, end all that is left of it, report.
+    """Fork a child that does `work`, wait for its end, end all processes that it has left, and
+    report.
 
     leash: descriptor of a pipe's reading end; at its end of file the owner has ended, or wants the
         child to end.
@@ -81,8 +82,8 @@ def supervise(work: Callable[[], object], leash: int, report: int, memory_limit:
 def _work_and_leave(
     work: Callable[[], object], supervisor: int, descriptors: tuple[int, int]
 ) -> NoReturn:
-    """In the child: do the work and exit, so that no code of the parent runs here, whatever is
-    raised.
+    """In the child: do the work and exit, whatever the work raises. So no code of the parent runs
+    here.
 
     supervisor: its process id.
     descriptors: of the supervisor, to be closed here.
@@ -131,8 +132,8 @@ def _watch(child: int, leash: int, memory_limit: float) -> Report:
 
 
 def _end_family() -> None:
-    """Kill all descendants of this process until none is left. One that loses its parent becomes a
-    child of this process.
+    """Kill all descendants of this process until none is left. A descendant whose parent ends
+    becomes a child of this process.
     """
     until = clock.monotonic() + _LEAVE_TIME
     while clock.monotonic() < until:
@@ -160,7 +161,9 @@ def processor_time(pid: int) -> float:
     ticks = 0
     for descendant in family(pid):
         with suppress(OSError, IndexError):  # it has ended meanwhile
-            # its own user and system time, and those of its children that have ended
+            # Fields 14 to 17 of proc(5): user and system time of the process and of its children
+            # that have ended. The name before `)` may hold spaces, so fields are counted from
+            # there.
             spent = Path(f"/proc/{descendant}/stat").read_text().rpartition(")")[2].split()[11:15]
             ticks += sum(map(int, spent))
     return ticks / os.sysconf("SC_CLK_TCK")

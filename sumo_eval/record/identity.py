@@ -1,5 +1,5 @@
-"""Identities: texts of all that a case's facts depend on. If they are equal, recorded facts are
-reused. `record.recording` makes fingerprints of cases from them.
+"""Identities: texts that state all that a case's facts depend on. Recorded facts are reused only
+for equal identities: `record.recording` makes a fingerprint of each case from them.
 
 Users: `extras/studies/qualification/table.py`, `extras/studies/trials.py`, `record/cluster.py`,
 `record/engines.py`, `record/recording.py`, `record/worker.py`.
@@ -78,7 +78,8 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str:
     kind, locator = named
     if kind == "ADS":
         loaded, described, entry = located(locator, folder)
-        if not called_by(loaded):  # refused now, if its objects have no such method either
+        # a class without `act` and `step`: `adapted` makes an object, and refuses one without both
+        if not called_by(loaded):
             adapted(loaded, described, entry.options)
     else:
         loaded = load_object(locator, folder, kind)
@@ -89,7 +90,7 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str:
     policy = loaded.target if isinstance(loaded, Adapter) else None
     files |= set(getattr(policy, "files", ()))
     package = module.__name__.partition(".")[0] if module is not None else ""
-    # a list of pairs, no mapping: files in several folders can have the same `_place`
+    # a list of pairs, because files of different folders can have the same `_place`
     sources = sorted((_place(file, folder), hash_of(file, "file")) for file in files)
     more: dict[str, Any] = {"batch": True} if kind == "ADS" and takes_arrays(loaded) else {}
     if policy is not None and policy.interface.period:
@@ -174,7 +175,7 @@ def named_files(locator: str, folder: Path) -> set[Path]:
     imports; of any other locator, its file.
     """
     scheme, _, named = split_entry(locator)[0].partition(":")
-    try:  # words of a command may hold a `?`, which ends the path in other locators
+    try:  # in a locator of a file, options follow the path after a `?`; a command may hold a `?`
         words = shlex.split(named) if scheme in _COMMANDS else [named.partition("?")[0]]
     except ValueError:  # an open quotation mark
         return set()
@@ -185,8 +186,8 @@ def named_files(locator: str, folder: Path) -> set[Path]:
     while new:
         file = new.pop()
         files.add(file)
-        # modules are looked for in the file's folder and the folders above, up to the folder of a
-        # named file
+        # imports are looked for in the file's folder and in those above it, up to the folder of a
+        # file that the command names
         folders = [
             parent for parent in file.parents if any(parent.is_relative_to(home) for home in homes)
         ]

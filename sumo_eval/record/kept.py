@@ -1,6 +1,6 @@
-"""A recording as the store keeps it.
+"""A recording in the form in which the store keeps it: trajectories as bytes.
 
-Made where the case ran, so that the process that collects handles only bytes.
+The process that drives a case makes the bytes, so that the process that collects cases need not.
 
 Users: `extras/studies/trials.py`, `record/cases.py`, `record/claims.py`, `record/recording.py`,
 `record/store.py`, `record/worker.py`.
@@ -26,8 +26,8 @@ from sumo_eval.trajectory import (
 
 EGO = "ego"
 
-# Single precision has a relative error of 1e-7: negligible for a lane's width, a speed or an angle,
-# but 0.1 mm for each km of x. So these are the bytes of a value, by channel.
+# Bytes of a value, by channel. Single precision (4 bytes) has a relative error of 1e-7: negligible
+# for a lane's width, a speed or an angle, but 0.1 mm for each km of x.
 _VALUE_BYTES = {name: 8 if name in ("time", "x") else 4 for name in CHANNELS}
 _SAMPLE_BYTES = sum(_VALUE_BYTES.values())
 _HEADER = struct.Struct("<Idd")  # number of samples, length and width of the vehicle
@@ -86,7 +86,7 @@ def unpack(data: bytes) -> Trajectory:
     try:
         n, length, width = _HEADER.unpack_from(data)
         size = n * _SAMPLE_BYTES
-        # at most one byte more than there should be: damaged bytes may inflate without end
+        # inflate one byte more than expected at most: damaged bytes might inflate without end
         body = np.frombuffer(inflating.decompress(data[_HEADER.size :], size + 1), np.uint8)
     except (struct.error, zlib.error) as error:
         raise InputError(f"A recorded trajectory is damaged: {error}.") from error

@@ -1,10 +1,10 @@
 """Cache of results computed of a run, beside its facts: parts of bytes, each under a hash of all
 that it depends on. `scoring` keeps its results here.
 
-Scores are computed from recorded facts, so computing them again gives the same. A caller that finds
-a part under the hash of the facts, settings and sources that it depends on uses it instead. The
-file may be deleted, which costs the time to compute it again. Every part carries a hash of its own
-content: a damaged one is an error, never a number.
+A result depends only on recorded facts, settings and sources, and is kept under their hash. A
+caller that finds a result under this hash uses it instead of computing it again. The file may be
+deleted: its results are then computed again. Every part also carries a hash of its own content, so
+that a damaged part is an error, never a number.
 
 Users: `evaluation.py`, `record/`, `report/assessed.py`, `scoring/`.
 """
@@ -58,7 +58,8 @@ def key_of(*parts: object) -> bytes:
 class KeptResults:
     """The cache of one run, in a file of its folder.
 
-    If the file cannot be written, new parts are in a temporary one, as long as this object exists.
+    If that file cannot be written, new parts go into a temporary file, which lasts as long as this
+    object.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -151,8 +152,8 @@ class KeptResults:
 
 
 def _opened(path: Path) -> sqlite3.Connection:
-    """The opened file, made if it does not exist, and emptied if another version wrote it; a
-    temporary one if that is not possible.
+    """The opened file. It is made if it does not exist, and emptied if another version wrote it. If
+    it cannot be opened or written, a temporary file replaces it.
     """
     try:  # check_same_thread: a finalizer closes it, in any thread that collects garbage
         connection = sqlite3.connect(path, timeout=_PATIENCE, check_same_thread=False)

@@ -1,8 +1,9 @@
-"""Module that the fork server imports (`record.children`), so that each child has at once what it
-runs: `record.worker`, and the compiled loops that every run needs, if this machine has them.
+"""Module that the fork server imports (`record.children`), so that each child has from its start
+what it runs: `record.worker`, and the compiled loops that every run needs, as far as this machine
+has compiled them.
 
-A child loads the loop of any other ADS when it needs it, in 0.05 s, and compiles it first if this
-machine has not.
+A child loads the loop of another ADS when it needs that, in 0.05 s, and first compiles a loop that
+this machine has not compiled.
 """
 
 import gc
@@ -14,16 +15,16 @@ from types import TracebackType
 def _report_others(
     kind: type[BaseException], error: BaseException, trace: TracebackType | None
 ) -> None:
-    """Print the traceback of an error of any other kind than two: OSError, where the system refused
-    a process, which the owner reports, and EOFError, where the owner has ended.
+    """Print the traceback of an error, except of two kinds. OSError: the system refused a process,
+    which the owner reports. EOFError: the owner has ended.
     """
     if not issubclass(kind, OSError | EOFError):
         sys.__excepthook__(kind, error, trace)
 
 
 def _load() -> None:
-    """Load what children run. Nothing of it is ever freed, so garbage collection is off meanwhile,
-    and later collections in the children leave it out (`gc.freeze`).
+    """Load what children run. None of these objects is ever released: garbage collection is off
+    while they are loaded, and `gc.freeze` exempts them from later collections in the children.
     """
     gc.disable()
     import sumo_eval.record.worker  # noqa: F401

@@ -2,7 +2,7 @@
 
 The lock ends with the process, however that ends.
 
-Users: runs (`run_folder`), studies (`extras.studies.trials`) and nights (`night`).
+Users: `extras/studies/trials.py`, `nightly/night.py`, `record/run_folder.py`.
 """
 
 import os
@@ -17,16 +17,17 @@ from sumo_eval.errors import InputError
 from sumo_eval.input_file import writing
 
 LOCK = ".lock"  # of a folder
-_LOCKED_BYTE = 1 << 20  # Windows locks bytes: one behind the text, so that others can read it
+# Windows locks bytes and lets no other process read them: a byte far behind the file's text
+_LOCKED_BYTE = 1 << 20
 
 
 @contextmanager
 def held(path: Path, folder: str, busy: Callable[[str], str]) -> Iterator[None]:
-    """Hold the lock file `path`, which names its owner. It and its folder are made if they do not
-    exist; the file is removed at the end.
+    """Hold the lock file `path`, in which the name of its owner stands. The file and its folder are
+    made if they do not exist; the file is removed at the end.
 
     folder: begins the InputError if the file cannot be made, e.g. `The run folder out`.
-    busy: makes the error message if another process holds it, from that owner's name.
+    busy: makes the error message if another process holds the file, from the name of that owner.
     """
     with writing(folder):  # makes an InputError of an OSError
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -34,8 +35,10 @@ def held(path: Path, folder: str, busy: Callable[[str], str]) -> Iterator[None]:
     try:
         yield
     finally:
-        with suppress(PermissionError):  # Windows keeps an open file; the next holder takes it
-            path.unlink(missing_ok=True)  # while still locked: see `_locked`
+        # On Windows an open file cannot be removed: the next owner takes it over. It is removed
+        # while it is still locked, see `_locked`.
+        with suppress(PermissionError):
+            path.unlink(missing_ok=True)
         os.close(file)
 
 
@@ -54,10 +57,10 @@ def held_folder(folder: Path) -> AbstractContextManager[None]:
 
 
 def _locked(path: Path, busy: Callable[[str], str]) -> int:
-    """The opened and locked file.
+    """Descriptor of the opened and locked file.
 
-    Its last owner may have removed it between `open` and `_lock`. Then another process would make
-    and lock a new file, so this one opens it again.
+    The last owner may remove the file between `open` and `_lock`. The lock of a removed file is
+    worthless, as another process would make and lock a new one. So the file is then opened again.
     """
     now = datetime.now(UTC).isoformat(timespec="seconds")
     while True:

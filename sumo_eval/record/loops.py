@@ -1,9 +1,9 @@
 """The compiled loops of everything that ships: a run compiles those that it needs, each once on a
 machine.
 
-A piece is a group of loops that are compiled, and marked as compiled, together: the world's own,
-those of vehicles whose moves depend on what happens, and the loop of each rule, which is named by
-its locator. `record.facts` and `record.engines` ask for pieces before the first drive.
+A piece is a group of loops that are compiled together, and marked as compiled together. The pieces
+are the constants below, such as the world's own loops, and the loop of each rule of a baseline,
+under the rule's locator. `record.facts` and `record.engines` ask for pieces before the first drive.
 
 python -m sumo_eval.record.loops        compiles all that is not compiled yet, in as many processes
 as there are cores, at most `_MOST`
@@ -54,9 +54,9 @@ _SECONDS = {
 }  # fmt: skip
 """Approximate processor time to compile a piece after those before it, s. Pieces that share
 functions are neighbours, so that one process compiles them."""
-_MOST = 4  # processes; each one more compiles the functions that pieces share once more
+_MOST = 4  # processes that compile; each of them compiles the functions that its pieces share
 
-_ROAD = Road("road", 100.0, 2, 3.5, 0.0)
+_ROAD = Road("road", 100.0, 2, 3.5, 0.0)  # to compile with; no vehicle drives on it
 _TURNED = 0.01  # rad; an actor with a heading off the road's direction is `PLAYED`
 
 

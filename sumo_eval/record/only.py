@@ -31,27 +31,31 @@ def narrowed(run: Resolved) -> Resolved:
         named.append(parts_of[case])
     scenarios = {scenario for scenario, *_ in named}
     chosen_ads = {ads for *_, ads in named}
-    kept = [(entry, logical) for entry, logical in run.entries if logical.name in scenarios]
-    gone = run.scenarios.keys() - scenarios
+    entries = [(entry, logical) for entry, logical in run.entries if logical.name in scenarios]
+    # settings of scenarios that are left out would be refused as unknown names
+    left_out = run.scenarios.keys() - scenarios
     method, report = settings.method, settings.report
-    weights = {name: w for name, w in method.ranking.weights.items() if name not in gone}
-    axes = {name: pair for name, pair in report.axes.items() if name not in gone}
+    weights = {name: w for name, w in method.ranking.weights.items() if name not in left_out}
+    axes = {name: pair for name, pair in report.axes.items() if name not in left_out}
     settings = replace(
         settings,
         method=replace(method, ranking=replace(method.ranking, weights=weights)),
         report=replace(report, axes=axes),
-        scenario=tuple(entry for entry, _ in kept),
+        scenario=tuple(entry for entry, _ in entries),
         ads=tuple(ads for ads in settings.ads if ads.name in chosen_ads),
     )
-    return replace(run, settings=settings, scenarios={logical.name: logical for _, logical in kept})
+    return replace(
+        run, settings=settings, scenarios={logical.name: logical for _, logical in entries}
+    )
 
 
 def _parts_by_key(
     case: str, scenarios: Iterable[str], settings: EvaluationSettings
 ) -> dict[str, Parts]:
     """Parts of the cases that a text may name, by key."""
-    # Every number may be the point's, since names hold numbers too: `ncap-2026-ccrs-0003-idm`.
-    # Without a number point 0 gives the nearest key for the error message.
+    # Any number in the text may be that of the point, because names may hold numbers too:
+    # `ncap-2026-ccrs-0003-idm`. A text without a number gets point 0: the error message then offers
+    # the nearest key.
     numbers = map(int, re.findall(r"-(\d{4,9})(?=-)", case) or ["0"])
     return {
         f"{scenario}-{number:04d}-{ads.name}": (scenario, number, ads.name)
@@ -65,9 +69,10 @@ def points_only(
     """Numbers of the points of a logical scenario that `run.only` names; all where it names no
     case.
 
-    numbers: those to choose from.
-    points: how many the scenario has.
-    Raises InputError for a number beyond them.
+    numbers: numbers to choose from.
+    points: number of points of the scenario.
+
+    Raises InputError for a number that no point has.
     """
     if not settings.run.only:
         return numbers

@@ -31,15 +31,16 @@ if TYPE_CHECKING:
 
 ZONES: dict[bytes, ZonePartition] = {}
 """Partitions that this process has read or computed, by the hash of all that they depend on."""
-# The oldest goes first, so a second round over more scenarios than this would find none of them.
+# Most partitions in `ZONES`; the oldest is dropped first. With more scenarios than this, a second
+# pass over all of them finds none.
 _MOST_ZONES = 64
 
 
 def kept_zones(
     logical: LogicalScenario, settings: ZoneSettings, cache: KeptResults, key: bytes
 ) -> ZonePartition:
-    """The partition of a scenario: from an earlier evaluation of this process, from the run's
-    cache, or computed; the cache holds it afterwards.
+    """The partition of a scenario: from an earlier evaluation of this process, else from the run's
+    cache, else computed. The cache holds it afterwards.
 
     key: hash of all that the partition depends on.
     """

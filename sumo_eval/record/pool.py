@@ -1,11 +1,11 @@
-"""Pool of warm child processes in which anything may fail: one item costs at most itself and its
-process.
+"""Pool of warm child processes in which anything may fail: a fault loses at most the item in which
+it happens, and its process.
 
 Each child serves one affinity (a group of items, such as the cases of one ADS) and nothing else. It
-has pipes of its own and a supervisor (see `hygiene`), so it cannot reach the results of any other.
-Its results are frames that cannot execute anything (see `frames`); its output is kept here,
-bounded, and never reaches our own stdout. Nothing here waits for a child longer than its deadline.
-Everything happens in the calling thread.
+has pipes of its own and a supervisor (see `hygiene`), so it cannot reach the results of another
+child. Its results are frames that cannot execute anything (see `frames`). What it prints is kept
+here up to a length, and never reaches the owner's stdout. Nothing here waits for a child longer
+than its deadline. All code of the owner runs in the calling thread.
 
 Users: `record/apart.py`, `record/engines.py`.
 """
@@ -59,15 +59,15 @@ How = Literal["done", "refused", "died", "overdue", "overfull", "garbled"]
 
 LOG_END = 7_900  # bytes that are kept of the beginning, and of the end, of an item's output
 _READS_AT_ONCE = 16  # reads of one child's output before those of the next child
-_LEAVE_TIME = 5.0  # s in which a killed process must be gone
-_COPY_TIME = 0.2  # s in which a forked copy of a child comes to the end of the item as well
+_LEAVE_TIME = 5.0  # s to wait until a killed process is gone
+_COPY_TIME = 0.2  # s to wait for copies that an ADS has forked and that also do the item
 _LONGEST_WAIT = 3600.0  # s, of one wait for the children
 _LONGEST_REFUSAL = 20_000  # characters of an InputError's text
 _WARNING_SHARE = 0.9  # share of the deadline after which the child prints where it hangs
 _LENGTH = struct.Struct("<Q")  # number of bytes of an order, which follows it in the pipe
 _CLOSED = "closed its connection"
-# share of the memory limit beyond which a child gets no more items: the memory that an ADS keeps
-# would end a later case
+# share of the memory limit beyond which a child gets no more items: memory that an ADS does not
+# release would end a later case
 _FULL = 0.8
 
 
@@ -75,13 +75,13 @@ _FULL = 0.8
 class Ended(Generic[Item]):
     """Outcome of one item.
 
-    how: `done` with a result; `refused` by an InputError; `died`: the child ended by itself; or
-        killed because it was `overdue`, used too much memory (`overfull`), or sent no valid frame
-        (`garbled`).
+    how: `done`: with a result. `refused`: by an InputError. `died`: the child ended by itself. Or
+        the child was killed, because it was `overdue`, used too much memory (`overfull`), or sent
+        no valid frame (`garbled`).
     log: output of the child.
-    why: of `refused` the InputError's text, of `overfull` the MB used, else words that continue
+    why: if `refused`, the InputError's text; if `overfull`, the MB used; else words that continue
         "the process that ran the case ...".
-    idle: share of its wall time in which no processor worked on it.
+    idle: share of the item's wall time in which no processor worked on it.
     """
 
     item: Item
@@ -186,10 +186,10 @@ class Pool:
     ) -> Iterator[Settled]:
         """Results of `settle` for the items, in the order in which they end.
 
-        take: gives the next item whenever a child is free; None: there is none now, though the
-            outcome of a running one may bring more.
-        settle: called with each outcome at once; its results are yielded after the children have
-            been given more items.
+        take: gives the next item whenever a child is free; None: there is none now, but the outcome
+            of a running item may bring more.
+        settle: called with each outcome at once; its results are yielded after the free children
+            have been given more items.
         stopping: once it is true, no further item is taken.
         meanwhile: called while the children work, before waiting for them.
         """
@@ -279,7 +279,7 @@ class _Child:
             os.set_blocking(own.fileno(), False)
         self.affinity = affinity
         self.items = 0
-        # s: the clock at the item's deadline and at its begin, processor time used before it
+        # of the item, s: its deadline and its begin by the clock; processor time used before it
         self.deadline = self._begun = self._used = 0.0
         self.is_last = False  # whether the child ends with its present item
         self._item: Any = None
@@ -287,10 +287,10 @@ class _Child:
         self._log = BoundedLog()
         self._to_send = memoryview(b"")
         self._reader = FrameReader(0)  # of no item: the child must not answer yet
-        # Content of its frame: [whether the child ends now, whether a forked copy of it drove the
-        # item as well, text of a refusal, result].
+        # Content of the child's frame: [whether the child ends now, whether a forked copy of the
+        # child did the item as well, text of a refusal, result].
         self._answer: Any = None
-        self._fault = ""  # of its frame, in words
+        self._fault = ""  # what is wrong with that frame; continues "the process that ran ..."
         self._last_report: Report | None = None
         self._reported = False
         pipes = (orders, results, output, leash, report)
@@ -376,7 +376,8 @@ class _Child:
         if self.deadline <= monotonic():
             if begun:
                 return "garbled", "began a result and did not end it"
-            # closed without a report: `died`, in these words; `overdue` needs none
+            # `died` if the pipe was closed without a report of the supervisor; `overdue` needs no
+            # words
             return ("died" if self._results.closed else "overdue"), _CLOSED
         return None
 
@@ -435,10 +436,10 @@ def _begin(pipes: Sequence[Connection], memory_limit: float, scratch: str) -> No
 
 
 def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
-    """Work on items until no more come, or until one leaves a process, a thread, a full memory or
-    a changed resource limit behind, which must not disturb further items.
+    """Work on items until no more come. An item that leaves a process, a thread, a full memory or a
+    changed resource limit behind is the last: these must not disturb further items.
 
-    ends: of the pipes for orders, results and output.
+    ends: descriptors of the pipes for orders, results and output.
     """
     import resource
 
@@ -468,7 +469,7 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
         except InputError as error:
             refusal = str(error)
         faulthandler.cancel_dump_traceback_later()
-        if os.getpid() != pid:  # a forked copy has come to the end of the item
+        if os.getpid() != pid:  # this is a copy that the item forked: only the original answers
             os._exit(COPY)
         # flushed here, so that the output belongs to the item that printed it
         for stream in (sys.stdout, sys.stderr):
@@ -516,10 +517,10 @@ def _read(descriptor: int, size: int) -> bytes:
 
 
 def _left_processes(patience: float) -> tuple[bool, bool]:
-    """Whether this process has child processes, running or ended, and whether one of them was a
-    copy of it that went through the item as well.
+    """Whether this process has child processes, running or ended; and whether one of them was a
+    copy of this process that did the item as well.
 
-    patience: time to wait for running ones, s.
+    patience: time to wait for the end of running ones, s.
     """
     until = monotonic() + patience
     left = twice = False

@@ -6,12 +6,12 @@ Users: `evaluation.py`, `nightly/`, `record/`, `report/assessed.py`, `scoring/`,
 from collections.abc import Callable
 
 Stopping = Callable[[], bool]
-"""Asked before cases are begun: whether no more of them should be."""
+"""Called before further cases begin: whether no further case should begin."""
 
 
 Progress = Callable[..., None]
-"""Called with a stage of the work, how much of it is done, how much there is, and how many of the
-done ones failed (0 if left out)."""
+"""Called with the name of a stage of the work, the number of its items that are done, the number of
+all its items, and the number of done items that failed (0 if left out)."""
 
 
 def quiet(stage: str, done: int, total: int, failed: int = 0) -> None:

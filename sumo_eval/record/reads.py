@@ -1,10 +1,11 @@
 """Files that the code of an ADS reads while it drives: their hashes are noted in its process
 (`record.worker`), and compared with the files when a run is resumed (`record.recording`).
 
-A process notes every Python file outside the installed packages, and every file below a folder that
-contains such a file or the evaluation, with its content when it is opened. Files that it writes do
-not count, nor do compiled Python files. What a process has read stays in its memory: all cases of
-an ADS depend on all files that its processes have read.
+A process notes two kinds of files with their content at the time they are opened: every Python file
+outside the installed packages, and every file below a folder that contains such a Python file or
+the evaluation. Files that the process writes do not count, nor do compiled Python files. What a
+process has read stays in its memory: so all cases of an ADS depend on all files that its processes
+have read.
 
 Users: `extras/studies/trials.py`, `record/claims.py`, `record/engines.py`, `record/recording.py`,
 `record/store.py`, `record/worker.py`.
@@ -34,8 +35,8 @@ from sumo_eval.record.hygiene import SCRATCH_PREFIX
 from sumo_eval.text import clean
 
 ABSENT, WRITTEN, UNKNOWN = "-", "", "?"
-"""In place of a hash: there is no such file; the ADS writes it; it may have been changed after it
-was loaded."""
+"""Marks that replace a hash. ABSENT: there is no such file. WRITTEN: the ADS writes the file.
+UNKNOWN: the file may have changed after it was loaded."""
 LOST = "a file that no process lived to tell"
 """Path of a stand-in for all files of an ADS whose processes were all lost before they could
 report. Its hash is `UNKNOWN`, and `WRITTEN` once a process has reported."""
@@ -46,7 +47,8 @@ _CODE = (*_PYTHON, ".pyd", ".so", ".zip", ".egg", ".whl", ".pyz")
 _EVENTS = frozenset({"open", "import", "os.rename", "sqlite3.connect", "ctypes.dlopen"})
 _HASHED_WHOLE = 256 << 20  # bytes; a larger file is identified by its size and time of change
 _MOST_REPORTED = 1_000  # written files of one process: an ADS may write one a step
-_busy = threading.local()  # `now`: this thread notes a file, and its own opening does not count
+# `_busy.now`: this thread is noting a file; that it opens the file for this does not count
+_busy = threading.local()
 _IMPORT_TIME = clock.time()  # of this module, by the system's clock, s
 
 File = tuple[str, str]
@@ -81,7 +83,9 @@ class _Watch:
             return
         before.active = False  # after a Ctrl-C amid a case it is still active
         for path, digest in before._known:
-            if digest != WRITTEN:  # content that the earlier run has read may still be in memory
+            # content that the earlier run has read may still be in memory: UNKNOWN if it has
+            # changed
+            if digest != WRITTEN:
                 self._note(path, digest if content(path, _state(path)) == digest else UNKNOWN)
 
     def opens(self, path: Any, flags: int) -> None:
@@ -98,7 +102,7 @@ class _Watch:
             return
         if not self._is_below(place) and (writes or not place.endswith(_CODE)):
             return
-        # a file that is opened for both can be read, unless opening it empties it
+        # a file that is opened for reading and writing is read, unless opening it empties it
         if writes and (flags & os.O_TRUNC or not flags & os.O_RDWR):
             self.write(place)
         else:
@@ -228,7 +232,8 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
         return
     _busy.now = True
     try:
-        with suppress(Exception):  # a path may be anything: only opening it may fail, in the ADS
+        # an ADS may try to open anything as a path: this must fail in the ADS, not here
+        with suppress(Exception):
             if event == "open":
                 _watch.opens(arguments[0], arguments[2])
             elif event == "import" and arguments[1]:
@@ -252,8 +257,8 @@ def _database(name: str) -> str:
 
 
 def _source(path: str) -> str | None:
-    """The source of a compiled Python file, or the path itself of any other file; None for the
-    temporary files from which Python makes compiled ones.
+    """The source of a compiled Python file; of any other file the path itself; None for a temporary
+    file that Python renames to a compiled one.
     """
     folder, name = os.path.split(path)
     if not name.endswith(".pyc"):
@@ -324,10 +329,10 @@ class OneVersion:
         if files is None:
             files = [] if locator in self._reported else [(LOST, UNKNOWN)]
         elif (locator, LOST) in self._files:
-            files = [*files, (LOST, WRITTEN)]  # the stand-in is not needed any more
+            files = [*files, (LOST, WRITTEN)]  # ends the effect of the stand-in
         self._reported.add(locator)
         new = []
-        # WRITTEN replaces everything and so comes first; UNKNOWN replaces a hash
+        # WRITTEN replaces any other entry, so it comes first; UNKNOWN replaces a hash
         for path, digest in sorted(files, key=lambda file: file[1] != WRITTEN):
             before = self._files.get((locator, path))
             if before in (digest, WRITTEN) or (before == UNKNOWN and digest != WRITTEN):

@@ -109,8 +109,8 @@ class Planner:
     def ads(self, space: Space) -> Iterator[Case]:
         """Cases of every ADS at every point; policies over arrays drive blocks of cases together.
 
-        A block is `size` consecutive points of the space, also points that need not be driven: its
-        composition must not depend on the choice of points.
+        A block is `size` consecutive points of the space, whether or not they must be driven: the
+        composition of a block must not depend on the choice of points.
         """
         settings = self.run.settings
         size = min(settings.run.cases_per_pack, settings.run.cases_per_child)
@@ -143,7 +143,8 @@ class Planner:
         )
         for number in space.numbers:
             case = Case(number, space.concrete(number).without_ads, role, role, controller)
-            # "": its fingerprint is the same if an ADS under test has this locator and an identity
+            # identity "": the fingerprint of a reference does not depend on whether the same
+            # baseline is also an ADS under test, which has an identity
             yield with_fingerprint(case, settings.simulation, "", self.harness)
 
     def humans(self, space: Space) -> Iterator[Case]:
@@ -356,7 +357,9 @@ def _record_people(space: Space, plan: Planner, work: Recorder) -> None:
     safe = space.safe
     recorded = settings.source == RECORDED
     may_add = recorded and settings.too_thin == "fill" and space.logical.has_drivers
-    left_out: list[float] = []  # as in `Reference` (inf: off the road), at all points
+    # of every drive that is left out, at all points: the share of the road that it covers; inf: it
+    # leaves the road (`drivers.recorded.reference.Reference.left_out`)
+    left_out: list[float] = []
     drives = _recorded_drives(plan, space, left_out) if recorded else partial(_own_drives, plan)
     words = "recorded drivers" if recorded else "drivers"
     keys: set[str] = set()
@@ -371,14 +374,15 @@ def _record_people(space: Space, plan: Planner, work: Recorder) -> None:
         work.check()
         work.progress(f"{name}: {words}", done, len(safe))
     short = [share for share in left_out if share < math.inf]
-    # of drives: too short, the most that one of these covers, off the road
+    # number of drives that are too short, the largest share that one of these covers, number of
+    # drives off the road
     counts = len(short), max(short, default=0.0), len(left_out) - len(short)
     work.store.note(f"{LEFT_OUT} {name} {plan.run.shard}", json.dumps(counts))
     if added:
         title = f"{name}: drivers where too few are recorded"
         work.do([RoleCases(title, name, "human", added, len(added))])
     keys.update(case.key for case in added)
-    # drives from before the settings or recordings of a resumed run changed
+    # drives that the run recorded before it was resumed with other settings or recordings
     work.store.remove(case for case, _, _ in work.store.names("human", name) if case not in keys)
 
 
@@ -403,8 +407,8 @@ def _recorded_drives(
 
 
 def find_stale(store: Store, source: Path) -> tuple[str, ...]:
-    """Mark ADSs as stale whose recorded cases depend on files that have changed since. Gives a note
-    on each.
+    """Mark the ADSs as stale whose recorded cases depend on files that have changed since; return
+    a note on each.
     """
     files = changed(store.files_read(), source)
     store.stale = frozenset(files)

@@ -40,7 +40,7 @@ GIVEN = "ads"  # folder of pickled ADSs, which have no file of their own (`recor
 _PACKAGES = ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn")  # versions in the manifest
 _GIT_PATIENCE = 10.0  # s, for Git in a large folder
 _HALF_MADE = {EVALUATION, MANIFEST, FACTS, EXPOSURES, "networks", "routes"}
-"""Names in the folder of a run that was ended while `create` made it."""
+"""Names that the folder may hold if a run was ended while `create` wrote its files."""
 
 
 @contextmanager
@@ -105,7 +105,7 @@ def create(
     """
     before = read_manifest(folder) if is_run(folder) else {}
     named = settings.run.qualification
-    # the file need not exist any more when a run continues
+    # a run that continues keeps its record: the qualification's file need not exist any more
     earlier = before.get("qualification")
     qualified = {"qualification": earlier or read_qualification(named, source)} if named else {}
     with writing(f"The run folder {folder}"):
@@ -173,7 +173,8 @@ def read_settings(folder: Path) -> EvaluationSettings:
     if not (folder / FACTS).is_file():
         raise InputError(f"{folder} is not a run folder: there is no {FACTS} in it.")
     settings = read_evaluation(folder / EVALUATION)
-    # whether it names code does not depend on the folder: the manifest is read only if it does
+    # Whether a run names code does not depend on the source folder. So the manifest, which has that
+    # folder, is read only if the run does.
     if code_of(settings, folder, driving=False):
         refuse_foreign_code(folder, settings, source_of(folder))
     return settings

@@ -42,7 +42,7 @@ def hashes_of_scenario(use: str, source: Path) -> dict[str, str]:
 
 
 def _content(file: Path) -> object:
-    """Bytes of a file; of a TOML file, whose comments mean nothing, its tables."""
+    """Bytes of a file; for a TOML file its tables, so that comments do not count."""
     content = file.read_bytes()
     if file.suffix == ".toml":
         with suppress(ValueError):
@@ -51,8 +51,8 @@ def _content(file: Path) -> object:
 
 
 def files_of(locator: str, source: Path) -> list[Path]:
-    """The file that a locator names, and the files that their texts name in turn; for Python also
-    all Python files of its folder.
+    """The file that a locator names, the files that its text names, and so on; of a Python file
+    also all Python files of its folder.
     """
     named = _file_of(locator, source)
     if named is None:
@@ -63,7 +63,7 @@ def files_of(locator: str, source: Path) -> list[Path]:
         file = waiting.pop()
         if file not in paths:
             paths.add(file)
-            with suppress(OSError):  # a file that must not be read
+            with suppress(OSError):  # no permission to read the file
                 waiting += _named_in(file)
     return sorted(paths)
 
@@ -86,8 +86,8 @@ def _file_of(locator: str, source: Path) -> Path | None:
 
 
 def _named_in(file: Path) -> Iterator[Path]:
-    """Files that a file's text names in quotes, by a path from its folder; in OpenSCENARIO it may
-    also name a folder, for all files in it.
+    """Files that a file's text names in quotes, by a path from the file's folder. A text of
+    OpenSCENARIO may also name a folder: then all its OpenSCENARIO files.
     """
     if (
         file.suffix not in _NAMING_SUFFIXES

@@ -1,8 +1,8 @@
 """JSON files of a run folder that carry a hash of their own content, by which an edited or damaged
 file is noticed. For `record.run_folder`.
 
-A slip, a flipped bit and a cut file are noticed. A forged file is not: a program that can write it
-can also write a hash that fits.
+The hash shows a careless edit, a flipped bit and a file that was cut off. It does not show a
+forgery: a program that can write the file can also write a hash that fits.
 
 Users: `record/run_folder.py`, `record/store.py`.
 """

@@ -13,7 +13,9 @@ from sumo_eval.errors import InputError
 from sumo_eval.record.children import child_context, tie_to_owner
 
 Spread = Callable[[Callable[[Any], Any], Sequence[Any]], Iterable[Any]]
-"""Function that gives `work` of every part, in order, wherever it is done; `map` does it here."""
+"""Function like `map`: the result of `work` for each part, in order. Other processes may compute
+the results; `map` itself computes them in this process.
+"""
 
 
 @contextmanager
@@ -40,7 +42,7 @@ def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]
     """Child processes for any number of rounds of work.
 
     workers: number of processes; 1: this process computes.
-    prepare: what each begins with at once, while the caller does something else.
+    prepare: function that each child calls first, while the caller does something else.
     """
     if workers == 1:
         yield map

@@ -1,10 +1,10 @@
-"""Facts of a run in one SQLite file: a row a case with its trajectories, each case in one
-transaction.
+"""Facts of a run in one SQLite file: a row for each case, with its trajectories. A case is written
+in one transaction.
 
-Every case carries a hash of all that is recorded of it, and a complete run a seal over all its
-cases. Each process checks a file against them once, before its first answer. `vouch` notes that a
-file was checked when it was scored. While that file does not change, a case is checked when it is
-read, and all cases before many are read.
+Every case carries a hash of all that is recorded of it. A complete run has a seal, a hash over all
+its cases. Each process compares a file with these hashes once, before it reads anything. `vouch`
+notes in the run's cache that a file was checked as a whole. As long as that file does not change,
+later processes check less: a case when they read it, and the whole file before they read many.
 
 Users: `cli/`, `evaluation.py`, `nightly/`, `record/`, `report/`, `scoring/`, `whatif/search.py`,
 `extras/`.
@@ -67,25 +67,27 @@ _LATER = {
     "latency_reference REAL) WITHOUT ROWID",
     "let_go": '("case" TEXT PRIMARY KEY, hash BLOB NOT NULL) WITHOUT ROWID',
 }
-"""Tables that files of earlier versions lack. `let_go`: hashes of cases with their trajectories,
-which were discarded."""
+"""Tables that files of earlier versions lack, with their columns. `let_go` has the cases whose
+trajectories were discarded: the hash of each case with its trajectories."""
 _TABLES = ("facts", "circumstances", "latencies", "trajectories")
+# names of notes in the table `about`
 _SEAL = "seal"
 _CONTENT = "content"  # the seal before trajectories were discarded
 _DISCARDED = "discarded bytes"
 LEFT_OUT = "left out"
-"""Beginning of the notes on recorded drives that are left out: JSON of the number that cover too
-little of the road, the largest share that one of these covers, and the number that leave the
-road."""
-# table and condition of these notes, behind FROM
+"""Beginning of the names of notes on recorded drives that are left out. A note is JSON of three
+numbers: drives that cover too little of the road, the largest share that one of these covers, and
+drives that leave the road."""
+# table and condition of these notes, for a query after FROM
 _NOTES = f"about WHERE name LIKE '{LEFT_OUT} %'"
-# bytes; the hash finds damage and careless edits, but a forger of the file can write one that fits
+# bytes; the hash shows damage and careless edits, but a forger of the file can write one that fits
 _HASH_SIZE = 16
-# files that this process has checked: path, size, time of last change
+# files that this process has checked as a whole: path, size, time of last change in ns
 _checked: set[tuple[str, int, int]] = set()
 
-# cases in one of two tables only, though every case is in both, and latencies that are no numbers
-_HALVES = """
+# Damaged cases: those in only one of `facts` and `circumstances`, which both have every case, and
+# those with a latency that is not a number.
+_DAMAGED = """
 SELECT * FROM (SELECT "case" FROM facts EXCEPT SELECT "case" FROM circumstances)
 UNION SELECT * FROM (SELECT "case" FROM circumstances EXCEPT SELECT "case" FROM facts)
 UNION SELECT "case" FROM latencies WHERE typeof(latency_median) NOT IN ('real', 'null')
@@ -97,14 +99,15 @@ _ALL_FACTS = 'SELECT * FROM facts ORDER BY "case"'
 _ALL_DRIVES = 'SELECT "case", vehicle, data FROM trajectories ORDER BY "case", vehicle'
 _DRIVES = 'SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle'
 _UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
-"""Errors of reading a damaged file: SQLite's own words about it may hold its bytes."""
+"""Exceptions of reading a damaged file. UnicodeDecodeError: SQLite's message about the damage may
+hold bytes of the file."""
 
 
 @frozen
 class Fact:
     """One recorded case, without its trajectories.
 
-    alone: why it was not simulated together with others, an `Alone` as JSON; "": no reason.
+    alone: why the case was simulated alone, an `Alone` as JSON; "": no reason is recorded.
     batched: as in `Recording`.
     wall_time, latency_...: s; `latency_max`, `latency_p99` are `longest`, `late` of `Latency`.
     """
@@ -152,7 +155,8 @@ _SELECT_FACTS = (
 class Store:
     """Facts file of one run.
 
-    What differs from run to run - times, printed text - has tables of its own.
+    Values that differ between equal runs, such as wall times and printed text, are not in the table
+    `facts` but in `circumstances` and `latencies`.
     """
 
     def __init__(self, path: Path, *, create: bool = False) -> None:
@@ -160,7 +164,8 @@ class Store:
             raise InputError(f"{path.parent} is not a run folder: there is no {path.name} in it.")
         self.path = path
         self._writing = create
-        self.unchecked = False  # True: a case is checked when it is read, all before many are
+        # True: the file is vouched for, and a case is checked only when it is read
+        self.unchecked = False
         # locators of ADSs that have read files that have changed since
         self.stale: frozenset[str] = frozenset()
         try:
@@ -214,7 +219,8 @@ class Store:
 
     def close(self) -> None:
         """Close the file; a finished one is a single file that needs no write access to be read."""
-        # on a full or broken disk, or beside a reader, the file stays as whole as it is
+        # This may fail on a full disk, or while another process reads: the file then keeps its WAL,
+        # with all its facts.
         with suppress(sqlite3.Error):
             if self._writing:
                 self._connection.execute("PRAGMA journal_mode = DELETE")
@@ -234,7 +240,7 @@ class Store:
             self._connection.rollback()
 
     def check_all(self) -> None:
-        """Check the whole file now, if so far only the cases that are read are checked."""
+        """Check the whole file now, unless that is done."""
         if self.unchecked:
             self.check()
             self.unchecked = False
@@ -266,13 +272,13 @@ class Store:
         )
 
     def _compare(self) -> None:
-        # first: an index that lost a row would leave a case out silently
+        # before any query: with a damaged index a query would leave out cases silently
         for (words,) in self._read("PRAGMA integrity_check(1)"):
             if words != "ok":
                 raise InputError(f"{self.path} is damaged: {words.splitlines()[-1]}. {FIX}")
-        for (case,) in self._read(_HALVES):
+        for (case,) in self._read(_DAMAGED):
             raise self._lacking(case)
-        # a group has a case and the case's rows of `trajectories`
+        # rows of `trajectories` by case; the loop below takes a group when it is at its case
         groups = groupby(self._read(_ALL_DRIVES), key=lambda row: row[0])
         group = next(groups, None)
         circumstances = self._read('SELECT * FROM circumstances ORDER BY "case"')
@@ -316,14 +322,13 @@ class Store:
         self.note(_CONTENT, "")
 
     def discard_trajectories(self, stays: Callable[[str, int], bool]) -> int:
-        """Delete the trajectories at all points except the points that stay, in one transaction.
+        """Delete the trajectories at all points except the points that stay, in one transaction;
+        return the number of cases that lost theirs.
 
-        Rows of facts stay. Each case gets a new hash; the old one is kept in `let_go`, because the
-        cache has the results computed from the trajectories under it.
+        Rows of facts stay. Each of these cases gets a new hash. `let_go` keeps the old hash,
+        because the cache has the results computed from the trajectories under it.
 
-        stays: whether the trajectories of a scenario and point stay.
-
-        Returns how many cases lost theirs.
+        stays: function of a scenario and a point: whether its trajectories stay.
         """
         content = self.content
         cases = 0
@@ -374,9 +379,9 @@ class Store:
     def _read(
         self, query: str, values: Sequence[object] | Mapping[str, object] = ()
     ) -> Iterator[Any]:
-        """The rows of a query; what SQLite cannot read is an error that names the file."""
+        """The rows of a query. Raises InputError that names the file if SQLite cannot read it."""
         try:
-            # `yield from` would close the cursor
+            # not `yield from`, which would close the cursor
             for row in self._connection.execute(query, values):  # noqa: UP028
                 yield row
         except _UNREADABLE as error:
@@ -411,7 +416,9 @@ class Store:
             self._connection.executemany(query, chain((row,), rows))
 
     def holds(self, case: Case) -> bool:
-        """Whether the case is recorded as it would be made now."""
+        """Whether the case is recorded with the fingerprint that it has now, and of an ADS that is
+        not stale.
+        """
         stale = case.role == "ads" and case.controller in self.stale
         return not stale and self._fingerprint(case.key) == case.fingerprint
 
@@ -436,7 +443,7 @@ class Store:
         )
 
     def remove_stale(self) -> None:
-        """Take out the cases of stale ADSs, and what these have read."""
+        """Remove the cases of stale ADSs, and the notes on files that these have read."""
         with self._changes():
             for locator in self.stale:
                 for case, _ in self.driven_by(locator):
@@ -445,7 +452,7 @@ class Store:
         self.stale = frozenset()
 
     def remove(self, cases: Iterable[str]) -> None:
-        """Take out cases that left the evaluation, as where an ADS has changed."""
+        """Remove cases, e.g. those that the evaluation does not have any more."""
         keys = list(cases)
         with self._changes():
             for case in keys:
@@ -466,7 +473,7 @@ class Store:
             with self._connection:
                 yield
         except sqlite3.IntegrityError:
-            raise  # a case that is recorded already
+            raise  # a case is recorded already: `take_over` reports it
         except sqlite3.Error as error:
             raise InputError(
                 f"{self.path} cannot be written: {error}. Earlier results are kept."
@@ -481,12 +488,12 @@ class Store:
         return "; ".join(words) or "a trajectory differs"
 
     def note(self, name: str, value: str) -> None:
-        """Keep a word about the run as a whole, e.g. that it is complete."""
+        """Keep a note about the run as a whole, e.g. that it is complete."""
         with self._changes():
             self._connection.execute("INSERT OR REPLACE INTO about VALUES (?,?)", (name, value))
 
     def noted(self, name: str) -> str:
-        """The note under a name, or nothing."""
+        """The note under a name; "" if there is none."""
         row = self._first("SELECT value FROM about WHERE name = ?", name)
         return "" if row is None else str(row[0])
 
@@ -501,7 +508,7 @@ class Store:
                 for rows in (*_TABLES, _NOTES):  # a table, or a table WHERE a condition holds
                     self._insert(rows.split()[0], part._read(f"SELECT * FROM {rows}"))  # noqa: S608
                 for file in part._read("SELECT * FROM files_read"):
-                    # `?`, `reads.UNKNOWN`: another shard has read another version of the file
+                    # the hash becomes `?` (`reads.UNKNOWN`) if shards have read different versions
                     self._connection.execute(
                         "INSERT INTO files_read VALUES (?,?,?) ON CONFLICT DO UPDATE SET hash = "
                         "iif(hash = excluded.hash, hash, '?')",
@@ -665,8 +672,9 @@ def open_store(
 ) -> Iterator[Store]:
     """A facts file, checked first, and closed at the end of the block.
 
+    create: open it for writing, and make it if it does not exist.
     checked: another process has just checked it, so this one does not.
-    whole: all of it is checked, also where it was vouched for.
+    whole: check all of it, even if it is vouched for.
 
     A file that has not changed since this process checked it is not checked again.
     """
@@ -689,11 +697,13 @@ def _state(path: Path) -> tuple[str, int, int]:
 
 
 def _is_written(path: Path) -> bool:
-    """Whether a process has it open for writing: then its time of last change says nothing."""
+    """Whether a process has the file open for writing. Then its content may change while its time
+    of last change does not.
+    """
     return path.with_name(path.name + "-wal").exists()
 
 
-_FACTS = b"facts"  # key of the note in the cache
+_FACTS = b"facts"  # key of the cache's part of kind `checked`: size and time of the facts file
 
 
 def vouch(path: Path, cache: KeptResults) -> None:
@@ -710,7 +720,7 @@ def _vouched(path: Path) -> tuple[int, ...] | None:
     """
     if _is_written(path) or not path.with_name(KEPT).is_file():
         return None
-    # a damaged file vouches for nothing
+    # a damaged cache vouches for nothing
     with suppress(InputError), closing(KeptResults(path.parent)) as cache:
         noted = cache.get("checked", _FACTS)
         return None if noted is None else tuple(json.loads(noted))
@@ -730,12 +740,14 @@ def _hash(fact: Row, circumstance: Row, drives: Iterable[tuple[str, bytes]]) -> 
 
 
 def _real(value: float) -> float | None:
-    """A number as SQLite returns it: of its own type, without the sign of a zero, None for nan."""
+    """A number as SQLite returns it: a float, None for nan, and no -0.0. So a row has the same hash
+    before it is written and after it is read.
+    """
     return None if isnan(value) else float(value) + 0.0
 
 
-# the record of a case without a recording; `_NONE`: no end reason, whatever the field's type
-_NONE: Any = None
+_NONE: Any = None  # an end reason that is missing, although the field's type has no None
+# what is stored of a case without a recording
 _NO_RECORDING = KeptRecording({}, None, _NONE, (), Latency(*(5 * [nan])), nan, nan)
 
 
@@ -760,26 +772,28 @@ def _rows(outcome: Outcome) -> tuple[Sequence[Row], ...]:
         json.dumps([_plain(clip) for clip in kept.clips]),
         case.fingerprint,
     )
-    times = list(map(_real, (kept.wall_time, *kept.controller_latency)))
-    # `times[:3]`: wall time, mean and longest latency; `times[3:]`: the latencies added later
+    # `latencies` are median, 99th percentile and reference, which have a table of their own
+    mean, longest, *latencies = map(_real, kept.controller_latency)
     # column `alone`, which `_SPLIT` takes apart again
-    company = outcome.batched if outcome.alone is None else json.dumps(_plain(outcome.alone))
-    circumstance = (case.key, outcome.log, *times[:3], outcome.error_place, company)
+    alone = outcome.batched if outcome.alone is None else json.dumps(_plain(outcome.alone))
+    circumstance = (
+        case.key, outcome.log, _real(kept.wall_time), mean, longest, outcome.error_place, alone
+    )  # fmt: skip
     drives = sorted(kept.drives.items())
     digest = _hash(fact, circumstance, drives)
     trajectories = [(case.key, *drive) for drive in drives]
-    return [fact], [(*circumstance, digest)], [(case.key, *times[3:])], trajectories
+    return [fact], [(*circumstance, digest)], [(case.key, *latencies)], trajectories
 
 
 def _plain(record: Collision | Clip | Alone) -> dict[str, object]:
-    """Its fields by name, in their order; `dataclasses.asdict` copies them, at five times the
-    cost.
+    """The fields of a record by name, in their order. `dataclasses.asdict` would take five times as
+    long, because it copies values.
     """
     return {field.name: getattr(record, field.name) for field in fields(record)}
 
 
 def _values(text: str) -> dict[str, float]:
-    """Values by name. Rows of a scenario share the names in memory."""
+    """Values by name. `intern`: all rows of a scenario share the names in memory."""
     return {intern(name): value for name, value in json.loads(text).items()}
 
 
@@ -798,6 +812,6 @@ _MAKES: dict[str, Callable[[Any], Any]] = {
     "collision": _collision,
     "clips": lambda text: tuple(Clip(**clip) for clip in json.loads(text)),
 }  # fmt: skip
-"""Functions that make a field of a fact out of its column; all other columns are as they are."""
-# index of the column, and its function
+"""Functions that make a field of a fact from its column; other columns are the field already."""
+# (index of the column, its function)
 _PLACES = [(_COLUMNS.index(name), make) for name, make in _MAKES.items()]

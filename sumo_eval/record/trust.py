@@ -44,7 +44,8 @@ def code_of(settings: EvaluationSettings, source: Path, *, driving: bool = True)
     ]
     named += [("sampler", entry.sampling.method or "") for entry in settings.scenario]
     named += [("severity", settings.method.collision.severity), ("people", settings.drivers.source)]
-    # code is named `file.py:name` or `module:name`; a shipped severity may have a colon, too
+    # code is named as `file.py:name` or `module:name`; names of shipped severities (`CHOICES`) may
+    # have a colon, too
     named = [(what, name) for what, name in named if ":" in name and name not in CHOICES]
     if driving:
         named += [

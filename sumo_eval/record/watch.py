@@ -1,5 +1,5 @@
-"""A watch over an ADS while it drives: interrupts a step that hangs, and names the limit of time or
-memory that the ADS passes.
+"""A watch over an ADS while it drives: interrupts a step that takes too long, and names the limit
+of time or memory that the ADS has exceeded.
 
 For `record/worker.py`, which drives cases in a child process or, with `serial`, in the owner.
 
@@ -31,8 +31,8 @@ from sumo_eval.errors import ControllerTimeoutError
 from sumo_eval.settings import RunSettings
 from sumo_eval.text import kind_of
 
-# exit code of a copy of the process, which an ADS forked in its step: the copy must not drive the
-# case a second time
+# exit code of a copy of the process that an ADS forked in its step; the copy exits at once, so that
+# it does not drive the case a second time
 COPY = 87
 _ALARM = int(getattr(signal, "SIGALRM", 0))
 
@@ -53,10 +53,10 @@ class _OverdueError(BaseException):
 
 
 def watched(controller: Adapter, limits: RunSettings) -> Adapter:
-    """The controller under watch, or as it is where it needs none.
+    """The controller under watch, or the controller itself if it needs no watch.
 
-    SUMO's own models and the compiled rules of baselines need none. The doors of programs have a
-    watch of their own.
+    SUMO's own models and the compiled rules of baselines need none. The doors for programs
+    (`exec:`, `traci:`) have a watch of their own.
     """
     if isinstance(controller, NativeModel | JsonLinesProgram | TraciProgram):
         return controller
@@ -79,10 +79,10 @@ def interrupts_of_ads(limits: RunSettings) -> tuple[type[KeyboardInterrupt], ...
 
 
 class WatchedController(Adapter):
-    """A controller of which a step over its time is interrupted by an exception.
+    """A controller whose steps are interrupted by an exception when they take too long.
 
-    Code that keeps the interpreter's lock gets no exception: there the deadline of the case ends
-    the process.
+    The exception cannot reach C code that keeps the interpreter's lock. In that case the deadline
+    of the case ends the process.
     """
 
     def __init__(self, controller: Any, limits: RunSettings) -> None:
@@ -139,9 +139,9 @@ class WatchedController(Adapter):
                 if os.getpid() != self._process:
                     os._exit(COPY)
                 _asked = False
-                # Our own alarm may stay set, which saves a call: `_interrupt` ignores it now, and
-                # the next step sets it again. If the ADS has put its own handler there, the alarm
-                # is stopped.
+                # The alarm may stay set, which saves a call: `_interrupt` ignores it from now on,
+                # and the next step sets it again. But if the ADS has set a signal handler of its
+                # own, that must not get this alarm.
                 if self._armed and getsignal(_ALARM) is not _interrupt:
                     signal.setitimer(signal.ITIMER_REAL, 0.0)
         except _OverdueError as overdue:

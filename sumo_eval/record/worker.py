@@ -1,7 +1,7 @@
 """Work of a child process: drive cases with SUMO, alone or together. `record.engines` calls
 `answer`.
 
-Imports only what that needs: every child process loads this file.
+Every child process loads this file, so it imports only what driving needs.
 """
 
 import random
@@ -32,7 +32,7 @@ from sumo_eval.trajectory import Alone, Clip, Recording
 
 
 def run_case(case: Case, setup: Setup) -> Outcome:
-    """Simulate a case. A fault in it is part of the outcome."""
+    """Simulate a case. A fault of its ADS or of the simulation is part of the outcome."""
     try:
         return _ended(case, _simulate(case, setup))
     except InputError as error:
@@ -57,8 +57,8 @@ def answer(cases: Sequence[Case], setup: Setup) -> list[Any]:
 def run_together(cases: Sequence[Case], setup: Setup) -> Results:
     """Simulate cases of one kind (see `batches`) in one simulation; a single case by `run_case`.
 
-    Gives a list with an outcome for each case, or an `Alone` with the reason why that case has to
-    run alone. Gives None if all cases of this kind have to.
+    Returns a list with an outcome for each case, or an `Alone` with the reason why that case has to
+    run alone. Returns None if all cases of this kind have to run alone.
     """
     if on_its_own(cases):
         outcome = run_case(cases[0], setup)
@@ -130,7 +130,7 @@ def _control(case: Case, settings: SimulationSettings) -> Any:
 def _loaded(case: Case, setup: Setup) -> Adapter:
     """Load the ADS of a case.
 
-    A user's Ctrl-C does not reach a child, so an interrupt there comes from the ADS's own code.
+    A user's Ctrl-C does not reach a child process: an interrupt there comes from the ADS's code.
     """
     try:
         return load_controller(case.controller, setup.folder)
@@ -155,7 +155,7 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
     seeds = [case.seed for case in cases]
     if block is not None:
         concretes, seeds = list(block.concretes), [first.seed] * len(block.concretes)
-    # a block by its own first case, whichever of its cases the run wants
+    # for a block, the seed is that of its first case, whichever of its cases the run wants
     _seed_global_generators(replace(first, concrete=concretes[0]))
     before = _states_of_global_generators()
     drives = list(
@@ -170,11 +170,12 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
         )
     )
     if block is None:
-        # a case of an ADS that draws from these generators must begin with their seed: alone
+        # An ADS that draws from these generators must begin each case with the case's seed. So its
+        # cases run alone.
         drew = _states_of_global_generators() != before
         return [Alone("draws")] * len(cases) if drew else _with_no_return(drives, cases, setup)
-    # All cases of the block were driven; `cases` are the cases that the run wants. The clip notes
-    # the block's size (as `requested`, and as `applied`).
+    # `drives` are those of the whole block; `cases` are the cases of it that the run wants. The
+    # clip notes the block's size, as `requested` and as `applied`.
     size = Clip(IN_BLOCK, 1, 0.0, float(len(drives)), float(len(drives)))
     sized = [
         drive if isinstance(drive, Alone) else replace(drive, clips=(*drive.clips, size))
@@ -195,8 +196,8 @@ def _with_no_return(
 def _settings(case: Case, setup: Setup) -> SimulationSettings:
     """Settings of the simulation of a case.
 
-    The run's conditions and vehicle model apply only to ADSs under test. The ideal vehicle has its
-    own brakes on the same road. Only its collision counts, so its drive may end early.
+    The run's conditions and vehicle model apply only to ADSs under test. The ideal vehicle has
+    brakes of its own. Only its collision counts, so its drive ends once that is decided.
     """
     if case.role == "ads":
         return setup.simulation
@@ -215,8 +216,8 @@ def _settings(case: Case, setup: Setup) -> SimulationSettings:
 
 
 def _seed_global_generators(case: Case) -> None:
-    """Seed the generators of `random` and `np.random`: an ADS that draws from them draws the same
-    in every run, whatever ran in this process before.
+    """Seed the global generators of `random` and `np.random`, so that an ADS that draws from them
+    draws the same numbers in every run, whatever ran in this process before.
 
     The seed depends on the point's values and not on its number, which differs between samples.
     """

@@ -54,10 +54,10 @@ def read_evaluation(path: Path, *, own_ads: bool = True) -> EvaluationSettings:
 def with_suites(content: Mapping[str, Any], where: object) -> Mapping[str, Any]:
     """An evaluation with the scenarios of a frozen suite instead of `use = "suite:NAME"`.
 
-    A suite stands alone and brings its own seed and drivers, so that every score of it means the
-    same.
+    A suite must be the only scenario of the evaluation, and brings its own seed and drivers, so
+    that scores of different evaluations of it can be compared.
 
-    Raises InputError for a suite that does not exist, and for what would change one.
+    Raises InputError for an unknown suite, and for a setting that would change a suite.
     """
     entries = content.get("scenario")
     if not isinstance(entries, list | tuple):  # a mistake that `validated` reports
@@ -67,7 +67,7 @@ def with_suites(content: Mapping[str, Any], where: object) -> Mapping[str, Any]:
     if not names:
         return content
     check_known("suite", sorted(path.stem for path in SUITES.glob("*.toml")), names[0])
-    if len(uses) > 1 or len(entries[0]) > 1:
+    if len(entries) > 1 or len(entries[0]) > 1:
         raise InputError(
             f"The suite `{names[0]}` in {where} stands alone: one [[scenario]] with nothing but "
             "`use`."
@@ -82,7 +82,7 @@ def with_suites(content: Mapping[str, Any], where: object) -> Mapping[str, Any]:
 
 
 def suite_of(settings: EvaluationSettings) -> str:
-    """The suite whose scenarios and fixed settings an evaluation has; "" if it has no suite's."""
+    """The suite whose scenarios and fixed settings an evaluation has; "" if there is none."""
     for path in sorted(SUITES.glob("*.toml")):
         content = {"name": settings.name, "scenario": [{"use": f"{_SUITE}{path.stem}"}]}
         suite = settings_from(content, path.stem, own_ads=False)
@@ -92,9 +92,10 @@ def suite_of(settings: EvaluationSettings) -> str:
 
 
 def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:
-    """The settings in a file of another kind.
+    """The settings in a file of a kind other than an evaluation.
 
-    what: names the kind in errors, e.g. `gate file`.
+    kind: class of the settings.
+    what: names the file in errors, e.g. `gate file`.
     """
     return validated(read_toml(path, what), kind, path)
 
@@ -134,7 +135,7 @@ def validated(content: Mapping[str, Any], kind: type[Settings], where: str | Pat
 
 
 def check_evaluation(settings: EvaluationSettings, where: object, *, own_ads: bool = True) -> None:
-    """Refuse an evaluation without scenarios or ADSs, and names that could not be told apart.
+    """Refuse an evaluation without scenarios or ADSs, and names that are reserved or stand twice.
 
     where: names the evaluation in errors.
     own_ads: as in `read_evaluation`.

@@ -25,7 +25,8 @@ def load_object(locator: str, folder: Path | None, kind: str) -> Any:
 
     Raises InputError when there is no such file, module or name, or when importing it fails.
 
-    folder: where paths start, and where modules may be too; None: the current folder, and nowhere.
+    folder: where relative paths start, and where modules are also looked for. None: paths start in
+        the current folder, and modules are looked for only where Python finds them.
     kind: of the object, for errors, e.g. `ADS`.
     """
     module, colon, name = locator.rpartition(":")
@@ -48,7 +49,8 @@ def _load_module(name: str, folder: Path | None, owner: str) -> ModuleType:
         with users_code(f"{owner}: importing `{name}` failed", ModuleNotFoundError):
             return importlib.import_module(name)
     except ModuleNotFoundError as error:
-        # the module itself is missing, or a package of it: not another one that it imports
+        # True if the named module, or a package around it, is missing. False if the module exists
+        # and imports a module that is missing.
         if error.name is not None and (name == error.name or name.startswith(error.name + ".")):
             instead = f" It was removed: {MODULES[name]}." if name in MODULES else ""
             raise InputError(f"{owner}: there is no module `{name}` to import.{instead}") from error
@@ -63,7 +65,7 @@ def _load_file(file: str, folder: Path | None, owner: str) -> ModuleType:
         content = hash_of(path, "file")
     except InputError as error:
         raise InputError(f"{owner}: {error}") from None
-    # the content is part of the name: a file that was edited, as beside a notebook, is a new module
+    # the content is part of the name: a file that is edited while a notebook runs is a new module
     digest = hashlib.sha256(bytes(path) + content.encode()).hexdigest()[:12]
     name = f"_sumo_eval_file_{path.stem}_{digest}"
     if name in sys.modules:

@@ -12,8 +12,8 @@ from sumo_eval.errors import must_be
 
 
 def random_stream(seed: int, *labels: str | int) -> np.random.Generator:
-    """The random stream of that name: the same on every machine, in every process and in whatever
-    order it is asked.
+    """The random stream of that name: the same on every machine and in every process, in whatever
+    order streams are made.
 
     seed: 0 or more. labels: what the stream is for, e.g. ("population", 3); different names,
         independent streams.

@@ -3,7 +3,7 @@
 Users: `report/levers_section.py`, `whatif/search.py`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from operator import attrgetter
 
@@ -27,9 +27,8 @@ _SETTINGS = {
 }
 """Setting: lowest and highest value, step (0: the simulation's time step), unit."""
 _SPEED, _GAP = "ego_speed", "gap"
-"""Levers of the start: the ego's speed, and the gap to the lead vehicle.
-
-A scenario's own parameter of that name replaces them.
+"""Levers of the start: the ego's speed, and the gap to the lead vehicle. A parameter of the
+scenario replaces the lever of the same name.
 """
 _FASTEST, _FARTHEST = 40.0, 100.0  # highest values of these levers, m/s and m
 
@@ -38,12 +37,12 @@ _FASTEST, _FARTHEST = 40.0, 100.0  # highest values of these levers, m/s and m
 class Lever:
     """A quantity that is moved while all others stay as recorded.
 
-    low, high: its range.
+    low, high: range of its values, in `unit`.
     step: distance between neighbouring values: a change of outcome is located to a step.
-    recorded: its value in the recorded case; `high` if it is a limit (as the sensor's range) that
-        this case does not have.
+    recorded: its value in the recorded case; `high` if it is unlimited there.
     listed: the only values that it can have; empty: every step of the range.
-    unlimited: whether it is a limit that the recorded case does not have.
+    unlimited: whether it is a limit, such as the sensor's range, that the recorded case does not
+        have.
     """
 
     name: str
@@ -79,36 +78,46 @@ def levers_of(
     values: the recorded point.
     settings: of the run.
     """
-    levers = []
+    levers = [
+        *_setting_levers(settings),
+        # `placed`: the recorded point fulfils the constraints
+        *_start_levers(logical.placed(values), settings),
+        *_parameter_levers(logical, values),
+    ]
+    # of two levers of one name the last stays: a parameter of the scenario
+    return list({lever.name: lever for lever in levers}.values())
+
+
+def _setting_levers(settings: SimulationSettings) -> Iterator[Lever]:
+    """The levers of `_SETTINGS`; a recorded value outside their range widens it."""
     for name, (low, high, step, unit) in _SETTINGS.items():
         value = attrgetter(name)(settings)
         recorded = high if value is None else float(value)
-        low = min(low, recorded)
-        high = max(high, recorded)
-        step = step or settings.step
-        levers.append(Lever(name, unit, low, high, step, recorded, unlimited=value is None))
+        low, high = min(low, recorded), max(high, recorded)
+        yield Lever(name, unit, low, high, step or settings.step, recorded, unlimited=value is None)
 
-    concrete = logical.placed(values)  # the recorded point fulfils the constraints
+
+def _start_levers(concrete: ConcreteScenario, settings: SimulationSettings) -> Iterator[Lever]:
+    """The ego's speed at the start, and its gap to the lead vehicle, if there is one."""
     ego = concrete.ego
-    ahead = _ahead(concrete)
-    # no such lever for an ego that starts at rest or moves sideways
+    # an ego that starts at rest or moves sideways has no lever of its speed
     if ego.speed > 0.0 and not ego.lateral_speed:
-        levers.append(Lever(_SPEED, "m/s", 0.0, max(_FASTEST, ego.speed), 0.05, ego.speed))
+        yield Lever(_SPEED, "m/s", 0.0, max(_FASTEST, ego.speed), 0.05, ego.speed)
+    ahead = _ahead(concrete)
     if ahead is not None:
-        # from the ego's front to the actor's rear; `x` is that of a centre
+        # the gap is from the ego's front to the actor's rear; `x` is the place of a centre
         bodies = ahead.length + concrete.simulation(settings).vehicle.length
         gap = ahead.start.x - ego.x - bodies / 2.0
-        levers.append(Lever(_GAP, "m", min(0.0, gap), max(_FARTHEST, gap), 0.1, gap))
+        yield Lever(_GAP, "m", min(0.0, gap), max(_FARTHEST, gap), 0.1, gap)
 
+
+def _parameter_levers(logical: LogicalScenario, values: Mapping[str, float]) -> Iterator[Lever]:
+    """The parameters of the scenario."""
     for item in logical.parameters:
         if item.name != ONLY:  # the parameter of a scenario without any
             step = (item.high - item.low) / _FINE
             value = values[item.name]
-            levers.append(
-                Lever(item.name, item.unit, item.low, item.high, step, value, item.values)
-            )
-    # of two levers of one name the last stays: a parameter of the scenario
-    return list({lever.name: lever for lever in levers}.values())
+            yield Lever(item.name, item.unit, item.low, item.high, step, value, item.values)
 
 
 def first_values(
@@ -117,7 +126,8 @@ def first_values(
     """Values of the first round, evenly spread over those at which the scenario has a point."""
     steps = lever.steps()
     chosen = _evenly(steps)
-    # all steps are tried only if need be: making a thousand concrete scenarios takes time
+    # All steps are tried only if one of these is impossible: making a thousand concrete scenarios
+    # takes time.
     if any(moved(logical, values, lever, value) is None for value in chosen):
         chosen = _evenly([it for it in steps if moved(logical, values, lever, it) is not None])
     return chosen
@@ -137,12 +147,12 @@ def moved(
     *,
     revealed: bool = False,
 ) -> ConcreteScenario | None:
-    """The concrete scenario of a case with one lever at a value.
+    """The concrete scenario of a case with one lever at a value; None: the scenario has no such
+    point.
 
-    None: the scenario has no such point.
-
-    revealed: whether the ADS receives the parameters. If not, `values` stay as recorded: random
-        numbers of the case depend on them.
+    values: the recorded point.
+    revealed: whether the ADS receives the parameters. If not, the values in the result stay as
+        recorded, because the random numbers of the case depend on them.
     """
     if lever.name in logical.names:
         try:
@@ -165,7 +175,9 @@ def moved(
 
 
 def _ahead(concrete: ConcreteScenario) -> Actor | None:
-    """The nearest actor ahead in the ego's lane at the start; one on the map crosses it."""
+    """The nearest actor ahead in the ego's lane at the start. Actors placed on the map do not
+    count: they cross the road.
+    """
     ego = concrete.ego
     half = concrete.road.lane_width / 2.0
     return min(

@@ -28,7 +28,7 @@ _WITHOUT_EFFECT = {
     "conditions.sensor_range": "perception_not_limited",
     "conditions.actuation_delay": "actuation_not_delayed",
 }
-"""Levers that some ADSs do not feel: the clip that records it."""
+"""By lever that does not act on some ADSs: the clip that records this in a drive."""
 
 Line = dict[float, bool]
 """Whether the ADS collides, by value of a lever."""
@@ -92,7 +92,7 @@ class WhatIf:
         )
         self._locators = {ads.name: ads.locator for ads in settings.ads}
         self._drives = 0
-        self._error = ""  # of a failed trial 0: the plain rerun
+        self._error = ""  # message of the plain rerun (trial 0), if it failed
 
     def answers(self, fact: Fact, name: str | None = None, *, fine: bool = True) -> CaseLevers:
         """Effects of all levers, or of the one called `name`.
@@ -101,14 +101,7 @@ class WhatIf:
         fine: locate the nearest changes to a step.
         Raises InputError for a case that was not evaluated or does not repeat.
         """
-        # an edited run: its evaluation may have lost either
-        check_known("scenario of the run", self._run.scenarios, fact.scenario)
-        check_known("ADS of the run", self._locators, fact.driver)
-        logical = self._run.scenarios[fact.scenario]
-        all_levers = levers_of(logical, fact.values, self._run.settings.simulation)
-        levers = [it for it in all_levers if name in (None, it.name, it.name.split(".")[-1])]
-        if name is not None and not levers:
-            raise unknown(f"lever of `{fact.scenario}`", name, [it.name for it in all_levers])
+        levers = self._levers(fact, name)
         self._drives = 0
         if fact.status not in EVALUATED:
             raise InputError(
@@ -118,7 +111,7 @@ class WhatIf:
         trials = [
             (lever, value)
             for lever in levers
-            for value in first_values(logical, fact.values, lever)
+            for value in first_values(self._run.scenarios[fact.scenario], fact.values, lever)
         ]
         # first the recorded case itself: any lever at its recorded value
         rerun, *outcomes = self._outcomes(
@@ -138,6 +131,18 @@ class WhatIf:
         ]
         answers.sort(key=lambda answer: answer.share)
         return CaseLevers(fact, tuple(answers), self._drives)
+
+    def _levers(self, fact: Fact, name: str | None) -> list[Lever]:
+        """All levers of a case, or the one called `name`; raises InputError for an unknown name."""
+        # a run whose evaluation was edited may lack the scenario or the ADS
+        check_known("scenario of the run", self._run.scenarios, fact.scenario)
+        check_known("ADS of the run", self._locators, fact.driver)
+        logical = self._run.scenarios[fact.scenario]
+        levers = levers_of(logical, fact.values, self._run.settings.simulation)
+        named = [it for it in levers if name in (None, it.name, it.name.split(".")[-1])]
+        if name is not None and not named:
+            raise unknown(f"lever of `{fact.scenario}`", name, [it.name for it in levers])
+        return named
 
     def answers_or_why_not(
         self, fact: Fact, name: str | None = None, *, fine: bool = True
@@ -183,7 +188,8 @@ class WhatIf:
         logical = self._run.scenarios[fact.scenario]
         locator = self._locators[fact.driver]
         revealed = self._setup.simulation.conditions.reveal_scenario
-        # `number` of the trial instead of the point's: it finds the outcome's place below
+        # the case gets the number of the trial as that of its point: below it gives the outcome's
+        # place
         cases = [
             Case(number, concrete, "ads", fact.driver, locator, seed=self._run.settings.seed)
             for number, (lever, value) in enumerate(trials)

@@ -60,7 +60,7 @@ def test_estimate_of_a_run_to_resume_counts_all_its_rounds(tmp_path):
 
 
 def test_kinds_without_a_time_take_that_of_measured_ones(monkeypatch):
-    monkeypatch.setattr(costs, "_TIMED_FOR", -1.0)
+    monkeypatch.setattr(costs, "_ALL_TIME", -1.0)
     found = estimated(["idm"])
     assert found.timed == 1
     assert found.untimed == ("references", "human drivers")

@@ -245,6 +245,7 @@ def test_a_suite_says_everything_of_its_drivers_so_that_no_default_moves_its_sco
 {"method": {"score": {"a": 60.0}}} | `method` in here is fixed
 {"scenario": [{"use": "suite:2026.1"}, {"use": "cut_in"}]} | stands alone
 {"scenario": [{"use": "suite:2026.1", "sampling": {"levels": 2}}]} | stands alone
+{"scenario": [5, {"use": "suite:2026.1"}]} | stands alone
 {"scenario": [{"use": "suite:2025.1"}]} | Unknown suite `2025.1`
 """,
         json.loads,
