@@ -1,12 +1,12 @@
 """A concrete scenario as OpenSCENARIO XML 1.2, and its road as OpenDRIVE, for other simulators.
 
-Vehicles with scripted manoeuvres follow a trajectory with times, so that they do there exactly what
-they did here. Vehicles whose moves depend on what happens follow their recorded trajectory; without
-one they keep their speed. The reference point of every vehicle is put into the middle of its body,
-where this package has it.
+Vehicles with scripted manoeuvres follow a trajectory with times, so that they do in the other
+simulator what they did here. Vehicles whose moves depend on what happens follow their recorded
+trajectory; without a recording they keep their speed. The reference point of every vehicle is in
+the middle of its body, as in this package.
 
-The header holds the case to the last bit, with a seal over the file and its road: unchanged, the
-file imports as that case.
+The header holds the case to the last bit, with a seal over the file and its road: if neither is
+changed, the file imports as that case. Both files are a format that users' simulators read.
 
 `sumo-eval export` writes both files; `extras/openscenario` reads the case (`exported_case`).
 
@@ -47,8 +47,6 @@ from sumo_eval.trajectory import FloatArray, Trajectories
 VERTEX_INTERVAL = 0.1  # s between the vertices of a trajectory
 HEIGHT = 1.5  # m, of every body: the format needs one, and the package has none
 _ON_FOOT = ("pedestrian", "child")
-
-
 CASE, _SEAL = "sumo_eval_case", "sumo_eval_seal"  # names of properties of the file's header
 
 
@@ -57,7 +55,7 @@ def _actor(name: str, start: Start, acts: Iterable[Any], *rest: Any) -> Actor:
     return Actor(name, start, tuple(Act(*act) for act in acts), *rest)
 
 
-# what makes the records of an encoded case, by their class names
+# maker of each record of an encoded case, by its class name
 _RECORDS: dict[str, Any] = {
     it.__name__: it
     for it in (ConcreteScenario, Crossing, EgoBody, LaneSpan, Model, NetworkFile, Piece, Road,
@@ -76,14 +74,14 @@ E: Any = ElementMaker(typemap={float: _written, int: _written, np.float64: _writ
 def opendrive_xml(road: Road) -> str:
     """The road as OpenDRIVE 1.6; lane -1 is the leftmost one.
 
-    The reference line of a straight road is its left edge. Of a curved one it is the right lane's
-    centre, from which the lanes are offset: a line beside a spiral is not a spiral.
+    The reference line of a straight road is its left edge. On a curved road it is the road's line,
+    the right lane's centre line, and lanes are offset from it, as an offset of a spiral is not one.
     """
     length = road.end
-    aside = 0.0 if road.bent else road.left_edge  # reference line left of the road's line, m
+    aside = 0.0 if road.bent else road.left_edge  # m from the road's line left to the reference
     changes = {it for span in road.spans for it in span.places if 0.0 < it < length}
     sections = list(itertools.pairwise([0.0, *sorted(changes), length]))
-    # lane numbers of each section, with {} before the first and after the last
+    # lane numbers (`_numbers`) of each section, with none before the first and after the last
     numbers = [{}, *(_numbers(road, *section) for section in sections), {}]
     lanes = E.lanes(
         *_left_edge(road, sections, aside),
@@ -115,7 +113,7 @@ def _left_edge(road: Road, sections: Sequence[tuple[float, float]], aside: float
 
 
 def _numbers(road: Road, begin: float, end: float) -> dict[int, int]:
-    """The lanes that exist in a section, from the left, and their numbers in the file."""
+    """Numbers in the file of the lanes that exist in a section, by lane, from the left."""
     lanes = [it for it in reversed(range(road.lanes)) if min(_gone(road.span(it), begin, end)) < 1]
     return {lane: -1 - index for index, lane in enumerate(lanes)}
 
@@ -130,6 +128,7 @@ def _section(
     """
     right = E.right()
     for lane, number in numbers.items():
+        # m, width at both ends
         first, last = (
             road.lane_width * (1.0 - gone) for gone in _gone(road.span(lane), begin, end)
         )
@@ -146,7 +145,7 @@ def _gone(span: LaneSpan, begin: float, end: float) -> tuple[float, float]:
 
     begin, end: of the section, in which the lane's edge is straight, m.
     """
-    # at either end the lane's edge may turn or jump: take the share just inside, and round it
+    # at either end the lane's edge may turn or jump: take the share just inside, rounded
     inside = 1e-6 * (end - begin)
     return tuple(
         float(missing_at(span, position).round(5)) for position in (begin + inside, end - inside)
@@ -154,7 +153,10 @@ def _gone(span: LaneSpan, begin: float, end: float) -> tuple[float, float]:
 
 
 def _crossing(road: Road, crossing: Crossing, number: int) -> Any:
-    """A road that crosses, its middle the reference line."""
+    """A road that crosses; its reference line is its middle.
+
+    number: its id in the file.
+    """
     length = 2.0 * crossing.reach
     line = _geometry(road, crossing.at, -crossing.reach, 0.5 * math.pi, length, E.line())
     section = E.laneSection(s=0)
@@ -169,10 +171,10 @@ def _crossing(road: Road, crossing: Crossing, number: int) -> Any:
 
 
 def _geometry(road: Road, s: float, aside: float, turned: float, length: float, shape: Any) -> Any:
-    """A piece of a reference line that begins `aside` m to the left of the road's line at s.
+    """A piece of a reference line that begins `aside` m to the left of the road's line at s, m.
 
-    turned: direction of a crossing road relative to the road's, rad; its own s is 0 here. 0: the
-        piece is of the road itself.
+    turned: direction of a crossing road relative to the road's, rad: the piece is then at s = 0 of
+        that road. 0: the piece is of the road itself.
     """
     x, y, heading = map_places(road.line, s, aside)
     return E.geometry(
@@ -210,10 +212,10 @@ def openscenario_xml(
     remark: str,
     driven: Trajectories | None = None,
 ) -> str:
-    """The scenario.
+    """The scenario as text.
 
-    road_file: the OpenDRIVE file, relative.
-    remark: where it comes from, for the header.
+    road_file: path of the OpenDRIVE file, relative to this one.
+    remark: a sentence for the header on where the scenario comes from.
     driven: recorded trajectories by vehicle. The ego follows its own until that ends, and so do
         actors whose moves depend on what happens. None: the ego keeps its speed, because the other
         simulator chooses the controller that drives it.
@@ -224,7 +226,7 @@ def openscenario_xml(
     actors = concrete.actors
     # a polyline has at least two vertices
     recorded = {name: path for name, path in (driven or {}).items() if len(path) > 1}
-    # lively: its moves depend on more than time
+    # lively: an actor whose moves depend on more than time
     unrecorded = ", ".join(it.name for it in actors if it.lively and it.name not in recorded)
     if unrecorded:
         remark = f"Not recorded, and so at one speed throughout: {unrecorded}. {remark}"
@@ -259,12 +261,12 @@ def openscenario_xml(
 
 
 def _entity(name: str, body: str, length: float, width: float, accel: float, decel: float) -> Any:
-    """A body around the reference point in its middle.
+    """A vehicle or pedestrian, its body around the reference point in the middle.
 
-    The format also asks for mass, axles and limits of performance: typical values, which only a
-    simulator uses that drives the vehicle with a model of its own.
+    The format also asks for mass, axles and limits of performance. They have typical values here:
+    only a simulator that drives the vehicle by a model of its own uses them.
 
-    accel, decel: m/s2.
+    length, width: m. accel, decel: m/s2.
     """
     size = E.Dimensions(width=width, length=length, height=HEIGHT)
     box = E.ParameterDeclarations(), E.BoundingBox(E.Center(x=0, y=0, z=HEIGHT / 2), size)
@@ -313,27 +315,12 @@ def _act(concrete: ConcreteScenario, settings: SimulationSettings, recorded: Tra
 
     recorded: trajectories by vehicle.
     """
-    road, actors = concrete.road, concrete.actors
-    scripted = tracks(
-        [concrete],
-        [(settings.vehicle.length, settings.vehicle.width)],
-        VERTEX_INTERVAL,
-        settings.time_limit,
-        in_python=True,  # a single case is over before machine code is ready
-    ).others[0, :, :, :3]  # (m, T, 3): x, y, heading of m actors at T times
-    vertices = {}
-    for actor, places in zip(actors, scripted, strict=True):
-        # the motion of a lively actor depends on more than time: it follows its recorded trajectory
-        if actor.acts and not actor.lively:
-            times = VERTEX_INTERVAL * np.arange(len(places))
-            # number of samples before the first one beyond the road's end (argmin: first False)
-            on_road = np.append(places[:, 0] <= road.end, False).argmin()
-            if on_road > 1:  # with fewer, the actor leaves the road at its first speed
-                vertices[actor.name] = np.column_stack([times, places])[:on_road]
-    for name in (EGO, *(actor.name for actor in actors if actor.lively)):
+    vertices = _scripted_vertices(concrete, settings)
+    # the motion of a lively actor depends on more than time: it follows its recorded trajectory
+    for name in (EGO, *(actor.name for actor in concrete.actors if actor.lively)):
         if path := recorded.get(name):
             vertices[name] = np.column_stack([path.time, path.x, path.y, path.heading])
-    groups = [_follow(name, rows, road) for name, rows in vertices.items()]
+    groups = [_follow(name, rows, concrete.road) for name, rows in vertices.items()]
     # an act must hold a group, even where no vehicle has a trajectory
     empty = E.ManeuverGroup(
         E.Actors(selectTriggeringEntities="false"), maximumExecutionCount=1, name="nobody"
@@ -341,10 +328,32 @@ def _act(concrete: ConcreteScenario, settings: SimulationSettings, recorded: Tra
     return E.Act(*(groups or [empty]), E.StartTrigger(_after(0.0, "begin")), name="others")
 
 
+def _scripted_vertices(
+    concrete: ConcreteScenario, settings: SimulationSettings
+) -> dict[str, FloatArray]:
+    """By actor with a script that depends on time alone, vertices as of `_follow`."""
+    scripted = tracks(
+        [concrete],
+        [(settings.vehicle.length, settings.vehicle.width)],
+        VERTEX_INTERVAL,
+        settings.time_limit,
+        in_python=True,  # quicker: a single case is over before machine code is ready
+    ).others[0, :, :, :3]  # (m, T, 3): x, y, heading of m actors at T times
+    vertices = {}
+    for actor, places in zip(concrete.actors, scripted, strict=True):
+        if actor.acts and not actor.lively:
+            times = VERTEX_INTERVAL * np.arange(len(places))
+            # number of places before the first beyond the road's end (argmin: the first False)
+            on_road = np.append(places[:, 0] <= concrete.road.end, False).argmin()
+            if on_road > 1:  # with fewer, the actor leaves the road at its first speed
+                vertices[actor.name] = np.column_stack([times, places])[:on_road]
+    return vertices
+
+
 def _follow(name: str, vertices: FloatArray, road: Road) -> Any:
     """A vehicle on one timed trajectory.
 
-    vertices: rows of time, x, y, heading.
+    vertices: rows of time, s, x and y in road coordinates, m, and heading, rad.
     """
     line = E.Polyline(
         *(E.Vertex(_position(road, *pose), time=time) for time, *pose in vertices.tolist())
@@ -391,8 +400,9 @@ def _seal(root: Any, road: bytes, case: str) -> str:
 
 
 def exported_case(root: Any, road: bytes) -> ConcreteScenario | None:
-    """The case of a file that `openscenario_xml` wrote; None of any other file.
+    """The case of a file that `openscenario_xml` wrote; None for any other file.
 
+    root: the file's root element.
     road: the content of its OpenDRIVE file.
 
     Raises InputError where either file was changed since.

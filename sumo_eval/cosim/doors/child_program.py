@@ -1,5 +1,6 @@
-"""A user's program as a child process, for ADSs of `exec:` and `traci:`: started for a case, its
-output kept, its process group killed after the case.
+"""A user's program as a child process, for ADSs of `exec:` and `traci:`.
+
+The program is started for a case; its output is kept; its process group is killed after the case.
 
 Users: `cosim/doors/json_lines.py`, `cosim/doors/traci_program.py`.
 """
@@ -19,7 +20,7 @@ from typing import IO
 from sumo_eval.errors import ControllerError, InputError, must_be, said
 
 _PATIENCE = 0.5  # s of wall time in which a program may end by itself before it is killed
-_KEPT = 20_000  # the last bytes of a program's output, which are kept
+_KEPT = 20_000  # bytes at the end of a program's output that are kept
 _PR_SET_PDEATHSIG = 1  # of Linux's prctl.h: the signal at the death of the parent
 
 
@@ -43,7 +44,8 @@ def checked_command(command: str, folder: Path, scheme: str) -> tuple[str, ...]:
     if not hasattr(os, "killpg"):
         raise InputError(f"{owner} needs a system with process groups (Linux, macOS).")
     program = words[0]
-    # joined as text: a `Path` drops `./`, and `which` searches PATH for a name without a slash
+    # Joined as text, since a `Path` drops `./`: `which` would then search PATH, as it does for a
+    # name without a slash.
     path = os.path.join(folder, program) if os.sep in program else program
     if shutil.which(path, path=search_path()) is None:
         raise InputError(f"{owner}: there is no program `{program}` that can be run.")
@@ -51,15 +53,12 @@ def checked_command(command: str, folder: Path, scheme: str) -> tuple[str, ...]:
 
 
 def search_path() -> str:
-    """The folder of this Python's virtual environment, then PATH; PATH alone if the user has
-    activated an environment.
+    """Where to search for programs: the folder of this Python's virtual environment, then PATH;
+    PATH alone if the user has activated an environment, or Python is in none.
     """
     usual = os.environ.get("PATH", os.defpath)
-    if (
-        sys.prefix == sys.base_prefix
-        or os.environ.get("VIRTUAL_ENV")
-        or os.environ.get("CONDA_PREFIX")
-    ):
+    has_environment = sys.prefix != sys.base_prefix
+    if not has_environment or os.environ.get("VIRTUAL_ENV") or os.environ.get("CONDA_PREFIX"):
         return usual
     return os.pathsep.join([str(Path(sys.executable).parent), usual])
 
@@ -67,7 +66,7 @@ def search_path() -> str:
 class ChildProgram:
     """A running program.
 
-    command, folder: from `checked_command`.
+    command: from `checked_command`. folder: in which it runs.
     talks: its stdin and stdout are pipes for messages; else it has no input, and its stdout is kept
         together with its stderr.
     variables: of its environment, in addition to the variables of this process.
@@ -122,9 +121,9 @@ class ChildProgram:
         return f"[the first {left_out} bytes are left out]\n{text}" if left_out else text
 
     def ended(self, closed: str) -> ControllerError:
-        """The error of a program that ended, or still runs and does not talk any more.
+        """The error of a program that has ended, or that still runs but has closed a connection.
 
-        closed: the pipe or connection that the program closed if it still runs, as `output`.
+        closed: name of the connection, for the message: `input`, `output` or `connection`.
         """
         try:
             how = f"with status {self.process.wait(_PATIENCE)}"
@@ -134,7 +133,7 @@ class ChildProgram:
 
     def kill(self) -> None:
         """End the program and everything that it started, now."""
-        # where no process is left in the group, Linux reports the first error, macOS the second
+        # if the group has no process any more, Linux reports the first error, macOS the second
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process.pid, signal.SIGKILL)
 

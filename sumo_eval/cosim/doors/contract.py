@@ -1,6 +1,8 @@
 """Check of an ADS's contract: drive some cases twice and list what its author should fix.
 
-Like Gymnasium's `check_env`. `record.apart` calls it in a child process, for `sumo-eval check`.
+Like Gymnasium's `check_env`.
+
+Users: `record/apart.py` calls it in a child process, for `sumo-eval check`.
 """
 
 import math
@@ -38,16 +40,16 @@ _WORDS = {
     "plan_ended": "a plan ended at {requested:.2f} s, and was driven on straight until "
     "{applied:.2f} s",
 }
+"""Words on a clip, by its name; `requested` and `applied` are its values."""
 _Recordings = Sequence[Recording]  # of the drives of an ADS
 _OF_A_PLAN = ("plan_error", "plan_ended")
 _FAR_FROM_A_PLAN = 1.0  # m
-_NO_ACCELERATION = 20.0  # m/s2; a larger request is probably no acceleration
-_LINES = 12  # of a log that a finding shows
-_COMMANDS = ("acceleration", "steering_angle")
+_NO_ACCELERATION = 20.0  # m/s2; a larger request is probably a mistake of units
+_LINES = 12  # last lines of a log that a finding shows
+_COMMANDS = ("acceleration", "steering_angle")  # clips of commands out of range
 RUN = RunSettings()
-# s of wall time: an ADS that is slower than this in a few cases need not drive all of them
-PATIENCE = 60.0
-_MARGIN = 0.5  # of a limit: a busier machine can take twice as long
+PATIENCE = 60.0  # s of wall time, after which no further case is driven
+_MARGIN = 0.5  # share of a limit that a finding mentions: a busier machine can take twice as long
 _HINTS = {
     r"[Tt]ype '.*' is not known": "a type of the ego's own is the class attribute `vehicle_type`, "
     "e.g. "
@@ -57,7 +59,7 @@ _HINTS = {
     "no device of type": "no vehicle carries a device of SUMO here; compute in your code what it "
     "would say",
 }
-"""Advice on an error of TraCI, by its words."""
+"""Advice on an error of TraCI, by a regular expression that its words match."""
 _UNMOVED = (
     "return a command, or move it with TraCI; SUMO's car-following model drives it only after "
     "traci.vehicle.setSpeed(ego, -1)"
@@ -91,7 +93,7 @@ def check_controller(
 ) -> _Findings:
     """Every point of the contract for an ADS, from two drives of each case.
 
-    InputError if it cannot be loaded, or without a case.
+    Raises InputError if the ADS cannot be loaded, or without a case.
 
     step_timeout, case_timeout: wall time that a step and a case may take in a run, s; the losses of
         a run to these limits are estimated from the wall time of the drives here.
@@ -129,8 +131,7 @@ def check_controller(
     if not any(np.ptp(recording.ego.speed) for recording in first):
         findings.append(Finding("note", "the ego keeps its first speed in every case", _UNMOVED))
     findings += _planned(first)
-    again = drive(driven)
-    # fewer a second time if patience has run out
+    again = drive(driven)  # fewer if they take longer than `PATIENCE`
     findings += _counted(list(map(_same, driven, first, again)))
     if len(again) < len(driven):
         findings.append(
@@ -147,7 +148,9 @@ def _projected(
     step_timeout: float,
     case_timeout: float,
 ) -> _Findings:
-    """Losses of a run to its two limits on wall time, by the time that the drives took here."""
+    """Findings on how many cases a run would lose to its two limits on wall time, estimated by the
+    time that the drives took here.
+    """
     late = sum(recording.end_reason == "ads_timeout" for recording in recordings)
     mend = "answer sooner, or allow more: [run] step_timeout"
     if late:
@@ -168,6 +171,7 @@ def _projected(
     walls = [recording.wall_time for recording in recordings]
     longest = max(walls)
     lost = [case for case, wall in zip(cases, walls, strict=True) if wall > case_timeout]
+    # s of wall time for a simulated second, and for a case that lasts until the time limit
     pace = sum(walls) / sum(
         max(recording.simulated_time, settings.step) for recording in recordings
     )
@@ -205,8 +209,8 @@ def _projected(
 
 
 def _ends(cases: Sequence[ConcreteScenario], recordings: _Recordings) -> _Findings:
-    """Findings on how cases end: each case that does well, and each cause of a fault once, with its
-    count.
+    """Findings on how cases end: one for each case without a fault, and one for each cause of a
+    fault, with its count.
     """
     # cases and their recordings by cause; "": no fault
     alike = grouped(
@@ -246,18 +250,20 @@ def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int)
 
 
 def _worst(recordings: _Recordings, kinds: Collection[str]) -> dict[str, Clip]:
-    """The worst clips of these kinds: those whose two values are farthest apart."""
+    """The worst clip of each of these kinds: the one whose two values are farthest apart."""
     clips = [clip for it in recordings for clip in it.clips if clip.what in kinds]
     clips.sort(key=lambda clip: (abs(clip.requested - clip.applied), abs(clip.requested)))
+    # a later clip, which is worse, replaces an earlier one
     return dict(sorted({clip.what: clip for clip in clips}.items()))
 
 
 def _said(clip: Clip) -> str:
+    """Words on a clip."""
     return _WORDS[clip.what].format(requested=clip.requested, applied=clip.applied)
 
 
 def _in_range(recordings: _Recordings) -> Finding:
-    """Finding on commands that the vehicle or the harness did not carry out as the ADS asked."""
+    """Finding on commands that the vehicle or the harness did not carry out as requested."""
     worst = _worst(recordings, _WORDS.keys() - _OF_A_PLAN)
     if not worst:
         return Finding("ok", "commands are within what the vehicle can do")
@@ -297,7 +303,7 @@ def _planned(recordings: _Recordings) -> _Findings:
 
 
 def _counted(findings: Sequence[Finding]) -> _Findings:
-    """All findings but the `FAIL`s, then the first `FAIL`, with the number of all."""
+    """All findings without the `FAIL`s, then the first `FAIL`, with the number of all `FAIL`s."""
     wrong = [finding for finding in findings if finding.kind == "FAIL"]
     count = f"{len(wrong)} of {len(findings)} cases, e.g. " if len(wrong) > 1 else ""
     return [
@@ -310,8 +316,10 @@ def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
     """Finding on whether two drives with one seed are equal in every step."""
     where = f"{case.scenario} ({case.label})"
     n = min(len(one.ego), len(two.ego))
-    rows = [np.column_stack([getattr(r.ego, name)[:n] for name in CHANNELS]) for r in (one, two)]
-    differ = np.flatnonzero(~np.isclose(rows[0], rows[1], 0.0, 0.0, equal_nan=True).all(axis=1))
+    # the samples that both have, (n, channels)
+    samples = [np.column_stack([getattr(r.ego, name)[:n] for name in CHANNELS]) for r in (one, two)]
+    equal = np.isclose(samples[0], samples[1], 0.0, 0.0, equal_nan=True).all(axis=1)
+    differ = np.flatnonzero(~equal)
     clips = [tuple(clip for clip in r.clips if clip.what != _WALL_CLOCK) for r in (one, two)]
     if (
         not differ.size
@@ -320,7 +328,7 @@ def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
         and clips[0] == clips[1]
     ):
         return Finding("ok", f"drives {where} the same a second time, with another case in between")
-    i = differ[0] if differ.size else n - 1
+    i = differ[0] if differ.size else n - 1  # the first sample that differs, else the last
     when = one.ego.time[i] if differ.size else one.simulated_time
     return Finding(
         "FAIL",
@@ -333,6 +341,10 @@ def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
 
 
 def _latency(recordings: _Recordings, step: float) -> Finding:
+    """Finding on the wall time of the ADS's steps.
+
+    step: of the simulation, s.
+    """
     mean = float(np.mean([recording.controller_latency.mean for recording in recordings]))
     worst = max(recording.controller_latency.longest for recording in recordings)
     text = f"{_time(mean)} a step, {_time(worst)} at most; SUMO's step is {_time(step)}"
@@ -347,6 +359,7 @@ def _latency(recordings: _Recordings, step: float) -> Finding:
 
 
 def _time(seconds: float) -> str:
+    """A duration in s, ms or us."""
     if seconds >= 1.0:
         return f"{seconds:.3g} s"
     return f"{seconds * 1e6:.3g} us" if seconds < 1e-3 else f"{seconds * 1e3:.3g} ms"

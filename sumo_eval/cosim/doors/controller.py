@@ -1,13 +1,15 @@
 """The ADS door: what a controller is, and how a locator such as `idm`, `module:name` or
-`exec:./my_ads` becomes one.
+`exec:./my_ads` becomes a controller.
 
-A controller is a function `(traci, ego, time)` or an object with `step(traci, ego, time)` and, if
-it likes, `reset(scenario, traci, ego)` and `close()`. `traci` is the running simulation, so TraCI
-code works as it is; `ego` is the ego's vehicle id; `time` is seconds since the start of the case
-(SUMO's own clock is one step ahead of it, the step that inserted the vehicles). A step returns a
-`Command` for the harness's vehicle model, or None when it has commanded SUMO itself. A
-controller without TraCI takes an `Observation`: it is a function `(observation)`, or an object with
-`act(observation)`. A `traci.StepListener` is a controller too.
+A controller with TraCI is a function `(traci, ego, time)` or an object with `step(traci, ego,
+time)`; `reset(scenario, traci, ego)` and `close()` are optional. `traci` is the running simulation,
+so TraCI code works unchanged; `ego` is the ego's vehicle id; `time` is s since the start of the
+case (SUMO's own clock is ahead by the step that inserted the vehicles). A step returns a `Command`
+for the harness's vehicle model, or None if the code has commanded SUMO itself.
+
+A controller without TraCI is a function `(observation)`, or an object with `act(observation)`. A
+`traci.StepListener` is a controller too. These calls, locators and messages are the contract with
+users (docs/ads).
 
 Users: `cli/tools.py`, `cosim/`, `record/`, `extras/studies/qualification/`.
 """
@@ -45,17 +47,18 @@ from sumo_eval.text import number_in
 class Briefing:
     """Facts that a controller receives before a case.
 
-    vehicle: its own.
+    scenario, values: the scenario's name and its parameters' values if `reveal_scenario` of
+        `ConditionSettings` is set, else "" and None.
+    vehicle: the ego's.
     step: of the simulation, s.
     step_timeout: wall time that one call may take, s.
-    period: s from one call to the next.
     desired_speed: the speed that the ego wants, m/s: its initial speed.
-    goal: the end of the road in the lane that it starts in or has to change to, x, y m.
-    change: x from which it may change lanes and x by which it must have changed, m; None: it may
-        stay.
+    goal: x, y of the road's end in the lane in which the ego starts or to which it has to change,
+        m.
+    change: x from which the ego may change lanes and x by which it must have changed, m; None: it
+        may stay in its lane.
+    period: s from one call to the next.
     way: the lane change of `change` as an object; only baselines use it.
-    scenario, values: the scenario's name and its parameters' values if `reveal_scenario` is set,
-        else "" and None.
     """
 
     scenario: str
@@ -83,7 +86,7 @@ class Controller(Protocol):
         """Called once, before the first step."""
 
     def step(self, traci: Any, ego: str, time: float) -> Wanted | None:
-        """Called every step; returns the request to the vehicle, or None after commanding SUMO
+        """Called at every step; returns a request to the vehicle, or None if it has commanded SUMO
         itself.
         """
 
@@ -92,18 +95,19 @@ class Controller(Protocol):
 
 
 class Adapter:
-    """Base of adapters: each makes a controller of something else.
+    """Base of adapters: each gives the calls of a `Controller` to a user's object, program or file.
 
     target: the user's own object.
     took: wall time of the last turn, s, of a program that drives in its own time; else None.
+    is_policy: whether it is called by `act`, with an `Observation` alone.
     """
 
     target: Any = None
     took: float | None = None
-    is_policy = False  # whether it is called by `act`, with an Observation and nothing else
+    is_policy = False
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Pass on, when the object has one."""
+        """Call the object's `reset`, if it has one."""
         if callable(reset := getattr(self.target, "reset", None)):
             reset(scenario, traci, ego)
 
@@ -111,7 +115,7 @@ class Adapter:
         """Does nothing: SUMO's own model or a listener drives."""
 
     def close(self) -> None:
-        """Pass on, when the object has one."""
+        """Call the object's `close`, if it has one."""
         if callable(close := getattr(self.target, "close", None)):
             close()
 
@@ -125,7 +129,7 @@ class ObjectController(Adapter):
     target: Any
 
     def step(self, traci: Any, ego: str, time: float) -> Any:
-        """Ask it."""
+        """Call the object's `step`, or the function."""
         return getattr(self.target, "step", self.target)(traci, ego, time)
 
 
@@ -138,40 +142,45 @@ class ListenerController(Adapter):
     target: Any
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Register it, as a TraCI script would."""
+        """Register the listener, as a TraCI script would."""
         traci.addStepListener(self.target)
 
     def close(self) -> None:
-        """The harness removes the listeners."""
+        """Does nothing: the harness removes all listeners (`Guard.end`)."""
 
 
 @dataclass(slots=True)
 class PolicyController(Adapter):
-    """A policy: a function `(observation)`, or an object with `act(observation)`."""
+    """A policy: a function `(observation)`, or an object with `act(observation)`.
+
+    act: the function, or the object's method.
+    target: the object; None for a function.
+    """
 
     act: Callable[[Observation], Any]
     target: Any
     is_policy = True
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Pass the briefing on, when the object takes one."""
+        """Call the object's `reset` with the briefing, if it has one."""
         if callable(reset := getattr(self.target, "reset", None)):
             reset(scenario)
 
 
 def takes_arrays(policy: Any) -> bool:
-    """Whether an object or a class with `act` says that it wants arrays of observations: `batch =
-    True`.
-    """
+    """Whether an object or a class with `act` asks for arrays of observations by `batch = True`."""
     own = policy.target if isinstance(policy, PolicyController) else policy
     return getattr(own, "batch", False) is True and callable(getattr(own, "act", None))
 
 
 def as_command(action: Any) -> Wanted:
-    """An action of an ADS as a request: a Command, pedals or a Plan as it is; a number is an
-    acceleration in m/s2, a pair also has the steering wheel angle in rad.
+    """An action of an ADS as a request.
+
+    A Command, pedals or a Plan is a request as it is. A number is an acceleration, m/s2; a pair
+    also has the steering wheel angle, rad.
     """
-    if type(action) is float:  # the usual action, at once; the loop checks that it is finite
+    # the usual action, in a quick way; `step_rules.move_rows` checks that it is finite
+    if type(action) is float:
         return Command(action)
     if isinstance(action, Command | Pedals | Plan):
         return action
@@ -188,8 +197,8 @@ def as_command(action: Any) -> Wanted:
     return Command(*cast(list[float], numbers))
 
 
-# SUMO's lane change mode, bits 0 and 9 (1 + 512): only strategic changes, with gaps that are safe
-# for other vehicles
+# SUMO's lane change mode, bits 0 and 9 (1 + 512): it changes lanes only where its route needs it
+# (strategic changes), and leaves safe gaps to other vehicles
 _WHERE_THE_ROUTE_ASKS = 513
 SUMO_ATTRIBUTES = (
     "accel", "decel", "apparentDecel", "emergencyDecel", "minGap", "tau", "sigma", "sigmaStep",
@@ -215,9 +224,9 @@ SUMO_ATTRIBUTES = (
     "gapControlGainGapDot", "collisionAvoidanceGainGap", "collisionAvoidanceGainGapDot",
     "collisionAvoidanceOverride",
 )  # fmt: skip
-"""Attributes of a vType that describe how it follows; the body is the vehicle settings'."""
+"""Attributes of a vType that describe how it follows; `VehicleSettings` describe the body."""
 PARAMETER = "carFollowModel."
-"""Beginning of a parameter that a model receives at the start: Plexe's
+"""Beginning of the name of a parameter that a model receives at the start: Plexe's
 `carFollowModel.ccac=1`."""
 
 
@@ -225,17 +234,17 @@ PARAMETER = "carFollowModel."
 class NativeModel(Adapter):
     """The ego driven by one of SUMO's own car-following models: `sumo:MODEL?tau=1.2&minGap=2`.
 
-    It keeps its lane, or changes as SUMO's lane-changing model does where its route asks for it.
+    It keeps its lane; where its route needs a lane change, SUMO's lane-changing model changes.
+
+    attributes: of the vType, and parameters (`PARAMETER`).
     """
 
     model: str
     attributes: Mapping[str, str]
 
     def vtype_on(self, road: Road) -> dict[str, str]:
-        """Attributes of the ego's vehicle type: SUMO's own defaults of a passenger car, within what
-        the vehicle can.
-
-        Plexe's `CC` wants to know how many lanes there are.
+        """Attributes of the ego's vehicle type on this road: the model's, else SUMO's defaults of a
+        passenger car. Plexe's `CC` needs the number of lanes.
         """
         attributes = {"lanesCount": str(road.lanes)} if self.model == "CC" else {}
         attributes |= {
@@ -247,9 +256,9 @@ class NativeModel(Adapter):
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Let SUMO drive: all its safety checks are on, and it changes lanes only where the route
-        asks for it.
+        needs it.
         """
-        traci.vehicle.setSpeedMode(ego, 31)
+        traci.vehicle.setSpeedMode(ego, 31)  # bits 0 to 4: all checks
         traci.vehicle.setLaneChangeMode(
             ego, 0 if scenario.change is None else _WHERE_THE_ROUTE_ASKS
         )
@@ -272,7 +281,7 @@ SHIPPED = {
     "eu_2022_1426": "sumo_eval.ads.eu_2022_1426:Eu20221426",
     "eu_2022_1426_bus": "sumo_eval.ads.eu_2022_1426:Eu20221426Bus",
 }
-"""Controllers that ship, by name."""
+"""Locators of the controllers that ship, by name."""
 
 DOORS = {
     "exec": "sumo_eval.cosim.doors.json_lines:JsonLinesProgram.from_command",
@@ -311,16 +320,16 @@ ControllerLike = str | Callable[..., Any] | Any
 def load_controller(controller: ControllerLike, folder: Path | None = None) -> Adapter:
     """A fresh controller from a locator, a class, a function or an object.
 
-    Paths are relative to `folder`.
+    folder: where relative paths of a locator start; None: the working directory.
 
-    Raises InputError when it cannot be found or is not a controller.
+    Raises InputError if there is no such controller.
     """
     target, name, entry = located(controller, folder)
     return adapted(target, name, entry.options)
 
 
 def located(controller: ControllerLike, folder: Path | None) -> tuple[Any, str, Entry]:
-    """Target of a locator, or the object given in its place; its name, and its entry."""
+    """Of a controller, which is a locator or a user's object: the target, its name, its entry."""
     if isinstance(controller, str):
         return find_controller(controller, folder), controller, split_entry(controller)[1]
     return controller, repr(controller), PLAIN
@@ -349,11 +358,13 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
             f"`file.py:name`.{did_you_mean(locator, (*SHIPPED, 'sumo:IDM'))}"
         )
     loaded = load_object(target, folder, "ADS")
-    if not (inspect.isclass(loaded) and _foreign(loaded, locator)):  # `adapted` refuses it
+    # a class of another tool is for `adapted` to refuse, with a better message
+    if not (inspect.isclass(loaded) and _foreign(loaded, locator)):
         check_options(loaded, entry.options, locator)
     return loaded
 
 
+# endings of files of weights
 _WEIGHTS = (".zip", ".pt", ".pth", ".pkl", ".npz", ".h5", ".keras", ".safetensors")
 _BY_SCHEME = {
     "carla": "carla_agent.py:CarlaAgent",
@@ -398,17 +409,22 @@ def _other_way(locator: str) -> str | None:
 
 
 def _adapter(name: str, agent: str) -> str:
+    """Words for the locator of an agent of another tool, with its adapter `name`."""
     return f"`{name}?options.agent={agent}` with the files of docs/examples/adapters"
 
 
 def knows_the_scripts(driver: Any) -> bool:
-    """Whether `driver` is the ideal vehicle of Eq. 17 itself, which alone knows what other vehicles
-    will do: no ADS does, nor a subclass.
+    """Whether `driver` is the ideal vehicle of Eq. 17. It alone knows what other vehicles will do;
+    ADSs and subclasses of it do not.
     """
     return type(driver) is load_object(SHIPPED["ideal_braking"], None, "ADS")
 
 
 def _native_model(locator: str, text: str) -> NativeModel:
+    """The model of `sumo:`.
+
+    text: the locator after the scheme.
+    """
     model, _, query = text.partition("?")
     by_lower_case = {name.lower(): name for name in SUMO_MODELS}
     if model.lower() not in by_lower_case:
@@ -422,14 +438,14 @@ def own_vehicle_type(target: Any, road: Road) -> dict[str, str] | None:
     """The vType that TraCI code names for its ego, `vehicle_type = {"carFollowModel": "CC", ...}`;
     None: it names none.
 
-    Raises InputError where it is more than how the vehicle follows.
+    Raises InputError for attributes that do not describe how the vehicle follows.
     """
-    named = _named_type(target)
-    return None if named is None else named.vtype_on(road)
+    model = _own_model(target)
+    return None if model is None else model.vtype_on(road)
 
 
-def _named_type(target: Any) -> NativeModel | None:
-    """The checked `vehicle_type` of TraCI code as a model, for its `vtype_on`; None: not named."""
+def _own_model(target: Any) -> NativeModel | None:
+    """The checked `vehicle_type` of TraCI code as a model; None: it names none."""
     given = getattr(target, "vehicle_type", None)
     if given is None:
         return None
@@ -449,6 +465,9 @@ def _named_type(target: Any) -> NativeModel | None:
 
 
 def _check_attributes(attributes: Mapping[str, str], owner: str) -> None:
+    """Raise InputError unless each attribute is one of `SUMO_ATTRIBUTES`, or a parameter, and a
+    number.
+    """
     for name, value in attributes.items():
         if name not in SUMO_ATTRIBUTES and not name.startswith(PARAMETER):
             raise unknown(f"vType parameter of {owner}", name, SUMO_ATTRIBUTES)
@@ -457,58 +476,66 @@ def _check_attributes(attributes: Mapping[str, str], owner: str) -> None:
 
 
 @seen_as_traci()
-def adapted(found: Any, described: str, options: Mapping[str, Any]) -> Adapter:
-    """A fresh controller from a class, function or object, found by a locator or given as it is.
+def adapted(target: Any, described: str, options: Mapping[str, Any]) -> Adapter:
+    """A fresh controller from a class, function or object, loaded by a locator or a user's own.
 
+    described: the ADS, for messages.
     options: of its entry.
     """
     try:
-        if refusal := _foreign(found, described):
+        if refusal := _foreign(target, described):
             raise InputError(refusal)
-        if inspect.isclass(found):
-            found = made(found, options, described)
-        elif options and hasattr(found, "options"):  # a program, of `exec:` or `traci:`
-            found.options = dict(options)
-            _named_type(found)  # refused before the first case
+        if inspect.isclass(target):
+            target = made(target, options, described)
+        elif options and hasattr(target, "options"):  # a program, of `exec:` or `traci:`
+            target.options = dict(options)
+            _own_model(target)  # refused before the first case
         elif options:
             raise InputError(
                 f"ADS `{described}` takes no `options`: they are for a class or a program of "
                 "`exec:`."
             )
-        for name in ("batch", "settled", "vehicle_type"):  # read later, outside this guard
-            getattr(found, name, None)
-        if isinstance(found, Adapter):
-            return found
-        if isinstance(found, TRACI.StepListener):
-            return ListenerController(found)
-        if (call := called_by(found)) == "act":
-            return PolicyController(found.act, found)
-        if call == "step":
-            return ObjectController(found)
-        if callable(found):
-            return (
-                PolicyController(found, None)
-                if _takes_one_argument(found)
-                else ObjectController(found)
-            )
+        # read here too, where an error of the user's property becomes a message
+        for name in ("batch", "settled", "vehicle_type"):
+            getattr(target, name, None)
+        adapter = _adapter_of(target)
     except InputError:
         raise
     except Exception as error:  # a property of the user's class
         raise InputError(f"ADS `{described}` cannot be loaded: {said(error)}.") from error
+    if adapter is not None:
+        return adapter
     raise InputError(
         f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a "
-        f"`step` method, got {type(found).__name__}. Or, without TraCI, a function (observation) "
+        f"`step` method, got {type(target).__name__}. Or, without TraCI, a function (observation) "
         "or one with `act`."
     )
 
 
-def called_by(found: Any) -> str:
+def _adapter_of(target: Any) -> Adapter | None:
+    """The adapter of a function or object; None: it is not a controller."""
+    if isinstance(target, Adapter):
+        return target
+    if isinstance(target, TRACI.StepListener):
+        return ListenerController(target)
+    if (call := called_by(target)) == "act":
+        return PolicyController(target.act, target)
+    if call == "step":
+        return ObjectController(target)
+    if not callable(target):
+        return None
+    if _takes_one_argument(target):
+        return PolicyController(target, None)
+    return ObjectController(target)
+
+
+def called_by(target: Any) -> str:
     """The method by which a class or an object is called: `act`, `step`, or "" for neither.
 
-    One that it has comes before one that its `__getattr__` answers.
+    A method of its own comes before one that only its `__getattr__` gives.
     """
-    names = [name for name in ("act", "step") if callable(getattr(found, name, None))]
-    own = (name for name in names if inspect.getattr_static(found, name, None) is not None)
+    names = [name for name in ("act", "step") if callable(getattr(target, name, None))]
+    own = (name for name in names if inspect.getattr_static(target, name, None) is not None)
     return next(own, "".join(names[:1]))
 
 
@@ -519,29 +546,29 @@ FOREIGN = {
     "predict": ("the models of stable-baselines3 have it", ""),
     "plan": ("CommonRoad's planners have it", "commonroad"),
 }
-"""Methods by which the ADSs of other tools are called: whose, and the tool with an adapter and a
-page of its own."""
+"""By method with which ADSs of other tools are called: words on whose it is, and the tool if there
+is an adapter for it."""
 _SMARTS = ("SMARTS's agents have it", "smarts")
 
 
-def adapter_for(found: Any) -> str:
+def adapter_for(target: Any) -> str:
     """The adapter that drives an agent with another tool's interface, "" where there is none."""
-    tools = (tool for name, (_, tool) in FOREIGN.items() if callable(getattr(found, name, None)))
+    tools = (tool for name, (_, tool) in FOREIGN.items() if callable(getattr(target, name, None)))
     return _BY_SCHEME.get(next(tools, ""), "")
 
 
-def _foreign(found: Any, described: str) -> str | None:
+def _foreign(target: Any, described: str) -> str | None:
     """Reason why the ADS of another tool is refused, with the name of its adapter; None: it is not
     such an ADS.
     """
-    kind = found if inspect.isclass(found) else type(found)
+    kind = target if inspect.isclass(target) else type(target)
     if any(base.__module__.partition(".")[0] == "smarts" for base in kind.__mro__):
         name, (whose, tool) = "act", _SMARTS
     else:
-        # a generator: stop at the first, as a property with a later name may fail before a case
-        methods = (it for it in ("act", "step", *FOREIGN) if callable(getattr(found, it, None)))
+        # a generator, to stop at the first: a property with a later name may fail before a case
+        methods = (it for it in ("act", "step", *FOREIGN) if callable(getattr(target, it, None)))
         name = next(methods, "")
-        if isinstance(found, Adapter) or name not in FOREIGN:
+        if isinstance(target, Adapter) or name not in FOREIGN:
             return None
         # A callable with arguments counts as a function. CARLA's agents are callable without any.
         call = getattr(kind, "__call__", None)  # noqa: B004

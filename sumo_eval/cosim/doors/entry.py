@@ -1,9 +1,11 @@
-"""The rest of an `[[ads]]` entry: how often a controller is asked, and what its constructor is
-given.
+"""The rest of an `[[ads]]` entry: how often a controller is called, and the arguments of its
+constructor.
 
 It follows the locator in the same text: `my_ads.py:Planner?period=0.2&options.gain=2`. `made` makes
 the controller. A class may first load data that all its objects share (`LOAD_ONCE`), once in a
 process; that time does not count as driving.
+
+Free to change: the code. Locators in users' files and in stored facts must keep their meaning.
 
 Users: `cosim/`, `record/`, `report/export_case.py`, `extras/gym/episodes.py`.
 """
@@ -25,22 +27,22 @@ from sumo_eval.errors import InputError, check_known, must_be, said, users_code
 
 Options = Mapping[str, Any]  # keyword arguments of a constructor
 _OWN = "period=", "batch=", "options."  # beginnings of an entry's pairs
-# The `?` before the entry: a key of the entry follows, at once or after other pairs of the same
-# query. Any other `?` belongs to a command or a value.
+# The `?` before the entry: after it a key of the entry follows, directly or after other pairs of
+# the same query. Any other `?` belongs to a command or a value.
 _ENTRY = re.compile(rf"\?(?=([^?]*&)?({'|'.join(map(re.escape, _OWN))}))")
 LOAD_ONCE = "load_once"
 """The name of a class method that loads what all objects of the class share."""
 
-_loaded_with: dict[type, Options] = {}
-"""Options of the last `LOAD_ONCE` of a class in this process."""
-_unreported: list[str] = []
-"""Sentences on what was loaded."""
+_load_options: dict[type, Options] = {}
+"""By class, the options of its last `LOAD_ONCE` in this process."""
+_load_reports: list[str] = []
+"""Sentences on loads that `take_load_report` has not returned yet."""
 
 
 class Entry(NamedTuple):
     """The rest of an `[[ads]]` entry.
 
-    period: s between two calls; an entry gives it above 0. Without one it is 0: every step.
+    period: s between two calls; 0: the entry names none, and each step has a call.
     options: keyword arguments of the constructor.
     batch: whether its cases may share a simulation.
     """
@@ -65,23 +67,30 @@ def split_entry(locator: str) -> tuple[str, Entry]:
     head, pairs = locator[: begin.start()], locator[begin.end() :].split("&")
     own = "&".join(pair for pair in pairs if pair.startswith(_OWN))
     rest = "&".join(pair for pair in pairs if not pair.startswith(_OWN))
+    return f"{head}?{rest}" if rest else head, _read_entry(own, f"ADS `{locator}`")
+
+
+def _read_entry(query: str, owner: str) -> Entry:
+    """The entry of a query; errors as of `split_entry`.
+
+    owner: for error messages.
+    """
     period, batch, options = 0.0, True, {}
-    form = "period=SECONDS&options.NAME=VALUE"
-    for name, text in read_query(own, f"ADS `{locator}`", form).items():
+    for name, text in read_query(query, owner, "period=SECONDS&options.NAME=VALUE").items():
         value: Any = text
-        with suppress(ValueError, RecursionError):  # no JSON: a text
+        with suppress(ValueError, RecursionError):  # not JSON: a text
             value = json.loads(text)
         if name == "period":
             if type(value) not in (int, float) or not 0.0 < value <= sys.float_info.max:
-                raise must_be("`period`", f"ADS `{locator}`", "a number greater than 0 s", value)
+                raise must_be("`period`", owner, "a number greater than 0 s", value)
             period = float(value)
         elif name == "batch":
             if not isinstance(value, bool):
-                raise must_be("`batch`", f"ADS `{locator}`", "true or false", value)
+                raise must_be("`batch`", owner, "true or false", value)
             batch = value
         else:
             options[name.removeprefix("options.")] = value
-    return f"{head}?{rest}" if rest else head, Entry(period, options, batch)
+    return Entry(period, options, batch)
 
 
 def read_query(query: str, owner: str, form: str) -> dict[str, str]:
@@ -94,19 +103,19 @@ def read_query(query: str, owner: str, form: str) -> dict[str, str]:
         if len(dict(pairs)) == len(pairs):
             return dict(pairs)
     except ValueError:
-        pass  # refused below, as a name that stands twice
+        pass  # refused below, as is a name that stands twice
     raise must_be("The options", owner, f"of the form {form}, each name once", query)
 
 
 def made_absolute(locator: str, folder: Path) -> str:
-    """The locator with a path relative to `folder` made absolute, so that it holds wherever the
-    evaluation file lies.
+    """The locator with its path, relative to `folder`, made absolute, so that an evaluation file in
+    any folder can name the ADS.
 
-    A program of `exec:` and `traci:` is run in `folder` by way of `env -C`.
+    `env -C` runs a program of `exec:` and `traci:` in `folder`.
     """
     bare = split_entry(locator)[0]
-    # Without a query of its own, a locator ends with its entry, which is put back unchanged. In a
-    # query (of `fmu:`, `onnx:`, `sumo:`) pairs of the entry may stand anywhere, and stay there.
+    # Without a query of its own, a locator ends with its entry, which is appended again unchanged.
+    # In a query (of `fmu:`, `onnx:`, `sumo:`) pairs of the entry may stand anywhere: they stay.
     if bare != locator and "?" not in bare.partition(":")[2]:
         return made_absolute(bare, folder) + locator[len(bare) :]
     scheme, _, rest = locator.partition(":")
@@ -119,7 +128,7 @@ def made_absolute(locator: str, folder: Path) -> str:
                 r"(?<=features=)[^&]+", lambda it: quote(str(folder / unquote_plus(it[0]))), query
             )
         return f"{scheme}:{folder / file}{mark}{query}"
-    # `path.py:Class`, or `module:Class` of a file in the folder; else of an installed module
+    # `path.py:Class`, or `module:Class` of a file in the folder; else an installed module
     module, _, name = locator.rpartition(":")
     if scheme != "sumo" and module.isidentifier() and (folder / f"{module}.py").is_file():
         module = f"{module}.py"
@@ -127,7 +136,10 @@ def made_absolute(locator: str, folder: Path) -> str:
 
 
 def check_options(kind: Any, options: Options, described: str) -> None:
-    """Raises InputError for options that a class cannot be made with, before one is made."""
+    """Raise InputError for options that the constructor of a class does not take.
+
+    kind: a class; anything else passes. described: the ADS, for the message.
+    """
     if not inspect.isclass(kind):
         return
     try:
@@ -145,43 +157,49 @@ def check_options(kind: Any, options: Options, described: str) -> None:
 
 
 def steps_between(period: float, step: float, owner: str) -> int:
-    """Steps from one call to the next.
+    """Steps from one call to the next, 1 for the period 0.
 
     Raises InputError for a period that is not a multiple of the step.
+
+    period, step: s. owner: of the period, for the message.
     """
     ratio = period / step
-    # above 0.5: else a period near 0 would pass as a multiple, of 0 steps
+    # above 0.5: a period near 0 is no multiple, of 0 steps
     if period and not (0.5 < ratio < math.inf and abs(ratio - round(ratio)) <= 1e-6):
         raise must_be("`period`", owner, f"a multiple of `simulation.step` ({step:g} s)", period)
     return max(round(ratio), 1)
 
 
 def made(kind: type, options: Options, described: str) -> Any:
-    """An object of a user's class, made with its options after a `LOAD_ONCE` with the same ones."""
+    """An object of a user's class, made with its options after a `LOAD_ONCE` with the same options.
+
+    described: the ADS, for messages.
+    """
     load = getattr(kind, LOAD_ONCE, None)
-    if callable(load) and _loaded_with.get(kind) != options:
+    if callable(load) and _load_options.get(kind) != options:
         began = perf_counter()
         with users_code(f"ADS `{described}`: `{LOAD_ONCE}` failed"):
             load(**options)
-        _loaded_with[kind] = options
-        _unreported.append(
+        _load_options[kind] = options
+        _load_reports.append(
             f"Loading {kind.__name__} took {perf_counter() - began:.2f} s, once in this process.\n"
         )
     try:
         return kind(**options)
-    except (KeyboardInterrupt, InputError):  # an adapter's own sentence
+    except (KeyboardInterrupt, InputError):  # an adapter's own message
         raise
     except BaseException as error:
         raise _not_made(described, options, error) from error
 
 
 def _not_made(described: str, options: Options, error: BaseException) -> InputError:
+    """The error of a constructor that failed."""
     how = f"with the options {', '.join(options)}" if options else "without arguments"
     return InputError(f"ADS `{described}`: making one {how} failed: {said(error)}.")
 
 
 def take_load_report() -> str:
     """Sentences on the loads in this process since the last call; "" if there were none."""
-    sentences = "".join(_unreported)
-    _unreported.clear()
+    sentences = "".join(_load_reports)
+    _load_reports.clear()
     return sentences

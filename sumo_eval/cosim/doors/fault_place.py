@@ -1,4 +1,4 @@
-"""Place in the user's code that an exception came from, kept in a recording beside the error
+"""The place in the user's code from which an exception came; a recording keeps it beside the error
 message.
 
 Users: `cosim/world.py`, `record/apart.py`, `record/worker.py`.
@@ -15,48 +15,59 @@ from typing import Any
 from sumo_eval.errors import ControllerError
 from sumo_eval.text import clean
 
-_OURS = f"{Path(__file__).parents[2]}/"
+_OURS = f"{Path(__file__).parents[2]}/"  # this package
+# beginnings of the files of Python's library and of installed packages
 _INSTALLED = (
     "<frozen ",
     *(f"{sysconfig.get_path(name)}/" for name in ("stdlib", "platstdlib", "purelib", "platlib")),
 )
 
 
+_Frame = tuple[CodeType, int]  # code, line
+
+
 def fault_place(error: BaseException | None, controller: Any, folder: Path | None) -> str:
     """`my_ads.py:42 in act`: file, line and function in the user's code that an exception comes
     from.
 
-    Of these groups of frames, the first that is not empty gives its innermost frame. The exception
-    is searched first, then its cause, and so on.
+    The place is that of a frame of the exception (`_frame_at_fault`), else of its cause, and so on.
+    Without such a frame, as where a call or a result was at fault, it is the start of the user's
+    function; "" if the controller is not Python code.
 
-    1. frames in the file of the user's object `controller`
-    2. frames outside this package and installed libraries
-    3. frames outside this package; not for an error message that a door raised
-
-    Without such a frame, as where a call or a result was at fault: the start of the user's
-    function; "" if it is not Python code. Paths within `folder` are relative to it.
+    controller: the user's object or function.
+    folder: paths within it are relative to it; None: the working directory.
     """
     seen = set()
     methods = ["act", "step"]
-    own = _file_of(controller)
+    own_file = _file_of(controller)
     by_door = type(error) is ControllerError  # the libraries of a door are not the user's
     while error is not None and id(error) not in seen:
         seen.add(id(error))
         frames = [(frame.f_code, line) for frame, line in walk_tb(error.__traceback__)]
         methods = [it.co_name for it, _ in frames if it.co_name in ("reset", "close")] + methods
-        outside = [it for it in frames if not it[0].co_filename.startswith(_OURS)]
-        users = [it for it in outside if not it[0].co_filename.startswith(_INSTALLED)]
-        owned = [it for it in frames if it[0].co_filename == own]
-        for candidates in (owned, users, () if by_door else outside):
-            if candidates:
-                return _place(*candidates[-1], folder)
+        if frame := _frame_at_fault(frames, own_file, by_door):
+            return _place(*frame, folder)
         error = error.__cause__ or error.__context__
     return _function_start(controller, methods, folder)
 
 
+def _frame_at_fault(frames: list[_Frame], own_file: str | None, by_door: bool) -> _Frame | None:
+    """The innermost frame of the first of these groups that is not empty; None: all are empty.
+
+    1. frames in `own_file`
+    2. frames outside this package and installed libraries
+    3. frames outside this package; not for an error message that a door raised
+    """
+    outside = [it for it in frames if not it[0].co_filename.startswith(_OURS)]
+    users = [it for it in outside if not it[0].co_filename.startswith(_INSTALLED)]
+    own = [it for it in frames if it[0].co_filename == own_file]
+    groups = (own, users, [] if by_door else outside)
+    return next((group[-1] for group in groups if group), None)
+
+
 def _function_start(controller: Any, methods: list[str], folder: Path | None) -> str:
-    """Place where the user's function, or the first of the methods that exist, begins; "" if it is
-    not Python code.
+    """Place where the user's function begins, or the first of these methods that its object has; ""
+    if that is not Python code.
     """
     candidates = (controller, *(getattr(type(controller), name, None) for name in methods))
     code = next((it.__code__ for it in candidates if isinstance(it, FunctionType)), None)

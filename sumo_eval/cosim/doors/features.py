@@ -1,4 +1,4 @@
-"""Table of a learned policy's inputs and outputs: `policy.toml` next to `policy.onnx`.
+"""Table of a learned policy's inputs and outputs: the file `policy.toml` next to `policy.onnx`.
 
     frame = "road"                      # or "ego": x ahead of the ego and y to its left
 
@@ -13,11 +13,13 @@
     high = 3.0
     values = [-8.0, -2.0, 0.0, 2.0]     # or a discrete set: the best scored combination is taken
 
-A feature may have `mean` and `deviation` in place of the range: (value - mean) / deviation. A
-feature with neither, and an action without a range, are not scaled. `absent` stands for the value
-of a vehicle that does not exist: it is limited and scaled as the value would be.
+A feature may have `mean` and `deviation` instead of the range: (value - mean) / deviation. A
+feature with neither, and an action without a range, are not scaled. `absent` replaces the value of
+a vehicle that does not exist; it is limited and scaled like any value.
 
-For `cosim/doors/onnx.py` and the environments of `extras/gym/`.
+Names and scaling of features are a format: policies are trained with it.
+
+Users: `cosim/doors/onnx.py`, `extras/gym/`.
 """
 
 import itertools
@@ -51,7 +53,7 @@ NAMES = (
 )  # fmt: skip
 """Names of features; `vehicles.1` is the nearest along the road, `vehicles.2` the next."""
 
-# Values of a vehicle that does not exist: distances, m, far beyond what a policy reacts to, and a
+# Values of a vehicle that does not exist: distances, m, beyond any to which a policy reacts, and a
 # number that is no kind of vehicle. Every other value is 0.
 _WHERE_ABSENT = {"gap": 1000.0, "x": 1000.0, "kind": -1.0}
 
@@ -62,7 +64,7 @@ class Feature(Checked):
 
     low, high: the value is limited to low..high and mapped onto -1..1.
     mean, deviation: the value is mapped onto (value - mean) / deviation.
-    absent: value if its vehicle does not exist, before it is limited and scaled; None: that of
+    absent: value if its vehicle does not exist, before limits and scaling; None: the value in
         `_WHERE_ABSENT`, or 0.
     """
 
@@ -91,9 +93,9 @@ class Feature(Checked):
 class Action(Checked):
     """One output of a policy.
 
-    low, high: accelerations, m/s2, or angles, rad, of the outputs -1 and 1; None: the output is in
-        these units itself.
-    values: the discrete set of outputs, m/s2 or rad.
+    low, high: accelerations, m/s2, or steering wheel angles, rad, of the outputs -1 and 1; None:
+        the output itself is in m/s2 or rad.
+    values: the discrete set of accelerations or angles; None: any number.
     """
 
     name: str
@@ -115,10 +117,9 @@ class Action(Checked):
 class Interface(Checked):
     """Inputs and outputs of a policy.
 
-    frame: axes of `vehicles.K.x`, `y`, `vx`, `vy`, the road's or the ego's. These values, and each
+    frame: axes of `vehicles.K.x`, `y`, `vx`, `vy`: the road's or the ego's. These values, and each
         `relative_speed`, are the other vehicle's minus the ego's.
-    period: s between two answers, the last answer holds in between; None: it answers at every
-        step.
+    period: s between two answers, the last answer holds in between; None: an answer at each step.
     """
 
     features: tuple[Feature, ...]
@@ -148,7 +149,7 @@ class Interface(Checked):
 
     @property
     def width(self) -> int:
-        """Numbers of an answer: one an action, or the score of each choice."""
+        """How many numbers an answer has: one an action, or the score of each choice."""
         return len(self.actions) if self.choices is None else len(self.choices)
 
     @cached_property
@@ -173,8 +174,8 @@ class Interface(Checked):
 
     @cached_property
     def _scaling(self) -> Floats:
-        """Offset, scale, low and high of each feature: a value is limited to low..high, and
-        becomes (value - offset) / scale; (4, number of features).
+        """Rows offset, scale, low and high, (4, number of features): each value is limited to
+        low..high, and becomes (value - offset) / scale.
         """
         rows = []
         for it in self.features:
@@ -187,7 +188,8 @@ class Interface(Checked):
     def commands(self, answers: Floats) -> Floats:
         """Answers (n, width) as accelerations, m/s2, and steering wheel angles, rad: (n, 2).
 
-        Of discrete values, a row gets those with the best score; nan if a score is not finite.
+        Of a discrete set, each row gets the choice with the highest score; nan if any score is not
+        finite.
         """
         commands = np.zeros((len(answers), 2))
         if self.choices is not None:
@@ -235,6 +237,8 @@ def read_interface(path: Path) -> Interface:
 def usual(*, steering: bool = False) -> Interface:
     """The default features and actions: the ego, its lane, its lead, and the two nearest
     vehicles.
+
+    steering: whether the policy steers.
     """
     features = [
         Feature("ego.speed", 0.0, 60.0), Feature("ego.acceleration", -10.0, 10.0),
@@ -280,7 +284,7 @@ _UNGROUPED: Mapping[str, _Reader] = {
     "right_edge": lambda seen, frame: seen.ego.y - seen.road.right_edge_at(seen.ego.x),
     "lane_offset": lambda seen, frame: seen.ego.y - seen.road.lane_width * seen.ego.lane,
 }
-"""Readers of features whose name has no point."""
+"""Readers of features whose names have no point."""
 
 
 def _of_vehicle(seen: Observations, frame: str, index: int, what: str) -> Floats:
@@ -297,18 +301,11 @@ def _of_vehicle(seen: Observations, frame: str, index: int, what: str) -> Floats
     exists = np.isfinite(vehicles.gap[at])
     if what == "present":
         return np.asarray(exists, float)
-    if what in ("x", "y", "vx", "vy"):
-        if what in ("x", "y"):
-            ahead = seen.distances[at]
-            left = vehicles.offset[at]
-        else:
-            ahead = vehicles.relative_speed[at]
-            left = vehicles.lateral_speed[at] - ego.speed * np.sin(ego.heading)
-        if frame == "ego":
-            c = np.cos(ego.heading)
-            s = np.sin(ego.heading)
-            ahead, left = c * ahead + s * left, c * left - s * ahead
-        value = ahead if what in ("x", "vx") else left
+    if what in ("x", "y"):
+        value = _along(what, frame, ego, seen.distances[at], vehicles.offset[at])
+    elif what in ("vx", "vy"):
+        left = vehicles.lateral_speed[at] - ego.speed * np.sin(ego.heading)
+        value = _along(what, frame, ego, vehicles.relative_speed[at], left)
     elif what == "kind":
         value = seen.kinds[at]
     else:
@@ -316,6 +313,19 @@ def _of_vehicle(seen: Observations, frame: str, index: int, what: str) -> Floats
     return np.where(exists, value, np.nan)
 
 
+def _along(what: str, frame: str, ego: Any, ahead: Floats, left: Floats) -> Floats:
+    """Part along an axis of `frame`, x for `x` and `vx`, y for `y` and `vy`, of vectors (n,).
+
+    ahead, left: parts of the vectors along and across the road.
+    """
+    if frame == "ego":
+        c = np.cos(ego.heading)
+        s = np.sin(ego.heading)
+        ahead, left = c * ahead + s * left, c * left - s * ahead
+    return ahead if what in ("x", "vx") else left
+
+
 def _check_range(name: str, low: float | None, high: float | None) -> None:
+    """Raise InputError unless both limits are given, the lower one first, or none."""
     if (low is None) != (high is None) or (low is not None and high is not None and not low < high):
         raise must_be("`low` and `high`", f"`{name}`", "both given, low < high", (low, high))

@@ -1,20 +1,21 @@
 """`fmu:FILE`: an FMU (FMI 2.0 or 3.0, co-simulation) as the ADS, or as the ego's vehicle model.
 
-Needs the extra `fmu`.
+Needs the extra `fmu`. The mapping is `FmuSettings` or `PlantSettings`.
 
-Inputs. The mapping gives each one a signal, a constant or its own start value; an input without a
+Inputs: the mapping gives each input a signal, a constant or its own start value. An input without a
 mapping takes the signal of its name. An array takes one value of each seen vehicle (`OBJECTS`).
 - Signals of an ADS: `Observation.signals`.
 - Signals of a vehicle model: `acceleration` and `steering` of the command, `x`, `y`, `heading` and
   `speed` before the step, `time`.
 
-Outputs.
-- An ADS: `acceleration` and optionally `steering`. If the mapping names one of them: `speed` and
-  `steering`, `throttle`, `brake` and `steer`, or a plan (`PLAN`).
-- A vehicle model: `x`, `y`, `heading`, `speed`, optionally `acceleration` and
+Outputs:
+- Of an ADS: `acceleration` and optionally `steering`. If the mapping names one of these instead:
+  `speed` and `steering`; `throttle`, `brake` and `steer`; a plan (`PLAN`).
+- Of a vehicle model: `x`, `y`, `heading`, `speed`, optionally `acceleration` and
   `steering_wheel_angle`.
 
-Users: `cosim/ego_control.py`, `cosim/simulation.py`, `record/recording.py`.
+Users: `cosim/ego_control.py`, `cosim/simulation.py`, `record/recording.py`;
+`cosim/doors/controller.py` finds `FmuController` by name (`DOORS`).
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ from sumo_eval.scenario.units import si_factor
 from sumo_eval.settings import FmuSettings, PlantSettings
 
 SIGNALS = signal_names()
-"""Signals for inputs of an ADS; where no vehicle is, its gap is 1000 m."""
+"""Names of the signals for inputs of an ADS."""
 
 _Names = Sequence[str]  # of signals or outputs
 _STATE = ("x", "y", "heading", "speed")  # outputs that a vehicle model must have
@@ -76,7 +77,7 @@ _TYPES = (*_MAKERS, *_WHOLE)
 _STATUS = dict(enumerate(("OK", "WARNING", "DISCARD", "ERROR", "FATAL", "PENDING")))
 _FATAL = 4  # fmi2Fatal, fmi3Fatal
 AS_IT_STARTS = "start"
-"""A mapping to this instead of a signal: the input keeps its start value.
+"""Value of a mapping, instead of a signal, for an input that keeps its start value.
 
 `inputs.*=start`: every input without a mapping keeps it.
 """
@@ -86,10 +87,10 @@ OBJECTS = (
 )
 """Signals for inputs that are arrays: a value of each vehicle that is seen, the nearest first."""
 PLAN = ("plan_time", "plan_x", "plan_y", "plan_heading", "plan_speed")
-"""Outputs of an FMU that plans: arrays, or in FMI 2.0 scalars `NAME[1]`, `NAME[2]`, ...; the last
-two may be missing."""
+"""Outputs of an FMU that gives plans: arrays, or in FMI 2.0 scalars `NAME[1]`, `NAME[2]`, ...; the
+last two may be missing."""
 _OF_A_PLAN = ("plan_count", "plan_number")
-"""Outputs that an FMU that plans may also have: how many places of the arrays the plan fills, and a
+"""Further outputs that such an FMU may have: how many elements of the arrays the plan fills, and a
 number that changes with each new plan."""
 
 Wired = tuple[Any, str | float]
@@ -99,8 +100,9 @@ Signals = Mapping[str, float | list[float]]
 
 
 class _Fmu:
-    """One FMU file and how it is wired; `load` makes a fresh instance of it.
+    """One FMU file and its wiring; `load` makes a fresh instance of it.
 
+    wiring: the mapping of its inputs, outputs and parameters.
     signals: names of the signals that its inputs may take.
     needed, optional: names of outputs that are one number, which it must or may have.
     lists: names of outputs that are many numbers.
@@ -119,21 +121,10 @@ class _Fmu:
         input_file(path, "FMU")
         with users_code(f"FMU {path} cannot be read"):
             self._folder, model = _unpacked(path, changed_at(path))
-        if model.fmiVersion not in ("2.0", "3.0"):
-            raise must_be("The FMI version", f"FMU `{path.name}`", "2.0 or 3.0", model.fmiVersion)
-        if model.coSimulation is None:
-            kinds = {
-                "model exchange": model.modelExchange,
-                "scheduled execution": model.scheduledExecution,
-            }
-            other = " and ".join(kind for kind, interface in kinds.items() if interface)
-            raise InputError(
-                f"FMU `{path.name}` must be one for co-simulation, got one for "
-                f"{other or 'nothing'}."
-            )
+        _check_kind(path.name, model)
         self.description = model
         self._check_library()
-        # name of a unit -> its size in SI units
+        # name of a unit of the FMU -> its size in SI units
         self._factors: dict[Any, float] = {
             unit.name: unit.baseUnit.factor for unit in model.unitDefinitions if unit.baseUnit
         }
@@ -157,6 +148,9 @@ class _Fmu:
             raise must_be("The library", owner, library, ", ".join(libraries) or "none")
 
     def _variable(self, name: str, key: str) -> Any:
+        """The variable of a name in the table `key` of the mapping. Raises InputError for an
+        unknown name, or a variable that cannot be there.
+        """
         owner = f"FMU `{self.path.name}`"
         check_known(f"variable of {owner} in `{key}`", self._variables, name)
         variable = self._variables[name]
@@ -168,6 +162,7 @@ class _Fmu:
         return variable
 
     def _wire_inputs(self, wiring: FmuSettings) -> list[Wired]:
+        """The inputs that take a signal or a constant. Raises InputError if one has no mapping."""
         rest = wiring.inputs.get("*")
         if rest not in (None, AS_IT_STARTS):
             raise must_be("`inputs.*`", f"FMU `{self.path.name}`", f"`{AS_IT_STARTS}`", rest)
@@ -200,7 +195,11 @@ class _Fmu:
             yield variable, value
 
     def _check_given(self, variable: Any, signal: str | float, key: str) -> None:
-        """Refuse a constant or signal that does not fit the type and size of a variable."""
+        """Raise InputError for a constant or signal that does not fit the type and size of a
+        variable.
+
+        key: `inputs` or `parameters`.
+        """
         name, owner = f"`{variable.name}`", f"FMU `{self.path.name}`"
         is_array = _count(variable) is not None
         if isinstance(signal, float):  # a constant
@@ -237,15 +236,11 @@ class _Fmu:
         wired = {}
         for output in lists:
             name = wiring.outputs.get(output, output)
-            places = sorted(  # (2, variable `NAME[2]`)
-                (int(index), variable)
-                for full, variable in self._variables.items()
-                if full.startswith(f"{name}[") and (index := full[len(name) + 1 : -1]).isdecimal()
-            )
+            scalars = self._scalars(name)
             if name in self._variables:
                 wired[output] = [self._variable(name, "outputs")]
-            elif places:
-                wired[output] = [variable for _, variable in places]
+            elif scalars:
+                wired[output] = scalars
             elif output in wiring.outputs or output in PLAN[:3]:  # a plan needs time, x and y
                 raise InputError(
                     f"FMU `{self.path.name}` has no output `{name}`, nor `{name}[1]`, for "
@@ -253,10 +248,19 @@ class _Fmu:
                 )
         return wired
 
-    def _output(self, name: str) -> tuple[Any, int]:
-        """An output and which of its values is read: `name`, or `name[2]` of an array.
+    def _scalars(self, name: str) -> list[Any]:
+        """The variables `NAME[1]`, `NAME[2]`, ..., in the order of their numbers."""
+        numbers = {}  # by name of the variable
+        for full in self._variables:
+            number = full[len(name) + 1 : -1]
+            if full.startswith(f"{name}[") and number.isdecimal():
+                numbers[full] = int(number)
+        return [self._variables[full] for full in sorted(numbers, key=numbers.__getitem__)]
 
-        Places of an array count from 0. A variable that is itself called `name[2]` comes first.
+    def _output(self, name: str) -> tuple[Any, int]:
+        """An output, and the index of the value that is read: `name`, or `name[2]` of an array.
+
+        Indices count from 0. A variable that is itself called `name[2]` comes first.
         """
         plain, bracket, rest = name.partition("[")
         index = rest.rstrip("]")
@@ -303,7 +307,8 @@ class _Fmu:
             flags = self._instance.doStep(
                 currentCommunicationPoint=time, communicationStepSize=step
             )
-        # FMI 3: `eventEncountered`, `terminateSimulation`, `earlyReturn`, `lastSuccessfulTime`
+        # of FMI 3: 0: `eventEncountered`, 1: `terminateSimulation`, 2: `earlyReturn`,
+        # 3: `lastSuccessfulTime`
         if isinstance(flags, tuple) and any(flags[1:3]):
             deed = "asked to end the simulation" if flags[1] else "ended its step early"
             raise ControllerError(f"FMU `{self.path.name}` {deed}")
@@ -353,7 +358,8 @@ class _Fmu:
     def _factor(self, variable: Any) -> float:
         """Factor from the unit of a variable, or of its type, to the SI unit."""
         unit = variable.unit or getattr(variable.declaredType, "unit", None) or ""
-        factor = self._factors.get(unit) or si_factor(unit)  # no BaseUnit: by its name
+        # a unit that the FMU does not describe is known by its name
+        factor = self._factors.get(unit) or si_factor(unit)
         if factor is None:
             _say(f"FMU `{self.path.name}`: unit `{unit}` is not known, SI is assumed.")
         return factor or 1.0
@@ -365,6 +371,7 @@ class _Fmu:
         return str(variable.type)
 
     def _give(self, wired: Sequence[Wired], signals: Signals) -> None:
+        """Set variables to their constants, or to the values of their signals."""
         for variable, signal in wired:
             if variable.type in _TEXTS or isinstance(signal, float):  # a constant
                 self._set(variable, signal)
@@ -372,11 +379,14 @@ class _Fmu:
                 self._set(variable, signals[signal], self._factor(variable))
 
     def _set(self, variable: Any, value: Any, factor: float = 1.0) -> None:
-        """Set a value, or one of each vehicle; `factor`: of `_factor`, for a value in SI units."""
+        """Set a variable to a value, or an array to a value of each vehicle.
+
+        factor: of `_factor`, for a value in SI units.
+        """
         count = _count(variable)
         size = 1 if count is None else count
         values = [value] * size
-        if isinstance(value, list):  # the last value, of an empty place, fills the places left
+        if isinstance(value, list):  # its last value, of an empty place, fills the rest of an array
             values = [*value, *(value[-1:] * size)][:size]
         for place, it in enumerate(values):
             values[place] = _plain(variable.type, it if factor == 1.0 else it / factor)
@@ -401,20 +411,42 @@ class _Fmu:
             self.initialized = False
             if getattr(error, "status", None) == _FATAL:
                 self._instance = None
-            words = said(error).replace(f"{self._folder}/", "")  # another folder in each process
+            # without the folder, which differs in each process
+            words = said(error).replace(f"{self._folder}/", "")
             raise ControllerError(f"FMU `{self.path.name}` failed: {words}") from error
 
 
 @functools.cache
 def _say(words: str) -> None:
-    """Tell the case's log, once a process."""
+    """Print a message for the case's log, once a process."""
     print(words)  # noqa: T201
 
 
 def _log(*words: Any) -> None:
-    """Print a message of an FMU, in any encoding. Its words end with status, category and text."""
+    """Print a message of an FMU, in any encoding.
+
+    words: arguments of FMI's callback, of which the last are status, category and text.
+    """
     status, _, text = words[-3:]
     print(f"[{_STATUS.get(status, status)}] {(text or b'').decode(errors='replace')}")  # noqa: T201
+
+
+def _check_kind(name: str, model: Any) -> None:
+    """Raise InputError unless an FMU is of a supported version, and for co-simulation.
+
+    name: of the file. model: its description.
+    """
+    if model.fmiVersion not in ("2.0", "3.0"):
+        raise must_be("The FMI version", f"FMU `{name}`", "2.0 or 3.0", model.fmiVersion)
+    if model.coSimulation is None:
+        kinds = {
+            "model exchange": model.modelExchange,
+            "scheduled execution": model.scheduledExecution,
+        }
+        other = " and ".join(kind for kind, interface in kinds.items() if interface)
+        raise InputError(
+            f"FMU `{name}` must be one for co-simulation, got one for {other or 'nothing'}."
+        )
 
 
 def _plain(kind: str, value: Any) -> Any:
@@ -430,7 +462,7 @@ def _plain(kind: str, value: Any) -> Any:
 def _may_be(variable: Any, key: str) -> bool:
     """Whether a variable may be in the table `key` of a mapping."""
     kind = variable.causality
-    if key == "parameters":  # the table also sets start values, never sizes of arrays
+    if key == "parameters":  # also start values, but no sizes of arrays (structural parameters)
         at_start = variable.initial in ("exact", "approx")
         return at_start and kind not in ("input", "structuralParameter")
     return key == "outputs" or kind == "input" or variable.variability == "tunable"
@@ -443,6 +475,7 @@ def _count(variable: Any) -> int | None:
 
 def _objects(seen: Observation) -> dict[str, list[float]]:
     """Values of each vehicle that is seen, the nearest first, then those of an empty place."""
+    # present, then the fields of `SeenVehicle` without its number, in the order of `OBJECTS`
     rows = [(1, *it[1:-1], KINDS[it.kind]) for it in seen.vehicles]
     empty = {"objects_gap": NO_LEAD_GAP, "objects_kind": -1}  # the other values are 0
     rows.append(tuple(empty.get(name, 0) for name in OBJECTS))
@@ -458,7 +491,7 @@ class FmuController(Adapter):
     wiring: FmuSettings
     _fmu: _Fmu = field(init=False)
     _step: float = 0.0
-    _plan: float | None = None  # the number of the one in force
+    _plan: float | None = None  # `plan_number` of the plan in force
     is_policy = True
 
     def __post_init__(self) -> None:
@@ -493,7 +526,7 @@ class FmuController(Adapter):
         return cls(folder / file, FmuSettings(**wiring))
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Make a fresh instance, which the first step initializes: it knows the signals."""
+        """Make a fresh instance; the first step initializes it, as the signals are known then."""
         self._step = scenario.period
         self._plan = None
         self._fmu.load()
@@ -510,9 +543,11 @@ class FmuController(Adapter):
         return Command.pedals(**answer) if "throttle" in answer else Command(**answer)
 
     def _planned(self, answer: Mapping[str, float]) -> Any:
-        """The outputs as a Plan; None while `plan_number` stays: the last plan holds.
+        """The outputs as a Plan; None while `plan_number` stays the same: the last plan holds.
 
         Without `plan_number` each answer is a new plan.
+
+        answer: the outputs that are one number.
         """
         number = answer.get("plan_number")
         if number is not None and number == self._plan:
@@ -536,8 +571,8 @@ class FmuController(Adapter):
 class FmuPlant:
     """An FMU as the ego's vehicle model: commands in, pose and speed of the vehicle's centre out.
 
-    Its positions and heading are placed and turned so that they start at the case's: it may start
-    at its own origin, in its own direction. Its first speed must be the case's.
+    The FMU may start at an origin and in a direction of its own: its poses are moved and turned so
+    that they start at the ego's. Its first speed must be the ego's.
     """
 
     def __init__(self, wiring: PlantSettings, folder: Path | None) -> None:
@@ -558,7 +593,7 @@ class FmuPlant:
             if self._offset is None:
                 fmu.load()
                 fmu.begin(signals)
-                first = fmu.read(_STATE)  # an acceleration may need a step
+                first = fmu.read(_STATE)  # an FMU may have no acceleration before its first step
                 if abs(first["speed"] - state.speed) > _SPEED_TOLERANCE:
                     raise SimulationError(
                         f"The vehicle model {fmu.path.name} must start at {state.speed:g} "
@@ -585,7 +620,7 @@ class FmuPlant:
 
 
 def _turned(outputs: Mapping[str, float], turn: float) -> complex:
-    """Position x + y i, m, of a vehicle model, turned by `turn` rad about its origin."""
+    """Position x + y i, m, of a vehicle model, turned by `turn`, rad, about the model's origin."""
     return complex(outputs["x"], outputs["y"]) * cmath.rect(1.0, turn)
 
 
@@ -599,7 +634,7 @@ def _number(text: str | float) -> float | str:
         return str(text).strip("\"'")
 
 
-_unpack_folders: list[tempfile.TemporaryDirectory[str]] = []
+_unpack_folders: list[tempfile.TemporaryDirectory[str]] = []  # removed when the process ends
 
 
 @functools.lru_cache(maxsize=16)
@@ -611,6 +646,6 @@ def _unpacked(path: Path, _changed: int) -> tuple[str, Any]:
     import fmpy
 
     folder = tempfile.TemporaryDirectory(prefix="sumo_eval_fmu_")
-    _unpack_folders.append(folder)  # removed when the process ends
+    _unpack_folders.append(folder)
     fmpy.extract(str(path), unzipdir=folder.name)
     return folder.name, fmpy.read_model_description(str(path))

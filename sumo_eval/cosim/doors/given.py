@@ -1,5 +1,7 @@
-"""`given:FILE`: a class or a function of a notebook cell, which `evaluate` pickled into the run
-folder.
+"""`given:FILE`: an ADS that is a class or a function of a notebook cell. `evaluate` has pickled it
+into the run folder.
+
+Users: `cosim/doors/controller.py` finds `load_given` by name (`DOORS`).
 """
 
 from pathlib import Path
@@ -10,9 +12,9 @@ from sumo_eval.input_file import read_input
 
 
 def load_given(file: str, folder: Path) -> Any:
-    """The class, function or object of a file in `folder`.
+    """The class, function or object in a file of `folder`.
 
-    Reading it runs code, as importing a user's file does.
+    Reading the file runs code, as importing a user's file does.
     """
     import cloudpickle
 

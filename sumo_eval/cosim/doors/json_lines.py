@@ -1,13 +1,17 @@
 """`exec:COMMAND`: an ADS in any language, a program that reads observations and writes commands,
 one JSON text a line.
 
-The protocol, version 1 (docs/ads/exec.md): for every line that the harness writes to the program's
-stdin, the program writes one line to its stdout. First {"type": "reset", "protocol": 1, "step": s,
-"vehicle": {...}, "road": {...}}, which any JSON object answers; then {"type": "step", "time": s,
-"ego": {...}, "lead": ..., ...}, which {"acceleration": m/s2, "steering": rad} answers, or a speed,
-pedals or a plan. The end of the input ends the case. One program serves one case.
+The protocol, version 1 (docs/ads/exec.md), must stay as it is for users' programs. For every line
+that the harness writes to the program's stdin, the program writes one line to its stdout:
 
-Users: `record/watch.py`.
+- {"type": "reset", "protocol": 1, "step": s, "vehicle": {...}, "road": {...}, ...}; the answer is
+  any JSON object.
+- {"type": "step", "time": s, "ego": {...}, "lead": ..., ...}; the answer is {"acceleration": m/s2,
+  "steering": rad}, or a speed, pedals or a plan.
+
+The end of the input ends the case. One program serves one case.
+
+Users: `record/watch.py`; `cosim/doors/controller.py` finds `JsonLinesProgram` by name (`DOORS`).
 """
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ from __future__ import annotations
 import json
 import os
 import select
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import monotonic
@@ -38,7 +42,11 @@ _OF_A_PLAN = ("time", "x", "y", "heading", "speed")
 
 @dataclass(slots=True)
 class JsonLinesProgram(Adapter):
-    """A program that is asked once a step."""
+    """A program that is asked once a step.
+
+    log: its output on stderr, once it has ended.
+    options: of its entry in the evaluation; the program receives them at the reset.
+    """
 
     command: tuple[str, ...]
     folder: Path
@@ -49,12 +57,12 @@ class JsonLinesProgram(Adapter):
     _stdout: int = -1
     _unread: bytes = b""
     _deadline: float = START_TIMEOUT  # s of wall time allowed for an answer
-    _until: float = 0.0  # end of that time on the monotonic clock, s
+    _until: float = 0.0  # when that time is over, s on the monotonic clock
     is_policy = True
 
     @classmethod
     def from_command(cls, command: str, folder: Path) -> JsonLinesProgram:
-        """Refuses a command that cannot be run."""
+        """A program of this command. Raises InputError for a command that cannot be run."""
         return cls(checked_command(command, folder, "exec"), folder)
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
@@ -66,33 +74,18 @@ class JsonLinesProgram(Adapter):
         self._stdin, self._stdout = process.stdin.fileno(), process.stdout.fileno()
         # a write must not block for ever if a program reads nothing and the pipe is full
         os.set_blocking(self._stdin, False)
-        road = scenario.road
-        described: _Message = {
-            "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length,
-            "speed_limit": road.speed_limit,
-            "line": [asdict(piece) for piece in road.line],
-            "lane_borders": [line._asdict() for line in lane_borders(road)],
-        }  # fmt: skip
-        briefing = {
-            "type": "reset", "protocol": PROTOCOL, "step": scenario.step, "period": scenario.period,
-            "vehicle": asdict(scenario.vehicle), "road": described,
-            "desired_speed": scenario.desired_speed,
-            "goal": scenario.goal, "change": scenario.change,
-        }  # fmt: skip
-        if self.options:
-            briefing["options"] = self.options
-        if scenario.values is not None:
-            briefing |= {"scenario": scenario.scenario, "values": dict(scenario.values)}
         self._deadline = max(START_TIMEOUT, scenario.step_timeout)
-        self._ask(briefing)
+        self._ask(_reset_message(scenario, self.options))
         self._deadline = scenario.step_timeout
 
     def act(self, seen: Observation) -> Any:
-        """Send the observation, and read the request; the last answer must have been one line."""
+        """Send the observation, and read the request. Raises ControllerError if the last answer had
+        more than one line.
+        """
         if self._unread or select.select([self._stdout], [], [], 0.0)[0]:
             more = self._unread or self._read()
             raise ControllerError(f"The ADS must answer with one line, got more: {more[:200]!r}")
-        return _asked(self._ask({"type": "step", **seen.plain()}))
+        return _request(self._ask({"type": "step", **seen.plain()}))
 
     def close(self) -> None:
         """End of input, then the end of the program."""
@@ -137,13 +130,36 @@ class JsonLinesProgram(Adapter):
             )
 
     def _read(self) -> bytes:
+        """The next bytes of the program's output, at least one."""
         chunk = os.read(self._stdout, 65536)
         if not chunk:
             raise self._program.ended("output")
         return chunk
 
 
-def _asked(answer: _Message) -> Any:
+def _reset_message(scenario: Briefing, options: Mapping[str, Any]) -> _Message:
+    """The briefing as the message of the reset."""
+    road = scenario.road
+    road_message: _Message = {
+        "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length,
+        "speed_limit": road.speed_limit,
+        "line": [asdict(piece) for piece in road.line],
+        "lane_borders": [line._asdict() for line in lane_borders(road)],
+    }  # fmt: skip
+    message: _Message = {
+        "type": "reset", "protocol": PROTOCOL, "step": scenario.step, "period": scenario.period,
+        "vehicle": asdict(scenario.vehicle), "road": road_message,
+        "desired_speed": scenario.desired_speed,
+        "goal": scenario.goal, "change": scenario.change,
+    }  # fmt: skip
+    if options:
+        message["options"] = options
+    if scenario.values is not None:
+        message |= {"scenario": scenario.scenario, "values": dict(scenario.values)}
+    return message
+
+
+def _request(answer: _Message) -> Any:
     """The request that an answer of the ADS holds: a command or a plan."""
     kind = next((name for name in _ANSWERS if name in answer), "acceleration")
     names, make = _ANSWERS[kind]
@@ -157,7 +173,7 @@ def _asked(answer: _Message) -> Any:
 
 
 def _plan(plan: Any) -> Any:
-    """A plan; null: the one in force holds."""
+    """A plan of an answer; null (None): the plan in force holds."""
     if plan is None:
         return None
     if not isinstance(plan, dict):
@@ -180,6 +196,10 @@ request of the values."""
 
 
 def _refuse_other_names(answer: _Message, names: tuple[str, ...], what: str) -> None:
+    """Raise ControllerError if a JSON object has names other than these.
+
+    what: the object, for the message.
+    """
     for name in answer:
         if name not in names:
             known = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]

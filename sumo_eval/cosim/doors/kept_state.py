@@ -1,8 +1,10 @@
-"""State that an ADS keeps outside its objects, where its cases share it. `cosim.simulation`
-compares it before and after a batch.
+"""State that an ADS keeps outside its objects, so that its cases share it.
 
-Cases do not share the state of an object of their own. They share globals of modules, attributes
-of classes and functions, closures, and the global random generators.
+Each case has an object of its own, but cases share globals of modules, attributes of classes and
+functions, closures, and the global random generators. Where a batch changes such state, its cases
+may depend on each other.
+
+Users: `cosim/simulation.py` compares the state before and after a batch.
 """
 
 import inspect
@@ -23,20 +25,22 @@ import numpy as np
 from sumo_eval.cosim.doors.traci_module import TRACI
 from sumo_eval.cosim.sumo.insides import libsumo
 
-State = dict[str, object]  # by name
-_DEEPEST = 12  # containers and objects within each other
-_MOST = 10_000  # members of a container, the rest of which is not looked at
+State = dict[str, object]  # snapshots (`_frozen`) by name
+_DEEPEST = 12  # containers and objects within each other; deeper ones are compared by identity
+_MOST = 10_000  # members of a container that are compared; further ones are not
 _CONTAINERS = (dict, list, tuple, set, frozenset, deque)
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
-_FOREIGN_PACKAGES = ("sumo_eval", "numpy", "numba", "traci", "libsumo")  # and the standard library
-# modules with objects that hold others
+# packages whose objects are not looked into; neither are those of the standard library
+_FOREIGN_PACKAGES = ("sumo_eval", "numpy", "numba", "traci", "libsumo")
+# modules of the standard library whose objects are looked into, as they hold other objects
 _LOOKED_INTO = ("types", "collections", "queue", "functools")
 _LIBSUMO = "libsumo itself"  # snapshot of libsumo, and of a function of it
 # arrays and random generators: the pickle of such an object holds its whole state
 _PICKLED = (
     np.ndarray, bytearray, array, random.Random, np.random.Generator, np.random.RandomState
 )  # fmt: skip
-_BY_PATH = re.compile(r"_sumo_eval_file_(.*)_\w{12}\.")  # module loaded from a file's path
+# name of a module that `settings.locators` has loaded from a file's path
+_BY_PATH = re.compile(r"_sumo_eval_file_(.*)_\w{12}\.")
 _ITERATOR = "itertools"  # module whose objects show their position in their `repr`
 
 
@@ -44,8 +48,8 @@ def kept_state(ads: Any) -> State:
     """State outside the ADS's objects that its code can change, by name (`module.variable`,
     `file.py: variable`).
 
-    Compared by identity alone: objects of the standard library (except those of `_LOOKED_INTO`) and
-    of compiled code, and iterators of containers.
+    Of these only the identity is compared: objects of the standard library (except those of
+    `_LOOKED_INTO`), objects of compiled code, iterators of containers.
 
     ads: a class or a function.
     """
@@ -62,10 +66,10 @@ def kept_state(ads: Any) -> State:
         name = _BY_PATH.sub(r"\1.py: ", f"{module.__name__}.")
         own = list(vars(module).items())
         state |= {f"{name}{k}": _frozen(v, 0) for k, v in own if k[:2] != "__"}
-    named: dict[str, list[object]] = {}  # a derived class may have the name of its base
-    for kind in ads.__mro__[:-1] if inspect.isclass(ads) else (ads,):
-        named.setdefault(kind.__qualname__, []).append(_frozen(kind, 0))
-    return state | named
+    by_class: dict[str, list[object]] = {}  # lists: a derived class may have the name of its base
+    for kind in ads.__mro__[:-1] if inspect.isclass(ads) else (ads,):  # without `object`
+        by_class.setdefault(kind.__qualname__, []).append(_frozen(kind, 0))
+    return state | by_class
 
 
 def reaches_libsumo(ads: Any, made: Any) -> bool:
@@ -77,6 +81,7 @@ def reaches_libsumo(ads: Any, made: Any) -> bool:
 
 
 def _holds_libsumo(snapshot: Any) -> bool:
+    """Whether a snapshot, or a part of it, is that of libsumo."""
     return snapshot == _LIBSUMO or (
         isinstance(snapshot, list | tuple) and any(map(_holds_libsumo, snapshot))
     )
@@ -107,13 +112,14 @@ def reached_modules(ads: Any) -> list[ModuleType]:
 
 
 def _is(value: Any, kinds: Any) -> bool:
-    """`isinstance` without the value's `__class__`, which is the user's code and may raise: of a
-    proxy that is not bound.
+    """`isinstance` by the value's type. `isinstance` itself also asks for `__class__`, which may be
+    the user's code and raise an error: that of a proxy without an object does.
     """
     return issubclass(type(value), kinds)
 
 
 def _is_foreign(module: str) -> bool:
+    """Whether a module is of the standard library or of `_FOREIGN_PACKAGES`."""
     package = module.partition(".")[0]
     return package in _FOREIGN_PACKAGES or package in sys.stdlib_module_names
 
@@ -121,8 +127,8 @@ def _is_foreign(module: str) -> bool:
 def module_of(value: Any) -> ModuleType | None:
     """The module that defines a function, a class or an object's class; None: unknown.
 
-    A module that was loaded from a file's path may be missing in `sys.modules`. Its variables are
-    then taken from a function that it defines.
+    A module that was loaded from a file's path may be missing in `sys.modules`. The result then has
+    the variables that one of its functions sees.
     """
     kind = value if _is(value, type | FunctionType) else type(value)
     if kind.__module__ in sys.modules:
@@ -144,23 +150,24 @@ def first_change(before: State, after: State) -> str | None:
 
 
 def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> object:
-    """A comparable snapshot of a value, independent of later changes of the value.
+    """A snapshot of a value that can be compared, and that later changes of the value leave as it
+    is.
 
-    depth: number of containers and objects around it.
-    seen: their ids, to end at one that contains itself.
+    depth: number of containers and objects around the value.
+    seen: their ids, so that an object that contains itself comes to an end.
     """
     if _is(value, _PLAIN):
         return "nan" if value != value else value
-    contains = _is(value, _CONTAINERS)
+    is_container = _is(value, _CONTAINERS)
     # containers compare by length, not id: `_parts` makes new ones for each snapshot
-    identity = len(value) if contains else id(value)
+    identity = len(value) if is_container else id(value)
     if depth > _DEEPEST or id(value) in seen:
         return identity
     try:
-        members = value.items() if isinstance(value, dict) else value
         if content := _content(value):
             return content
-        parts = islice(members, _MOST) if contains else _parts(value)
+        members = value.items() if isinstance(value, dict) else value
+        parts = islice(members, _MOST) if is_container else _parts(value)
     except Exception:  # noqa: BLE001 - attributes of a user's object are the user's code
         return identity
     seen |= {id(value)}
@@ -168,8 +175,8 @@ def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> objec
 
 
 def _content(value: Any) -> object:
-    """Content of an array, or position of a random generator, an iterator or a cache; None: it is
-    none of these.
+    """Content of an array, or position of a random generator, an iterator or a cache; None for any
+    other value.
     """
     if value is libsumo or (
         isinstance(value, FunctionType) and value.__module__ == "libsumo.libsumo"
@@ -183,9 +190,9 @@ def _content(value: Any) -> object:
 
 
 def _parts(value: Any) -> tuple[Any, ...]:
-    """Parts of an object, class or function that can change; none where its code is foreign.
+    """Parts of an object, class or function that can change; none if its code is foreign.
 
-    Functions within a `property` are not looked into.
+    The functions of a `property` are not looked into.
     """
     if isinstance(value, staticmethod | classmethod | MethodType):
         return value.__func__, getattr(value, "__self__", None)
@@ -198,14 +205,15 @@ def _parts(value: Any) -> tuple[Any, ...]:
     if _is_foreign(module) and (kind is value or module not in _LOOKED_INTO):
         return ()
     if isinstance(value, FunctionType):
-        # an empty cell is a variable that has no value yet
+        # variables of a closure; an empty cell is one without a value yet
         cells = [it.cell_contents for it in value.__closure__ or () if it != CellType()]
         return vars(value), value.__defaults__, value.__kwdefaults__, cells
-    # a class defines slots, its objects have values in them
+    # of an object also its slots; of a class, `__dict__` has them
     slots = [getattr(value, name, None) for name in _slots(kind) if kind is not value]
     return dict(getattr(value, "__dict__", {})), slots
 
 
 @cache
 def _slots(kind: type) -> list[str]:
+    """Names of the slots of a class's objects."""
     return [name for name, it in inspect.getmembers_static(kind) if inspect.ismemberdescriptor(it)]

@@ -1,11 +1,14 @@
 """Observations of policies: the ego, the other vehicles relative to it, lanes and road edges.
 
-Road coordinates: x along the road, y to the left, y = 0 on the centre line of the right-hand lane.
-`Perception` applies the limits of `ConditionSettings`: delay, range, field of view, misses, noise.
+`Observation` is one instant of one case, `Observations` of many cases as arrays: attributes of the
+same name mean the same. Road coordinates: x along the road, y to the left, y = 0 on the centre line
+of the right-hand lane. `Perception` applies the limits of `ConditionSettings`: delay, range, field
+of view, misses, noise.
 
-Users: the loop and the gym's episodes make observations; policies and the doors for JSON lines,
-FMUs and ONNX models read them, and `cosim/`, `extras/bench/costs.py`, `extras/gym/episodes.py` and
-`extras/wheel/seat.py`.
+Names, order and units of the attributes are the contract with users (docs/ads/observation.md).
+
+Users: `cosim/` makes observations, and its doors for JSON lines, FMUs and ONNX models read them;
+`extras/bench/costs.py`, `extras/gym/episodes.py`, `extras/wheel/seat.py`.
 """
 
 from collections import deque
@@ -28,14 +31,18 @@ from sumo_eval.settings import ConditionSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray, half_extents
 
-_Body = Sequence[float]  # its seven numbers, and an eighth: see `Observation`
+# Eight numbers of a vehicle. 0, 1: x, y, m. 2: heading, rad. 3: speed, m/s. 4, 5: length, width, m.
+# 6: speed across, m/s. 7: acceleration of an ego, rate of the speed of an actor, m/s2.
+_Body = Sequence[float]
 _Look = tuple[_Body, Sequence[_Body]]  # the ego and the actors, as they are perceived
-_tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long
-NO_LEAD_GAP = 1000.0  # m, what `signals` give as gap where no vehicle is ahead
+_tuple = tuple.__new__  # makes a NamedTuple in half the time of its own constructor
+NO_LEAD_GAP = 1000.0  # m, the gap in `signals` where no vehicle is ahead
 _COVERED = 0.8  # a vehicle is hidden if a nearer one covers more than this share of its width
-# five points of a body, its centre and its corners, as (ahead, left): 1 is half its length or width
+# Five points of a body, its centre and its corners, as (ahead, left) in halves of its length and
+# width; (5, 1, 1), for bodies (n, m).
 _AHEAD, _LEFT = np.array([(0, 0), (1, 1), (1, -1), (-1, -1), (-1, 1)]).T[:, :, None, None]
 _DRAWN = 64  # steps for which random numbers are drawn at once
+_SAME_TIME = 1e-9  # s, rounding of sums of steps
 
 
 def limits_of(conditions: ConditionSettings) -> tuple[float, ...]:
@@ -57,8 +64,9 @@ def limits_of(conditions: ConditionSettings) -> tuple[float, ...]:
 
 
 _NO_LIMITS = limits_of(ConditionSettings())
-# places in `limits_of` of the limits that need random numbers, and of the limits that hide an actor
+# indices in `limits_of`: limits that need random numbers; limits that hide an actor
 _CHANCE, _REACH = slice(1, 4), slice(4, 7)
+_FIELD_OF_VIEW, _OCCLUSION = 5, 6
 
 
 def sees_all(conditions: ConditionSettings) -> bool:
@@ -67,7 +75,7 @@ def sees_all(conditions: ConditionSettings) -> bool:
 
 
 KINDS = {kind: number for number, kind in enumerate(BODIES)}
-"""Number of each kind of body, for observations that are numbers; -1 there: no vehicle."""
+"""Number of each kind of body, in observations that are numbers; -1 stands for no vehicle."""
 
 
 class Task(NamedTuple):
@@ -132,8 +140,8 @@ def lane_borders(road: Road) -> tuple[LaneLine, ...]:
 class SeenEgo(NamedTuple):
     """The ego's own state.
 
-    x, y: its centre, m; heading: rad; speed: m/s; acceleration: m/s2.
-    lane: 0 is the right-hand lane.
+    x, y: of its centre, m; heading: rad; speed: m/s; acceleration: m/s2.
+    lane: number of its lane; 0 is the right-hand lane.
     length, width: of its body, m.
     """
 
@@ -150,17 +158,19 @@ class SeenEgo(NamedTuple):
 class SeenVehicle(NamedTuple):
     """Another vehicle, relative to the ego at the instant it was seen.
 
-    number: 1, 2, ..., the same vehicle throughout a case.
+    number: 1, 2, ..., of one vehicle throughout a case.
+    ahead: whether its centre is ahead of the ego's.
     gap: distance along the road between the nearer ends of both bodies, m; negative beside the
         ego.
-    ahead: whether its centre is ahead of the ego's.
     relative_speed: its speed along the road less the ego's, m/s; negative of a lead that comes
         nearer.
-    offset: its centre to the left of the ego's, m.
+    offset: how far its centre is to the left of the ego's, m.
     overlaps: whether its body reaches into the strip that the ego's body sweeps.
-    x, y, heading: its centre, m, and its heading, rad, in road coordinates.
-    acceleration: the rate at which its seen speed has changed since it was last seen, m/s2; 0 until
-        it has been seen twice.
+    speed: along its heading, m/s. lateral_speed: across the road, m/s, positive to the left.
+    lane: number of its lane. length, width: of its body, m.
+    x, y, heading: of its centre, m, and rad, in road coordinates.
+    acceleration: change of its seen speed since it was last seen, m/s2; 0 until it has been seen
+        twice.
     kind: `car`, `van`, `truck`, `motorcycle`, `bicycle`, `pedestrian` or `child`.
     """
 
@@ -182,9 +192,10 @@ class SeenVehicle(NamedTuple):
     kind: str = CAR
 
 
-class _Worked:
+class _Computed:
     """An attribute that is computed at its first use.
 
+    `__get__` writes the value into the object's `__dict__`, where Python finds it the next time.
     Faster than `functools.cached_property`, which takes a lock in Python 3.11.
     """
 
@@ -208,9 +219,9 @@ class Observation:
 
     time: s since the start of the case.
     road: lanes and edges.
-    _ego: the true ego: the seven numbers of its `Body`, then its acceleration, m/s2.
-    _look: the ego and the actors as they are perceived, each as in `_ego`; x is nan of an actor
-        that is not seen.
+    _ego: the ego as it is, a `_Body`.
+    _look: the ego and the actors as they are perceived; x is nan of an actor that is not seen.
+    _kinds: kind of each actor.
     """
 
     time: float
@@ -224,19 +235,20 @@ class Observation:
         self, time: float, road: Road, ego: _Body, look: _Look, task: Task | None,
         kinds: Sequence[str],
     ) -> None:  # fmt: skip
-        own = self.__dict__  # a frozen dataclass's own constructor takes three times as long
+        # past the frozen dataclass: its own constructor takes three times as long
+        own = self.__dict__
         own["time"], own["road"], own["_ego"] = time, road, ego
         own["_look"] = look
         own["_task"] = task or _NO_TASK
         own["_kinds"] = kinds
 
-    @_Worked
+    @_Computed
     def ego(self) -> SeenEgo:
         """The ego's own state, now."""
         me = self._ego
         return _tuple(SeenEgo, (*me[:4], me[7], lane_at(self.road, me[1]), me[4], me[5]))
 
-    @_Worked
+    @_Computed
     def vehicles(self) -> tuple[SeenVehicle, ...]:
         """The other vehicles that are seen, the nearest along the road first."""
         seen = [
@@ -246,26 +258,26 @@ class Observation:
         ]
         return tuple(sorted(seen, key=lambda vehicle: abs(vehicle.gap)))
 
-    @_Worked
+    @_Computed
     def lead(self) -> SeenVehicle | None:
         """The nearest vehicle in front that reaches into the strip that the ego's body sweeps
         straight ahead.
         """
         me, others = self._look
         my_x, my_y = me[0], me[1]
-        half_length, half_width = half_sizes(me[2], me[4], me[5])
-        nearest = 0
-        least = inf
+        my_half_length, my_half_width = half_sizes(me[2], me[4], me[5])
+        nearest = 0  # number of an actor; 0: none
+        least = inf  # m, its gap
         for number, other in enumerate(others, 1):
             x = other[0]
             if x > my_x:  # false where x is nan: not seen
-                half, half_other = half_sizes(other[2], other[4], other[5])
-                gap = abs(x - my_x) - half - half_length
-                if gap < least and abs(other[1] - my_y) < half_other + half_width:
+                half_length, half_width = half_sizes(other[2], other[4], other[5])
+                gap = abs(x - my_x) - half_length - my_half_length
+                if gap < least and abs(other[1] - my_y) < half_width + my_half_width:
                     nearest, least = number, gap
         return _seen(nearest, self._look, self.road, self._kinds) if nearest else None
 
-    @_Worked
+    @_Computed
     def neighbours(self) -> Mapping[str, SeenVehicle | None]:
         """Nearest vehicles by lane: `left_ahead`, `left_behind`, `right_ahead`, `right_behind`,
         `behind`.
@@ -281,7 +293,7 @@ class Observation:
             nearest[name] = min(candidates, key=lambda v: v.gap, default=None)
         return nearest
 
-    @_Worked
+    @_Computed
     def lanes(self) -> tuple[float, ...]:
         """The lanes' centre lines to the left of the ego's centre, m, the right-hand lane first."""
         return tuple(self.road.lane_centre(lane) - self._ego[1] for lane in range(self.road.lanes))
@@ -313,7 +325,7 @@ class Observation:
         """The lanes as lines in the coordinates of the vehicles, the right-hand lane first."""
         return lane_borders(self.road)
 
-    @_Worked
+    @_Computed
     def second_lead(self) -> SeenVehicle | None:
         """The nearest vehicle in front of the lead that reaches into the strip that the ego's body
         sweeps.
@@ -340,8 +352,8 @@ class Observation:
         return float(curvatures(self.road.line, self._ego[0])) if self.road.bent else 0.0
 
     def lane_lines(self, ahead: float = 100.0, every: float = 2.0) -> tuple[FloatArray, ...]:
-        """The lanes' centre lines, the right-hand lane first: points (n, 2) of each, m ahead and m
-        to the left of the ego's centre in the ego's own axes.
+        """The lanes' centre lines, the right-hand lane first: of each lane points (n, 2), m ahead
+        of the ego's centre and m to its left.
 
         ahead: length along the road, from the ego's centre on, m.
         every: distance of the points along the road, m.
@@ -369,9 +381,9 @@ class Observation:
     def signals(self) -> dict[str, float]:
         """Everything that is one number, by name.
 
-        A place without a vehicle has present 0, gap 1000 m, kind -1, speed, x, y and heading of
-        the ego, and else 0. A kind is its number in `KINDS`: 0 is a car. `change_from` and
-        `change_by` are nan where the ego may stay in its lane.
+        Of a place without a vehicle, `present` is 0, `gap` 1000 m and `kind` -1; `speed`, `x`, `y`
+        and `heading` are the ego's; other values are 0. A kind is its number in `KINDS`: 0 is a
+        car. `change_from` and `change_by` are nan where the ego may stay in its lane.
         """
         me, road = self.ego, self.road
         change_from, change_by = self.change or (nan, nan)
@@ -398,11 +410,13 @@ class Observations:
     under the same names.
 
     time: s; an array (n,) where cases begin one by one, as episodes do.
-    number: of each case in its batch, (n,), the same at every step: a policy with memory finds a
-        case by it.
+    number: of each case in its batch, (n,), the same at every step, by which a policy with memory
+        finds a case.
     desired_speed: m/s, (n,).
     ego, lead: arrays (n,).
     vehicles: arrays (n, m), in the order of the scenario's vehicles.
+    _egos, _seen, _others: records of the egos, of the actors as rules see them, of the actors.
+    _cases: of the whole batch; `number` is an index of it.
     """
 
     time: float
@@ -465,22 +479,23 @@ class Observations:
         """
         vehicles = self.vehicles
         rows = np.arange(len(self._egos))
-        nothing = np.zeros(len(rows))
-        # the first column stands for no lead: it is the least where all are infinite
+        zeros = np.zeros(len(rows))
+        # column 0 stands for no lead: `argmin` finds it first if all gaps are infinite
         gaps = np.column_stack(
-            [nothing + np.inf, np.where(vehicles.ahead & vehicles.overlaps, vehicles.gap, np.inf)]
+            [zeros + np.inf, np.where(vehicles.ahead & vehicles.overlaps, vehicles.gap, np.inf)]
         )
         nearest = gaps.argmin(axis=1)
 
-        def of_lead(otherwise: FloatArray, values: FloatArray) -> Any:
-            return np.column_stack([otherwise, values])[rows, nearest]
+        def of_lead(without_lead: FloatArray, values: FloatArray) -> Any:
+            """The lead's value of each case, from values (n, m)."""
+            return np.column_stack([without_lead, values])[rows, nearest]
 
         return SimpleNamespace(
             present=nearest > 0,
             gap=gaps[rows, nearest],
-            relative_speed=of_lead(nothing, vehicles.relative_speed),
+            relative_speed=of_lead(zeros, vehicles.relative_speed),
             speed=of_lead(self._egos["speed"], vehicles.speed),
-            offset=of_lead(nothing, vehicles.offset),
+            offset=of_lead(zeros, vehicles.offset),
         )
 
     @cached_property
@@ -518,12 +533,12 @@ class Perception:
     streams: name of the random numbers of each case: equal names give equal misses and noise.
     """
 
-    _chance: FloatArray  # of a miss, (n, steps, m)
-    _errors: FloatArray  # m and m/s, (n, steps, m, 3)
+    _chance: FloatArray  # random numbers 0..1: misses are those below the dropout; (n, steps, m)
+    _errors: FloatArray  # noise of x and y, m, and of speed, m/s; (n, steps, m, 3)
 
     def __init__(self, conditions: Sequence[ConditionSettings], streams: Sequence[str]) -> None:
         self._limits = np.array([limits_of(it) for it in conditions])
-        self._used = (self._limits != _NO_LIMITS).any(axis=0)  # which limits any case has, (7,)
+        self._used = (self._limits != _NO_LIMITS).any(axis=0)  # whether any case has a limit, (7,)
         self._random = [
             random_stream(0, "perception", it) for it in streams if self._used[_CHANCE].any()
         ]
@@ -538,19 +553,21 @@ class Perception:
     ) -> tuple[FloatArray, FloatArray]:
         """Egos and actors as they are seen at a step; call once a step.
 
-        Both are as old as the perception delay; the first step serves until it has passed.
+        Both are as old as the perception delay. Until the delay has passed once, they are those of
+        the first step.
 
-        egos, others: numbers of bodies, (n, 7) and (n, m, 7); x is nan of an actor that has left.
+        egos, others: the first 7 numbers of each `_Body`, (n, 7) and (n, m, 7); x is nan of an
+            actor that has left.
 
-        Returns copies; actors have an eighth number, the rate of the seen speed, m/s2. An actor
-        that is not seen has x nan.
+        Returns copies. Actors have an eighth number, the rate of their seen speed, m/s2; x is nan
+        of an actor that is not seen.
         """
         seen = np.empty((*others.shape[:2], 8))
         seen[..., :7] = others
         if self._steps == 0:
-            # when each was last seen, s, and how fast, m/s
+            # when each actor was last seen, s, and its speed then, m/s
             self._last = np.full((2, *others.shape[:2]), nan)
-        x, speed = seen[..., 0], seen[..., 3]
+        x, speed = seen[..., 0], seen[..., 3]  # views: to write to them writes to `seen`
         visible = x == x  # false where x is nan
         if self._used[_REACH].any():
             visible &= self._within_reach(egos, others)
@@ -564,14 +581,14 @@ class Perception:
             # noise makes no speed negative; without noise a speed stays as it is
             np.maximum(speed + errors[..., 2], 0.0, out=speed, where=errors[..., 2] != 0.0)
         np.copyto(x, nan, where=~visible)
-        when, last = self._last
-        since = time - when
         seen[..., 7] = 0.0
-        np.divide(speed - last, since, out=seen[..., 7], where=since > 0.0)
-        np.copyto(when, time, where=visible)
-        np.copyto(last, speed, where=visible)
+        last_time, last_speed = self._last
+        since = time - last_time
+        np.divide(speed - last_speed, since, out=seen[..., 7], where=since > 0.0)
+        np.copyto(last_time, time, where=visible)
+        np.copyto(last_speed, speed, where=visible)
         self._steps += 1
-        return self._late(time, egos.copy(), seen)
+        return self._delayed(time, egos.copy(), seen)
 
     def keep(self, rows: IntArray) -> None:
         """Drop all cases but these; keep their order."""
@@ -583,20 +600,23 @@ class Perception:
                 self._chance, self._errors = self._chance[rows], self._errors[rows]
         self._random = [self._random[row] for row in rows.tolist() if self._random]
 
-    def _late(
+    def _delayed(
         self, time: float, egos: FloatArray, seen: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Egos and actors at the newest step that is as old as the delay of its case."""
+        """Egos and actors of the newest step that is as old as the delay of each case.
+
+        egos, seen: of the step at `time`, s.
+        """
         memory = self._memory
         memory.append((time, egos, seen))
         longest, shortest = self._delays
-        while len(memory) > 1 and memory[1][0] <= time - longest + 1e-9:
+        while len(memory) > 1 and memory[1][0] <= time - longest + _SAME_TIME:
             memory.popleft()
-        # the oldest step serves all: none has a delay so short that it sees the next one
-        if len(memory) == 1 or memory[1][0] > time - shortest + 1e-9:
+        # all cases see the oldest step: no delay is so short that its case sees the next step
+        if len(memory) == 1 or memory[1][0] > time - shortest + _SAME_TIME:
             return memory[0][1:]
-        latest = time - self._limits[:, 0] + 1e-9
-        # index of the newest step that each case may see; -1: none yet, then the oldest serves
+        latest = time - self._limits[:, 0] + _SAME_TIME
+        # index of the newest step that each case may see; -1: none yet, it sees the oldest
         places = np.searchsorted([it[0] for it in memory], latest, side="right") - 1
         egos = egos.copy()
         seen = seen.copy()
@@ -620,25 +640,35 @@ class Perception:
 
     def _within_reach(self, egos: FloatArray, others: FloatArray) -> BoolArray:
         """Whether each actor is in range and in the field of view, and not hidden, (n, m)."""
-        columns = others.transpose(2, 0, 1)
-        x, y, heading = columns[:3]
-        length, width = columns[4:6]
-        me_x, me_y, turned = egos.T[:3, :, None]
+        columns = others.transpose(2, 0, 1)  # each (n, m)
+        x, y = columns[:2]
+        me_x, me_y = egos.T[:2, :, None]
         farthest, half_angle, hides = self._limits[:, _REACH].T[..., None]
         reach = np.hypot(x - me_x, y - me_y) <= farthest
-        if self._used[5]:  # the field of view: one of an actor's five points must be in it
-            half = 0.5 * egos[:, 4, None]
-            bumper_x, bumper_y = me_x + half * np.cos(turned), me_y + half * np.sin(turned)
-            along, across = 0.5 * length * _AHEAD, 0.5 * width * _LEFT
-            c = np.cos(heading)
-            s = np.sin(heading)
-            points_y, points_x = y + along * s + across * c, x + along * c - across * s
-            angle = np.arctan2(points_y - bumper_y, points_x - bumper_x) - turned
-            angle -= tau * np.floor(angle / tau + 0.5)
-            reach &= (np.abs(angle) <= half_angle).any(axis=0)
-        if self._used[6]:  # occlusion
-            reach &= ~(_hidden(me_x, x, y, width) & (hides > 0.0))
+        if self._used[_FIELD_OF_VIEW]:  # one of an actor's five points must be in it
+            reach &= (np.abs(_angles(egos, columns)) <= half_angle).any(axis=0)
+        if self._used[_OCCLUSION]:
+            reach &= ~(_hidden(me_x, x, y, columns[5]) & (hides > 0.0))
         return np.asarray(reach)
+
+
+def _angles(egos: FloatArray, columns: FloatArray) -> FloatArray:
+    """Angles from each ego's heading to five points of each actor, seen from the centre of the
+    ego's front bumper, rad, -pi..pi; (5, n, m).
+
+    columns: the numbers of the actors, each (n, m).
+    """
+    x, y, heading = columns[:3]
+    length, width = columns[4:6]
+    me_x, me_y, turned = egos.T[:3, :, None]
+    half = 0.5 * egos[:, 4, None]
+    bumper_x, bumper_y = me_x + half * np.cos(turned), me_y + half * np.sin(turned)
+    along, across = 0.5 * length * _AHEAD, 0.5 * width * _LEFT
+    c = np.cos(heading)
+    s = np.sin(heading)
+    points_y, points_x = y + along * s + across * c, x + along * c - across * s
+    angle = np.arctan2(points_y - bumper_y, points_x - bumper_x) - turned
+    return np.asarray(angle - tau * np.floor(angle / tau + 0.5))
 
 
 def _hidden(me_x: FloatArray, x: FloatArray, y: FloatArray, width: FloatArray) -> BoolArray:
@@ -646,7 +676,8 @@ def _hidden(me_x: FloatArray, x: FloatArray, y: FloatArray, width: FloatArray) -
     width, (n, m); lines of sight run along the road.
     """
     left, right = y + width / 2.0, y - width / 2.0
-    # `shared`, `nearer`: axes are the case, the nearer vehicle, the vehicle behind it
+    # (n, m, m): of the case, the nearer vehicle, the vehicle behind it. shared: width, m, that both
+    # have in common; nearer: whether the nearer vehicle is between the ego and the one behind.
     shared = np.minimum(left[:, :, None], left[:, None]) - np.maximum(
         right[:, :, None], right[:, None]
     )
@@ -673,7 +704,7 @@ def lanes_at(road: Road, y: Any) -> IntArray:
 
 
 def _velocity(body: _Body) -> tuple[float, float]:
-    """Speeds along and across the road, m/s."""
+    """Speeds of a vehicle along and across the road, m/s."""
     heading, speed, across = body[2], body[3], body[6]
     if heading == 0.0:
         return speed, across
@@ -697,22 +728,23 @@ def _seen(number: int, look: _Look, road: Road, kinds: Sequence[str]) -> SeenVeh
     """
     me = look[0]
     other = look[1][number - 1]
-    half, half_width = half_sizes(other[2], other[4], other[5])
-    my_half, my_half_width = half_sizes(me[2], me[4], me[5])
+    x, y, heading = other[:3]
+    speed, length, width = other[3:6]
+    half_length, half_width = half_sizes(heading, length, width)
+    my_half_length, my_half_width = half_sizes(me[2], me[4], me[5])
     along, across = _velocity(other)
-    ahead, offset = other[0] - me[0], other[1] - me[1]
+    ahead, offset = x - me[0], y - me[1]
     return _tuple(SeenVehicle, (
-        number, ahead > 0.0, abs(ahead) - half - my_half, along - _velocity(me)[0], offset,
-        abs(offset) < half_width + my_half_width, other[3], across, lane_at(road, other[1]),
-        other[4], other[5],
-        other[0], other[1], other[2], other[7], kinds[number - 1],
+        number, ahead > 0.0, abs(ahead) - half_length - my_half_length, along - _velocity(me)[0],
+        offset, abs(offset) < half_width + my_half_width, speed, across, lane_at(road, y),
+        length, width, x, y, heading, other[7], kinds[number - 1],
     ))  # fmt: skip
 
 
 def _place_signals(place: str, it: SeenVehicle | None, me: SeenEgo) -> dict[str, float]:
     """Values of `signals` for one place: `lead`, `left_ahead`, ...
 
-    it: vehicle there; None: there is none.
+    it: the vehicle there; None: there is none.
     """
     if it is None:
         values = {name: getattr(me, name) for name in ("speed", "x", "y", "heading")}

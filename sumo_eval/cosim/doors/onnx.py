@@ -1,7 +1,7 @@
-"""`onnx:policy.onnx`: a learned policy as the ADS; `policy.toml` has its inputs and outputs.
+"""`onnx:policy.onnx`: a learned policy as the ADS; the table `policy.toml` in the same folder
+describes its inputs and outputs (`cosim/doors/features.py`).
 
-`cosim.doors.features` describes this table beside the model.
-`onnx:policy.onnx?features=table.toml` names a different one, `output=NAME` an output other than the
+`onnx:policy.onnx?features=table.toml` names another table, `output=NAME` an output other than the
 first. Needs the extra `onnx`.
 
 A network's last bits may depend on the number of rows that it receives at once. So every model
@@ -9,7 +9,7 @@ receives blocks of `BLOCK` rows (or as many as it is made for), filled up with z
 A case's answer then does not depend on the other rows, if the runtime treats the rows of a block
 alike; tests check this for dense networks.
 
-`cosim/doors/controller.py` finds `from_locator` by name.
+Users: `cosim/doors/controller.py` finds `from_locator` by name (`DOORS`).
 """
 
 import os
@@ -29,12 +29,17 @@ from sumo_eval.input_file import input_file, read_input
 from sumo_eval.text import clean, kind_of
 from sumo_eval.trajectory import FloatArray
 
-BLOCK = 32  # rows that a model is given at once
+BLOCK = 32  # rows that a model receives at once
 _DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
 
 class OnnxPolicy:
-    """A model, how it is shown the world, and what its answers mean; one serves all cases."""
+    """A policy over arrays: a model, and the table of its inputs and outputs. One object serves all
+    cases.
+
+    table: file of the features table; None: beside the model.
+    output: name of the output to use; None: the first.
+    """
 
     batch = True
 
@@ -52,10 +57,11 @@ class OnnxPolicy:
 
     def _check_rows(self) -> None:
         """Refuse a model that fails, or that answers a row differently among other rows."""
+        # any numbers will do, the same at every start
         rows = np.random.default_rng(1).uniform(0.0, 10.0, (BLOCK, len(self.interface.features)))
         try:
             among, alone = self._answers(rows)[0], self._answers(rows[:1])[0]
-        except ControllerError as error:  # refused before the run
+        except ControllerError as error:  # of `_run`, here before any case
             raise InputError(f"{error}.") from error
         if not np.allclose(among, alone, 1e-3, 1e-4, equal_nan=True):  # more than rounding
             raise InputError(
@@ -64,6 +70,10 @@ class OnnxPolicy:
             )
 
     def _checked_input(self) -> tuple[str, Any, int]:
+        """Name of the model's input, its type in numpy, and the rows that it takes at once.
+
+        Raises InputError for an input that does not fit the table.
+        """
         owner = f"model {self._name}"
         inputs = self._session.get_inputs()
         if len(inputs) != 1:
@@ -81,19 +91,20 @@ class OnnxPolicy:
         return name, _DTYPES[kind], rows if isinstance(rows, int) else BLOCK
 
     def _checked_output(self, output: str | None) -> str:
+        """Name of the output to use; raises InputError if there is none of numbers."""
         owner = f"model {self._name}"
         kinds = {it.name: it.type for it in self._session.get_outputs()}
         output = next(iter(kinds), "") if output is None else output
         check_known(f"output of {owner}", kinds, output)
         kind = kinds[output]
-        # whether it names one of the discrete choices, by number
+        # whether the output is the number of one of the discrete choices, instead of their scores
         self._chosen = kind == "tensor(int64)" and self.interface.choices is not None
         if kind not in _DTYPES and not self._chosen:
             raise must_be(f"The output `{output}`", owner, "of float or double numbers", kind)
         return output
 
     def reset(self, briefing: Briefing) -> None:
-        """Begin a batch: find for how many of its steps an answer holds."""
+        """Begin a batch: compute for how many of its steps an answer holds."""
         owner = f"the features table of {self._name}"
         self._every = steps_between(self.interface.period or 0.0, briefing.step, owner)
         self._step = briefing.step
@@ -128,7 +139,7 @@ class OnnxPolicy:
                     f"The output `{self._output}` of {self._name} must name choices "
                     f"0..{width - 1}, got {answer.min()}..{answer.max()}"
                 )
-            answer = np.eye(width)[answer.reshape(rows)]
+            answer = np.eye(width)[answer.reshape(rows)]  # score 1 for the choice, else 0
         if answer.shape != (rows, width) and not (width == 1 and answer.shape == (rows,)):
             raise ControllerError(
                 f"The output `{self._output}` of {self._name} must have the shape ({rows}, "
@@ -149,6 +160,7 @@ def from_locator(text: str, folder: Path) -> PolicyController:
 
 
 def _session(model: Path) -> Any:
+    """The runtime's session of a model, on one thread, with the same bits each time."""
     try:
         import onnxruntime
     except ImportError as error:
@@ -156,7 +168,7 @@ def _session(model: Path) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.use_deterministic_compute = True
-    options.log_severity_level = 3
+    options.log_severity_level = 3  # errors only
     try:
         return onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
     except Exception as error:
@@ -164,17 +176,18 @@ def _session(model: Path) -> Any:
 
 
 def _words(error: Exception) -> str:
-    """Words for an error of the runtime, without the place in its source code, which is long and
-    stands before the reason.
+    """Message of an error of the runtime, without the place in the runtime's source code, a long
+    text `/path:line function) ` before the reason.
     """
     return clean(re.sub(r"/\S+:\d+ .*?\) ", " ", f"{kind_of(error)}: {error}")).rstrip(" .")
 
 
 def _external_data(model: Path) -> set[Path]:
-    """Files that a model's weights lie in, as its protobuf message names them: the key `location`,
-    the length of the name in one byte, the name.
+    """Files with weights of a model, as its protobuf message names them: the key `location`, the
+    length of the name in one byte, the name.
     """
     message = read_input(model, "model", 2**31)  # the most that protobuf allows
-    # the name in a lookahead: the next key may begin within its 127 bytes
+    # \n\x08: field 1, of 8 bytes. \x12: field 2. The name is in a lookahead, as the next key may
+    # begin within the 127 bytes that the expression takes for any name.
     names = re.findall(rb"(?s)\n\x08location\x12(.)(?=(.{0,127}))", message)
     return {model.parent / os.fsdecode(name[: ord(length)]) for length, name in names}

@@ -1,13 +1,13 @@
 """The `traci` that an ADS sees: the running libsumo, with a guard before every call that writes.
 
-`import traci` or `import libsumo` in an ADS's code gives this module while the code is loaded and
-while it drives (`seen_as_traci`). A call that reads is libsumo's own function. A call that writes
-goes through a wrapper: the ADS may write to the ego, while other vehicles, the road and SUMO's
-clock belong to the harness. For a call that writes to these, `ConditionSettings.interference`
-decides: `refuse` ends the case; `record` counts the call and makes it, except that nothing steps,
-starts or closes SUMO. A meaningless number (see `traci_numbers`) ends the case either way.
+While an ADS's code is loaded and while it drives, `import traci` and `import libsumo` give it this
+module (`seen_as_traci`). A call that reads is libsumo's own function. A call that writes goes
+through a wrapper. The ADS may write to the ego; other vehicles, the road and SUMO's clock belong to
+the harness. `ConditionSettings.interference` decides about calls that write to these: `refuse` ends
+the case; `record` counts the call and makes it, but nothing steps, starts or closes SUMO. An
+impossible number (`cosim/doors/traci_numbers.py`) ends the case either way.
 
-`cosim/ego_control.py` begins and ends each case at the guard; `traci_view.py` shows
+`cosim/ego_control.py` begins and ends each case at the guard; `cosim/doors/traci_view.py` shows
 each ADS of a batch its own case alone.
 
 Users: `cosim/doors/controller.py`, `cosim/doors/kept_state.py`, `cosim/doors/traci_view.py`,
@@ -43,8 +43,8 @@ from sumo_eval.scenario.concrete import ConcreteScenario
 
 _Call = Callable[..., Any]
 _Arguments = tuple[Any, ...]  # of a call, by position
-_HARMLESS = ("poi", "polygon", "route")  # domains in which writing moves no vehicle
-_CLOCK = ("simulationStep", "step", "executeMove")
+_HARMLESS = ("poi", "polygon", "route")  # domains whose writing calls move no vehicle
+_CLOCK = ("simulationStep", "step", "executeMove")  # calls that step SUMO
 _SHARED = (MOTION - {"openGap"}) | {
     "setSpeedMode", "setLaneChangeMode", "setColor", "setSignals", "setParameter", "setMaxSpeed",
     "setAccel", "setDecel", "setEmergencyDecel", "setHeight", "setMass", "setMaxSpeedLat",
@@ -52,20 +52,23 @@ _SHARED = (MOTION - {"openGap"}) | {
 """Calls that an ADS in a batch may make for its ego: they concern no other case of the simulation,
 and none of them is `IGNORED`."""
 # Values of `keepRoute` of moveToXY: 1 keeps the vehicle on its route, 2 keeps its exact position,
-# also off the lanes, and 3 does both. For a case that drives alone, 2 and 3 are the same.
+# also off the lanes, and 3 does both. In a case that is alone, 2 and 3 do the same.
 _ON_ITS_ROUTE, _ANYWHERE, _ANYWHERE_ON_ITS_ROUTE = 1, 2, 3
+# calls that start, load or close SUMO
 _RUNNING = ("close", "start", "load", "loadState", "init", "switchConnection", "setOrder")
 
 
 class RefusedCallError(ControllerError):
-    """The ADS called what belongs to the harness, or with a meaningless number."""
+    """The ADS made a call that belongs to the harness, or one with an impossible number."""
 
 
 class SumoNames(dict[str, str]):
-    """Names in SUMO of the vehicles, types, lanes and edges of one case, by the user's names.
+    """Names in SUMO of the vehicles, types, lanes and edges of one case, by the user's names. Any
+    other name stays as it is.
 
+    known: the user's names.
     suffix: part of each name in SUMO, different for each case of a batch; "": a case alone.
-    back: the user's names by those in SUMO.
+    back: the user's names by their names in SUMO.
     """
 
     def __init__(self, known: Iterable[str] = (EGO,), suffix: str = "") -> None:
@@ -76,9 +79,9 @@ class SumoNames(dict[str, str]):
         return name
 
     def outside(self, answer: Any) -> Any:
-        """The answer to a call as the user knows it.
+        """The answer to a call, with the user's names.
 
-        Raises TypeError for an object that may hold names.
+        Raises TypeError for an answer of another type, which may hold names.
         """
         kind = type(answer)
         if kind is str:
@@ -87,7 +90,7 @@ class SumoNames(dict[str, str]):
             for it in answer:
                 if type(it) is not float:
                     return kind(map(self.outside, answer))
-            return answer  # floats, nearly always a position: no names
+            return answer  # floats, most often a position: no names
         if answer is None or isinstance(answer, int | float):
             return answer
         raise TypeError(f"an answer of type {kind.__name__}")
@@ -96,7 +99,7 @@ class SumoNames(dict[str, str]):
 class Guard:
     """State of the guarded module during a case.
 
-    shared: whether an ADS sees a row of a batch (`traci_view.sharing`), even if it is the only one.
+    shared: whether ADSs share SUMO (`traci_view.sharing`), even if only one drives.
     """
 
     shared = False
@@ -114,29 +117,32 @@ class Guard:
         """Begin a case: no listeners, nothing counted.
 
         others: names of the other vehicles; their types have the same names.
+        step: s.
         heeding: keys of `WHY_IGNORED` that exist in the case, so that their calls have an effect.
         """
         self.others = frozenset(others)
         self.step = step
         self.interference = interference
         self.listeners = libsumo.StepManager()
-        self.touched = Counter[str]()  # number of calls, by the clip that shows it
+        # number of calls that wrote to more than the ego or had no effect, by the name of the clip
+        self.touched = Counter[str]()
         self.heeding = set(heeding)
         self.asked = Counter[str]()  # number of each call that SUMO may ignore
-        # whether a call has moved the ego since the step began, and whether one has placed it
+        # whether a call has moved the ego since the step began, and whether a call has placed it
         self.moved = self.placed = False
         self.refusal: tuple[str, str] | None = None  # `deed` and `why` of `refuse`
         self.names = SumoNames()
         self.mode_may_differ = True  # whether the ADS may have changed the ego's speed mode
-        # Read after the last step, by the vehicles' names in SUMO. The first call that may change
-        # a vehicle's speed or position deletes its speed: without a speed, neither is valid.
+        # Values read after the last step, by the vehicles' names in SUMO. A call that may change a
+        # vehicle's speed or position deletes its speed: without a speed, neither value is valid.
         self.positions: dict[str, Any] = {}
         self.speeds: dict[str, float] = {}
 
     def leave(self) -> NoReturn:
         """Take a case out of its batch: it needs the simulation to itself.
 
-        A user sees this error only if an ADS that drives alone calls a function kept from a batch.
+        A user sees this message only if an ADS that drives alone calls a function that it has kept
+        since a batch.
         """
         self.refuse(
             "The ADS called a function of traci that it had kept from another case",
@@ -146,12 +152,12 @@ class Guard:
     def translate(
         self, call: str, vehicle: str, args: _Arguments, kwargs: Mapping[str, Any]
     ) -> tuple[str, _Arguments]:
-        """Name and arguments, in SUMO, of a call that writes to an ego of a batch. Any other call
-        takes the case out of its batch.
+        """Vehicle name and arguments, in SUMO, of a call that writes to an ego of a batch. Any
+        other call takes the case out of its batch.
         """
-        plain = not kwargs and vehicle == EGO and call in _SHARED
-        # a negative speed hands the ego over to SUMO's model; nan compares as false
-        if not plain or (call == "setSpeed" and not args[0] >= 0.0):
+        is_allowed = not kwargs and vehicle == EGO and call in _SHARED
+        # a negative speed hands the ego over to SUMO's model; `not`: true of nan as well
+        if not is_allowed or (call == "setSpeed" and not args[0] >= 0.0):
             self.leave()
         if call == "moveToXY":
             args = self._on_own_road(args)
@@ -160,20 +166,21 @@ class Guard:
         return self.names[EGO], tuple(self.names[it] if type(it) is str else it for it in args)
 
     def _on_own_road(self, args: _Arguments) -> _Arguments:
-        """Arguments of moveToXY, edge, lane, x, y, angle and `keepRoute`, on the case's own road.
+        """Arguments of moveToXY that keep the ego on its case's own road: other cases have roads at
+        the same place.
 
-        Beside it are the roads of other cases, and the nearest edge could be one of theirs.
+        args: edge, lane, x, y, angle and `keepRoute`.
         """
         modes = (_ON_ITS_ROUTE, _ANYWHERE, _ANYWHERE_ON_ITS_ROUTE)
         if len(args) != 6 or args[0] not in ("", "road") or args[5] not in modes:
             self.leave()
-        keep = _ANYWHERE_ON_ITS_ROUTE if args[5] == _ANYWHERE else args[5]
-        return ("road", *args[1:5], keep)
+        keep_route = _ANYWHERE_ON_ITS_ROUTE if args[5] == _ANYWHERE else args[5]
+        return ("road", *args[1:5], keep_route)
 
     def note_interference(self, what: str, deed: str, why: str) -> None:
         """Refuse or count a call that the ADS may not make.
 
-        what: name of its count.
+        what: name of the clip that counts it.
         deed, why: as of `refuse`.
         """
         if self.interference == "refuse" or self.shared:
@@ -191,7 +198,10 @@ class Guard:
     def check(
         self, domain: str, call: str, name: object, args: Sequence[Any], kwargs: Mapping[str, Any]
     ) -> None:
-        """Refuse a meaningless number, which SUMO would take."""
+        """Refuse a call with an impossible number, which SUMO would take.
+
+        name: of the vehicle or type. args, kwargs: the arguments after the name.
+        """
         fault = breach(domain, call, name, args, kwargs)
         if fault is not None:
             self.refuse(
@@ -201,7 +211,10 @@ class Guard:
             )
 
     def note_touched(self, domain: str, call: str, name: object) -> None:
-        """Refuse or count a call that writes to something else than the ego."""
+        """Refuse or count a call that writes to more than the ego.
+
+        name: of the object that it writes to.
+        """
         self.note_interference(
             f"touched_{domain}", f"The ADS called traci.{domain}.{call} for `{name}`",
             "it may change only its own vehicle "
@@ -223,7 +236,7 @@ class Guard:
             self.listeners.manageStepListeners(0.0)
 
     def end(self) -> None:
-        """Count what SUMO ignored. Remove every listener; each may clean up."""
+        """Count the calls that SUMO ignored, and remove every listener: its `cleanUp` is called."""
         if self.ignored:
             self.touched["ignored_traci_call"] = sum(self.asked[call] for call in self.ignored)
         for number in list(self.listeners._stepListeners):
@@ -241,9 +254,10 @@ GUARD = Guard()
 
 
 def _takes_any_number(write: _Call) -> _Call:
-    """A call of libsumo that takes numbers of numpy and torch, as traci does."""
+    """A call of libsumo that also takes numbers of numpy and torch, as traci does."""
 
     def plain(it: Any) -> Any:
+        """A Python number from a number of numpy or torch."""
         return it.item() if hasattr(it, "item") else it
 
     return wraps(write)(
@@ -268,7 +282,7 @@ def _vehicle_writer(call: str, write: _Call) -> _Call:
         if ignored and vehID == EGO:
             GUARD.asked[call] += 1
         answer = write(vehID, *args, **kwargs)
-        # SUMO's model drives the ego from here on: for setSpeed, if the speed is negative
+        # from here on SUMO's model drives the ego; after setSpeed only if the speed is negative
         if (
             hands_over
             and vehID == EGO
@@ -289,7 +303,8 @@ def _vehicle_writer(call: str, write: _Call) -> _Call:
             return direct(GUARD.names[vehID], speed)
         return guarded(vehID, speed)
 
-    set_speed.__qualname__ = write.__qualname__  # Python's error for missing arguments names it
+    # Python's error message for missing arguments shows this name
+    set_speed.__qualname__ = write.__qualname__
     return set_speed
 
 
@@ -310,7 +325,7 @@ def _type_writer(call: str, write: _Call) -> _Call:
 
 
 def _world_writer(domain: str, call: str, write: _Call) -> _Call:
-    """A guarded call that writes to anything but vehicles and their types."""
+    """A guarded call that writes to anything except vehicles and their types."""
 
     def guarded(*args: Any, **kwargs: Any) -> Any:
         GUARD.note_touched(domain, call, args[0] if args else "")
@@ -332,8 +347,8 @@ def _gui_writer(call: str) -> _Call:
 
 
 def _step_clock(*args: Any, **kwargs: Any) -> None:
-    """Stand-in of a call that steps SUMO: notes it and steps nothing."""
-    # the time to step to, s; without one, or with 0, TraCI makes one step
+    """Stand-in of a call that steps SUMO: notes the call and steps nothing."""
+    # the argument is the time to step to, s; without one, or with 0, TraCI makes one step
     until = next((value for value in (*args, *kwargs.values()) if value), None)
     ahead = GUARD.step
     if until is not None:
@@ -345,7 +360,7 @@ def _step_clock(*args: Any, **kwargs: Any) -> None:
 
 
 def _running_call(call: str) -> _Call:
-    """Stand-in of a call that starts, loads or closes SUMO: notes it and does nothing."""
+    """Stand-in of a call that starts, loads or closes SUMO: notes the call and does nothing."""
     deed, why = "closed the simulation", "that is the harness's"
     if call != "close":
         deed = f"called traci.{call}"
@@ -362,7 +377,7 @@ _HARNESS = dict.fromkeys(_CLOCK, _step_clock) | {call: _running_call(call) for c
 
 
 def _guarded_domain(domain: type) -> type:
-    """The domain with its writing calls wrapped; reading ones are inherited as they are."""
+    """A domain whose writing calls are wrapped; it inherits the reading calls as they are."""
     wrapped = {}
     name = domain.__name__
     for call, write in writing_calls(domain).items() if name not in _HARMLESS else ():
@@ -407,14 +422,12 @@ def _build() -> ModuleType:
 
 
 TRACI = _build()
-"""One in a process: the `traci` that code imported in one case is the next case's, too."""
+"""One in a process: code that has imported `traci` in one case uses it in the next case, too."""
 
 
 @contextmanager
 def seen_as_traci(module: ModuleType = TRACI) -> Iterator[None]:
-    """A context in which `import traci` and `import libsumo` give a module, by default the guarded
-    one.
-    """
+    """A context in which `import traci` and `import libsumo` give a module, by default `TRACI`."""
     before = {name: sys.modules[name] for name in ("traci", "libsumo")}
     sys.modules.update(dict.fromkeys(before, module))
     try:

@@ -1,8 +1,8 @@
 """Values that an ADS may write through TraCI: finite numbers, existing lanes, possible times.
 
-SUMO takes `setMaxSpeed(nan)`, `changeLane(10**6)` and `slowDown(v, -3)` silently, and what it
-makes of them is not intended. `ARGUMENTS` names the arguments of every call that writes to a
-vehicle or a vehicle type.
+SUMO takes `setMaxSpeed(nan)`, `changeLane(10**6)` and `slowDown(v, -3)` silently, with effects that
+no user intends. `ARGUMENTS` names the arguments of every call that writes to a vehicle or a vehicle
+type.
 
 Users: `cosim/doors/controller.py`, `cosim/doors/json_lines.py`, `cosim/doors/traci_module.py`,
 `cosim/plans.py`, `extras/wheel/tape.py`.
@@ -22,14 +22,15 @@ from sumo_eval.cosim.sumo.insides import VehicleDomain, VehicleTypeDomain, libsu
 shown = partial(text.shown, most=80)
 """A value as an error message about an ADS shows it."""
 LONGEST = 2.0**31
-"""s, the longest duration that an ADS can mean: as far as a signed count of 32 bits goes, and
-TraCI's old default."""
+"""s, the longest duration that an ADS can mean: the largest signed count of 32 bits, and TraCI's
+old default."""
 # TraCI's INVALID_DOUBLE and INVALID_INT: an optional argument that was left out
-_UNSAID = -1073741824
-_NO_NUMBER = re.compile(r"[+-]?(nan(\(\w*\))?|inf(inity)?)", re.IGNORECASE)  # C++'s spellings
-_WORDS = re.compile(r"[\s,;]+")
+_LEFT_OUT = -1073741824
+# spellings of nan, nan(...) and infinity that C++ reads
+_NO_NUMBER = re.compile(r"[+-]?(nan(\(\w*\))?|inf(inity)?)", re.IGNORECASE)
+_SEPARATORS = re.compile(r"[\s,;]+")
 
-# beginnings of names of calls that only read, or do not change how vehicles drive
+# beginnings of the names of calls that only read, or that do not change how vehicles drive
 _READS = (
     "_", "get", "is", "subscribe", "unsubscribe", "addSubscriptionFilter", "could", "wants",
     "find", "convert", "has",
@@ -56,8 +57,8 @@ ARGUMENTS = {
     domain: {call: tuple(it.name for it in own) for call, own in calls.items()}
     for domain, calls in _PARAMETERS.items()
 }
-"""By domain and call: the arguments after the name of its vehicle, in their order."""
-# call and argument that may be left out
+"""By domain and call: the names of the arguments after the vehicle's name, in their order."""
+# (call, argument) pairs of arguments that may be left out
 _OPTIONAL = frozenset(
     (call, it.name)
     for call, own in _PARAMETERS["vehicle"].items()
@@ -72,7 +73,7 @@ MOTION = PLACING | {
     "setSpeed", "slowDown", "setAcceleration", "setPreviousSpeed", "changeLane",
     "changeLaneRelative", "openGap",
 }  # fmt: skip
-"""Calls that move a vehicle: for an ego that has a `Command` for the same step they do nothing."""
+"""Calls that move a vehicle; without effect on an ego that has a `Command` for the same step."""
 
 WHY_IGNORED = {
     "nothing": "no case has a lateral resolution, and none draws speeds again",
@@ -82,8 +83,8 @@ WHY_IGNORED = {
     "network": "this road has one way, no junction and no limit that the ego could heed",
     "window": "a case has no window",
 }
-"""Why SUMO ignores a call, by what would heed it. On a user's own network, calls of `network` may
-have an effect.
+"""Why SUMO ignores a call, by key of `IGNORED`: the part of SUMO that would heed it. In a user's
+own network, calls of `network` may have an effect.
 """
 IGNORED = {
     call: by
@@ -103,21 +104,26 @@ IGNORED = {
     )
     for call in calls.split()
 }
-"""Calls that SUMO takes and ignores under the settings of a case, by what would heed them."""
+"""Calls that SUMO takes and ignores under the settings of a case -> the part of SUMO that would
+heed them."""
 HANDS_OVER = {"setSpeed", "slowDown", "setAcceleration"}
-"""Calls after which SUMO's own model drives: at once by a negative speed, or when their time has
-passed."""
+"""Calls after which SUMO's own model drives: directly after a negative speed, or when the call's
+duration has passed."""
 
 DURATIONS = {
     "duration", "until", "leadTime", "actionStepLength", "boardingDuration", "time", "begTime",
     "endTime"
 }  # fmt: skip
 """Names of arguments that are durations or times, s."""
+# names of arguments that are texts with numbers in them
 _NUMBERS_IN_TEXT = {"value", "depart", "departPos", "departSpeed", "arrivalPos", "arrivalSpeed"}
 
 
 class Breach(NamedTuple):
-    """An impossible argument of a call: its name, the given value, the rule for the value."""
+    """An impossible argument of a call.
+
+    argument: its name. given: its value. must_be: the rule that the value breaks, for the message.
+    """
 
     argument: str
     given: object
@@ -127,7 +133,10 @@ class Breach(NamedTuple):
 def breach(
     domain: str, call: str, name: object, args: Sequence[object], kwargs: Mapping[str, object]
 ) -> Breach | None:
-    """The meaningless part of a call that writes to `name`; None: there is none."""
+    """The impossible argument of a call that writes; None: there is none.
+
+    name: of the vehicle or type. args, kwargs: the call's arguments after the name.
+    """
     names = ARGUMENTS.get(domain, {}).get(call, ())
     given = {
         names[index] if index < len(names) else f"argument {index + 2}": each
@@ -139,9 +148,9 @@ def breach(
             return Breach(argument, value, "a finite number")
         seconds = finite_number(value, truth=True)
         if argument not in DURATIONS or seconds is None:
-            continue  # libsumo itself refuses a value that is not a number
+            continue  # not a duration, or not a number: libsumo itself refuses the latter
         if not (
-            0.0 <= seconds <= LONGEST or ((call, argument) in _OPTIONAL and seconds == _UNSAID)
+            0.0 <= seconds <= LONGEST or ((call, argument) in _OPTIONAL and seconds == _LEFT_OUT)
         ):
             return Breach(argument, value, f"within 0..{LONGEST:.0f} s")
     return _no_such_lane(call, str(name), given) if domain == "vehicle" else None
@@ -150,7 +159,7 @@ def breach(
 def _is_finite(value: object, *, in_text: bool) -> bool:
     """Whether every number in a value is finite; True if it holds no number."""
     if isinstance(value, str):
-        return not in_text or not any(map(_reads_as_no_number, _WORDS.split(value)))
+        return not in_text or not any(map(_reads_as_no_number, _SEPARATORS.split(value)))
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, numbers.Real):
@@ -161,6 +170,7 @@ def _is_finite(value: object, *, in_text: bool) -> bool:
 
 
 def _reads_as_no_number(word: str) -> bool:
+    """Whether SUMO would read a word as nan or infinity."""
     if _NO_NUMBER.fullmatch(word):
         return True
     try:
@@ -172,35 +182,40 @@ def _reads_as_no_number(word: str) -> bool:
 def _no_such_lane(call: str, name: str, given: Mapping[str, object]) -> Breach | None:
     """The argument of a call that names no lane, or a position beyond a lane's end; None: none.
 
-    SUMO ignores such a lane, and removes a vehicle that is put there.
+    SUMO ignores such a lane, and removes a vehicle that is put on it.
+
+    name: of the vehicle. given: the call's arguments by name.
     """
     try:
         if call in ("changeLane", "moveToXY"):
-            return _no_such_index(
-                "laneIndex", given, -1 if call == "moveToXY" else 0, _lanes(name) - 1
-            )
+            lowest = -1 if call == "moveToXY" else 0  # -1: SUMO looks for the lane
+            return _no_such_index("laneIndex", given, lowest, _lanes(name) - 1)
         if call == "changeLaneRelative":
             current = libsumo.vehicle.getLaneIndex(name)
             if current >= 0:
                 return _no_such_index("indexOffset", given, -current, _lanes(name) - 1 - current)
         if call == "moveTo" and isinstance(given.get("laneID"), str):
-            lane = str(given["laneID"])
-            position = finite_number(given.get("pos"), truth=True)
-            if lane not in libsumo.lane.getIDList():
-                return Breach("laneID", lane, "the id of a lane of the network")
-            length = libsumo.lane.getLength(lane)
-            if position is not None and not 0.0 <= position <= length:
-                return Breach(
-                    "pos", position, f"within 0..{length:g} m, the length of lane `{lane}`"
-                )
+            return _no_such_place(str(given["laneID"]), given.get("pos"))
     except libsumo.TraCIException:  # an unknown name: the call itself reports it
         return None
     return None
 
 
+def _no_such_place(lane: str, pos: object) -> Breach | None:
+    """The argument of a `moveTo` to an unknown lane or beyond its end; None: none."""
+    if lane not in libsumo.lane.getIDList():
+        return Breach("laneID", lane, "the id of a lane of the network")
+    position = finite_number(pos, truth=True)
+    length = libsumo.lane.getLength(lane)
+    if position is None or 0.0 <= position <= length:
+        return None
+    return Breach("pos", position, f"within 0..{length:g} m, the length of lane `{lane}`")
+
+
 def _no_such_index(
     argument: str, given: Mapping[str, object], low: int, high: int
 ) -> Breach | None:
+    """The argument, if it is a number that is not within low..high."""
     index = finite_number(given.get(argument), truth=True)
     if index is None or low <= index <= high:
         return None

@@ -1,13 +1,14 @@
 """`traci:COMMAND`: the user's own program drives the ego as a TraCI client of a real sumo process
 on a loopback port.
 
-The harness is the first client and the program, through a relay, the second; SUMO takes a step when
-both have asked for one. A Python script's `traci.start` and `traci.init` connect to it as they are
-(`stand_in/traci.py`). Any other program finds the port in its environment (SUMO_EVAL_PORT) or in
-its command (`{port}`), and sets its order to 2 after it has connected. Needs the sumo program:
-extra `gui`.
+The harness is SUMO's first client and the program, through a relay, the second. SUMO takes a step
+when both clients have asked for one. The unchanged `traci.start` and `traci.init` of a Python
+script connect to this process (`stand_in/traci.py`). Any other program finds the port in its
+environment (SUMO_EVAL_PORT) or in its command (`{port}`), and sets its order to 2 after it has
+connected. Needs the sumo program: extra `gui`.
 
-Users: `cosim/simulation.py`, `record/watch.py`.
+Users: `cosim/simulation.py`, `record/watch.py`; `cosim/doors/controller.py` finds `TraciProgram` by
+name (`DOORS`).
 """
 
 from __future__ import annotations
@@ -46,9 +47,9 @@ from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 
 START_TIMEOUT = 20.0  # s of wall time that sumo and the program have to start and to connect
-_BETWEEN_TRIES = 0.01  # s
-_PORT = "SUMO_EVAL_PORT"
-_GOES_ON = "; it must ask for steps until SUMO closes the connection"
+_BETWEEN_TRIES = 0.01  # s of wall time between two tries to connect
+_PORT = "SUMO_EVAL_PORT"  # environment variable
+_ENDED_EARLY = "; it must ask for steps until SUMO closes the connection"
 _STAND_IN = Path(__file__).parent / "stand_in"
 _SETTINGS = {
     name: getattr(libsumo.constants, f"VAR_{variable}")
@@ -62,14 +63,15 @@ _SETTINGS = {
         ("width", "WIDTH"),
     )
 }  # fmt: skip
-"""Settings of the ego for which SUMO silently accepts nan and infinity -> their TraCI variables."""
+"""Attributes of the ego for which SUMO silently accepts nan and infinity -> TraCI's variables."""
 
 
 @dataclass(slots=True)
 class TraciProgram(Adapter):
-    """A program that is a TraCI client of its own; it is not called, it acts while SUMO waits for
+    """A program that is a TraCI client of its own: it is not called, but acts while SUMO waits for
     it.
 
+    folder: in which it runs.
     log: output of the program, once it has ended.
     options: of its entry in the evaluation; only `vehicle_type`, the ego's vType as a table.
     """
@@ -88,7 +90,9 @@ class TraciProgram(Adapter):
 
     @classmethod
     def from_command(cls, command: str, folder: Path) -> TraciProgram:
-        """Refuses a command that cannot be run, and a machine without sumo."""
+        """A program of this command. Raises InputError for a command that cannot be run, and on a
+        machine without sumo.
+        """
         sumo_binary()
         return cls(checked_command(command, folder, "traci"), folder)
 
@@ -108,7 +112,7 @@ def sumo_binary() -> str:
 
 @dataclass
 class ServedSimulation:
-    """The harness's connection, in the shape of the libsumo module."""
+    """The harness's connection, with the attributes of the libsumo module that `cosim/` uses."""
 
     _connection: Any
     _program: ChildProgram
@@ -124,7 +128,7 @@ class ServedSimulation:
     def begin(self) -> None:
         """Become the first of two clients, and insert the vehicles by a step in which none moves.
 
-        SUMO answers only when both clients are connected.
+        SUMO answers only after both clients have connected.
         """
         self._wait(lambda: self._connection.setOrder(1), START_TIMEOUT)
         self._wait(self._connection.simulationStep, START_TIMEOUT)
@@ -146,48 +150,55 @@ class ServedSimulation:
                 )
 
     def _wait(self, call: Callable[[], object], limit: float) -> None:
-        """Send a request, and wait at most `limit` s for SUMO's answer: it comes after the
+        """Send a request, and wait at most `limit` s for SUMO's answer, which comes after the
         program's turn.
         """
-        # traci reports a timeout as a closed connection, so the time decides what happened
+        # traci reports a timeout as a closed connection: the time that has passed tells them apart
         self._connection._socket.settimeout(None if limit == math.inf else limit)
         started = perf_counter()
         try:
             call()
         except (self.FatalTraCIError, OSError) as error:
-            if self._relay.has_asked and not self._relay.has_order:
-                raise ControllerError(
-                    "The ADS's program must set its order to 2 after it has connected, before "
-                    "anything else (`setOrder(2)`): it shares the simulation with the harness"
-                ) from error
-            if self._relay.has_left or self._program.process.poll() is not None:
-                ended = self._program.ended("connection")
-                hint = _GOES_ON if self._program.process.returncode == 0 else ""
-                raise ControllerError(f"{ended}{hint}.") from error
-            if perf_counter() - started >= limit:
-                raise ControllerTimeoutError(
-                    f"The ADS's program must connect to the port in {_PORT}, set its order to 2 "
-                    f"and ask for its steps, each within {limit:g} s; it was ended."
-                ) from None
-            raise ControllerError(
-                f"SUMO ended while the ADS's program had its turn: {said(error)}."
-            ) from error
+            raise self._fault(error, perf_counter() - started, limit) from error
         self._ads.took = perf_counter() - started
+
+    def _fault(self, error: Exception, waited: float, limit: float) -> ControllerError:
+        """The fault of the program that made SUMO's answer fail.
+
+        waited, limit: s of wall time.
+        """
+        if self._relay.has_asked and not self._relay.has_order:
+            return ControllerError(
+                "The ADS's program must set its order to 2 after it has connected, before "
+                "anything else (`setOrder(2)`): it shares the simulation with the harness"
+            )
+        if self._relay.has_left or self._program.process.poll() is not None:
+            ended = self._program.ended("connection")
+            hint = _ENDED_EARLY if self._program.process.returncode == 0 else ""
+            return ControllerError(f"{ended}{hint}.")
+        if waited >= limit:
+            return ControllerTimeoutError(
+                f"The ADS's program must connect to the port in {_PORT}, set its order to 2 "
+                f"and ask for its steps, each within {limit:g} s; it was ended."
+            )
+        return ControllerError(f"SUMO ended while the ADS's program had its turn: {said(error)}.")
 
 
 @contextmanager
 def served(
     concrete: ConcreteScenario, settings: SimulationSettings, ads: TraciProgram, step_timeout: float
 ) -> Iterator[ServedSimulation]:
-    """A sumo process with every vehicle of the case at its start (time 0) and the user's program
-    connected to it.
+    """A sumo process with every vehicle of the case at its start (time 0), and the user's program
+    connected to it; both are ended at the end.
+
+    step_timeout: of the program, s of wall time.
     """
     settings = concrete.simulation(settings)
     with tempfile.TemporaryDirectory(prefix="sumo_eval_") as name:
         folder = Path(name)
         log, console = folder / "sumo.log", folder / "console.txt"
         with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))  # a free port
+            probe.bind((LOOPBACK, 0))  # the system chooses a free port
             port = probe.getsockname()[1]
         vehicle_type = own_vehicle_type(ads, concrete.road)
         words = [
@@ -221,7 +232,7 @@ def served(
 
 
 def _variables(port: int) -> dict[str, str]:
-    """Environment of the program: the port, and where Python finds the `traci` that
+    """Variables of the program's environment: the port, and where Python finds the `traci` that
     connects to it.
     """
     path = os.pathsep.join(filter(None, [str(_STAND_IN), os.environ.get("PYTHONPATH", "")]))
@@ -229,15 +240,19 @@ def _variables(port: int) -> dict[str, str]:
 
 
 def _hang_up(program: ChildProgram, relay: Relay) -> None:
-    """Stop the relay when the program ends: SUMO would wait for ever for a program that never
-    connected, and this process for SUMO.
+    """Stop the relay when the program ends. Otherwise SUMO would wait for ever for a program that
+    never connected, and this process for SUMO.
     """
     program.process.wait()
     relay.end()
 
 
 def _connect(server: PrivateServer, logs: tuple[Path, ...]) -> Any:
-    """The harness's connection. Both clients connect as soon as the server listens."""
+    """The harness's connection, made once the server listens; the relay's connects directly after
+    it.
+
+    logs: files that tell why SUMO failed to start.
+    """
     until = monotonic() + START_TIMEOUT
     while True:
         try:
@@ -255,8 +270,8 @@ def _connect(server: PrivateServer, logs: tuple[Path, ...]) -> Any:
 def _traci_connection(connected: socket.socket) -> Any:
     """A TraCI connection over a connected socket.
 
-    The class takes no socket: it opens one of its own, connected to a listener here, which is then
-    replaced.
+    traci's class takes no socket, but connects one of its own: here to a listener of no use. The
+    connected socket then replaces it.
     """
     import traci.connection
     import traci.main  # makes the domains that a connection has

@@ -1,10 +1,11 @@
 """The view of one row of a batch: answers of the guarded `traci` where many cases share SUMO.
 
-`cosim/simulation.py` opens `sharing()` around the drive of such a batch.
-
 The roads of all cases are at one place, so positions, times and speeds are those of the case alone.
-Names in SUMO end with the row's suffix. The arguments of a call get the suffix, its answer loses
-it. A call about more than the row takes the row out of its batch: `Guard.leave` raises.
+Names in SUMO end with the row's suffix: a call adds the suffix to its arguments, and removes it
+from the answer. A call about more than the row takes the row out of its batch: `Guard.leave` raises
+an error.
+
+Users: `cosim/simulation.py` opens `sharing()` around the drive of such a batch.
 """
 
 import functools
@@ -23,8 +24,8 @@ from sumo_eval.cosim.sumo.sumo_files import EGO
 
 _Call = Callable[..., Any]
 _OF_A_ROW = ("vehicle", "vehicletype", "lane", "edge", "route")  # domains whose names have a suffix
-_READS = ("get", "is", "could", "wants")  # beginnings of calls that read
-_OF_ALL_ROWS = ("getTime", "getDeltaT", "getCurrentTime")  # the same in every row
+_READS = ("get", "is", "could", "wants")  # beginnings of the names of calls that read
+_OF_ALL_ROWS = ("getTime", "getDeltaT", "getCurrentTime")  # have the same answer in every row
 _OF_MANY = {
     "getIDList",
     "getIDCount",
@@ -52,12 +53,12 @@ _OF_MODELS = {
     "getParameter",
     "getParameterWithKey",
 }
-"""Calls that SUMO's driver models answer. In a batch only the ego's model is active: `cosim` moves
+"""Calls that SUMO's driver models answer. In a batch only the egos' models are on: `cosim/` moves
 the actors."""
 
 
 def _reading(read: _Call) -> Any:
-    """A call that reads from the row."""
+    """A stand-in of a call that reads, for the row of `GUARD.names`."""
 
     def reading(*args: Any, **kwargs: Any) -> Any:
         names = GUARD.names
@@ -72,9 +73,10 @@ def _reading(read: _Call) -> Any:
 
 
 def _reading_by_name(read: Callable[[str], Any], usual: _Call) -> Any:
-    """A call that reads from the row and takes only a name, in half the time of `_reading`.
+    """A stand-in of a call that reads and takes only a name, in half the time of `_reading`.
 
-    usual: the call of `_reading`, for a name that is given by keyword.
+    read: the compiled call.
+    usual: the stand-in by `_reading`, for a name that is given by keyword.
     """
 
     def reading(name: Any = None, **kwargs: Any) -> Any:
@@ -91,7 +93,7 @@ def _reading_by_name(read: Callable[[str], Any], usual: _Call) -> Any:
 
 
 def _of_ego(reading: _Call) -> Any:
-    """A call that reads from the ego alone."""
+    """The stand-in `reading` for the ego alone; for other vehicles it takes the row out."""
 
     def of_ego(*args: Any, **kwargs: Any) -> Any:
         if args[:1] != (EGO,):
@@ -102,7 +104,7 @@ def _of_ego(reading: _Call) -> Any:
 
 
 def _kept_speed(reading: _Call) -> Any:
-    """`getSpeed`, answered by the speed that was read after the last step, while it is valid."""
+    """`getSpeed`, answered by the speed that was read after the last step, while that is valid."""
 
     def speed(vehID: Any) -> Any:  # noqa: N803 - TraCI's name
         try:
@@ -114,7 +116,7 @@ def _kept_speed(reading: _Call) -> Any:
 
 
 def _kept_position(reading: _Call) -> Any:
-    """`getPosition`, answered in the same way."""
+    """`getPosition`, answered by the position that was read after the last step."""
 
     def position(vehID: Any, includeZ: Any = False) -> Any:  # noqa: N803 - TraCI's names
         name = GUARD.names[vehID]
@@ -126,7 +128,9 @@ def _kept_position(reading: _Call) -> Any:
 
 
 def _nearest(reading: _Call) -> Any:
-    """`getLeader`; for errors and vehicles of other rows by `reading`, which takes the row out."""
+    """`getLeader` in a quick way; after an error, or a lead vehicle of another row, by `reading`,
+    which takes the row out.
+    """
     read = insides.direct("getLeader", libsumo.vehicle.getLeader)
 
     def nearest(vehID: Any, dist: Any = 100.0) -> Any:  # noqa: N803 - TraCI's name
@@ -144,11 +148,11 @@ def _nearest(reading: _Call) -> Any:
 
 
 _QUICK = {"getSpeed": _kept_speed, "getPosition": _kept_position, "getLeader": _nearest}
-"""Calls that nearly every hook makes at every step."""
+"""Makers of stand-ins for the calls that most hooks make at every step."""
 
 
 def _listing(read: Callable[[], Any]) -> Any:
-    """A call that lists a domain's names, in SUMO's order: the alphabet's."""
+    """A stand-in of a call that lists a domain's names, sorted as SUMO sorts them."""
 
     def listing() -> Any:
         names = GUARD.names
@@ -158,17 +162,17 @@ def _listing(read: Callable[[], Any]) -> Any:
     return listing
 
 
-def _seen(domain: Any, call: str) -> Any:
-    """Stand-in of a call that reads, in a domain."""
+def _stand_in(domain: Any, call: str) -> Any:
+    """Stand-in of a call that the guard does not wrap: it reads from the row, or takes it out."""
     kind = domain.__name__
     if kind == "vehicle" and call == "getIDList":
         return _listing(domain.getIDList)
     if kind in _OF_A_ROW and call.startswith(_READS) and call not in _OF_MANY:
         read = getattr(domain, call)
         reading = _reading(read)
-        if read.__code__.co_argcount == 1:  # a static method: its argument is the name
+        if read.__code__.co_argcount == 1:  # a static method whose one argument is the name
             reading = _reading_by_name(insides.direct(call, read, kind), reading)
-        # the ego's type has the ego's name
+        # the same test for vehicles and types: the ego's type has the ego's name
         if call in _OF_MODELS and kind in ("vehicle", "vehicletype"):
             return _of_ego(reading)
         return _QUICK[call](reading) if kind == "vehicle" and call in _QUICK else reading
@@ -178,9 +182,9 @@ def _seen(domain: Any, call: str) -> Any:
 @functools.cache
 def _view() -> list[tuple[Any, str, Any]]:
     """The calls that differ where cases share SUMO: domain, name of the call, its stand-in."""
-    # the domains of `TRACI` override libsumo's writing calls, and guard them
+    # `vars(domain)` has the writing calls, which the domains of `TRACI` guard
     return [
-        (domain, call, _seen(domain, call))
+        (domain, call, _stand_in(domain, call))
         for domain in TRACI.DOMAINS
         for call, _ in inspect.getmembers(domain, inspect.isroutine)
         if not call.startswith("_") and call not in vars(domain)
@@ -189,8 +193,8 @@ def _view() -> list[tuple[Any, str, Any]]:
 
 
 class _NoLibsumo(ModuleType):
-    """Stand-in of libsumo in a batch: any use of it takes the row out. After the batch, a hook that
-    has kept it uses libsumo itself.
+    """Stand-in of libsumo in a batch: any use takes the row out. After the batch, a hook that has
+    kept the stand-in uses libsumo through it.
     """
 
     def __getattr__(self, name: str) -> Any:
@@ -200,10 +204,9 @@ class _NoLibsumo(ModuleType):
 
 
 class _Console(io.TextIOBase):
-    """Output stream of a hook in a batch: a case that prints leaves, as its output is kept with the
-    case.
+    """Output stream in a batch: a case whose hook prints leaves, as output is kept with its case.
 
-    After the batch, code that has kept it, as `logging` does, writes to the process's stream.
+    After the batch, code that has kept the stream, as `logging` does, writes to the process's.
 
     stream: stdout or stderr.
     """
@@ -223,11 +226,11 @@ _NO_LIBSUMO = _NoLibsumo("libsumo")
 
 @contextmanager
 def sharing() -> Iterator[None]:
-    """Within this block, `import traci` gives the guarded `traci`, which answers for the row with
+    """A context in which `import traci` gives the guarded `traci`, which answers for the row with
     the names `GUARD.names`. `import libsumo` gives a stand-in that takes the row out.
     """
-    for domain, call, seen in _view():
-        setattr(domain, call, seen)
+    for domain, call, stand_in in _view():
+        setattr(domain, call, stand_in)
     try:
         with (
             seen_as_traci(),

@@ -18,7 +18,9 @@ def bare_seconds(
 ) -> float:
     """Processor time of whole simulations, s, from start to close.
 
-    steps: number in each simulation; the hook is called before each of them.
+    command_lines: of SUMO, one for each simulation.
+    steps: number of steps in each simulation.
+    hook: called before each step with libsumo, the ego's name and the time 0.
     """
     began = time.process_time()
     for command_line, count in zip(command_lines, steps, strict=True):

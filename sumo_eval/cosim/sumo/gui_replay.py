@@ -1,8 +1,8 @@
-"""A recorded case in sumo-gui: SUMO draws, the recording says where every vehicle is.
+"""Replay of a recorded case in sumo-gui: SUMO draws, the recording says where every vehicle is.
 
-No controller runs. `sumo-eval replay` calls it.
+No controller runs.
 
-Users: `cli/look.py`.
+Users: `cli/look.py`, for `sumo-eval replay`.
 """
 
 import contextlib
@@ -49,26 +49,25 @@ def replay_in_gui(
     """Play a recording in sumo-gui in real time, and leave its window open at the end until the
     user closes it.
 
-    vehicles: by name, the ego's under `ego`.
+    vehicles: trajectories in road coordinates by name, the ego's under `ego`.
     program: sumo-gui, or another SUMO program that understands TraCI.
-    bodies: by the vehicle's name, those of `scenario.bodies`; a car where there is none.
+    bodies: kind of body (`scenario/bodies.py`) by the vehicle's name; a vehicle without is a car.
     """
     program = program or sumo_gui()
     from traci import main as traci  # `import traci` gives libsumo here, which has no window
 
-    with tempfile.TemporaryDirectory(prefix="sumo_eval_") as name:
-        folder = Path(name)
-        shows = Path(program).name.startswith("sumo-gui")
-        command = [
-            program, "--step-length", str(STEP), "--collision.action", "none",
-            "--no-step-log", "true", "--no-warnings", "true",
-        ]  # fmt: skip
-        files = {"-n": network_xml(road), "-r": _types(vehicles, bodies)}
-        if shows:
-            files["-g"] = view_xml(road)
-            command += ["--start", "true", "--window-size", "1400,600"]
+    shows = Path(program).name.startswith("sumo-gui")
+    files = {"-n": network_xml(road), "-r": _types(vehicles, bodies)}  # by SUMO's option
+    command = [
+        program, "--step-length", str(STEP), "--collision.action", "none",
+        "--no-step-log", "true", "--no-warnings", "true",
+    ]  # fmt: skip
+    if shows:
+        files["-g"] = view_xml(road)
+        command += ["--start", "true", "--window-size", "1400,600"]
+    with tempfile.TemporaryDirectory(prefix="sumo_eval_") as folder:
         for option, text in files.items():
-            path = folder / f"{option[1:]}.xml"
+            path = Path(folder) / f"{option[1:]}.xml"
             path.write_text(text, encoding="utf-8")
             command += [option, str(path)]
         try:
@@ -103,15 +102,15 @@ def _play(
     *,
     shows: bool,
 ) -> None:
-    traci.route.add("road", list(edges))
+    """Add the vehicles, then put them to their places at each step, in real time.
+
+    vehicles: trajectories on the map by name.
+    edges: of the road, in order.
+    shows: whether the program has a window.
+    """
     start = min(trajectory.time[0] for trajectory in vehicles.values())
     end = vehicles[EGO].time[-1]
-    for name in vehicles:
-        traci.vehicle.add(
-            name, "road", typeID=name, depart="now", departPos="0", departLane="0", departSpeed="0"
-        )
-        traci.vehicle.setSpeedMode(name, 0)
-        traci.vehicle.setLaneChangeMode(name, 0)
+    _add(traci, vehicles, edges)
     if shows:
         traci.gui.trackVehicle(traci.gui.DEFAULT_VIEW, EGO)
         traci.gui.setZoom(traci.gui.DEFAULT_VIEW, ZOOM)
@@ -130,12 +129,23 @@ def _play(
         time.sleep(4 * STEP)
 
 
+def _add(traci: Any, vehicles: Trajectories, edges: Sequence[str]) -> None:
+    """Add the vehicles to SUMO, without safety checks and lane changes of its own."""
+    traci.route.add("road", list(edges))
+    for name in vehicles:
+        traci.vehicle.add(
+            name, "road", typeID=name, depart="now", departPos="0", departLane="0", departSpeed="0"
+        )
+        traci.vehicle.setSpeedMode(name, 0)
+        traci.vehicle.setLaneChangeMode(name, 0)
+
+
 def _place(traci: Any, name: str, trajectory: Trajectory, moment: float, edge: str) -> None:
-    """Put a vehicle where it was.
+    """Put a vehicle where it was at a moment, s.
 
     SUMO's point is the middle of the front bumper, its angle clockwise from north.
 
-    edge: the road's; "" if it has several: SUMO takes the nearest.
+    edge: the road's; "" if the road has several: SUMO takes the nearest.
     """
     x, y, heading = (
         np.interp(moment, trajectory.time, channel)
@@ -149,6 +159,7 @@ def _place(traci: Any, name: str, trajectory: Trajectory, moment: float, edge: s
 
 
 def _types(vehicles: Trajectories, bodies: Mapping[str, str]) -> str:
+    """A route file with a vehicle type for each vehicle, named as the vehicle."""
     routes = etree.Element("routes")
     for name, trajectory in vehicles.items():
         body = BODIES[bodies.get(name, CAR)]

@@ -1,12 +1,12 @@
-"""libsumo, and the internals of it and of Xerces that this package uses. Tested with SUMO 1.28.
+"""libsumo, and the internals of libsumo, traci and Xerces that this package uses. Tested with SUMO
+1.28.
 
-- `vehicles`, `direct`, `simulation_step`, `simulation_time`: the functions that libsumo's Python
-  ones wrap. 40 cut-ins one by one take 1.2 s of processor time in place of 1.5 s.
-- `keep_xml_parser`: Xerces is set up once in a process. The same cases take 1.2 s in place of 1.6
-  s.
-- `VehicleDomain`, `VehicleTypeDomain`: traci's, whose calls name their arguments.
+- `vehicles`, `direct`, `simulation_step`, `simulation_time`: compiled functions that libsumo's
+  Python functions wrap. 40 cut-ins one by one take 1.2 s of processor time instead of 1.5 s.
+- `keep_xml_parser`: Xerces is set up once in a process. The same cases take 1.2 s instead of 1.6 s.
+- `VehicleDomain`, `VehicleTypeDomain`: classes of traci whose calls name their arguments.
 
-SUMO_EVAL_PLAIN=1 leaves out all but the last.
+With SUMO_EVAL_PLAIN=1 the first two are not used.
 
 Users: `cosim/`.
 """
@@ -27,7 +27,7 @@ SYSTEM_LIBRARIES = ("libatomic1", "libexpat1", "libgl1", "libx11-6", "libxext6",
 
 os.environ["LIBSUMO_AS_TRACI"] = "quiet"  # otherwise the import may print a notice to stdout
 try:
-    import libsumo as libsumo  # for those who must not import it before the line above
+    import libsumo as libsumo  # other files import libsumo from here: after the line above
     from traci._vehicle import VehicleDomain as VehicleDomain
     from traci._vehicletype import VehicleTypeDomain as VehicleTypeDomain
 except ImportError as missing:
@@ -40,18 +40,17 @@ except ImportError as missing:
 _XERCES_SET_UP = (
     "_ZN11xercesc_3_216XMLPlatformUtils10InitializeEPKcS2_PNS_12PanicHandlerEPNS_13MemoryManagerE"
 )
-"""Xerces 3.2: `XMLPlatformUtils::Initialize(locale, messages, panic_handler, memory_manager)`, as a
-linker knows it."""
+"""`XMLPlatformUtils::Initialize(locale, messages, panic_handler, memory_manager)` of Xerces 3.2, by
+its mangled name in C++."""
 
 
 @functools.cache
 def keep_xml_parser() -> bool:
-    """Set up Xerces, with which SUMO reads its files, once for the process; whether it was found.
+    """Set up Xerces, SUMO's XML parser, once for the process; return whether its library was found.
 
-    SUMO sets it up in every start and takes it down in every close, and that is half of what both
-    cost. Xerces counts set-ups and closes: with one set-up more it keeps its tables (character
-    classes, codings), which nothing writes to. Where the library has another name or place, SUMO
-    sets it up each time as before.
+    SUMO sets Xerces up in every start and takes it down in every close: half of the time of both.
+    Xerces counts set-ups and closes. With one more set-up it keeps its tables (character classes,
+    codings), to which nothing writes. Where the library is not found, SUMO sets it up each time.
     """
     if kernels.PLAIN:
         return False
@@ -73,28 +72,31 @@ _CALLS = (
     "setSpeed", "setSpeedMode",
 )  # fmt: skip
 _LIBSUMO = libsumo.libsumo._libsumo
-# Python finds a function of a module twice as fast as one of an object
+# a module, as Python looks up its attributes twice as fast as those of an object
 _DIRECT = ModuleType("vehicle")
 vars(_DIRECT).update({call: getattr(_LIBSUMO, f"vehicle_{call}") for call in _CALLS})
 
 
-def _borrows(traci: Any) -> bool:
-    """Whether a simulation is stepped and read by libsumo's inner functions."""
+def _uses_compiled(traci: Any) -> bool:
+    """Whether to step and read a simulation by libsumo's compiled functions.
+
+    traci: libsumo, or the connection to a sumo process (`doors/traci_program.ServedSimulation`).
+    """
     return traci is libsumo and not kernels.PLAIN
 
 
 def vehicles(traci: Any) -> Any:
     """The calls of a simulation's vehicle domain that every step makes.
 
-    Of libsumo they are its compiled functions: its Python functions around them cost as much again.
+    Of libsumo they are its compiled functions: the Python functions around them double the time.
     """
-    return _DIRECT if _borrows(traci) else traci.vehicle
+    return _DIRECT if _uses_compiled(traci) else traci.vehicle
 
 
 def direct(call: str, wrapper: Callable[..., Any], domain: str = "vehicle") -> Callable[..., Any]:
-    """The compiled function that a call of one of libsumo's domains wraps, at half the cost.
+    """The compiled function that a call of one of libsumo's domains wraps; it takes half the time.
 
-    wrapper: the call itself, which is returned where it is not libsumo's own plain wrapper.
+    wrapper: the call, which is returned instead unless it is libsumo's own plain wrapper.
     """
     if kernels.PLAIN or getattr(wrapper, "__module__", "") != "libsumo.libsumo":
         return wrapper
@@ -102,10 +104,11 @@ def direct(call: str, wrapper: Callable[..., Any], domain: str = "vehicle") -> C
 
 
 def simulation_step(traci: Any) -> Callable[[], None]:
-    """The function that steps a simulation; of libsumo the inner one, and step listeners where
-    there are any.
+    """The function that steps a simulation.
+
+    Of libsumo it is the compiled one, and then calls step listeners if there are any.
     """
-    if not _borrows(traci):
+    if not _uses_compiled(traci):
         return cast("Callable[[], None]", traci.simulationStep)
     listeners = libsumo._stepManager
     step = _LIBSUMO.simulation_step
@@ -119,8 +122,8 @@ def simulation_step(traci: Any) -> Callable[[], None]:
 
 
 def simulation_time(traci: Any) -> Callable[[], float]:
-    """The function that gives the time of a simulation, s; of libsumo the inner one."""
+    """The function that gives the time of a simulation, s; of libsumo the compiled one."""
     return cast(
         "Callable[[], float]",
-        _LIBSUMO.simulation_getTime if _borrows(traci) else traci.simulation.getTime,
+        _LIBSUMO.simulation_getTime if _uses_compiled(traci) else traci.simulation.getTime,
     )

@@ -1,15 +1,15 @@
 """A sumo process that is a TraCI server, out of reach of every network.
 
-SUMO listens for its clients on all interfaces and has no option for anything else. So, on Linux, it
-is started in a network namespace of its own, where there is nothing but a loopback interface:
-whatever it listens on, it is out of reach from outside. The harness's sockets come from that
-namespace, made in the child before it becomes sumo. The user's program connects to a relay, which
-listens on this machine's loopback interface and takes one connection.
+SUMO listens for its clients on all interfaces, and no option changes that. So, on Linux, it starts
+in a network namespace of its own, which has nothing but a loopback interface: SUMO cannot be
+reached from outside. The child process makes the harness's sockets in that namespace before it
+becomes sumo, and sends them here. The user's program connects to a relay, which listens on this
+machine's loopback interface and takes one connection.
 
 Where a namespace is not available (other systems, containers that forbid it) SUMO's port is open to
-the network. Both of its clients are connected as soon as it listens; it takes no third one. So a
-stranger that connects later is never served. A quicker one takes a client's place, which ends the
-case.
+the network. The harness connects both clients as soon as SUMO listens, and SUMO takes no third one.
+So a stranger that connects later is never served. A stranger that connects earlier takes a client's
+place, which ends the case.
 
 Users: `cosim/doors/traci_program.py`.
 """
@@ -28,10 +28,11 @@ from functools import partial
 from typing import IO
 
 LOOPBACK = "127.0.0.1"
-CLIENTS = 2
+CLIENTS = 2  # the harness, and the relay of the user's program
+# numbers of Linux's sched.h and if.h
 _NEW_USERS, _NEW_NETWORK = 0x10000000, 0x40000000  # CLONE_NEWUSER, CLONE_NEWNET
 _SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x40  # SIOCSIFFLAGS; IFF_UP, IFF_RUNNING
-_WORD = b"made"  # with which the child sends its sockets
+_WORD = b"made"  # the message that comes with the child's sockets
 # a TraCI message: its length (4 bytes), the command's length (1 byte), the command (1 byte)
 _COMMAND = slice(5, 6)
 _SET_ORDER = b"\x03"
@@ -44,24 +45,26 @@ _CLOSED = b"\0\0\0\x0b\x07\x7f" + bytes(5)
 class PrivateServer:
     """A server's process, and its two clients' sockets.
 
-    `isolated`: whether it has a network namespace of its own.
+    command: that starts sumo. port: on which it listens.
+    output: file that receives what it prints.
+    isolated: whether it has a network namespace of its own; as an argument: whether it should have.
     """
 
     def __init__(
         self, command: Sequence[str], port: int, output: IO[bytes], *, isolated: bool = True
     ) -> None:
         isolated = isolated and sys.platform == "linux"
-        ours, theirs = socket.socketpair()
-        with ours, theirs:
+        own_end, childs_end = socket.socketpair()
+        with own_end, childs_end:
             self.process = subprocess.Popen(
                 list(command), stdin=subprocess.DEVNULL, stdout=output, stderr=output,
-                preexec_fn=partial(_enter_own_network, theirs) if isolated else None,
+                preexec_fn=partial(_enter_own_network, childs_end) if isolated else None,
             )  # fmt: skip
-            theirs.close()  # with it open, `recv_fds` waits for ever if the child sends nothing
+            childs_end.close()  # else `recv_fds` waits for ever if the child sends nothing
             word = b""
             handles: list[int] = []
             if isolated:
-                word, handles = socket.recv_fds(ours, len(_WORD), CLIENTS)[:2]
+                word, handles = socket.recv_fds(own_end, len(_WORD), CLIENTS)[:2]
         self.isolated = word == _WORD and len(handles) == CLIENTS
         self.sockets = [socket.socket(fileno=handle) for handle in handles] or [
             socket.socket() for _ in range(CLIENTS)
@@ -70,9 +73,9 @@ class PrivateServer:
         self._port = port
 
     def connect(self) -> None:
-        """Connect both clients, the one right after the other.
+        """Connect both clients, one directly after the other.
 
-        Raises OSError while the server does not listen yet.
+        Raises OSError while the server does not listen yet; the next call continues.
         """
         while self._to_connect:
             self._to_connect[0].connect((LOOPBACK, self._port))
@@ -89,13 +92,14 @@ class PrivateServer:
 
 
 class Relay:
-    """Listens on the loopback interface for one client and passes on what it and the server say to
-    each other.
+    """Listens on the loopback interface for one client, and passes on the messages between client
+    and server.
 
+    server: connected socket of the server's second client.
     has_asked, has_order: whether the client has asked for a step, and whether it has set its order.
-    has_left: whether it has closed its connection. Its request to close is not passed on: after it
-        SUMO would run on with one client less. When a connection is gone instead, SUMO ends at the
-        next step.
+    has_left: whether the client has closed its connection. The relay does not pass on a request to
+        close: after it SUMO would run on with one client less. When a connection is gone instead,
+        SUMO ends at the next step.
     """
 
     has_asked = has_order = has_left = False
@@ -112,6 +116,7 @@ class Relay:
             self._listener.shutdown(socket.SHUT_RDWR)  # wakes the thread that waits for a client
 
     def _run(self) -> None:
+        """Wait for the client, then pass on messages until one side is gone."""
         with self._server, suppress(OSError):  # either side may be gone at any time
             with self._listener:
                 client, _ = self._listener.accept()
@@ -135,8 +140,9 @@ class Relay:
 
 
 def _enter_own_network(report: socket.socket) -> None:
-    """Take a network of its own and send sockets of that network to `report`: for a child, before
-    it becomes the server.
+    """Give this process a network of its own, and send sockets of that network to `report`.
+
+    A child process runs it before it becomes the server.
     """
     import fcntl
 
@@ -153,6 +159,7 @@ def _enter_own_network(report: socket.socket) -> None:
         }.items():
             with suppress(OSError), open(f"/proc/self/{name}", "w") as file:
                 file.write(text)
+        # start the loopback interface: `struct ifreq` has its name, flags and padding
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
             request = struct.pack("16sh14x", b"lo", _UP_AND_RUNNING)
             fcntl.ioctl(any_socket, _SET_FLAGS, request)

@@ -1,8 +1,8 @@
 """The libsumo session: one simulation in this process, started from a concrete scenario.
 
 libsumo accepts a second `start` silently, delays insertions, and reports a bad file only as
-"Process Error". So a session refuses a second one, checks that the initial state is the requested
-one, and quotes SUMO's own log.
+"Process Error". So this file refuses a second session, checks that SUMO shows the requested start,
+and quotes SUMO's own log.
 
 Users: `cosim/` opens sessions, for cases and for the gym, and its stages check starts;
 `cosim/doors/traci_program.py` and `extras/bench/costs.py` start SUMO by its command line.
@@ -39,10 +39,10 @@ from sumo_eval.settings import SimulationSettings
 
 _EgoType = Mapping[str, str] | None  # attributes of the ego's vType, as of `routes_xml`
 POSITION_TOLERANCE = 1e-3  # m
-# m, on a curve, which SUMO draws in 1 m chords: twice a chord's largest distance from it
+# m, in a curve, which SUMO draws as chords of 1 m: twice their largest distance from the curve
 CHORD_TOLERANCE = 0.05
 SPEED_TOLERANCE = 1e-3  # m/s
-NOWHERE = -1e6  # m; SUMO shows a vehicle that is on no lane at an x far below this
+NOWHERE = -1e6  # m; SUMO shows a vehicle that is on no lane at an x far below this value
 _COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)  # of XML
 
 
@@ -61,11 +61,11 @@ def session(
     settings: SimulationSettings,
     ego_type: _EgoType = None,
 ) -> Iterator[Any]:
-    """The running libsumo module with every vehicle of the case standing at its start (time 0),
-    closed at the end.
+    """The running libsumo module with every vehicle of the case at its start (time 0), closed at
+    the end.
     """
     settings = concrete.simulation(settings)
-    texts = network_xml(concrete.road), _told_routes(concrete, settings, ego_type)
+    texts = network_xml(concrete.road), _shown_routes(concrete, settings, ego_type)
     with running(*texts, settings, concrete.road) as traci:
         check_start(traci, concrete, settings)
         yield traci
@@ -80,11 +80,11 @@ def running(
     *,
     collisions: str = "warn",
 ) -> Iterator[Any]:
-    """The running libsumo module with the vehicles of these files standing at their starts, closed
-    at the end.
+    """The running libsumo module with the vehicles of these files at their starts, closed at the
+    end.
 
     network, routes: the files' texts.
-    road: that of a single case; None: a batch has many.
+    road: of a single case; None: a batch has many.
     collisions: SUMO's `collision.action`; "none" for a batch, whose roads overlap on the map.
 
     The caller checks that the vehicles stand where they should (`check_start`).
@@ -103,6 +103,7 @@ def running(
 
 
 def _start(arguments: list[str], files: _Files) -> None:
+    """Start SUMO and insert the vehicles; raise its errors with its log."""
     # where a library of an ADS has set a locale, SUMO would expect decimal commas
     locale.setlocale(locale.LC_NUMERIC, "C")
     try:
@@ -112,7 +113,7 @@ def _start(arguments: list[str], files: _Files) -> None:
     except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
         libsumo.close()  # not `_close`: its step may write files, or crash a half-loaded case
         sentence = f"SUMO could not start the case: {quoted(error, files.log, files.console)}."
-        # the files exist no longer when the message is read: name them plainly
+        # paths of files that no longer exist when the message is read: replace them by plain names
         for path, name in zip(files, _NAMES, strict=True):
             sentence = sentence.replace(f"'{path}'", f"'{name}'")
         raise SimulationError(sentence) from error
@@ -127,20 +128,22 @@ def command_line(
 ) -> list[str]:
     """SUMO's command line for a case, its files written into `folder`.
 
-    An ADS cannot read the future in them, unless the conditions reveal the scenario.
+    log: file that receives SUMO's errors.
+    ego_type: as of `routes_xml`.
     """
     network, routes = folder / "net.xml", folder / "rou.xml"
     network.write_text(network_xml(concrete.road), encoding="utf-8")
-    routes.write_text(_told_routes(concrete, settings, ego_type), encoding="utf-8")
+    routes.write_text(_shown_routes(concrete, settings, ego_type), encoding="utf-8")
     return _arguments(network, routes, log, settings, concrete.road)
 
 
-def _told_routes(
+def _shown_routes(
     concrete: ConcreteScenario, settings: SimulationSettings, ego_type: _EgoType
 ) -> str:
-    """The vehicles of a case as a route file.
+    """The vehicles of a case as a route file, which an ADS may read.
 
-    Comments say which case it is; they stay only where the conditions reveal the scenario.
+    Its comments name the case and the actors' moves to come. They stay only where the conditions
+    reveal the scenario.
     """
     text = routes_xml(concrete, settings.vehicle, ego_type)
     return text if settings.conditions.reveal_scenario else _COMMENT.sub("", text)
@@ -164,8 +167,8 @@ def _files(network: str, routes: str) -> Iterator[_Files]:
 
     In memory where the system supports it: a folder takes ten times as long.
     """
-    # reopen standard streams that an ADS has closed: else a file below gets such a number, and all
-    # that SUMO prints
+    # Reopen standard streams that an ADS has closed: numbers 0 to 2. Otherwise a file below would
+    # get such a number, and with it all that SUMO prints.
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
     os.close(number)
@@ -190,6 +193,10 @@ def _arguments(
     network: Path, routes: Path, log: Path, settings: SimulationSettings, road: Road | None,
     collisions: str = "warn",
 ) -> list[str]:  # fmt: skip
+    """SUMO's command line.
+
+    network, routes, log: files. road, collisions: as of `running`.
+    """
     options = {
         "net-file": str(network),
         "route-files": str(routes),
@@ -207,17 +214,17 @@ def _arguments(
         **SIMULATION_OPTIONS,
         "collision.action": collisions,
     }
-    # SUMO's 64 random generators take longer to seed than one for each lane
+    # SUMO seeds 64 random generators, which takes longer than one for each lane
     if road is not None and road.network is None:
         options["thread-rngs"] = str(road.lanes)
     return ["sumo", *(part for name, value in options.items() for part in (f"--{name}", value))]
 
 
 def bend_tolerance(road: Road, y: Any) -> Any:
-    """Largest distance on the map, m, from a vehicle on a curve to where SUMO may show it.
+    """Largest distance on the map, m, from a vehicle in a curve to the place where SUMO shows it.
 
-    SUMO puts it on the normal of a chord of the line. That is turned against the curve's normal by
-    at most half a segment over the radius, rad.
+    SUMO puts the vehicle on the normal of a chord of the line. The chord's normal is turned from
+    the curve's normal by at most half a segment over the radius, rad.
 
     y: of the vehicle, across the road's line, m.
     """
@@ -233,12 +240,13 @@ def check_start(
     *,
     by_map: bool = True,
 ) -> None:
-    """Raise SimulationError unless SUMO shows every vehicle at its start.
+    """Raise SimulationError unless SUMO shows every vehicle at its start with its first speed.
 
-    SUMO may move a vehicle or delay it.
+    SUMO may move a vehicle or delay its insertion.
 
     names: of the vehicles in SUMO, the ego's first; None: as in the scenario.
-    by_map: in any curve, compare on the map.
+    by_map: on every curved road, compare places on the map; else on one with vehicles that SUMO
+        drives, compare places along their lanes.
     """
     road = concrete.road
     calls = vehicles(traci)
@@ -254,17 +262,18 @@ def check_start(
             speed = 0.0
         if x < NOWHERE:
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
-        if on_map is not None:  # inserted elsewhere: it is moved there before the first step
+        # inserted elsewhere (`sumo_files.inserted`): moved to its place before the first step
+        if on_map is not None:
             continue
         front = first_front(road, start, length)
         if road.bent and (by_map or not concrete.reacts):
             meant = map_places(road.line, front, start.y)
             tolerance = bend_tolerance(road, start.y)
-            # one distance for both: beside the line, a metre of x is not one on the map
+            # one distance on the map: beside the line, a metre of x is more or less than a metre
             ahead = left = math.hypot(x - meant[0], y - meant[1])
             x, y = (float(it) for it in frame_places(road.line, x, y, near=front)[:2])
         else:
-            if road.bent:  # vehicles that SUMO drives have places along their lanes
+            if road.bent:  # where SUMO drives vehicles, they have places along their lanes
                 x = calls.getLanePosition(in_sumo)
                 lane = calls.getLaneIndex(in_sumo)
                 y = road.lane_width * lane + calls.getLateralLanePosition(in_sumo)
@@ -283,7 +292,7 @@ def check_start(
 
 
 def quoted(error: Exception, *logs: Path) -> str:
-    """SUMO's error with its log: the exception alone holds no more than "Process Error"."""
+    """SUMO's error with its log, as the exception alone says no more than "Process Error"."""
     for log in logs:
         lines = (
             log.read_text(encoding="utf-8", errors="replace").splitlines() if log.is_file() else []
@@ -298,10 +307,10 @@ def quoted(error: Exception, *logs: Path) -> str:
 def _stderr_into(path: Path) -> Iterator[None]:
     """Send stderr to a file, and back at the end; pass on what a successful start has printed.
 
-    SUMO prints its errors there whatever its options say; they become part of the package's error.
+    SUMO prints errors to stderr whatever its options say; they become part of the package's error.
     """
     console = os.dup(2)
-    with suppress(AttributeError, ValueError):  # None, or closed by an ADS
+    with suppress(AttributeError, ValueError):  # stderr is None, or an ADS has closed it
         sys.stderr.flush()
     try:
         with path.open("wb") as file:
@@ -317,12 +326,12 @@ def _stderr_into(path: Path) -> Iterator[None]:
 def _close() -> None:
     """End the simulation.
 
-    A moveToXY that no step has carried out would outlive it and break the next one's start: SUMO
-    keeps a pointer to the vehicle. So whatever an ADS has left pending is carried out first.
+    SUMO keeps a pointer to the vehicle of a moveToXY that no step has carried out: it would break
+    the start of the next simulation. So a last step carries out what an ADS has left pending.
     """
     if not libsumo.simulation.isLoaded():
         return
-    # the case has ended and has its reason: an error now changes nothing
+    # the case has ended and has its reason: an error of this step changes nothing
     with suppress(libsumo.TraCIException, libsumo.FatalTraCIError):
         libsumo._libsumo_step(0.0)  # `simulationStep` would call listeners
     libsumo.close()

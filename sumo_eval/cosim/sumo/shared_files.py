@@ -3,11 +3,12 @@
 Every case is on a road of its own. All roads are in the same place, so that every position has the
 digits that it has when its case is alone. Vehicles of different roads do not see each other.
 
-The harness says what vehicles do, SUMO's own driver models decide nothing. So they are switched off
-(`actionStepLength`), which takes two thirds off a step: a vehicle keeps the speed that it received.
-They stay on for actors with a SUMO model, and for the ego of an ADS that asks SUMO.
+The harness moves the vehicles, so SUMO's own driver models are switched off (`actionStepLength`),
+which takes two thirds off a step: a vehicle keeps the speed that it received. The models stay on
+for actors with a SUMO model, and for the ego of an ADS that asks SUMO.
 
-A case that is alone has the names that the user knows. `ads_asks`: an ADS asks SUMO by names.
+`ads_asks`: an ADS may ask SUMO for vehicles, lanes and edges by their names. In a batch these names
+then end with the case's suffix; a case alone has the names that the user knows.
 
 Users: `cosim/doors/traci_module.py`, `cosim/episode_rows.py`, `cosim/on_traci.py`,
 `cosim/simulation.py`, `cosim/stage.py`, `cosim/traffic.py`.
@@ -26,14 +27,17 @@ _NEVER = 1e6  # s until SUMO's driver model decides something: beyond every time
 
 
 def suffix(case: int, count: int, *, ads_asks: bool = True) -> str:
-    """Ending of the names of case number `case` of `count`, such as `road`, its edge; "" of a case
-    that is alone.
+    """Ending of the names in SUMO of one case's vehicles and edge (`road`).
+
+    case: number of the case. count: of the cases; 1: the case is alone, and the ending is "".
     """
     return "" if count == 1 else f"~{case}~" if ads_asks else str(case)
 
 
 def name_in_sumo(name: str, suffix: str) -> str:
-    """The name of a vehicle, type, edge or lane of a case; a lane's number stays at its end."""
+    """The name in SUMO of a vehicle, type, edge or lane of a case; a lane keeps its number at the
+    end: `road~7~_0`.
+    """
     edge, line, lane = name.rpartition("_")
     if edge == "road" and lane.isdigit():
         return f"{edge}{suffix}{line}{lane}"
@@ -59,19 +63,19 @@ def vehicle_names(cases: Sequence[ConcreteScenario], *, ads_asks: bool) -> list[
 def fits_one_lane(concrete: ConcreteScenario) -> bool:
     """Whether a single lane, as wide as the road, can stand for its lanes in SUMO.
 
-    Its centre line is the right-hand lane's. No vehicle changes lanes by itself, and to look for
-    lane changes takes a third of SUMO's step. A curved road keeps its lanes, and so does a
-    `lively` case.
+    SUMO looks for lane changes where there are several lanes, which takes a third of its step, and
+    no vehicle changes lanes by itself. A curved road keeps its lanes, and so does a `lively` case.
+    The single lane has the centre line of the right-hand lane.
     """
     return not (concrete.road.bent or concrete.lively)
 
 
 def has_shadow(concrete: ConcreteScenario, vehicle: int) -> bool:
-    """Whether a second body stands for a vehicle in the lane that it reaches into.
+    """Whether a vehicle has a shadow: a second body in the lane that it reaches into.
+
+    Only SUMO's driver models need shadows, and only where there are neighbouring lanes.
 
     vehicle: 0 the ego, then the actors.
-
-    Only SUMO's drivers need it, and they look for it in neighbouring lanes.
     """
     if not concrete.reacts or concrete.road.lanes == 1:
         return False
@@ -87,7 +91,7 @@ def shadow_name(name: str) -> str:
 
 
 def shared_network_xml(cases: Sequence[ConcreteScenario], *, ads_asks: bool = False) -> str:
-    """A road for each case in one network, all between the same two junctions.
+    """A network with a road for each case, all between the same two junctions.
 
     ads_asks: every road has all its lanes.
     """
@@ -99,19 +103,24 @@ def shared_network_xml(cases: Sequence[ConcreteScenario], *, ads_asks: bool = Fa
         head, edge, tail = _parts(road, not ads_asks and fits_one_lane(concrete))
         edges.append(edge.replace('"road', f'"{name}'))
         lanes += [f"{name}_{lane}" for lane in range(edge.count("<lane "))]
-    # the list of lanes at the end junction, written for one road, has to name those of all
+    # the end junction lists the lanes of one road: list the lanes of all roads instead
     start, _, end = tail.partition('incLanes="road')
     return "".join([head, *edges, start, 'incLanes="', " ".join(lanes), end[end.index('"') :]])
 
 
 def plain(road: Road) -> Road:
-    """The road with all its lanes throughout: here SUMO leads no vehicle along lanes that end."""
+    """The road with all its lanes throughout, without crossings: SUMO need not know where lanes
+    end, as the harness moves the vehicles.
+    """
     return replace(road, spans=(), crossings=()) if road.shaped else road
 
 
 @functools.lru_cache(maxsize=64)
 def _parts(road: Road, one_lane: bool) -> tuple[str, str, str]:
-    """The text before the edge of a road, the edge, and the junctions."""
+    """The text of a road's network in three parts: before its edge, its edge, its junctions.
+
+    one_lane: a single lane stands for all lanes (`fits_one_lane`).
+    """
     wide = replace(road, lanes=1, lane_width=2.0 * max(road.left_edge, -road.right_edge))
     head, opening, rest = network_xml(wide if one_lane else road).partition("  <edge ")
     edge, closing, junctions = rest.partition("  <junction ")
@@ -149,9 +158,9 @@ def shared_routes_xml(
         for index, (kind, departure) in enumerate(described):
             name = names[case][index]
             type_name = kind.pop("id")
-            # SUMO's driver model is on: the ego (index 0) if its ADS asks SUMO, actors with a model
-            is_on = concrete.actors[index - 1].model is not None if index else ads_asks
-            if not is_on:
+            # index 0 is the ego
+            model_is_on = concrete.actors[index - 1].model is not None if index else ads_asks
+            if not model_is_on:
                 kind["actionStepLength"] = str(_NEVER)
             if ads_asks:
                 kind["id"] = type_name = name
@@ -169,8 +178,6 @@ def shared_routes_xml(
 
 
 def _element(tag: str, attributes: Mapping[str, str]) -> str:
-    """One element; its values are numbers and the batch's own names, in which nothing needs
-    escaping.
-    """
+    """An element as text. Its values are numbers and names of the batch, which need no escaping."""
     written = " ".join([f'{name}="{value}"' for name, value in attributes.items()])
     return f"<{tag} {written}/>"

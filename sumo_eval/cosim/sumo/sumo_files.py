@@ -1,7 +1,8 @@
 """SUMO networks, routes and configurations as text, written from a road and a concrete scenario.
 
-One writer serves the files of the shipped scenarios (`tools/generate_sumo_inputs.py`), the run
-folder and the simulation itself: what opens in sumo-gui is what ran.
+The simulation itself, the run folder and the files of the shipped scenarios
+(`tools/generate_sumo_inputs.py`) use these functions: sumo-gui opens the same files that ran. Every
+digit written here decides recorded values.
 
 Users: `cosim/`, `record/run_folder.py`, `report/export_case.py`.
 """
@@ -30,8 +31,8 @@ from sumo_eval.trajectory import FloatArray
 
 Attributes = dict[str, str]  # of an element of a file
 EGO = "ego"
-SEGMENT = 1.0  # m between the vertices of a lane in a curve, see `_segment`
-_TIGHT = 100.0  # m, radius below which vertices are closer
+SEGMENT = 1.0  # m, largest distance between the vertices of a lane in a curve, see `_segment`
+_TIGHT = 100.0  # m, radius of a curve below which vertices are closer than `SEGMENT`
 _EDGE = "road"  # id of a road's edge; if the road has several, each with its number added
 VIEW_LENGTH = 250.0  # m of road that sumo-gui shows at first
 
@@ -44,11 +45,13 @@ def road_edges(road: Road) -> tuple[str, ...]:
 
 
 class RoadSection(NamedTuple):
-    """A stretch of a road with the same lanes throughout, an edge of its own.
+    """A stretch of a road with the same lanes throughout; it has an edge of its own.
 
     begin, end: m along the road.
-    lanes: the road's lanes on this edge, from the right. SUMO numbers the same lanes from 0.
-    ramp: the road's lane that is a ramp here, with an edge of its own, `ramp_edge`; -1: none.
+    lanes: numbers of the road's lanes on this edge, from the right. SUMO numbers the lanes of each
+        edge from 0.
+    ramp: number of the road's lane that is a ramp here, with an edge of its own, `ramp_edge`; -1:
+        none.
     """
 
     edge: str
@@ -64,7 +67,7 @@ def sections(road: Road) -> tuple[RoadSection, ...]:
     """The sections of a road: a new one wherever a lane begins, ends, or starts or stops being a
     ramp.
 
-    SUMO does not support tapers: the lanes of a section have their full width throughout.
+    SUMO knows no lanes that become narrower: those of a section have their full width throughout.
     """
     last = road.end
     if not road.spans:
@@ -94,10 +97,10 @@ def sections(road: Road) -> tuple[RoadSection, ...]:
 def vehicle_edges(
     road: Road, y: float, goal: float | None = None, first: int = 0
 ) -> tuple[str, ...]:
-    """The edges of a vehicle's route: for the lane at y, m, up to the vehicle's first section,
-    after that for the lane at `goal`, m.
+    """The edges of a vehicle's route: of the lane at y up to the section in which the vehicle
+    starts, then of the lane at `goal`.
 
-    goal: None: y.
+    y, goal: m; goal None: y.
     first: number of the section in which the vehicle starts.
     """
     if road.network is not None:
@@ -136,8 +139,8 @@ def _desired(speed: float) -> float:
 
 
 def _metres(value: float) -> str:
-    """A length in m with two decimals, as netconvert writes it; with all its decimals if two would
-    move a lane or a road's end.
+    """A length in m with two decimals, as netconvert writes it; with all its decimals if it has
+    more, as rounding would move a lane or a road's end.
     """
     text = f"{value:.2f}"
     return text if float(text) == value else _number(value)
@@ -152,13 +155,13 @@ E: Any = ElementMaker(
 def network_xml(road: Road) -> str:
     """A one-way road as a final SUMO network (no netconvert needed): lane 0's centre line is y = 0.
 
-    It has an edge for each section, each ramp and each road that crosses it.
+    The network has an edge for each section, each ramp and each road that crosses.
 
     All lanes of a curved road are offsets of lane 0's centre line. SUMO needs one length for all
-    lanes of an edge, here that of lane 0. It stretches each shape to this length, so a position
-    along the road is exact on lane 0 alone.
+    lanes of an edge: here it is that of lane 0. SUMO stretches each lane's shape to this length, so
+    a position along the road is exact on lane 0 alone.
 
-    A road in a network of the user's is that network, laid along the x axis.
+    A road of a user's network is that network, turned and moved so that the road lies along x.
     """
     if road.network is not None:
         return laid_along_x(road.network)
@@ -184,6 +187,7 @@ def network_xml(road: Road) -> str:
         _junction(road, name, position, edges, len(joints.get(name, ())))
         for name, position in positions.items()
     ]
+    # dir: s, straight on. state: M, with right of way
     connections = [
         E.connection({"from": edge, "to": next_edge, "fromLane": str(lane),
             "toLane": str(next_lane), "dir": "s", "state": "M"})
@@ -204,7 +208,7 @@ def _edges_along(
 ) -> tuple[list[Any], dict[str, tuple[float, float]]]:
     """Edges of the sections and their ramps; and x and y of all their nodes by name, m.
 
-    nodes: names of those where sections begin or end, in order.
+    nodes: names of the nodes where sections begin or end, in order.
     """
     last = road.end
     parts = sections(road)
@@ -255,11 +259,11 @@ def _junction(
     """A node of the network: a line across the road where edges end.
 
     position: x and y, m.
-    edges: all of the network.
-    links: number of lanes that continue; none of them gives way to another.
+    edges: all edges of the network.
+    links: number of lanes that continue here; none of them gives way to another.
     """
     x, y = _shape(road, *position).split(",")
-    no_link = "0" * links  # a bit for each
+    no_link = "0" * links  # a bit for each link: 1 would mean that a link gives way to it
     borders = [road.right_edge, road.left_edge]
     if name == "begin":  # the shape goes from left to right there
         borders.reverse()
@@ -273,10 +277,10 @@ def _junction(
 
 
 def _segment(road: Road) -> float:
-    """Distance of the vertices of a curved road's lanes, m.
+    """Distance between the vertices of a curved road's lanes, m.
 
-    A chord of length c is up to c^2 / 8 r from its arc of radius r. Below `_TIGHT`, c falls with
-    the root of r, so that no chord is farther from its arc than at `_TIGHT`.
+    A chord of length c is up to c^2 / (8 r) from its arc of radius r. Below r = `_TIGHT`, c falls
+    with the root of r, so that no chord is farther from its arc than at `_TIGHT`.
     """
     return SEGMENT * math.sqrt(min(tightest(road.line) / _TIGHT, 1.0))
 
@@ -284,32 +288,32 @@ def _segment(road: Road) -> float:
 def _joints(
     section: RoadSection, following: RoadSection
 ) -> list[tuple[tuple[str, int], tuple[str, int]]]:
-    """Lanes that continue from a section to the next one: (edge, index) in both."""
-    # by lane of the road: (edge, index); without a ramp there is a key -1, which is left out below
+    """Lanes that continue from a section to the next: edge and index of each lane in both."""
     before, after = (
         {lane: (part.edge, index) for index, lane in enumerate(part.lanes)}
-        | {part.ramp: (part.ramp_edge, 0)}
+        | ({part.ramp: (part.ramp_edge, 0)} if part.ramp >= 0 else {})
         for part in (section, following)
     )
-    return [(before[lane], after[lane]) for lane in sorted(before) if lane >= 0 and lane in after]
+    return [(before[lane], after[lane]) for lane in sorted(before) if lane in after]
 
 
 def _bounds(road: Road) -> str:
     """The box around a road and its crossing roads on the map: least x and y, largest x and y."""
     s = drawn_points(road.line, 0.0, road.end, _segment(road))  # m along the road
-    edges = [map_places(road.line, s, edge)[:2] for edge in (road.right_edge, road.left_edge)]
+    outlines = [map_places(road.line, s, edge)[:2] for edge in (road.right_edge, road.left_edge)]
     for it in road.crossings:
-        edges.append(map_places(road.line, np.full(2, it.at), np.array([-it.reach, it.reach]))[:2])
-    box = np.hstack(edges)
+        ends = np.array([-it.reach, it.reach])
+        outlines.append(map_places(road.line, np.full(2, it.at), ends)[:2])
+    points = np.hstack(outlines)  # rows: x, y
     write = "{:.2f}".format if road.bent else _metres
-    return ",".join(map(write, (*box.min(axis=1), *box.max(axis=1))))
+    return ",".join(map(write, (*points.min(axis=1), *points.max(axis=1))))
 
 
 def _shape(road: Road, s: FloatArray | float, d: float) -> str:
     """Positions s along the road at an offset d, m, as a shape in SUMO's map coordinates."""
     write = "{:.4f}".format if road.bent else _metres
-    x, y, _ = map_places(road.line, np.atleast_1d(s), d)
-    return " ".join(f"{write(east)},{write(north)}" for east, north in zip(x, y, strict=True))
+    places = map_places(road.line, np.atleast_1d(s), d)[:2]
+    return " ".join(f"{write(x)},{write(y)}" for x, y in zip(*places, strict=True))
 
 
 def routes_xml(
@@ -319,8 +323,7 @@ def routes_xml(
     *,
     origin: str = "",
 ) -> str:
-    """Vehicle types and departures of a concrete scenario, with a comment that says which one it
-    is.
+    """Vehicle types and departures of a concrete scenario; a comment names the scenario.
 
     vehicle: as in `vehicle_types`.
     ego_type: vType attributes of the ego, added to the usual ones or instead of them.
@@ -331,14 +334,9 @@ def routes_xml(
     root.addprevious(etree.Comment(_remarks(concrete, origin)))
     for attributes in vehicle_types(concrete, vehicle, ego_type):
         etree.SubElement(root, "vType", attributes)
-    way, y = concrete.ego.way, concrete.ego.y
-    # y at the start, and after all lane changes, None without any; the ego's first
-    ys = [(y, None if way is None else y + way.offset)] + [
-        (it.start.y, it.y(math.inf) if it.lateral_moves else None) for it in concrete.actors
-    ]
     starts = departures(concrete, vehicle.length, on_map=True)
     routes = set()
-    for attributes, (start, goal) in zip(starts, ys, strict=True):
+    for attributes, (start, goal) in zip(starts, _goals(concrete), strict=True):
         route = attributes["route"]
         first = int(attributes.get("departEdge", "0"))
         if route not in routes:
@@ -347,6 +345,16 @@ def routes_xml(
             routes.add(route)
         etree.SubElement(root, "vehicle", attributes)
     return document(root)
+
+
+def _goals(concrete: ConcreteScenario) -> list[tuple[float, float | None]]:
+    """y of each vehicle at its start, m, and after all its lane changes, None without any; the ego
+    first.
+    """
+    way, y = concrete.ego.way, concrete.ego.y
+    return [(y, None if way is None else y + way.offset)] + [
+        (it.start.y, it.y(math.inf) if it.lateral_moves else None) for it in concrete.actors
+    ]
 
 
 def vehicle_types(
@@ -376,9 +384,7 @@ def vehicle_types(
 
 @functools.lru_cache(maxsize=64)  # checked once for all cases
 def gripped(vehicle: VehicleSettings) -> VehicleSettings:
-    """The vehicle with no stronger brakes and drive than its tyres hold, for SUMO, which knows no
-    friction.
-    """
+    """The vehicle with brakes and drive no stronger than its tyres hold: SUMO knows no friction."""
     grip = vehicle.friction * GRAVITY
     brakes, drive = min(vehicle.max_deceleration, grip), min(vehicle.max_acceleration, grip)
     return replace(vehicle, max_deceleration=brakes, max_acceleration=drive)
@@ -389,7 +395,7 @@ _EXACT = {"minGap": "0", "sigma": "0", "speedDev": "0"}
 
 
 def _own_attributes(actor: Actor) -> Attributes:
-    """Attributes of a vType that differ from those of a car that the harness moves."""
+    """Attributes of an actor's vType that a car without a SUMO model does not have."""
     model = actor.model
     if actor.body == CAR and model is None:
         return {}
@@ -402,23 +408,26 @@ def _own_attributes(actor: Actor) -> Attributes:
             # without it SUMO never passes a slower vehicle that drives further to the left
             lcOvertakeRight="1",
         ) | _texts(**dict(model.numbers))  # fmt: skip
-        # no noise of the EIDM: it comes from a random stream that all vehicles share
+        # without the noise of the EIDM, which is drawn from a random stream that all vehicles share
         if model.name == "EIDM":
             attributes |= {"sigmaleader": "0", "sigmagap": "0", "sigmaerror": "0"}
     return attributes
 
 
 def first_front(road: Road, start: Start, length: float) -> float:
-    """x of a vehicle's front bumper at the start, m: in a curve, a metre of a body beside the line
-    is more or less than a metre along the line.
+    """x of a vehicle's front bumper at the start, m.
+
+    Half a length beside a curved line is more or less than that length along the line.
+
+    length: of the body, m.
     """
     bend = float(curvatures(road.line, start.x)) if road.bent else 0.0
     return start.x + 0.5 * length / (1.0 - bend * start.y)
 
 
 def departure_speed(actor: Actor) -> float:
-    """Speed at which SUMO inserts an actor, m/s: SUMO refuses more than the desired speed of the
-    actor's model. `Stage.take_charge` then gives the actor its first speed.
+    """Speed at which SUMO inserts an actor, m/s: at most the desired speed of the actor's model, as
+    SUMO refuses more. `Stage.take_charge` then gives the actor its first speed.
     """
     speed = actor.start.speed
     return speed if actor.model is None else min(speed, _desired(actor.model.desired))
@@ -427,8 +436,8 @@ def departure_speed(actor: Actor) -> float:
 def inserted(
     concrete: ConcreteScenario, ego_length: float
 ) -> Iterator[tuple[str, Start, float, object]]:
-    """Name, start, length, m, and place on the map of each vehicle that SUMO inserts, the ego's
-    first.
+    """Of each vehicle that SUMO inserts, the ego first: name, start, length, m, and `on_map`: the
+    place on the map of an actor that crosses, else None.
     """
     yield EGO, concrete.ego, ego_length, None
     for it in concrete.actors:
@@ -447,22 +456,23 @@ def departures(
 ) -> list[Attributes]:
     """Attributes of the vehicles of a case, the ego first.
 
+    ego_length: m.
     one_lane: the network has only lane 0 (`shared_files.fits_one_lane`).
-    on_map: in a curve, vehicles depart in their own lanes, at their true places on the map.
+    on_map: on a curved road, vehicles depart in their own lanes, at their true places on the map.
     """
     vehicles = []
     road = concrete.road
     for name, start, length, _ in inserted(concrete, ego_length):
         front = first_front(road, start, length)  # SUMO's position is the front bumper
-        # In a curve a position along the road is exact on lane 0 alone (`network_xml`). So every
-        # vehicle departs there, but not where SUMO's drivers or an ADS ask for real lanes.
+        # On a curved road a position along the road is exact on lane 0 alone (`network_xml`). So
+        # every vehicle departs there, unless SUMO's models or an ADS look at lanes.
         in_lane_0 = one_lane or (road.bent and not (concrete.reacts or on_map))
         own_lane = lane_at(road, start.y)
         lane = 0 if in_lane_0 else own_lane
         attributes = _texts(
             id=name, type=name, route="along", depart="0", departLane=str(lane), departPos=front,
             departSpeed=start.speed,
-            # with checks SUMO delays a vehicle that it finds too close, and the case turns safe
+            # with checks SUMO would delay a vehicle that it finds too close: another, safer case
             insertionChecks="none",
         )  # fmt: skip
         if road.network is not None:
@@ -484,26 +494,26 @@ def departures(
 
 
 def _departure(
-    road: Road, name: str, wanted: tuple[int, int], front: float, *, on_map: bool
+    road: Road, name: str, lanes: tuple[int, int], front: float, *, on_map: bool
 ) -> tuple[int, Attributes]:
-    """The lane in which a vehicle departs on a road of several sections, and its attributes, which
-    are empty beyond the road's end.
+    """The lane in which a vehicle departs on a road of several sections, and attributes of its
+    departure; none beyond the road's end.
 
-    wanted: the vehicle's own lane, which decides its edge, and the lane to depart in: the vehicle
-        gets the nearest lane that the edge has.
-    front: x of its front bumper, m.
+    lanes: the vehicle's own lane, which decides its edge, and the lane to depart in: the vehicle
+        gets the nearest lane of the edge.
+    front: x of the vehicle's front bumper, m.
     """
-    own_lane, lane = wanted
+    own_lane, lane = lanes
     for index, section in enumerate(sections(road)):
         if front <= section.end:
-            lanes = (section.ramp,) if own_lane == section.ramp else section.lanes
-            nearest = min(max(lane, lanes[0]), lanes[-1])
+            on_edge = (section.ramp,) if own_lane == section.ramp else section.lanes
+            nearest = min(max(lane, on_edge[0]), on_edge[-1])
             position = front - section.begin
             if road.bent and nearest != 0 and (on_map or nearest != lane):
                 position = _lane_metres(road, nearest, (section.begin, front, section.end))
             return nearest, _texts(
                 route=f"along_{name}", departEdge=str(index),
-                departLane=str(lanes.index(nearest)), departPos=position,
+                departLane=str(on_edge.index(nearest)), departPos=position,
             )  # fmt: skip
     return lane, {}
 
@@ -514,9 +524,9 @@ def _lane_metres(road: Road, lane: int, x: tuple[float, float, float]) -> float:
 
     x: of the beginning of the section, of the position, and of the section's end, m.
     """
-    turn = map_places(road.line, np.array(x), 0.0)[2]  # direction of the line, rad
-    # m along the lane: x - offset * turn
-    begin, position, end = (np.array(x) - road.lane_centre(lane) * turn).tolist()
+    direction = map_places(road.line, np.array(x), 0.0)[2]  # of the line, rad
+    # a lane at the offset d is shorter than the line by d times the angle that the line turns
+    begin, position, end = (np.array(x) - road.lane_centre(lane) * direction).tolist()
     return float((x[2] - x[0]) * (position - begin) / (end - begin))
 
 
@@ -551,8 +561,7 @@ def _remarks(concrete: ConcreteScenario, origin: str) -> str:
 
 def view_xml(road: Road) -> str:
     """View of sumo-gui at the start of a case: the beginning of the road, slowed down."""
-    # in per cent: at 100 sumo-gui shows the whole network
-    zoom = 100 * road.end / VIEW_LENGTH
+    zoom = 100 * road.end / VIEW_LENGTH  # per cent; at 100 sumo-gui shows the whole network
     middle = (road.left_edge + road.right_edge) / 2
     viewport = E.viewport(zoom=f"{zoom:g}", x=f"{VIEW_LENGTH / 2:g}", y=f"{middle:g}")
     return document(E.viewsettings(viewport, E.delay(value="50")))
@@ -562,10 +571,11 @@ def case_files(
     concrete: ConcreteScenario, settings: SimulationSettings, network: str, routes: str,
     origin: str = "",
 ) -> dict[str, str]:  # fmt: skip
-    """The files that open a case in sumo-gui, by path: network, view, routes, configuration.
+    """Texts of the files that open a case in sumo-gui, by path: network, view, routes,
+    configuration.
 
-    network, routes: paths of the network and of the routes, without their endings; the view is
-        beside the network, the configuration beside the routes.
+    network, routes: paths of the network and of the routes, without their endings. The view gets
+        the path of the network, the configuration that of the routes.
     origin: as of `routes_xml`.
     """
     paths = f"{network}.net.xml", f"{routes}.rou.xml", f"{network}.view.xml"
@@ -601,8 +611,8 @@ def configuration_xml(
 
 SIMULATION_OPTIONS = {
     "step-method.ballistic": "true",
-    "collision.action": "warn",  # "none" reports nothing at all, and the default teleports
-    "collision.mingap-factor": "0",  # minGap is no part of a body
+    "collision.action": "warn",  # "none" reports nothing, the default "teleport" moves vehicles
+    "collision.mingap-factor": "0",  # bodies that are closer than minGap do not collide yet
     "time-to-teleport": "-1",
     "default.speeddev": "0",
 }

@@ -1,5 +1,5 @@
-"""Result of `import libsumo` in a program of `traci:`: traci, as a library in the program's
-process could not share the case's simulation.
+"""Result of `import libsumo` in a program of `traci:`: the `traci` beside this file. libsumo would
+run a simulation in the program's own process, instead of sharing the case's.
 """
 
 import sys

@@ -1,7 +1,8 @@
-"""Makes a program of `traci:` import the stand-ins beside this file, even one that puts the folder
-of SUMO's tools first on its path, as scripts do.
+"""Makes a program of `traci:` import the stand-ins beside this file, even if it puts the folder of
+SUMO's tools first on its path, as scripts do.
 
-Python runs this file as it starts, in place of another `sitecustomize`, which is run as well.
+Python runs this file when it starts, instead of another `sitecustomize`, which this file then runs.
+It runs in users' programs, without this package.
 """
 
 import os
@@ -11,7 +12,7 @@ from importlib.util import module_from_spec
 from typing import Any
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-# the usual finders must not find the stand-ins, or this file, again
+# the usual finders must find the library, not the stand-ins or this file again
 sys.path[:] = [folder for folder in sys.path if os.path.abspath(folder) != HERE]
 
 

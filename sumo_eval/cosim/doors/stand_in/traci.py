@@ -1,10 +1,13 @@
 """The `traci` that a program of `traci:COMMAND` imports: the library itself, whose `start` and
-`init` connect to the case. `libsumo.py` beside this file imports it, too.
+`init` connect to the case.
 
-`sitecustomize` beside this file makes the program import it, and it imports the library from where
-the program has it. Only the opening of a connection is replaced: it goes to the port in
-SUMO_EVAL_PORT and takes the second place in SUMO's order of clients, so that a script that starts
-or reaches a simulation of its own works as it is. What is said here goes into the case's log.
+`sitecustomize.py` beside this file makes the program import this module, which then imports the
+library from where the program has it. Only the opening of a connection is replaced: the connection
+goes to the port in SUMO_EVAL_PORT and takes the second place in SUMO's order of clients. So a
+script that starts or reaches a simulation of its own works unchanged. Messages of this module go
+into the case's log.
+
+Users: users' programs, and `libsumo.py` beside this file. It runs without this package.
 """
 
 import functools
@@ -22,24 +25,24 @@ del sys.modules["traci"]
 real = import_module("traci")
 main = import_module("traci.main")
 connection = import_module("traci.connection")
-_asked_ports: list[int] = []  # port that the script named, once it is connected
+_asked_ports: list[int] = []  # the port that the script named, once it is connected
 _usual_init, _usual_set_order = connection.Connection.__init__, connection.Connection.setOrder
 
 
 @functools.cache
 def _say(words: str) -> None:
-    """Tell the case's log, once."""
+    """Write a message to the case's log, once."""
     print(f"sumo_eval: {words}", file=sys.stderr, flush=True)  # noqa: T201
 
 
 def start(cmd: Any = None, *arguments: Any, label: str = "default", **options: Any) -> Any:
-    """Connect to the case in place of starting a simulation with the script's own command."""
+    """Connect to the case, instead of starting a simulation by the script's own command."""
     _say("traci.start connects to the case; its own command is not run")
     return main.init(label=label)
 
 
 def _init_once(self: Any, host: str, port: int, process: Any, *others: Any, **options: Any) -> None:
-    """A connection to the case, the only one, whatever port is named."""
+    """Open the only connection to the case, whatever port is named."""
     if _asked_ports:
         _begin_again()
     _usual_init(self, "127.0.0.1", int(os.environ["SUMO_EVAL_PORT"]), None, *others, **options)
@@ -61,8 +64,8 @@ def _without_window(call: str) -> Any:
 
 
 def _of_finite_numbers(call: str, usual: Any) -> Any:
-    """A call that moves a vehicle and ends the script at nan or infinity: SUMO takes them, and
-    nothing shows the harness that it did.
+    """A call that moves a vehicle, and that ends the script at nan or infinity: SUMO takes such
+    numbers, and does not show them to the harness.
     """
 
     def checked(self: Any, vehicle: str, *values: float, **named: float) -> Any:
