@@ -296,16 +296,24 @@ def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> Iterator[Te
             f"{name} {edge[index]:g}..{edge[index + 1]:g}"
             for name, edge, index in zip(names, edges_of.T, cell, strict=True)
         )
-        result = partial(Test, edges, seconds=math.fsum(seconds[cell]))
-        failures = [test for test in bad[cell] if test.verdict == "failure"]
-        reported = failures or bad[cell]
-        if not reported:
-            yield result("passed")
-            continue
-        words = "failed" if failures else "could not be evaluated"
-        message = f"{len(reported)} of {count(len(seconds[cell]), 'case')} {words}"
-        text = "\n".join(f"{test.name}: {test.message}" for test in reported)
-        yield result(reported[0].verdict, reported[0].kind, message, text)
+        yield _cell_test(edges, seconds[cell], bad[cell])
+
+
+def _cell_test(name: str, seconds: Sequence[float], bad: Sequence[Test]) -> Test:
+    """The test of a cell.
+
+    seconds: times of all its tests.
+    bad: those that are a failure or an error.
+    """
+    result = partial(Test, name, seconds=math.fsum(seconds))
+    failures = [test for test in bad if test.verdict == "failure"]
+    reported = failures or bad
+    if not reported:
+        return result("passed")
+    words = "failed" if failures else "could not be evaluated"
+    message = f"{len(reported)} of {count(len(seconds), 'case')} {words}"
+    text = "\n".join(f"{test.name}: {test.message}" for test in reported)
+    return result(reported[0].verdict, reported[0].kind, message, text)
 
 
 def _first_line(text: str) -> str:

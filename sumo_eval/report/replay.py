@@ -17,7 +17,7 @@ from sumo_eval.report.page import Json, packed_json, template, write_page
 from sumo_eval.report.page_data import drawn_bodies, drawn_road
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact_of, encode_trajectories
 from sumo_eval.report.words import cause_words
-from sumo_eval.scenario.concrete import RECORDED_EVERY
+from sumo_eval.scenario.concrete import RECORDED_EVERY, ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.text import point_words
@@ -35,20 +35,14 @@ def write_replay(
     beside: name of another ADS, of a driver (`driver_03`), or of the ideal vehicle, to show next to
         it in the same concrete scenario.
     """
+    concrete = logical.concrete(**fact.values)
     with open_store(run / FACTS) as store:
         trajectories: list[Trajectory] = []
         views = [_view(fact, store, trajectories)]
         if beside is not None:
             views.append(_view(_companion(fact, store, beside), store, trajectories))
-        first_ghost = len(trajectories)  # ghosts: human drivers, and the ego recorded on the road
-        trajectories += [
-            store.trajectory(driver.case)
-            for driver in store.driven_at(fact.scenario, fact.point, "human")
-        ]
-    concrete = logical.concrete(**fact.values)
-    if concrete.ego.recorded:
-        at = np.array(concrete.ego.recorded)  # (n, 2): x and y, m
-        trajectories.append(Trajectory(np.arange(len(at)) * RECORDED_EVERY, *at.T))
+        first_ghost = len(trajectories)
+        trajectories += _ghosts(fact, concrete, store)
     ghosts = list(range(first_ghost, len(trajectories)))
     data = {
         "channels": CHANNEL_STEPS,
@@ -64,6 +58,18 @@ def write_replay(
         cause=cause_words(cause_of_contact(fact)) if fact.collision else ""
     )  # fmt: skip
     return write_page(path, page, "The replay")
+
+
+def _ghosts(fact: Fact, concrete: ConcreteScenario, store: Store) -> list[Trajectory]:
+    """Drives at the same point that are drawn as outlines: of the human drivers, and of the ego
+    that was recorded on the road.
+    """
+    drivers = store.driven_at(fact.scenario, fact.point, "human")
+    ghosts = [store.trajectory(driver.case) for driver in drivers]
+    if concrete.ego.recorded:
+        at = np.array(concrete.ego.recorded)  # (n, 2): x and y, m
+        ghosts.append(Trajectory(np.arange(len(at)) * RECORDED_EVERY, *at.T))
+    return ghosts
 
 
 def recorded(run: Path, key: str) -> Fact:

@@ -233,15 +233,9 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> Json:
         )
         if name == "steering_wheel_angle":
             channel = np.where(unknown, 0.0, channel)
-        with np.errstate(over="ignore"):
-            whole = np.round(channel / step)
-        held = np.abs(whole) <= MOST_WHOLE
-        beyond += [[name, *run] for run in _runs_of_one_value(channel, ~held)]
-        change = np.diff(np.where(held, whole, 0.0).astype("<i4"), prepend=np.int32(0))
-        # Zigzag: c >= 0 becomes 2 c, c < 0 becomes -2 c - 1, so small changes are small numbers.
-        # Then the lowest bytes of all samples stand together, the second ones, and so on.
-        folded = (change << 1) ^ (change >> 31)
-        planes.append(folded.astype("<i4").view(np.uint8).reshape(-1, 4).T.tobytes())
+        differences, fits = _differences(channel, step)
+        planes.append(differences)
+        beyond += [[name, *run] for run in _runs_of_one_value(channel, ~fits)]
     return {
         "counts": counts,
         "lengths": [trajectory.length for trajectory in trajectories],
@@ -250,6 +244,18 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> Json:
         "beyond": beyond,
         "data": packed_bytes(zlib.compress(b"".join(planes), LEVEL)),
     }
+
+
+def _differences(channel: FloatArray, step: float) -> tuple[bytes, BoolArray]:
+    """A channel (n,) as differences of whole steps, 4 n bytes, and which samples these can hold."""
+    with np.errstate(over="ignore"):
+        whole = np.round(channel / step)
+    fits = np.abs(whole) <= MOST_WHOLE
+    change = np.diff(np.where(fits, whole, 0.0).astype("<i4"), prepend=np.int32(0))
+    # Zigzag: c >= 0 becomes 2 c, c < 0 becomes -2 c - 1, so small changes are small numbers. Then
+    # the lowest bytes of all samples stand together, the second ones, and so on.
+    folded = (change << 1) ^ (change >> 31)
+    return folded.astype("<i4").view(np.uint8).reshape(-1, 4).T.tobytes(), fits
 
 
 def _runs_of_one_value(channel: FloatArray, chosen: BoolArray) -> Iterator[tuple[int, int, float]]:

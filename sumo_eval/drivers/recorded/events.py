@@ -31,7 +31,13 @@ import numpy as np
 from pandas import DataFrame, Series
 
 from sumo_eval.drivers import CLOSING_SPEED
-from sumo_eval.drivers.recorded.recordings import INTERVAL, MOTOR_CLASSES, Recordings, smooth
+from sumo_eval.drivers.recorded.recordings import (
+    INTERVAL,
+    MOTOR_CLASSES,
+    SMOOTHED,
+    Recordings,
+    smooth,
+)
 from sumo_eval.input_file import writing
 from sumo_eval.text import cell, each_text
 from sumo_eval.trajectory import FloatArray
@@ -119,8 +125,8 @@ class RecordedTraffic:
         self.lane = _settled_lanes(rows)
         self.centres: dict[Any, float] = Series(self.y).groupby(self.lane).median().to_dict()
         self.across = np.zeros(len(rows))
-        for part in self.slices.values():  # 11 samples: 1 s
-            self.across[part] = np.gradient(smooth(self.y[part], 11), INTERVAL)
+        for part in self.slices.values():
+            self.across[part] = np.gradient(smooth(self.y[part], SMOOTHED), INTERVAL)
 
         self.lead, self.follower = _neighbours(self.frame, self.lane, self.x)
         led = self.lead >= 0  # without a lead, -1 reads the last row, which `where` drops

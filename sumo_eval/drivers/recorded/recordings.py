@@ -51,6 +51,7 @@ COLUMNS = (
 _TRACK = ["recording", "vehicle"]  # columns that name one
 NUMBERS = ("t", "x", "y", "heading", "speed", "acceleration", "length", "width", "lane")
 INTERVAL = 0.1  # s between samples
+SMOOTHED = 11  # samples, 1 s, over which speeds and lateral positions are smoothed
 LONGEST_HOLE = 0.5  # s; a track with a longer hole is two tracks
 BACK = 10.0  # m; a vehicle that ends further behind its start drives in the other direction
 WIDEST = 3.5  # m; a wider median is in feet, or is a length
@@ -142,8 +143,8 @@ def _on_the_clock(track: DataFrame) -> DataFrame | None:
         # nan at one sample makes a channel unknown
         even[name] = np.interp(clock, time, steady) if np.isfinite(values).all() else np.nan
     if even["acceleration"].hasnans:
-        # speeds smoothed over 11 samples: 1 s
-        even["acceleration"] = np.gradient(smooth(even["speed"].to_numpy(), 11), INTERVAL)
+        speed = smooth(even["speed"].to_numpy(), SMOOTHED)
+        even["acceleration"] = np.gradient(speed, INTERVAL)
     nearest = np.searchsorted(0.5 * (time[1:] + time[:-1]), clock)
     even["lane"] = track["lane"].to_numpy()[nearest].astype(np.int64)
     for name in ("recording", "vehicle", "driver", "class"):
@@ -199,10 +200,25 @@ def read_csv(path: Path) -> Recordings:
 
 
 def _checked(table: DataFrame) -> DataFrame:
-    """Refuse a vehicle without length and width, as gaps are from bumper to bumper, channels in
-    another unit, and lanes that grow to the right; else the table with all columns.
+    """The table with all columns, after a check of bodies, units and lanes.
 
     table: sorted.
+    """
+    _check_bodies(table)
+    check_motion(table)
+    _check_lanes(table)
+    unknown = Series(np.nan, table.index)
+    channels = {name: table.get(name, unknown) for name in ("acceleration", "steering")}
+    return table.assign(
+        **channels,
+        driver=_texts(table.get("driver", unknown), ""),
+        **{"class": _texts(table.get("class", unknown), "car").str.strip().str.lower()},
+    )
+
+
+def _check_bodies(table: DataFrame) -> None:
+    """Refuse a vehicle without length and width, as gaps are from bumper to bumper, and widths in
+    another unit.
     """
     flat = ~(table[["length", "width"]] > 0.0).all(axis=1)
     if flat.any():
@@ -214,20 +230,17 @@ def _checked(table: DataFrame) -> DataFrame:
     for recording, width in widths[widths > WIDEST].items():
         owner, wanted = f"recording `{recording}`", "in m, across the vehicle"
         raise must_be("The median `width`", owner, wanted, round(width, 2))
-    check_motion(table)
+
+
+def _check_lanes(table: DataFrame) -> None:
+    """Refuse lanes that grow to the right."""
+    # median y of each lane, m
     lanes = table[table["lane"] >= 0].groupby(["recording", "lane"])["y"].median()
     for recording, lane in lanes.index[lanes.groupby("recording").diff() < -STANDARD_LANE / 2]:
         raise InputError(
             f"`lane` of recording `{recording}` must grow to the left, as y does, got lane {lane} "
             "to the right of the one before."
         )
-    unknown = Series(np.nan, table.index)
-    channels = {name: table.get(name, unknown) for name in ("acceleration", "steering")}
-    return table.assign(
-        **channels,
-        driver=_texts(table.get("driver", unknown), ""),
-        **{"class": _texts(table.get("class", unknown), "car").str.strip().str.lower()},
-    )
 
 
 def _texts(cells: Series[Any], empty: str) -> Series[str]:

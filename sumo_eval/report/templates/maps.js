@@ -4,9 +4,9 @@
 
 const sumoMaps = (() => {
   const MOST_LEVELS = 25; // more values than this of a parameter are a range, of which a slice has a thickness
-  const MOST_PANELS = 12;
-  const GATHERED = 6;
-  const CELLS = 72;
+  const MOST_PANELS = 12; // of a parameter with as many values at most
+  const GATHERED = 6; // panels of a parameter with more values: cases are in the panel nearest to theirs
+  const CELLS = 72; // of a map along each axis, where it is interpolated
   const FINE = 4; // parts of a cell, along y, between which an area's edge is sought
   const HALVINGS = 6; // of a cell, along x, to where an area begins
   const THICKNESS = [0.05, 0.1, 0.25, 0.5]; // shares of a parameter's range to each side
@@ -233,7 +233,7 @@ const sumoMaps = (() => {
   function sliders(scenario, view, holder, changed) {
     holder.replaceChildren(...sliced(scenario, view).map((k) => {
       const parameter = scenario.parameters[k], at = view.at[k], levels = levelsOf(scenario, k), stepped = isStepped(scenario, k);
-      const row = document.createElement("div"), range = document.createElement("input"), said = document.createElement("output");
+      const row = document.createElement("div"), range = document.createElement("input"), reading = document.createElement("output");
       row.className = "slider";
       row.dataset.slice = parameter.name;
       range.type = "range";
@@ -242,14 +242,14 @@ const sumoMaps = (() => {
       const nearest = () => levels.reduce((best, value, i) => (Math.abs(value - at.value) < Math.abs(levels[best] - at.value) ? i : best), 0);
       if (stepped && levels.length) at.value = levels[nearest()];
       range.value = stepped ? nearest() : at.value;
-      const tell = () => {
-        said.textContent = at.all ? "all values" : `${+at.value.toPrecision(4)}${at.half ? ` ± ${short(+(at.half * (parameter.high - parameter.low)).toPrecision(3))}` : ""} ${parameter.unit}`;
+      const showValue = () => {
+        reading.textContent = at.all ? "all values" : `${+at.value.toPrecision(4)}${at.half ? ` ± ${short(+(at.half * (parameter.high - parameter.low)).toPrecision(3))}` : ""} ${parameter.unit}`;
         range.disabled = at.all;
       };
       range.addEventListener("input", (event) => {
         event.stopPropagation();
         at.value = stepped ? levels[Number(range.value)] : Number(range.value);
-        tell();
+        showValue();
         changed(true);
       });
       range.addEventListener("change", (event) => event.stopPropagation());
@@ -257,14 +257,14 @@ const sumoMaps = (() => {
       const width = select([...entries, ["all", "all values"]], at.all ? "all" : stepped ? "" : at.half, (value) => {
         at.all = value === "all";
         if (!at.all && !stepped) at.half = Number(value);
-        tell();
+        showValue();
         changed(true);
       });
       width.setAttribute("aria-label", `thickness of the slice in ${words(parameter.name)}`);
-      tell();
+      showValue();
       const name = document.createElement("span");
       name.textContent = words(parameter.name);
-      row.append(name, range, said, width);
+      row.append(name, range, reading, width);
       return row;
     }));
   }

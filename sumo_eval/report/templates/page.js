@@ -160,8 +160,8 @@ const sumoPage = (() => {
   /** Give every drawing that names its data, `data-chart`, its buttons. `data-head`: names of its columns; a mark's row is its `data-row`; both lists in JSON. */
   function saveDrawings() {
     for (const drawing of document.querySelectorAll("svg[data-chart]")) {
-      const told = [...drawing.querySelectorAll("[data-row]")];
-      const rows = () => [JSON.parse(drawing.dataset.head), ...told.map((one) => JSON.parse(one.dataset.row))];
+      const marks = [...drawing.querySelectorAll("[data-row]")];
+      const rows = () => [JSON.parse(drawing.dataset.head), ...marks.map((one) => JSON.parse(one.dataset.row))];
       drawing.before(saver(drawing.dataset.chart, () => standAlone(drawing), rows));
     }
   }

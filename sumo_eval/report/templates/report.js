@@ -264,13 +264,13 @@
 
   function markers(scenario, view, ads, shows) {
     return Object.entries(outcomeStyles()).map(([outcome, style]) => {
-      const found = scenario.cases.map((item, index) => [item, index])
+      const chosen = scenario.cases.map((item, index) => [item, index])
         .filter(([item]) => (ads === null || item.ads === ads) && item.outcome === outcome && shows(item));
       return {
         type: "scatter", mode: "markers", name: outcome, marker: { ...style, opacity: 1 }, cliponaxis: false,
-        x: found.map(([item]) => place(view, item.values)[0]), y: found.map(([item]) => place(view, item.values)[1]),
-        customdata: found.map(([, index]) => index),
-        text: found.map(([item]) => caseHover(scenario, item)), hovertemplate: "%{text}<extra></extra>",
+        x: chosen.map(([item]) => place(view, item.values)[0]), y: chosen.map(([item]) => place(view, item.values)[1]),
+        customdata: chosen.map(([, index]) => index),
+        text: chosen.map(([item]) => caseHover(scenario, item)), hovertemplate: "%{text}<extra></extra>",
       };
     });
   }
@@ -328,10 +328,10 @@
 
   function filterBar(card, scenario, filter, changed) {
     const bar = card.querySelector("[data-filter]");
-    const found = (name) => [...new Set(scenario.cases.map((item) => item[name]))].sort();
+    const valuesOf = (name) => [...new Set(scenario.cases.map((item) => item[name]))].sort();
     const kinds = [...new Set(scenario.cases.filter((item) => item.outcome === "collision").map((item) => item.kind))];
     const choices = (values) => [["", "any"], ...values.map((value) => [value, value])];
-    const [zone, outcome] = [["zone", found("zone")], ["outcome", [...found("outcome"), ...kinds]]].map(([name, values]) => {
+    const [zone, outcome] = [["zone", valuesOf("zone")], ["outcome", [...valuesOf("outcome"), ...kinds]]].map(([name, values]) => {
       const made = sumoMaps.select(choices(values), "", (value) => { filter[name] = value; changed(); });
       made.dataset.by = name;
       return made;
@@ -358,12 +358,12 @@
         else filter.ranges[k] = [value(low, -Infinity), value(high, Infinity)];
         changed();
       };
-      const label_ = document.createElement("span");
-      label_.className = "ranges";
+      const holder = document.createElement("span");
+      holder.className = "ranges";
       const box = document.createElement("label");
       box.append(`${label(parameter)}: `, low, " to ", high);
-      label_.append(box);
-      return { label_, low, high, narrow };
+      holder.append(box);
+      return { holder, low, high, narrow };
     });
     const clear = sumoPage.button("Clear", () => {
       Object.assign(filter, { zone: "", outcome: "", words: "", ranges: {} });
@@ -371,7 +371,7 @@
       limits.forEach(({ low, high }) => { low.value = high.value = ""; });
       changed();
     });
-    bar.append(sumoMaps.labelled("zone", zone), sumoMaps.labelled("outcome", outcome), sumoMaps.labelled("id has", search), ...limits.map(({ label_ }) => label_), clear);
+    bar.append(sumoMaps.labelled("zone", zone), sumoMaps.labelled("outcome", outcome), sumoMaps.labelled("id has", search), ...limits.map(({ holder }) => holder), clear);
     filter.show = (ranges, kind) => {
       Object.assign(filter, { zone: "", words: "" });
       search.value = zone.value = "";
@@ -418,7 +418,7 @@
   const FIRST_ROWS = 15;
 
   function caseList(card, scenario, scenarioIndex, passes) {
-    const box = card.querySelector("[data-cases]"), table = box.querySelector("table"), told = box.querySelector("[data-count]");
+    const box = card.querySelector("[data-cases]"), table = box.querySelector("table"), counter = box.querySelector("[data-count]");
     let most = FIRST_ROWS;
     const cell = (tag, text, className = "") => {
       const made = document.createElement(tag);
@@ -434,11 +434,11 @@
       if (!box.open) return;
       const chosen = [card.querySelector("input[data-ads]:checked").value, card.querySelector("[data-beside]")?.value];
       const own = scenario.cases.map((item, index) => ({ item, index })).filter(({ item }) => chosen.includes(item.ads));
-      const found = own.filter(({ item }) => passes(item));
+      const passing = own.filter(({ item }) => passes(item));
       const head = document.createElement("thead"), body = document.createElement("tbody"), line = document.createElement("tr");
       line.append(cell("th", "id"), ...heads().map(([text, className]) => cell("th", text, className)));
       head.append(line);
-      body.append(...found.slice(0, most).map(({ item, index }) => {
+      body.append(...passing.slice(0, most).map(({ item, index }) => {
         const row = document.createElement("tr"), id = document.createElement("th"), link = document.createElement("a");
         id.scope = "row";
         link.className = "case-id";
@@ -449,8 +449,8 @@
         return row;
       }));
       table.replaceChildren(head, body);
-      told.textContent = `${found.length} of ${own.length} cases of ${chosen.filter(Boolean).join(" and ")} pass the filter. `;
-      if (found.length > most) told.append(more);
+      counter.textContent = `${passing.length} of ${own.length} cases of ${chosen.filter(Boolean).join(" and ")} pass the filter. `;
+      if (passing.length > most) counter.append(more);
     }
     box.addEventListener("toggle", show);
     return { show };
@@ -489,22 +489,23 @@
     return light > 0.179 ? "#000" : "#fff"; // where (light + 0.05)^2 = 0.05 * 1.05, both are read as well
   }
 
-  /** A cell for each value of the axes where the cases form a grid, else a square for each case. look: case -> { z, word, text }. */
-  function tiles(scenario, view, found, look, colours) {
+  /** A cell for each value of the axes where the cases form a grid, else a square for each case. entries: of `casesOf`.
+   *  look: case -> { z, word, text }. */
+  function tiles(scenario, view, entries, look, colours) {
     const { zmin, zmax, ...scale } = { showscale: false, ...colours };
     const xs = sumoMaps.levelsOf(scenario, view.x), ys = view.y === null ? [0] : sumoMaps.levelsOf(scenario, view.y);
-    const several = new Set(found.map(({ at }) => at.join())).size < found.length; // cases on one another: a slice through all values
+    const several = new Set(entries.map(({ at }) => at.join())).size < entries.length; // cases on one another: a slice through all values
     if (xs.length < 2 || ys.length < 2 || xs.length * ys.length > Math.min(MOST_TILES, 16 * scenario.cases.length / scenario.ads.length) || several) {
       return {
-        type: "scatter", mode: found.length <= 60 && !several ? "markers+text" : "markers", x: found.map(({ at }) => at[0]), y: found.map(({ at }) => at[1]), cliponaxis: false,
-        customdata: found.map(({ index }) => index), text: found.map(({ item }) => look(item).word), textposition: "top center", textfont: { size: 10 },
-        hovertext: found.map(({ item }) => look(item).text), hovertemplate: "%{hovertext}<extra></extra>",
-        marker: { symbol: "square", size: 14, color: found.map(({ item }) => look(item).z), cmin: zmin, cmax: zmax, ...scale },
+        type: "scatter", mode: entries.length <= 60 && !several ? "markers+text" : "markers", x: entries.map(({ at }) => at[0]), y: entries.map(({ at }) => at[1]), cliponaxis: false,
+        customdata: entries.map(({ index }) => index), text: entries.map(({ item }) => look(item).word), textposition: "top center", textfont: { size: 10 },
+        hovertext: entries.map(({ item }) => look(item).text), hovertemplate: "%{hovertext}<extra></extra>",
+        marker: { symbol: "square", size: 14, color: entries.map(({ item }) => look(item).z), cmin: zmin, cmax: zmax, ...scale },
       };
     }
     const blank = (value) => ys.map(() => xs.map(() => value));
     const [z, words, hover, index] = [blank(null), blank(""), blank(""), blank(null)];
-    for (const entry of found) {
+    for (const entry of entries) {
       const [row, column] = [ys.indexOf(entry.at[1]), xs.indexOf(entry.at[0])];
       const shownAs = look(entry.item);
       z[row][column] = shownAs.z;
@@ -519,12 +520,12 @@
   }
 
   function likenessTiles(scenario, view, ads, shows, quantity) {
-    const found = casesOf(scenario, view, ads, (item) => shows(item) && item[quantity] !== null);
+    const entries = casesOf(scenario, view, ads, (item) => shows(item) && item[quantity] !== null);
     const look = (item) => ({
       z: item[quantity], word: fixed(item[quantity], 2),
       text: `${caseHover(scenario, item)}<br>length ${fixed(item.length_factor, 2)}, operations ${fixed(item.operation_factor, 2)}, similarity ${fixed(item.similarity, 2)}`,
     });
-    return [tiles(scenario, view, found, look, { colorscale: CIVIDIS, zmin: 0, zmax: 1 })];
+    return [tiles(scenario, view, entries, look, { colorscale: CIVIDIS, zmin: 0, zmax: 1 })];
   }
 
   // --- preventability ------------------------------------------------------------------------------------------------

@@ -9,12 +9,13 @@ const sumoScene = (() => {
   const COAT = 1, LAMP = 2, GROUND = 3; // what a vertex takes its colour from beside its own: the vehicle's, its brake lamps
   const FLOATS = 10; // of a vertex: place, normal, colour, kind
   const DASH = 3, GAP = 6, POSTS = 50; // m
-  const PIECE = 200, ROUND = 190, SIGHT = 900; // m of road, round its middle, and from where the fog leaves 3 % of what stands there
-  const FAR = 1500, NEAR = 0.25; // m
-  const SLOW = 1 / 38, FAST = 1 / 57; // s a frame from which the resolution falls, below which it rises
-  const ENOUGH = 15; // pictures between two changes of it
-  const FEW = 4, SOON = 1.5; // or so many, after so many s
-  const LONG = 0.5; // s without a picture that may be a pause
+  const PIECE = 200; // m of road, whose posts and trees are one mesh
+  const PIECE_RADIUS = 190, SIGHT = 900; // m, of a piece around its middle; from where the fog leaves 3 % of what stands there
+  const FAR = 1500, NEAR = 0.25; // m from the camera, between which bodies are drawn
+  const SLOW_FRAME = 1 / 38, QUICK_FRAME = 1 / 57; // s a picture, above which the resolution falls, below which it rises
+  const BETWEEN_CHANGES = 15; // pictures between two changes of the resolution,
+  const LEAST_BETWEEN = 4, CHANGE_AFTER = 1.5; // or at least 4 once 1.5 s have passed
+  const PAUSE = 0.5; // s without a picture that may be a pause
   const LEAST_RATIO = 0.35, MOST_RATIO = 2;
 
   const VERTEX = `#version 300 es
@@ -347,19 +348,19 @@ const sumoScene = (() => {
 
   const rgb = (colour) => [1, 3, 5].map((start) => parseInt(colour.slice(start, start + 2), 16) / 255);
 
-  let found = null;
+  let cached = null;
 
   /** By what this browser draws in three dimensions: "" not at all, "processor" without a graphics processor, "graphics". */
   function means() {
-    if (found !== null) return found;
+    if (cached !== null) return cached;
     const asked = (more) => document.createElement("canvas").getContext("webgl2", more);
     const gl = asked({}), quick = gl && asked({ failIfMajorPerformanceCaveat: true });
-    found = !gl ? "" : !quick || software(gl) ? "processor" : "graphics";
+    cached = !gl ? "" : !quick || software(gl) ? "processor" : "graphics";
     for (const each of [gl, quick]) { // a browser gives a page few contexts
       const end = each && each.getExtension("WEBGL_lose_context");
       if (end) end.loseContext();
     }
-    return found;
+    return cached;
   }
 
   /** A view on a canvas, null where there is no WebGL2. keep: the picture can be read and printed at any time. */
@@ -468,7 +469,7 @@ const sumoScene = (() => {
       const view = unit(from.look.map((v, k) => v - from.eye[k]));
       for (const { mesh, x, y } of standing.pieces) {
         const [dx, dy] = [x - from.eye[0], y - from.eye[1]];
-        if (Math.hypot(dx, dy) < SIGHT + ROUND && dx * view[0] + dy * view[1] > -ROUND) put(mesh);
+        if (Math.hypot(dx, dy) < SIGHT + PIECE_RADIUS && dx * view[0] + dy * view[1] > -PIECE_RADIUS) put(mesh);
       }
       for (const it of near) if (!(it.alpha < 1)) vehicle(it, it.me && camera.mode === "seat");
       if (contact) {
@@ -508,21 +509,22 @@ const sumoScene = (() => {
     /** Whether the picture of that number is there, whatever has been begun since. */
     const there = (number) => !busy() || done >= number;
 
-    /** Once a picture that moves has been drawn, at `now`, s: fewer pixels where they come too slowly, more where not.
-     *  late: they come too late for another reason. Whether pictures come too slowly at the fewest pixels that there are. */
-    function pace(now, late = false, slow = SLOW) {
+    /** Adapt the resolution after a picture of a motion, drawn at `now`, s: fewer pixels where pictures come too slowly, more
+     *  where they come quickly. late: they come too late for another reason. slow: s a picture that is too slow. Returns whether
+     *  pictures come too slowly even at the least resolution. */
+    function pace(now, late = false, slow = SLOW_FRAME) {
       const apart = last === null ? 1 / 60 : now - last;
       last = now;
-      long = apart > LONG ? long + 1 : 0;
+      long = apart > PAUSE ? long + 1 : 0;
       if (long === 1) return false; // a pause; more in a row are slow pictures
       interval += 0.1 * (apart - interval);
       since += 1;
       changed ??= now;
-      if (since <= ENOUGH && !(since >= FEW && now - changed > SOON)) return false;
+      if (since <= BETWEEN_CHANGES && !(since >= LEAST_BETWEEN && now - changed > CHANGE_AFTER)) return false;
       if (interval > slow || late) {
         if (ratio <= LEAST_RATIO) return true;
         [ratio, since, changed] = [Math.max(LEAST_RATIO, ratio * 0.8), 0, now];
-      } else if (interval < FAST && since > 10 * ENOUGH && ratio < Math.min(window.devicePixelRatio || 1, MOST_RATIO)) [ratio, since, changed] = [ratio * 1.1, 0, now];
+      } else if (interval < QUICK_FRAME && since > 10 * BETWEEN_CHANGES && ratio < Math.min(window.devicePixelRatio || 1, MOST_RATIO)) [ratio, since, changed] = [ratio * 1.1, 0, now];
       return false;
     }
 
