@@ -1,8 +1,8 @@
 """Costs on this machine, for `sumo-eval bench`: bare libsumo, the harness, the field, D, zones.
 
-Costs are processor time, not wall time, so that other programs disturb little. Everything compared
-is measured once in each of several rounds, and the least cost counts. On other machines only the
-ratios hold.
+Costs are processor time, not wall time, so that other programs disturb little. All that is compared
+is measured once in each of several rounds, and the least cost counts. Costs differ from machine to
+machine; ratios hardly do.
 
 Users: `extras/bench/command.py`.
 """
@@ -41,6 +41,9 @@ from sumo_eval.trajectory import BoolArray, FloatArray, Recording
 
 # with the step of the public simulators of UN R157
 SETTINGS = SimulationSettings(step=0.1, end_when_decided=True)
+POINTS, FEW_POINTS = 2000, 100  # from which zones are learnt, and with `--small`
+SMALL = 100  # cases, below which a benchmark is small
+DRIVERS = 10  # of a point
 
 
 class Row(NamedTuple):
@@ -134,8 +137,7 @@ def benchmark(
     measure = {
         "co-simulation": lambda: cosimulation(cases, rounds),
         "field and D": lambda: field_and_index(rounds),
-        # fewer points where `--small` asks for 8 cases
-        "zones": lambda: zones(2000 if cases >= 100 else 100),
+        "zones": lambda: zones(POINTS if cases >= SMALL else FEW_POINTS),
     }
     for part in parts:
         progress(part)
@@ -171,8 +173,8 @@ _BATCHED = {
 
 
 def cosimulation(cases: int, rounds: int) -> list[Figures]:
-    """Costs of simulating and recording cases of the cut-in grid: every ADS, one at a time or in
-    batches, compared with bare libsumo over the same number of steps.
+    """Costs of simulating and recording cases of the cut-in grid: every ADS, one case at a time or
+    in batches, compared with bare libsumo over the same number of steps.
     """
     logical = catalogue.load("cut_in")
     grid = sample(logical).points
@@ -213,10 +215,11 @@ def _least_seconds(
     steps: Mapping[str, list[int]],
     rounds: int,
 ) -> tuple[dict[str, float], ...]:
-    """Least seconds of each way, and of bare libsumo over the same steps.
+    """Least seconds of each way, and of bare libsumo over the same steps: two dictionaries by name.
 
-    ways: name -> function that simulates all concrete scenarios, with the ADS as its argument.
+    ways: name -> call that simulates all concrete scenarios; its argument is the ADS.
     steps: name of a way -> number of steps of each case.
+    rounds: how often each way is measured.
     """
     seconds = dict.fromkeys(ways, math.inf)
     bare = seconds.copy()
@@ -237,7 +240,7 @@ def _least_seconds(
         for _ in range(rounds):
             for name, way in ways.items():
                 seconds[name] = min(seconds[name], _seconds(way))
-                # beside a user's function, bare libsumo makes the function's calls in every step
+                # compared with `set_speed`, bare libsumo makes this function's calls in every step
                 calls = [ads for ads in way.args if ads is set_speed]
                 took = process.submit(bare_seconds, command_lines, steps[name], *calls).result()
                 bare[name] = min(bare[name], took)
@@ -262,17 +265,17 @@ def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recordi
 
 def field_and_index(rounds: int) -> list[Figures]:
     """Cost of one term of the field, compared with numpy's exp, and of D_i of a case, compared with
-    its 11 simulations in batches: that of the ADS and those of 10 drivers.
+    its simulations in batches: that of the ADS and those of `DRIVERS`.
     """
     logical = catalogue.load("front_vehicle_cut_out")
     concrete = logical.concrete(ego_speed=25.0, obstacle_speed=10.0, gap=110.0)
-    people = [human_controller(index, 10, 1, concrete) for index in range(10)]
-    drivers = [recording.ego for recording in simulate_many([concrete] * 10, people)]
+    people = [human_controller(index, DRIVERS, 1, concrete) for index in range(DRIVERS)]
+    drivers = [recording.ego for recording in simulate_many([concrete] * DRIVERS, people)]
     ads = simulate(concrete, "lane_changer").ego
     points = 10 * rounds  # copies of one concrete scenario, so that batches are as large as a run's
     simulated = _seconds(
         lambda: [
-            *simulate_many([concrete] * 10 * points, people * points),
+            *simulate_many([concrete] * DRIVERS * points, people * points),
             *simulate_many([concrete] * points, "lane_changer"),
         ]
     )
@@ -282,7 +285,7 @@ def field_and_index(rounds: int) -> list[Figures]:
     # the field at a place is a sum with a term for each sample of the trajectory, 0.02 s apart
     terms = len(places) * len(np.arange(0.0, ads.duration, 0.02))
     anthropomorphic_index(ads, drivers, logical.road)  # compiles what is not compiled yet
-    # numbers as large as the exponents of the field
+    # about as large as the exponents of the field
     numbers = np.random.default_rng(2).uniform(-0.3, 0.3, 1024)
     result = np.empty(1024)
     works = {

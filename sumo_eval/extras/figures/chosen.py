@@ -22,11 +22,11 @@ from sumo_eval.trajectory import Trajectories, Trajectory
 class DrivenPoint:
     """Trajectories of all drives through one concrete scenario of a run.
 
-    scenario: name of its logical scenario.
-    words: its parameters and their values.
-    runs: ADS -> its ego.
-    others: name -> actor, in the drive of the first ADS.
-    people: human driver -> its ego; empty in the hazardous zone.
+    scenario: name of the logical scenario.
+    words: parameters of the point and their values.
+    runs: ADS -> trajectory of its ego.
+    others: actor -> its trajectory in the drive of the first ADS.
+    people: human driver -> trajectory of their ego; empty in the hazardous zone.
     line: reference line of the road, as in `Road`.
     """
 
@@ -44,13 +44,13 @@ class DrivenPoint:
 
 
 class FigureRequest(NamedTuple):
-    """Request for a figure of a scored run, as the user gave it.
+    """A user's request for a figure of a scored run.
 
-    scenario, ads, case: names; None: not given.
+    scenario, ads, case: names; None: the user gives none.
     width: a key of `style.WIDTHS`.
 
-    The properties are the choice, with defaults for what was not given. They raise InputError for
-    an unknown scenario, ADS or case.
+    The properties are what the figure shows: the request, completed by defaults. They raise
+    InputError for an unknown scenario, ADS or case.
     """
 
     evaluation: Evaluation
@@ -61,7 +61,7 @@ class FigureRequest(NamedTuple):
 
     @property
     def names(self) -> list[str]:
-        """Names of the ADSs: the one asked for, else all."""
+        """Names of the ADSs: that of the request, else all."""
         known = [entry.name for entry in self.evaluation.settings.ads]
         names = known if self.ads is None else [self.ads]
         check_known("ADS", known, *names)
@@ -69,7 +69,7 @@ class FigureRequest(NamedTuple):
 
     @property
     def chosen_scenario(self) -> str | None:
-        """Name of the scenario: that of the case if one is given, else the given one; None: all."""
+        """Name of the scenario: that of the request's case, else that of the request; None: all."""
         if self.case is not None:
             return self.row.scenario
         if self.scenario is not None:
@@ -85,7 +85,7 @@ class FigureRequest(NamedTuple):
 
     @property
     def scores(self) -> list[ScenarioResult]:
-        """The scores of the ADSs and scenarios asked for."""
+        """The scores of `names` in `chosen_scenario`."""
         names, scenario = self.names, self.chosen_scenario
         return [
             score
@@ -95,7 +95,7 @@ class FigureRequest(NamedTuple):
 
     @property
     def row(self) -> CaseResult:
-        """The case asked for, else the one with the least D_i (`index`) in `one_scenario`.
+        """The case of the request, else the case with the least D_i (`index`) in `one_scenario`.
 
         Where no case has a D_i, it is the first by name.
         """
@@ -129,9 +129,9 @@ def driven_point(request: FigureRequest, ads: Sequence[str]) -> DrivenPoint:
     """
     evaluation, case = request.evaluation, request.row
     with open_store(evaluation.folder / FACTS) as store:
-        drives = list(store.names("ads", case.scenario))  # case, number of its point, ADS
+        drives = list(store.names("ads", case.scenario))  # (case, number of its point, ADS)
         point = next(number for key, number, _ in drives if key == case.case)
-        case_of = {driver: key for key, number, driver in drives if number == point}
+        case_of = {name: key for key, number, name in drives if number == point}
         runs = {}
         others: dict[str, Trajectory] = {}
         for name in ads:

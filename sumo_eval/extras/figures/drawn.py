@@ -56,15 +56,15 @@ def draw(
     Raises InputError for an unknown name, and for an argument that the figure does not take.
     """
     check_known("figure", FIGURES, figure)
-    edge = is_searched(evaluation, figure)
-    if figure in OF_RUNS and not edge:
+    searched = is_searched(evaluation, figure)
+    if figure in OF_RUNS and not searched:
         if isinstance(evaluation, Path):
             from sumo_eval.evaluation import score
 
             evaluation = score(evaluation)
         return OF_RUNS[figure](FigureRequest(evaluation, scenario, ads, case, width))
     folder = evaluation.folder if isinstance(evaluation, Evaluation) else evaluation
-    # only `trend` takes a scenario and an ADS, and none of these figures a case
+    # of the figures of a folder only `trend` takes a scenario and an ADS, and none takes a case
     for name, value in (("case", case), ("scenario", scenario), ("ads", ads)):
         if value is not None and (name == "case" or figure != "trend"):
             raise InputError(f"Figure `{figure}` of {folder} takes no `{name}`, got {value!r}.")
@@ -72,4 +72,5 @@ def draw(
 
     if figure == "trend":
         return of_studies.trend(folder, scenario=scenario, ads=ads, width=width)
-    return of_studies.edge(folder, width=width) if edge else of_studies.opinion(folder, width=width)
+    figure_of = of_studies.edge if searched else of_studies.opinion
+    return figure_of(folder, width=width)

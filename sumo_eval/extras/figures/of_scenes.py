@@ -49,11 +49,13 @@ if TYPE_CHECKING:
 CELLS = 140  # of a map along each axis
 MOST_COLUMNS = 4  # panels in a row
 LEARNT = "#d55e00"  # colour of the learnt boundary
+FIELD_X, FIELD_Y = 240, 60  # points of a field along and across the road
+BRIGHTEST = 0.998  # share of a field's points above which all have one colour
 
 _ZONE_LEGEND = (
     Marks("safe zone", [], [], SAFE, marker="s"),
     Marks("hazardous zone", [], [], HAZARDOUS, marker="s"),
-    Marks("cannot be", [], [], "white", marker="s"),
+    Marks("cannot be", [], [], "white", marker="s"),  # a constraint forbids these points
     Marks("boundary, exact", [], [], INK, "-"),
     Marks("boundary, learnt", [], [], LEARNT, "--"),
 )
@@ -66,7 +68,8 @@ _Map = tuple[Any, Any, Any]
 def zone_map(request: FigureRequest) -> Figure:
     """Zones of a space with the outcome of every case, as in the paper's Figs. 8 and 9.
 
-    The boundary of the zones is drawn twice: exact (Eqs. 5-7) and as the GP learnt it (Eq. 8).
+    The boundary of the zones is drawn twice: exact (Eqs. 5-7) and as the Gaussian process learnt it
+    (Eq. 8).
 
     A space of three parameters has a map for each value of the first one. Of a larger space the map
     is a slice. The ADS is that of the case if one is given, else the first with a score there.
@@ -92,8 +95,10 @@ def zone_map(request: FigureRequest) -> Figure:
 
 
 def _slice(view: View, zones: ZonePartition, cases: CaseTable) -> tuple[View, str]:
-    """The view at one slice, of several that with most collisions, and a note on this slice."""
-    chosen = telling_slice(view, cases)  # empty if there is one slice only
+    """The view at one slice, and a note on this slice; of several slices, the one with most
+    collisions.
+    """
+    chosen = telling_slice(view, cases)  # parameter's column -> its value; empty: only one slice
     view = view._replace(fixed=chosen or view.fixed)
     items = ((zones.logical.parameters[column], value) for column, value in view.fixed.items())
     where = ", ".join(f"{item.name} = {value:g}{item.unit_suffix}" for item, value in items)
@@ -117,8 +122,7 @@ def _map_panels(
     """
     parameters = zones.logical.parameters
     across, *up = (parameters[column] for column in (view.x, view.y) if column is not None)
-    # a map of one parameter has no label on its second axis
-    labels = label(across.title), label(up[0].title) if up else ""
+    labels = label(across.title), label(up[0].title) if up else ""  # one parameter: no second axis
     for number, dots in enumerate(_verdict_marks(view, cases, outcomes)):
         exact, learnt = _zones(zones, view, number)
         title = ""
@@ -136,7 +140,7 @@ def _verdict_marks(
 
     Every panel has marks of every verdict, so that the legend has the order of `LOOKS`.
     """
-    points = cases.parameters(view.names)
+    points = cases.parameters(view.names)  # (n, parameters)
     x, y = points[:, view.x], points[:, view.y] if view.y is not None else np.zeros(len(points))
     shown = np.array([view.shows(case) for case in cases], np.bool_)
     panel_of = np.array([view.panel_of(point) for point in points])
@@ -144,18 +148,18 @@ def _verdict_marks(
     for number in range(len(view.panels)):
         marks = []
         for verdict in present:
-            dots, look = shown & (panel_of == number) & (outcomes == verdict), LOOKS[verdict]
-            # all other verdicts: with an incident, or not evaluated
+            here, look = shown & (panel_of == number) & (outcomes == verdict), LOOKS[verdict]
+            # a cross: with an incident, or not evaluated
             marker = {"avoided": "o", "better": "P"}.get(verdict, "X")
-            marks.append(Marks(look.words, x[dots], y[dots], look.colour, marker=marker))
+            marks.append(Marks(look.words, x[here], y[here], look.colour, marker=marker))
         yield marks
 
 
 def _zones(zones: ZonePartition, view: View, number: int) -> tuple[_Map, _Map]:
     """Maps of the criticality y at the corners of cells, nan where no point is possible.
 
-    The first has the exact y (Eqs. 5-7) as 0.5 - y, because `Panel.chance` shows values above 0.5
-    as hazardous and a hazardous point has y of at most 0. The second has the learnt y (Eq. 8).
+    The first map has 0.5 - y of the exact y (Eqs. 5-7): a hazardous point has y of at most 0, and
+    `Panel.chance` shows values above 0.5 as hazardous. The second has the learnt y (Eq. 8).
 
     number: of the panel.
     """
@@ -169,8 +173,8 @@ def _zones(zones: ZonePartition, view: View, number: int) -> tuple[_Map, _Map]:
     possible = logical.feasible(points)
     rows = points.reshape(-1, points.shape[-1])
     exact = exact_target(logical, rows, zones.settings).reshape(possible.shape)
-    # The possible points end in a staircase of cells. A learnt boundary along it would show as a
-    # dash at each stair, so it is drawn only two cells or more away from it.
+    # The possible points end in a staircase of cells. A learnt boundary along this staircase would
+    # show as a dash at each stair, so it is drawn only two cells or more away from the staircase.
     inside = binary_erosion(possible, iterations=2, border_value=1)
     learnt = np.where(inside, zones.predicted(points), np.nan)
     return (x, y, np.where(possible, 0.5 - exact, np.nan)), (x, y, learnt)
@@ -201,9 +205,9 @@ def boundary(request: FigureRequest) -> Figure:
 
 
 def _collision_stairs(cases: CaseTable, zones: ZonePartition) -> tuple[FloatArray, FloatArray]:
-    """Corners of the staircase: criticality y, and the share s of the collisions up to it.
+    """Corners of the staircase: criticality y, and share s of the collisions up to this y.
 
-    (-1, 0), (y0, 0), (y0, s0), (y1, s0), (y1, s1), ...
+    They are (-1, 0), (y0, 0), (y0, s0), (y1, s0), (y1, s1), ...
     """
     y = exact_target(zones.logical, cases.parameters(zones.logical.names), zones.settings)
     order = np.argsort(y)
@@ -221,18 +225,18 @@ def field(request: FigureRequest) -> Figure:
     ads = row.ads if request.ads is None else request.names[0]
     scene = driven_point(request, [ads])
     settings = request.evaluation.settings.method.anthropomorphic.field
-    # of the human drivers the first
-    drives = {ads: scene.runs[ads], **dict(list(scene.people.items())[:1])}
+    first_driver = dict(list(scene.people.items())[:1])
+    drives = {ads: scene.runs[ads], **first_driver}
     x, y, values = _fields(list(drives.values()), settings)
     east, north = map_places(scene.line, x, y[:, None])[:2]
-    # Next to a standing vehicle the field has no bound. The largest 0.2 % have one colour.
-    lowest, tallest = np.quantile(values, [0.0, 0.998])
+    # next to a standing vehicle the field has no bound
+    lowest, highest = np.quantile(values, [0.0, BRIGHTEST])
 
     with styled():
         figure, axes = new_figure(request.width, 0.16 + 0.3 * len(drives), len(drives))
         for ax, (name, drive), strength in zip(axes, drives.items(), values, strict=True):
             image = ax.pcolormesh(
-                east, north, strength, cmap="cividis", vmin=lowest, vmax=tallest, rasterized=True,
+                east, north, strength, cmap="cividis", vmin=lowest, vmax=highest, rasterized=True,
                 shading="gouraud"  # values are at nodes: on a curve the cells are uneven
             )  # fmt: skip
             ax.plot(*map_places(scene.line, drive.x, drive.y)[:2], color="white", linewidth=0.8)
@@ -248,20 +252,22 @@ def field(request: FigureRequest) -> Figure:
 
 
 def _fields(drives: Sequence[Trajectory], settings: FieldSettings) -> tuple[FloatArray, ...]:
-    """Field of each drive over the stretch of road that the first one drives along.
+    """Field of each drive over the stretch of road of the first drive.
 
-    Returns x along the road (240,), y across it (60,), m, and the fields (drives, 60, 240).
+    Returns x along the road, m, (`FIELD_X`,); y across it, m, (`FIELD_Y`,); and the fields,
+    (drives, `FIELD_Y`, `FIELD_X`).
     """
     ego = drives[0]
     reach = 1.5 * max(np.abs(drive.y).max() for drive in drives) + 3.0  # m to each side
-    x = np.linspace(ego.x[0], max(ego.x[-1], ego.x[0] + reach), 240)  # an ego may stand
-    y = np.linspace(ego.y[0] - reach, ego.y[0] + reach, 60)
+    x = np.linspace(ego.x[0], max(ego.x[-1], ego.x[0] + reach), FIELD_X)  # an ego may stand
+    y = np.linspace(ego.y[0] - reach, ego.y[0] + reach, FIELD_Y)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     return x, y, trajectory_fields(points, drives, settings).reshape(-1, len(y), len(x))
 
 
 def _drives(scene: DrivenPoint, names: Sequence[str]) -> Iterator[tuple[str, Trajectory, str, Any]]:
-    """Entry of the legend, trajectory, colour and line of every drive; the ADSs last, on top.
+    """Entry of the legend, trajectory, colour and line of every drive. The ADSs are last, so that
+    they are drawn on top.
 
     names: of all ADSs in the figure.
     """

@@ -49,6 +49,7 @@ def collisions(request: FigureRequest) -> Figure:
 
 
 def _severity_panel(request: FigureRequest, scenario: str) -> Panel:
+    """The panel of one scenario."""
     marks, most = [], 0.0
     for ads in request.names:
         cases = request.evaluation.cases_of(ads, scenario)
@@ -86,7 +87,10 @@ def intervals(request: FigureRequest) -> Figure:
 
 
 def _interval_marks(request: FigureRequest, name: str) -> Iterator[Marks]:
-    """Value and interval of a score, a field of `ScenarioResult`, on a line for each result."""
+    """Value and interval of a score of every ADS and scenario, on a line for each.
+
+    name: of the score, a field of `ScenarioResult`.
+    """
     for line, score in enumerate(request.scores):
         value, interval = getattr(score, name), getattr(score, f"{name}_interval")
         colour, marker, _ = look_of(score.ads, request.names)
@@ -114,11 +118,13 @@ def points(request: FigureRequest) -> Figure:
     with styled():
         figure, axes = new_figure(request.width, height, 1, 2)
         legend = {"kept": KEPT}  # words -> colour; the bars add to it
-        for ax, make in zip(axes, (ledger_plus, ledger), strict=True):
+        panels = (("S+", ledger_plus), ("S", ledger))
+        for ax, (title, account_of) in zip(axes, panels, strict=True):
             for line, score in enumerate(scores):
-                _ledger_bar(ax, make(Findings.of(request.evaluation, score)), line, legend)
+                account = account_of(Findings.of(request.evaluation, score))
+                _ledger_bar(ax, account, line, legend)
             _name_lines(ax, scores)
-            ax.set(title="S+" if make is ledger_plus else "S", xlabel="points", xlim=(0.0, 100.0))
+            ax.set(title=title, xlabel="points", xlim=(0.0, 100.0))
         axes[1].tick_params(labelleft=False)
         for words, colour in legend.items():
             axes[0].barh([0], [0.0], color=colour, label=words)  # for the legend only
@@ -127,10 +133,10 @@ def points(request: FigureRequest) -> Figure:
 
 
 def _ledger_bar(ax: Axes, account: Ledger, line: int, legend: dict[str, str]) -> None:
-    """Draw kept points as a bar, and to its right the loss of each term.
+    """Draw kept points as a bar, and to its right the points that each term costs.
 
     line: y of the bar.
-    legend: words -> colour; the losses are added.
+    legend: words -> colour; those of the costs are added.
     """
     end = account.total
     ax.barh([line], [end], color=KEPT, height=0.6)

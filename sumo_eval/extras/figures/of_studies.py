@@ -7,6 +7,7 @@ Users: `extras/figures/drawn.py`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +19,8 @@ from sumo_eval.extras.figures.style import look_of, on_paper
 from sumo_eval.extras.panels import Marks, Panel
 from sumo_eval.extras.studies.boundary_page import edge_panels
 from sumo_eval.extras.studies.opinion import opinion_panels
-from sumo_eval.nightly.history import GATE_FAILED, open_history
+from sumo_eval.groups import grouped
+from sumo_eval.nightly.history import GATE_FAILED, Night, Value, open_history
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,23 +53,17 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
     if not values:
         raise InputError(f"A night must have driven {ads} in {chosen} before this trend is drawn.")
 
-    # x: number of a night; y: nan in a night without a value, a gap in the line
-    failed = [x for x, night in enumerate(nights) if night.exit_status == GATE_FAILED]
-    panels = []
-    for quantity in QUANTITIES:
-        if not any(value.quantity == quantity for value in values):
-            continue
-        marks = []
-        for name in names:
-            by_night = {
-                it.night: it.value for it in values if (it.ads, it.quantity) == (name, quantity)
-            }
-            x = range(len(nights))
-            y = np.array([by_night.get(night.night) for night in nights], float)
-            # with `all_ads` an ADS looks the same alone and among the rest
-            colour, marker, line = look_of(name, all_ads)
-            marks.append(Marks(name, x, y, colour, line, marker))
-        panels.append(Panel(marks, y=quantity, verticals=failed))
+    failed = [number for number, night in enumerate(nights) if night.exit_status == GATE_FAILED]
+    by_quantity = grouped((it.quantity, it) for it in values)
+    panels = [
+        Panel(
+            [_trend_line(by_quantity[quantity], nights, name, all_ads) for name in names],
+            y=quantity,
+            verticals=failed,
+        )
+        for quantity in QUANTITIES
+        if quantity in by_quantity
+    ]
     # the panels share the x axis, and the lowest one labels it
     panels[-1] = replace(panels[-1], x="night (grey: one that failed)")
 
@@ -79,12 +75,26 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
     return figure
 
 
+def _trend_line(
+    values: Sequence[Value], nights: Sequence[Night], ads: str, all_ads: Sequence[str]
+) -> Marks:
+    """One score of an ADS over the numbers of the nights.
+
+    values: of this score, of all ADSs.
+    all_ads: by which an ADS looks the same alone and among others.
+    """
+    by_night = {it.night: it.value for it in values if it.ads == ads}
+    # nan in a night without a value: a gap in the line
+    y = np.array([by_night.get(night.night) for night in nights], float)
+    colour, marker, line = look_of(ads, all_ads)
+    return Marks(ads, range(len(nights)), y, colour, line, marker)
+
+
 def edge(folder: Path, *, width: str) -> Figure:
     """Boundary of an ADS's collisions, with every trial.
 
-    On one side of it a collision is likelier than not.
-
-    Two parameters have one map. Three have a map for each value of the third, one below the other.
+    On one side of the boundary a collision is likelier than not. Two parameters have one map. Three
+    have a map for each value of the third, one below the other.
 
     folder: of `sumo-eval boundary`.
     width: a key of `style.WIDTHS`.

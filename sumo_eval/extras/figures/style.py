@@ -25,7 +25,8 @@ WIDTHS = {"column": 88.0 * MM, "page": 180.0 * MM}
 ENDINGS = {"svg": {"Date": None}, "png": {}, "pdf": {"CreationDate": None}}
 """Ending of a figure's file -> its metadata: without a date, the same figure is the same bytes."""
 
-# one for each of `COLOURS`; `look_of` combines them
+# As many as `COLOURS`, with which `look_of` combines them. matplotlib takes a line as a name, or as
+# (offset, lengths of dashes and gaps in widths of the line).
 MARKERS = "o", "s", "^", "D", "v", "P", "X", "*"
 LINES = "-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2))
 
@@ -60,6 +61,7 @@ _SETTINGS = {
     "axes.unicode_minus": True,
     "text.parse_math": False,  # a name may hold `$`
 }
+"""Settings of matplotlib: sizes of fonts in points, widths of lines in points."""
 
 
 def refuse_without_matplotlib() -> None:
@@ -108,7 +110,7 @@ def new_figure(width: str, height: float, rows: int, columns: int = 1) -> tuple[
 def on_paper(
     panels: Sequence[Panel], width: str, height: float, columns: int = 1, words: str = ""
 ) -> Figure:  # fmt: skip
-    """Panels as a figure.
+    """Panels as a figure of matplotlib.
 
     width: a key of `WIDTHS`.
     height: of each panel, as a share of its width.
@@ -160,10 +162,11 @@ def save(figure: Figure, path: Path) -> Path:
 def look_of(ads: str, names: Sequence[str]) -> tuple[str, str, Any]:
     """Colour, marker and line style of an ADS, so that nothing depends on colour alone.
 
-    names: of all ADSs, among which it must be told apart.
+    names: of all ADSs in the figure.
     """
     count, index = len(COLOURS), list(names).index(ads)
-    style = (index + index // count) % count  # each round of colours has other styles
+    # from the ninth ADS on, colours come again, each with another style
+    style = (index + index // count) % count
     return COLOURS[index % count], MARKERS[style], LINES[style]
 
 

@@ -1,5 +1,7 @@
 """The environments of `gymnasium.make` and `make_vec`: single episodes, or parallel ones in one
 process.
+
+Users: gymnasium, with which `extras/gym/__init__.py` registers both by their import paths.
 """
 
 from collections.abc import Sequence
@@ -20,7 +22,7 @@ from sumo_eval.trajectory import BoolArray
 
 Floats = NDArray[Any]
 Info = dict[str, Any]
-"""Values by name, as of `options` and `info`."""
+"""Values by name, as in gymnasium's `options` and `info`."""
 
 
 def _spaces(interface: Interface) -> tuple[gymnasium.spaces.Box, gymnasium.Space[Any]]:
@@ -37,38 +39,38 @@ def _box(scaled: Sequence[Feature | Action]) -> gymnasium.spaces.Box:
 
 
 def _answers(interface: Interface, actions: Any, count: int) -> Floats:
-    """Actions of the action space as a policy's answers, (count, width).
+    """Actions of the action space as answers of a policy, (count, width).
 
-    A choice becomes a score of 1 for it and 0 for the rest.
+    A choice becomes the score 1 of the chosen action and 0 of all other actions.
+
+    count: number of episodes.
     """
     width = interface.width
     values = np.empty(0, object)
-    with suppress(ValueError):  # of rows of different lengths: refused below
+    with suppress(ValueError):  # rows of different lengths: refused below
         values = np.asarray(actions)
-    kind = values.dtype.kind
-    given = actions
+    kind = values.dtype.kind  # numpy's letters: b bool, i and u integers, f floats
     if interface.choices is None:
         if kind in "biuf" and values.size == count * width:
             return values.reshape(count, -1).astype(np.float64)
-        wanted = f"{count} x {width} numbers"
-        given = values.shape if kind in "biuf" else actions
-    else:
-        whole = values.size == count and kind in "iu"
-        if whole and 0 <= values.min() <= values.max() < width:
-            return np.eye(width)[values.ravel()]
-        wanted = f"whole numbers from 0 to {width - 1}, {count} in all"
-    raise must_be("The actions", "an environment", wanted, given)
+        got = values.shape if kind in "biuf" else actions
+        raise must_be("The actions", "an environment", f"{count} x {width} numbers", got)
+    whole = values.size == count and kind in "iu"
+    if whole and 0 <= values.min() <= values.max() < width:
+        return np.eye(width)[values.ravel()]
+    must = f"whole numbers from 0 to {width - 1}, {count} in all"
+    raise must_be("The actions", "an environment", must, actions)
 
 
 class ScenarioEnv(gymnasium.Env[Floats, Floats]):
     """Single cases of a logical scenario; arguments as of `Episodes`.
 
-    interface: features and actions; `interface.to_toml()` is the table that `onnx:` needs beside
-        the model.
+    interface: features and actions. `interface.to_toml()` is the table that `onnx:` needs with the
+        model.
 
-    `reset(options={"gap": 20.0})` sets parameters and draws the rest; `options={"sampler": f}`
-    asks `f(generator)` for a point. The `info` of `reset` has the point (`values`), that of the
-    last step the `end_reason`.
+    `reset(options={"gap": 20.0})` sets parameters and draws the rest. `options={"sampler": f}`
+    takes the point that `f(generator)` returns. The `info` of `reset` has the point (`values`), the
+    `info` of the last step the `end_reason`.
     """
 
     metadata: Info = {"render_modes": []}  # noqa: RUF012 - gymnasium's own form
@@ -132,15 +134,15 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: Info | None = None
     ) -> tuple[Floats, Info]:
-        """Begin a case in each, or in those of `options["reset_mask"]`.
+        """Begin a case in every environment, or in those of `options["reset_mask"]`.
 
-        seed: environment i receives `seed` + i; or a list with a seed for each.
+        seed: a list with a seed for each environment; of a number, environment i receives seed + i.
         """
         options = dict(options or {})
         mask = options.pop("reset_mask", np.ones(self.num_envs, bool))
         if np.shape(mask) != (self.num_envs,) or getattr(mask, "dtype", None) != np.bool_:
-            wanted = f"{self.num_envs} truth values in an array"
-            raise must_be("`reset_mask`", "the options of reset", wanted, mask)
+            must = f"{self.num_envs} truth values in an array"
+            raise must_be("`reset_mask`", "the options of reset", must, mask)
         self._seed(seed)
         self.episodes.begin(np.flatnonzero(mask), self._generators, options)
         self._over[mask] = False
@@ -149,7 +151,7 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
         }
 
     def _seed(self, seed: int | list[int | None] | None) -> None:
-        """Make a generator for each environment; without a seed those that exist continue."""
+        """Make a generator for each environment; without a seed the present generators continue."""
         if seed is None:
             if self._generators:
                 return
@@ -162,32 +164,33 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
     def step(self, actions: Floats) -> tuple[Floats, Floats, BoolArray, BoolArray, Info]:
         """One step of all, or the steps of one `period`."""
         answers = _answers(self.interface, actions, self.num_envs)
-        # episodes that ended with the last step: their actions do not count, and they restart below
-        restarts = self._over
-        if restarts.any():
+        # Episodes that ended with the last step: their actions do not count, and they restart
+        # below. With SAME_STEP there are none, because `_over` stays False.
+        ended_before = self._over
+        if ended_before.any():
             if self._mode is AutoresetMode.DISABLED:
                 raise gymnasium.error.ResetNeeded(
                     "Some episodes are over; reset them with `reset_mask` first."
                 )
-            answers = np.where(restarts[:, None], 0.0, answers)
+            answers = np.where(ended_before[:, None], 0.0, answers)
         rewards, reasons = self.episodes.step(answers)
         over = reasons != ""
         info = {}
         if over.any():
             # a copy, because `reset` changes `_over`
             info = {"end_reason": reasons, "_end_reason": over.copy()}
-        # The step has not moved episodes that were over. Begun after it, the new ones show their
-        # first observation. With SAME_STEP `_over` stays False: none begins here.
-        self.episodes.begin(np.flatnonzero(restarts), self._generators, {})
-        seen = self.episodes.show()
+        # The step has not moved episodes that were over. They restart after it, so that they show
+        # their first observation.
+        self.episodes.begin(np.flatnonzero(ended_before), self._generators, {})
+        observations = self.episodes.show()
         if self._mode is AutoresetMode.SAME_STEP and over.any():
-            info["final_obs"], info["_final_obs"] = seen, over
+            info["final_obs"], info["_final_obs"] = observations, over
             self.episodes.begin(np.flatnonzero(over), self._generators, {})
-            seen = self.episodes.show()
+            observations = self.episodes.show()
         else:
             self._over = over
         terminated = np.isin(reasons, TERMINAL)
-        return seen, rewards, terminated, over & ~terminated, info
+        return observations, rewards, terminated, over & ~terminated, info
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the simulation."""

@@ -1,5 +1,7 @@
 """Parallel episodes of a logical scenario, for both environments of `env`: their start, reward and
 end.
+
+Users: `extras/gym/__init__.py`, `extras/gym/env.py`.
 """
 
 import math
@@ -27,9 +29,11 @@ Point = Mapping[str, float]
 Sampler = Callable[[np.random.Generator], Point]
 
 TERMINAL = ("contact", "off_road", "road_end", "standstill")
-"""Ends that the drive itself brings; others, such as `time_limit` and `step_limit`, cut an
-episode short."""
-_TRIES = 10_000  # points drawn for one that satisfies the constraints
+"""Ends that the drive itself brings (gymnasium's `terminated`). Others, such as `time_limit` and
+`step_limit`, cut an episode short (`truncated`).
+"""
+_TRIES = 10_000  # points drawn at most to find one that satisfies the constraints
+_REASON = "U16"  # numpy's type of end reasons: texts of up to 16 characters
 
 
 class Transition(NamedTuple):
@@ -61,6 +65,8 @@ Reward = Callable[[Transition], Floats]
 
 COMFORTABLE = 3.0  # m/s2; a second at this acceleration costs 0.1
 COMFORTABLE_JERK = 15.0  # m/s3; a second at this jerk costs 0.01
+CONTACT_COSTS, IMPACT_COSTS = 20.0, 2.0  # a contact, and each m/s of its impact
+DEPARTURE_COSTS = 20.0  # leaving the road
 
 
 def usual_reward(transition: Transition) -> Floats:
@@ -80,8 +86,9 @@ def usual_reward(transition: Transition) -> Floats:
         + 0.01 * (transition.jerk / COMFORTABLE_JERK) ** 2
     )
     worth = (progress - discomfort) * transition.step
-    worth -= np.where(transition.ended == "contact", 20.0 + 2.0 * transition.impact, 0.0)
-    worth -= np.where(transition.ended == "off_road", 20.0, 0.0)
+    contact = CONTACT_COSTS + IMPACT_COSTS * transition.impact
+    worth -= np.where(transition.ended == "contact", contact, 0.0)
+    worth -= np.where(transition.ended == "off_road", DEPARTURE_COSTS, 0.0)
     return worth
 
 
@@ -89,9 +96,11 @@ class Episodes:
     """n parallel episodes of one logical scenario.
 
     use: a shipped scenario's name, a scenario file, `module:name`, or a LogicalScenario.
+    count: number of episodes, n.
     interface: features and actions, or their file; None: the usual ones.
     reward: function that gives the reward (n,) of a `Transition`; None: `usual_reward`.
-    sampler: draws a point from a generator; None: evenly over the space.
+    sampler: draws a point from a random generator; None: evenly over the space.
+    settings: of the simulation; None: the defaults.
     steering: whether the usual interface has steering.
     sumo: True: SUMO steps the actors, as in an evaluation, with one simulation in a process.
         False: the actors follow their scripts, with any number of simulations in a process.
@@ -113,6 +122,7 @@ class Episodes:
             interface = read_interface(Path(interface))
         self.interface = interface or usual(steering=steering)
         self.settings = settings or SimulationSettings()
+        # these come from a user's own code
         for name, kind in (("interface", Interface), ("settings", SimulationSettings)):
             if not isinstance(value := getattr(self, name), kind):
                 raise must_be(f"`{name}`", "an environment", f"of {kind.__name__}", value)
@@ -123,21 +133,25 @@ class Episodes:
         self.sampler = sampler
         self.count, self._sumo = count, sumo
         self._rows: EpisodeRows | None = None
-        self._start_speeds = np.zeros(count)
-        self._limit, self._answered = max_episode_steps, np.zeros(count, int)
-        self._steps = steps_between(  # simulation steps in a call of `step`
+        self._start_speeds = np.zeros(count)  # m/s
+        # limit and number of the calls of `step` in each episode
+        self._limit, self._calls = max_episode_steps, np.zeros(count, int)
+        # simulation steps in a call of `step`
+        self._steps = steps_between(
             self.interface.period or 0.0, self.settings.step, "the interface"
         )
 
     def begin(
         self, rows: IntArray, generators: list[np.random.Generator], options: Mapping[str, Any]
     ) -> None:
-        """Restart the episodes `rows` (first call: all), each at a point drawn by its generator.
+        """Restart episodes, each at a point drawn by its generator. The first call begins all.
 
+        rows: indices of the episodes.
+        generators: of all episodes.
         options: see `point`.
         """
         if self._rows is None:
-            rows = np.arange(self.count)  # the first time, all begin together
+            rows = np.arange(self.count)
         cases = [
             self.logical.concrete(**self.point(generators[row], options)) for row in rows.tolist()
         ]
@@ -147,22 +161,24 @@ class Episodes:
             for row, concrete in zip(rows.tolist(), cases, strict=True):
                 self._rows.restart(row, concrete)
         self._start_speeds[rows] = [concrete.ego.speed for concrete in cases]
-        self._answered[rows] = 0
+        self._calls[rows] = 0
 
     def point(self, generator: np.random.Generator, options: Mapping[str, Any]) -> dict[str, float]:
-        """A point of the space; parameters that nothing sets are drawn from their ranges.
+        """A point of the space: parameter -> value.
 
-        options: values of parameters by name; `sampler`: instead of that of the environment.
+        A parameter that neither the options nor the sampler set is drawn from its range.
+
+        options: values of parameters by name. `sampler`: instead of that of the environment.
         """
-        given = dict(options)
-        sampler = given.pop("sampler", self.sampler)
-        for name, value in given.items():
-            self.logical.column(name)  # refuses an unknown one
+        set_values = dict(options)
+        sampler = set_values.pop("sampler", self.sampler)
+        for name, value in set_values.items():
+            self.logical.column(name)  # raises InputError for an unknown parameter
             if isinstance(value, bool) or not isinstance(value, int | float | np.number):
                 raise must_be(f"`{name}`", "the options of reset", "a number", value)
         if sampler is not None:
-            given = _sampled(sampler, generator) | given
-        values = {name: float(value) for name, value in given.items()}
+            set_values = _sampled(sampler, generator) | set_values
+        values = {name: float(value) for name, value in set_values.items()}
         free = [item for item in self.logical.parameters if item.name not in values]
         if not free:
             return values
@@ -207,18 +223,18 @@ class Episodes:
         if not np.isfinite(commands).all():
             raise must_be("The actions", "an environment", "finite numbers", answers)
         rewards = np.zeros(self.count)
-        reasons = np.full(self.count, "", "U16")
+        reasons = np.full(self.count, "", _REASON)
         for _ in range(self._steps):
-            it = self._transition(commands)
-            rewards += self._reward(it)
-            reasons = np.where(it.ended == "", reasons, it.ended)
+            transition = self._transition(commands)
+            rewards += self._reward(transition)
+            reasons = np.where(transition.ended == "", reasons, transition.ended)
 
-        self._answered += 1
+        self._calls += 1
         if self._limit is not None:
             egos = self.rows.world.egos
-            late = (self._answered >= self._limit) & (egos["live"] != 0)
-            egos["live"][late] = 0
-            reasons[late] = "step_limit"
+            at_limit = (self._calls >= self._limit) & (egos["live"] != 0)
+            egos["live"][at_limit] = 0
+            reasons[at_limit] = "step_limit"
         return rewards, reasons
 
     def _transition(self, commands: Floats) -> Transition:
@@ -230,9 +246,9 @@ class Episodes:
         egos = rows.world.egos
         running = egos["live"] != 0
         before = egos["acceleration"].copy()
-        ended = np.full(self.count, "", "U16")
+        ended = np.full(self.count, "", _REASON)
         impact = np.zeros(self.count)
-        for row in rows.step(commands).tolist():  # the rows that ended with this step
+        for row in rows.step(commands).tolist():  # indices of the rows that ended with this step
             ended[row] = rows.reason(row)
             if ended[row] == "contact":
                 impact[row] = self._impact(row)
@@ -246,10 +262,10 @@ class Episodes:
 
     def _reward(self, transition: Transition) -> Floats:
         """The user's reward of a step, checked, and 0 for episodes that were over."""
-        given = self.reward(transition)
+        answer = self.reward(transition)
         with suppress(TypeError, ValueError):  # not numbers, or a wrong shape: refused below
-            # complex numbers, texts and objects are refused, as "same_kind" does not cast them
-            numbers = np.asarray(given).astype(np.float64, casting="same_kind")
+            # "same_kind" raises TypeError for complex numbers, texts and objects
+            numbers = np.asarray(answer).astype(np.float64, casting="same_kind")
             rewards = np.where(transition.running, numbers, 0.0)
             if numbers.shape in ((), transition.running.shape) and np.isfinite(rewards).all():
                 return rewards
@@ -257,7 +273,7 @@ class Episodes:
             "The reward",
             "an environment",
             f"a finite number for each of {self.count} episodes",
-            given,
+            answer,
         )
 
     def _impact(self, row: int) -> float:

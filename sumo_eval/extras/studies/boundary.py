@@ -1,5 +1,6 @@
-"""Boundary of an ADS's collisions, for `sumo-eval boundary`: drive the points that `straddle` asks
-for until the boundary is settled.
+"""Boundary of an ADS's collisions, for `sumo-eval boundary`.
+
+The points that `straddle` asks for are driven until the boundary hardly changes.
 
 Users: `extras/studies/boundary_command.py`, `extras/studies/boundary_page.py`.
 """
@@ -37,8 +38,9 @@ class Round(NamedTuple):
 class FailureBoundary(NamedTuple):
     """Result of the search.
 
+    ads: locator of the ADS.
     search: the evaluated trials, and the boundary learnt from them.
-    rounds: the search after each round.
+    rounds: state after each round.
     not_evaluated: number of trials that could not be evaluated, by status.
     stopped: why the search ended: `settled`, `budget` or `no point left`.
     """
@@ -65,8 +67,8 @@ def find_boundary(
 
     controller: locator of the ADS.
     budget: most simulations.
-    tolerance: share of the space, 0..1; the search ends once a smaller share is expected to change
-        sides of the boundary in the next round.
+    tolerance: share of the space, 0..1. The search ends once the next round is expected to move a
+        smaller share to the other side of the boundary.
     watch: receives the number of simulations done and the budget.
     Raises InputError for an ADS that no trial could evaluate.
     """

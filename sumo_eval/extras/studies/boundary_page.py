@@ -1,4 +1,6 @@
-"""Files of `sumo-eval boundary`: trials, summary, page with maps; and their maps for `plot`.
+"""Files of `sumo-eval boundary`: trials, summary, chances, and a page with maps.
+
+The page and `sumo-eval plot` draw the maps from these files.
 
 Users: `extras/figures/of_studies.py`, `extras/studies/boundary_command.py`.
 """
@@ -95,16 +97,16 @@ def chances_on(boundary: FailureBoundary, share: float) -> FloatArray:
     """Points of one map, each followed by the probability of a collision there, (n, k + 1). An
     impossible point has nan.
 
-    share: of the third parameter's range, at which the map lies; ignored without a third.
+    share: of the third parameter's range, at which the map lies; ignored without a third parameter.
 
-    A map has CELLS values of the first parameter by CELLS of the second, if there is a second. The
-    first varies fastest from point to point: `edge_panels` relies on it. Parameters after the third
-    are in the middle of their ranges.
+    A map has CELLS values of the first parameter by CELLS of the second, if there is a second
+    parameter. The first varies fastest from point to point. Parameters after the third are in the
+    middle of their ranges.
     """
     logical = boundary.logical
     k = len(logical.parameters)
     ticks = np.linspace(0.0, 1.0, CELLS)
-    # points in the unit box; axes: second parameter, first parameter, the k coordinates
+    # points in the unit box: (second parameter, first parameter, k coordinates)
     unit = np.full((CELLS if k > 1 else 1, CELLS, k), 0.5)
     unit[..., 0] = ticks
     if k > 1:
@@ -117,7 +119,7 @@ def chances_on(boundary: FailureBoundary, share: float) -> FloatArray:
 
 
 def sentences(content: Json) -> Iterator[str]:
-    """The result of the search in words, from its `summary`."""
+    """The result of the search in words; content: its `summary`."""
     change = content["expected_change"]
     yield (
         f"{content['scenario']}: {content['ads']} collides in "
@@ -145,12 +147,12 @@ def sentences(content: Json) -> Iterator[str]:
 
 
 def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
-    """Title and maps of the probability of a collision, with the trials on them, from the files of
-    `write_boundary`; for its page, and for `sumo-eval plot`.
+    """Title and maps of the probability of a collision, with the trials on them.
 
-    Up to two parameters have one map. More have one map for each value of the third in
-    `chances.csv`, and a trial is drawn on the map nearest to its own value of the third. Parameters
-    after the third are in the middle of their ranges.
+    Up to two parameters have one map. More have a map for each value of the third parameter in
+    `chances.csv`. A trial is drawn on the map nearest to its own value of the third parameter.
+
+    folder: that `write_boundary` filled.
 
     Raises InputError where a file is missing.
     """
@@ -168,16 +170,19 @@ def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
             raise ValueError(f"{CHANCES} and {TRIALS} must have {k + 1} columns")
         chances = chances[np.lexsort(chances[:, :k].T)]  # the first parameter varies fastest
         if k == 1:
-            # The map becomes a strip. Its second axis has no name. The chances are the same at the
-            # axis's ends, -1 and 1, and the trials lie at 0.
+            # One parameter has a strip as map. The strip's second axis has no name; the chances are
+            # the same at its ends, -1 and 1, and the trials lie at 0.
             labels.append("")
             trials = np.insert(trials, 1, 0.0, axis=1)
             chances = np.vstack([np.insert(chances, 1, y, axis=1) for y in (-1.0, 1.0)])
-        # values of the third parameter; without a third, all are equal
-        third, tried = (rows[:, 2] if k > 2 else np.zeros(len(rows)) for rows in (chances, trials))
-        # a new map begins where it changes
+        # third parameter of the chances' points and of the trials; without it, all are equal
+        third, third_of_trials = (
+            rows[:, 2] if k > 2 else np.zeros(len(rows)) for rows in (chances, trials)
+        )
+        # a new map begins where the third parameter changes
         maps = np.split(chances, np.flatnonzero(np.diff(third)) + 1)
-        nearest = np.argmin(np.abs(tried[:, None] - np.unique(third)), axis=1)  # map of each trial
+        # index of each trial's map, (trials,)
+        nearest = np.argmin(np.abs(third_of_trials[:, None] - np.unique(third)), axis=1)
         panels = [
             _edge_panel(rows, trials[nearest == number], items, labels)
             for number, rows in enumerate(maps)
@@ -190,7 +195,8 @@ def _edge_panel(
 ) -> Panel:
     """One map with its trials.
 
-    rows: of the map in `chances.csv`; trials: rows of `trials.csv`.
+    rows: of the map, as in `chances.csv`.
+    trials: on the map, as in `trials.csv`.
     items: the parameters.
     labels: of the map's axes.
     """

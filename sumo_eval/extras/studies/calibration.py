@@ -79,12 +79,12 @@ def calibration_lines(calibration: Calibration) -> Iterator[str]:
     yield from it.left_out
     options = []
     for name, index, scale, values in (("k5", "C", it.k5, it.c), ("k6", "D", it.k6, it.d)):
-        among = ", ".join(f"{ads} {value:z.3f}" for ads, value in values.items()) or "none"
+        means = ", ".join(f"{ads} {value:z.3f}" for ads, value in values.items()) or "none"
         if scale is None:
             words = f"is not defined: the {by} {index} is 0 or there is none"
         else:
             words = f"= {scale:z.4f}: the {by} ADS gets half of the points of {index}"
             options.append(f"--set method.score.{name}={scale:z.6g}")
-        yield f"{name} {words} ({among})."
+        yield f"{name} {words} ({means})."
     if options:
         yield f"Score with them: sumo-eval score RUN {' '.join(options)}"

@@ -24,6 +24,7 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scoring.gate_settings import INDEXES
 
 LEAST, MOST = 1.0, 10.0  # of a rating
+FEWEST = 3  # pairs of rating and score that have a correlation
 
 
 class RatedScore(NamedTuple):
@@ -47,10 +48,10 @@ class Opinion(NamedTuple):
     """Comparison of ratings and scores.
 
     rows: one for each rated ADS and scenario.
-    correlations: Spearman's rho of the mean ratings with each score of `INDEXES`; None where fewer
-        than 3 rows have the score, or where all ratings or all scores are equal.
-    concordance: Kendall's W between the raters who rated everything; None for fewer than two, or
-        where each of them gave one rating to all.
+    correlations: score of `INDEXES` -> its Spearman's rho with the mean ratings; None where fewer
+        than `FEWEST` rows have the score, or where all ratings or all scores are equal.
+    concordance: Kendall's W between the raters who rated all rows; None for fewer than two such
+        raters, or where each of them gave one rating to all.
     """
 
     rows: tuple[RatedScore, ...]
@@ -93,23 +94,24 @@ def compare_opinion(evaluation: Evaluation, ratings: pd.DataFrame) -> Opinion:
             RatedScore(score.ads, score.scenario, values.mean(), deviation, values.size, scores)
         )
 
-    correlations = {}
+    correlations: dict[str, Agreement | None] = {}
     for name in INDEXES:
         pairs = [(row.scores[name], row.opinion) for row in rows if row.scores[name] is not None]
-        enough = len(pairs) >= 3
-        # all scores, then all opinions
-        correlations[name] = _known(rank_correlation(*zip(*pairs, strict=True))) if enough else None
+        correlations[name] = None
+        if len(pairs) >= FEWEST:
+            scores_of_all, opinions = zip(*pairs, strict=True)
+            correlations[name] = _defined(rank_correlation(scores_of_all, opinions))
 
-    # a row a rater, a column an ADS and scenario; without raters who left one out
+    # a row for each rater, a column for each ADS and scenario; without raters who left one out
     table = ratings.pivot_table(index="rater", columns=["ads", "scenario"], values="score").dropna()
-    enough = min(table.shape) >= 2
+    several = min(table.shape) >= 2
     return Opinion(
-        tuple(rows), correlations, _known(concordance(table.to_numpy())) if enough else None
+        tuple(rows), correlations, _defined(concordance(table.to_numpy())) if several else None
     )
 
 
-def _known(agreement: Agreement) -> Agreement | None:
-    """The agreement, or None where its coefficient does not exist: all values are equal."""
+def _defined(agreement: Agreement) -> Agreement | None:
+    """The agreement; None where its coefficient is not defined, because all values are equal."""
     return None if np.isnan(agreement.value) else agreement
 
 
@@ -154,8 +156,8 @@ def opinion_json(opinion: Opinion) -> Json:
 
 
 def opinion_panels(run: Path) -> list[Panel]:
-    """A panel for each score of `INDEXES`, from `opinion.json` in the run's folder: the score over
-    the mean rating, with the deviation of the ratings.
+    """A panel for each score of `INDEXES`: the score over the mean rating, with the deviation of
+    the ratings, from `opinion.json` in the run's folder.
 
     Raises InputError for a run without ratings.
     """

@@ -1,5 +1,4 @@
-"""Response of the ADSs' ranking to constants that the paper leaves open, for `sumo-eval
-sensitivity`.
+"""Response of the ADSs' ranking to constants that the paper leaves open: the command `sensitivity`.
 
 Users: `extras/rates/people_command.py`.
 """
@@ -7,7 +6,7 @@ Users: `extras/rates/people_command.py`.
 import itertools
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -46,17 +45,18 @@ K3_IS_IDLE = (
     "manoeuvre."
 )
 
-_LIKENESSES = {"D": "d", "H": "human_likeness"}
+_LIKENESS_FIELDS = {"D": "d", "H": "human_likeness"}
 """Scores shown for the constants of `_SETTING_OF`: name -> field of ScenarioResult."""
 _TOTALS: dict[str, tuple[str, Callable[..., FloatArray], tuple[str, ...]]] = {
     "S": ("s", paper_score, ("c", "d")),
     "S+": ("s_plus", ordering_score, ("task_share", "avoidance_grade", "human_likeness")),
 }
-"""Scores shown for the constant a: name -> field of ScenarioResult; function that sums it up, and
-fields of its arguments.
+"""Scores shown for the constant a: name -> field of ScenarioResult; function that computes the
+score, and fields of its arguments.
 """
 
-# The bands of the drivers' own scores take long and are not used here: slices of 100 m are enough.
+# The bands of the drivers' own scores take long and are not used here: with slices of 100 m they
+# take little time.
 _COARSE_BANDS = "method.anthropomorphic.band_slice_spacing=100.0"
 _VALUES_OF_A = 10.0, 25.0, 50.0, 75.0, 90.0  # points for collision avoidance, of 100
 _PANELS_ACROSS = 4
@@ -69,12 +69,12 @@ Scores = dict[str, float]
 class SensitivityRow(NamedTuple):
     """The ADSs in one scenario with one constant changed.
 
-    constant, value: its name and its changed value.
+    constant, value: name and changed value of the constant.
     index: score by which the ADSs are ranked, `H`, `D`, `S+` or `S`.
     scores: of the ADSs, in the order of `ads`; nan where not computed.
     ranking: names of the ADSs, best first.
-    tau: Kendall's tau-b between these scores and those of the run; nan where fewer than two ADSs
-        can be ranked; else 1 where no score changes; else nan where all tie.
+    tau: Kendall's tau-b between these scores and those of the run; 1 where no score changes. It is
+        nan where fewer than two ADSs can be ranked, and where changed scores all tie.
     """
 
     scenario: str
@@ -103,30 +103,12 @@ def sensitivity(
     check_known("constant of the sensitivity", known, *constants)
     base = score(run, [_COARSE_BANDS])
     chosen = constants or [name for name in known if name != "k3" or _k3_counts(base.settings)]
-    names = [name for name in _SETTING_OF if name in chosen]
-    # name, value and evaluation for each value of each constant, first the value of `base`
-    variants = []
-    for name in names:
-        as_scored = float(operator.attrgetter(_SETTING_OF[name])(base.settings))
-        for factor in FACTORS:
-            value = min(as_scored * factor, _most(base.settings, _SETTING_OF[name]))
-            options = [_COARSE_BANDS, f"{_SETTING_OF[name]}={value!r}"]
-            variants.append((name, value, base if factor == 1.0 else score(run, options)))
-            progress("sensitivity", len(variants), len(names) * len(FACTORS))
-
-    values_of_a = _VALUES_OF_A if "a" in chosen else ()
-    rows = []
+    variants = _variants(run, base, [name for name in _SETTING_OF if name in chosen], progress)
+    rows: list[SensitivityRow] = []
     for scenario in dict.fromkeys(result.scenario for result in base.scores):
-        for index, (field, sum_up, terms) in _TOTALS.items():
-            before = _scores(base, scenario, field)
-            parts = [_scores(base, scenario, term) for term in terms]
-            for a in values_of_a:
-                points = replace(base.settings.method.score, a=a)  # b follows: 100 - a
-                totals = sum_up(*(np.array([*part.values()]) for part in parts), points)
-                # the same ADSs in every part
-                scores = dict(zip(parts[0], totals.tolist(), strict=True))
-                rows.append(_row((scenario, "a", a, index), scores, before))
-        for index, field in _LIKENESSES.items():
+        if "a" in chosen:
+            rows += _rows_of_a(base, scenario)
+        for index, field in _LIKENESS_FIELDS.items():
             before = _scores(base, scenario, field)
             for name, value, evaluation in variants:
                 scores = _scores(evaluation, scenario, field)
@@ -134,15 +116,50 @@ def sensitivity(
     return sorted(rows, key=lambda row: (row.scenario, row.constant, row.index, row.value))
 
 
+def _variants(
+    run: Path, base: Evaluation, names: Sequence[str], progress: Callable[[str, int, int], None]
+) -> list[tuple[str, float, Evaluation]]:
+    """Name, value and evaluation for each value of each constant.
+
+    base: the run as it was scored, the first variant of each constant.
+    names: of constants in `_SETTING_OF`.
+    """
+    variants = []
+    for name in names:
+        path = _SETTING_OF[name]
+        base_value = float(operator.attrgetter(path)(base.settings))
+        for factor in FACTORS:
+            value = min(base_value * factor, _most(base.settings, path))
+            options = [_COARSE_BANDS, f"{path}={value!r}"]
+            variants.append((name, value, base if factor == 1.0 else score(run, options)))
+            progress("sensitivity", len(variants), len(names) * len(FACTORS))
+    return variants
+
+
+def _rows_of_a(base: Evaluation, scenario: str) -> Iterator[SensitivityRow]:
+    """Rows of the totals with other values of a; their terms stay as they were scored."""
+    for index, (field, total, terms) in _TOTALS.items():
+        before = _scores(base, scenario, field)
+        parts = [_scores(base, scenario, term) for term in terms]  # all of the same ADSs
+        for a in _VALUES_OF_A:
+            points = replace(base.settings.method.score, a=a)  # b follows: 100 - a
+            totals = total(*(np.array([*part.values()]) for part in parts), points)
+            scores = dict(zip(parts[0], totals.tolist(), strict=True))
+            yield _row((scenario, "a", a, index), scores, before)
+
+
 def _most(settings: EvaluationSettings, path: str) -> float:
-    """Largest value that a setting may have, by its path."""
+    """Largest value that a setting may have.
+
+    path: of the setting, as in `_SETTING_OF`.
+    """
     table, _, key = path.rpartition(".")
     owner: Any = type(operator.attrgetter(table)(settings))
     return min(getattr(mark, "le", math.inf) for mark in hints_of(owner)[key].__metadata__)
 
 
 def _k3_counts(settings: EvaluationSettings) -> bool:
-    """Whether k3 matters: steering operations are turns of the wheel past k3, not manoeuvres."""
+    """Whether k3 matters: it does where steering operations are turns of the wheel beyond k3."""
     return settings.method.anthropomorphic.steering_rule != "manoeuvre"
 
 
@@ -187,7 +204,7 @@ def _table(rows: Sequence[SensitivityRow]) -> list[tuple[str, ...]]:
 def sensitivity_lines(
     rows: Sequence[SensitivityRow], constants: Sequence[str], settings: EvaluationSettings
 ) -> list[str]:
-    """The table for a terminal, and a sentence where k3 was wanted and moves no score.
+    """The table for a terminal, and a sentence where k3 is among the constants and moves no score.
 
     constants: as in `sensitivity`.
     """

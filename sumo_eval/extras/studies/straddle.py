@@ -1,12 +1,12 @@
 """Search for the boundary between two outcomes with few trials: `ask` for points, `tell` outcomes.
 
-`boundary` and `rates.importance` use it. A Gaussian process classifier (logistic, Laplace's
-approximation) learns the outcomes in the unit box through a latent function f: True is likelier
-where f > 0. The next points are those where the sign of f is least certain, by the straddle rule of
-Bryan et al. (2005): where 1.96 sd(f) - |mean(f)| is largest. The points of a round are chosen in
-order, each as if the earlier ones had been tried. Every eighth is the point of the largest sd(f)
-instead, so that an isolated island is found as well. The set of either outcome may have any shape:
-intervals, holes, several pieces.
+A Gaussian process classifier (logistic, Laplace's approximation) learns the outcomes in the unit
+box. It has a latent function f: the outcome True is likelier where f > 0. The next points are those
+where the sign of f is least certain, by the straddle rule of Bryan et al. (2005): where
+1.96 sd(f) - |mean(f)| is largest. The points of a round are chosen in order, each as if the earlier
+ones had been tried. Every eighth point is the one of the largest sd(f) instead, so that isolated
+regions are found too. The regions of both outcomes may have any shape, also holes and several
+pieces.
 
 Users: `extras/rates/importance.py`, `extras/studies/boundary.py`.
 """
@@ -32,17 +32,19 @@ from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 POOL = 4_096  # evenly spread points from which each round chooses
-STRADDLE = 1.96  # deviations of f, as in the rule
+STRADDLE = 1.96  # factor of sd(f) in the straddle rule
 EXPLORE_EVERY = 8  # every eighth point of a round has the largest sd(f)
 # The kernel's constants are learnt again each time the number of trials has grown by half, until
 # they were learnt from this many trials or more.
 LEARN_UNTIL = 300
+FIRST_SIGNAL, FIRST_SCALE = 100.0, 0.3  # variance and length scales with which learning begins
 SIGNAL_BOUNDS = 1.0, 1e3  # of the kernel's variance of f
+LEAST_SIGNAL = 2.0  # to which `_fit` may reduce the variance of f
 SCALE_BOUNDS = 0.02, 10.0  # of the kernel's length scales, in the unit box
 LABEL_VARIANCE = 1.0  # an outcome counts as a measurement of f with this variance
 CONVERGED = 1e-3  # largest difference of probabilities in `_at_mode`
 CONTRADICTED = 0.05  # share of trials that the classifier may put on the wrong side
-REMEMBERED = 4  # latest changes of the classes, whose mean predicts the next
+LATEST_CHANGES = 4  # changes of the classes whose mean predicts the next one
 LEAST_VARIANCE = 1e-9  # of f, so that `probability` never divides by 0
 
 
@@ -69,7 +71,8 @@ class BoundarySearch:
         self._model: Any = None  # the classifier, once both outcomes have been seen
         self._learnt_at = 0  # number of trials from which the kernel's constants were learnt
         self._classes: BoolArray | None = None  # of the pool's points, by the latest model
-        self._changes: list[float] = []  # share of the pool that each model put in another class
+        # of each model: share of the pool whose class differs from that by the model before
+        self._changes: list[float] = []
         self._skipped: set[tuple[float, ...]] = set()
         pool = evenly(logical, POOL, random_stream(seed, "boundary", logical.name))
         self._pool = pool[logical.feasible(pool)]
@@ -128,13 +131,13 @@ class BoundarySearch:
     def expected_change(self) -> float:
         """Share of the possible points that the next round is expected to put in another class.
 
-        It is the mean of the last four changes from one model to the next. 1 stands for unknown:
+        It is the mean of the latest four changes from one model to the next. 1 stands for unknown:
         before the fifth model (the first needs both outcomes), and while the model contradicts more
         than 5 % of the trials.
         """
-        last = self._changes[-REMEMBERED:]
+        last = self._changes[-LATEST_CHANGES:]
         if (
-            len(last) < REMEMBERED
+            len(last) < LATEST_CHANGES
             or np.mean(self.classify(self.points) != self.outcomes) > CONTRADICTED
         ):
             return 1.0
@@ -157,10 +160,9 @@ class BoundarySearch:
         # True for the first model, because `_learnt_at` is 0 then
         learn = n >= 1.5 * self._learnt_at and self._learnt_at < LEARN_UNTIL
         if learn:
-            # each time from a variance of 100 and scales of 0.3, not from the constants learnt
-            # before, which may be a poor local optimum
-            scales = RBF(np.full(len(self.logical.names), 0.3), SCALE_BOUNDS)
-            kernel = ConstantKernel(100.0, SIGNAL_BOUNDS) * scales
+            # each time from the first constants: those learnt before may be a poor local optimum
+            scales = RBF(np.full(len(self.logical.names), FIRST_SCALE), SCALE_BOUNDS)
+            kernel = ConstantKernel(FIRST_SIGNAL, SIGNAL_BOUNDS) * scales
             self._learnt_at = n
         else:
             kernel = self._model.kernel_
@@ -172,9 +174,9 @@ class BoundarySearch:
                 kernel, optimizer="fmin_l_bfgs_b" if learn else None
             ).fit(unit, self.outcomes)
             # Where the variance of f is large, Newton's steps can overshoot, and scikit-learn stops
-            # silently before the mode. So the variance is halved until they converge, or until it
-            # is 2 or less.
-            while not _at_mode(model) and model.kernel_.k1.constant_value > 2.0:
+            # silently before the mode. So the variance is halved until the steps converge, or until
+            # it is `LEAST_SIGNAL` or less.
+            while not _at_mode(model) and model.kernel_.k1.constant_value > LEAST_SIGNAL:
                 signal = ConstantKernel(model.kernel_.k1.constant_value / 2.0, SIGNAL_BOUNDS)
                 kernel = signal * model.kernel_.k2
                 model = GaussianProcessClassifier(kernel, optimizer=None).fit(unit, self.outcomes)
@@ -190,9 +192,9 @@ class BoundarySearch:
         """Mean (n,) and variance (n,) of f at points (n, k) of the unit box, and a function that
         gives its covariances.
 
-        The function takes the row of a point and returns the covariance of f there with f at all
-        points, (n,). It is conditional on the trials and on the points of its own earlier calls,
-        as if these had been tried.
+        The function takes the row of a point and returns the covariance of f at this point with f
+        at all points, (n,). It is conditional on the trials, and on the points of its own earlier
+        calls as if these had been tried.
 
         Formulas: Rasmussen and Williams (2006), algorithm 3.2. scikit-learn's `pi_` are the
         probabilities of the trials, `W_sr_` the square roots of W, `L_` the Cholesky factor of

@@ -18,15 +18,15 @@ LENGTH = 4.5  # m, of every vehicle unless a check sets its own
 EGO_X = 50.0  # m, where the ego starts
 # name; x at which drives end, m; number of lanes; lane width, m; length of road after the end, m
 ROAD = Road("qualification_road", 1500.0, 2, 3.5, 1000.0)
-# brakes of the ideal vehicle and of the default vehicle model: deceleration, m/s2, and the time
-# until it is built up, s
+# deceleration of the ideal vehicle and of the default vehicle model, m/s2, and the time in which it
+# is built up, s
 STRENGTH, BUILD_UP = 9.0, 0.15
 SHORT = SimulationSettings(time_limit=0.5)
 """Half a second, for the traps of libsumo."""
 
 
 Rows = Iterator[tuple[Any, ...]]
-"""Rows of the table: the fields of `Check` from `name` on."""
+"""Rows of `table.py`: the fields of a `Check` after `kind`, of which the last may be missing."""
 
 
 def drive(

@@ -43,8 +43,8 @@ LIMITS = (
 class CheckResult(NamedTuple):
     """Result of a check.
 
-    found: the tool's answer; None where it failed.
-    error: why it failed; empty otherwise.
+    found: the tool's answer; None: the tool failed.
+    error: why the tool failed; empty: it gave an answer.
     """
 
     check: Check
@@ -53,7 +53,7 @@ class CheckResult(NamedTuple):
 
     @property
     def passed(self) -> bool:
-        """Words are equal, numbers within the bound; nan does not pass."""
+        """Whether the answer is right: words equal, numbers within the bound; nan is not."""
         expected = self.check.expected
         if isinstance(self.found, float) and isinstance(expected, float):
             return bool(abs(self.found - expected) <= self.check.bound)
@@ -72,7 +72,7 @@ class CheckResult(NamedTuple):
 
 
 def carry_out(check: Check) -> CheckResult:
-    """The result of a check; an error of the tool makes it a check that failed."""
+    """The result of a check; a check with an error of the tool does not pass."""
     try:
         return CheckResult(check, check.find(*check.arguments), "")
     except SumoEvalError as fault:

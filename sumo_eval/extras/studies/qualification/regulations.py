@@ -35,12 +35,13 @@ CONSENSUS = (
         ((30, 1, 0.9, 0.4), (60, 1, 0.9, 0.5), (120, 1, 0.8, 0.6))
     )
 )  # fmt: skip
-"""Rows of UN R157, for each of three scenarios:
+"""Checks of UN R157. Of each of three scenarios:
 
-the name of the shipped scenario; the pattern of a check's name;
-its parameters, each with the divisor that makes SI units of a row's value (3.6: of km/h);
-rows: values of all parameters but the last, then two neighbouring values of the last, one with
-contact and one without.
+- the name of the shipped scenario,
+- the pattern of a check's name,
+- parameter -> divisor that makes SI units of a row's value, as 3.6 of km/h,
+- rows: values of all parameters except the last, then a value of the last with contact and a
+  neighbouring value without.
 """
 DISTANCES = (130, 100, 42.7), (130, 80, 59.9), (120, 100, 35.1), (100, 80, 29.6)
 """Rows of UN R79: speed of the vehicle behind and of the ego, km/h; distance S, m."""
