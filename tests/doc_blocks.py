@@ -154,12 +154,9 @@ class Desk:
             for path in (as_a_shell(self.folder, word) if "*" in word else [word])
         ]
         if words[0] in READS_A_RUN:
-            for number, word in enumerate(
-                words[1:3] if words[0] == "compare" else words[1:2], start=1
-            ):
+            for word in words[1:3] if words[0] == "compare" else words[1:2]:
                 if not (self.folder / word).exists():
                     shutil.copytree(self.run, self.folder / word)
-                words[number] = word
         if "--resume" in words and "--shard" not in words:
             shutil.copytree(self.run, self.folder / words[words.index("--out") + 1])
         if words[0] == "boundary":

@@ -7,7 +7,7 @@ import shlex
 import shutil
 import subprocess
 import tomllib
-from collections import Counter
+from dataclasses import fields
 
 import click
 import pytest
@@ -15,6 +15,7 @@ import yaml
 from commands import sumo_eval
 from doc_blocks import BLOCKS, CODE, PAGES, ROOT, Desk, code_of, mentioned
 from example_files import write_needs
+from road_scenes import at_values
 from tables import in_campaign, rows_of, values_of
 
 from sumo_eval.cli import commands, main
@@ -27,8 +28,9 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.formats import expanded
 from sumo_eval.scenario.sampling.samples import sample
+from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.scoring.gate_settings import read_gate
-from sumo_eval.settings import SimulationSettings
+from sumo_eval.settings import EvaluationSettings, SimulationSettings
 from sumo_eval.settings.config import settings_from
 
 MARKED = {
@@ -59,17 +61,7 @@ qualify | takes minutes; tests/studies runs its parts
 """Commands that are read and not run, by a word in them, and why."""
 
 READERS = {
-    "evaluation": {
-        "scenario",
-        "ads",
-        "drivers",
-        "method",
-        "simulation",
-        "report",
-        "run",
-        "name",
-        "seed",
-    },
+    "evaluation": {field.name for field in fields(EvaluationSettings)},
     "scenario": {"road", "end", "ego", "require", "joint", "met", "recorded"},
 }
 """Keys of fragments: an evaluation's, and a scenario file's."""
@@ -244,30 +236,17 @@ def reader_of(content):
         if marks <= keys:
             return name
     (name,) = [name for name, known in READERS.items() if keys <= known]
-    return name if name == "evaluation" else "scenario"
+    return name
 
 
-def read_toml_block(text, folder):
-    """Have the program's own reader read a block: a whole file, or a part of one within the
-    smallest whole."""
-    content = tomllib.loads(text)
-    kind = reader_of(content)
-    (folder / "block.toml").write_text(text)
-    if kind == "evaluation":
-        settings_from({**BASE_EVALUATION, **content}, "a block")
-    elif kind == "scenario":
-        scenario_from(whole_scenario(content, folder), "a block", folder)
-    elif kind == "gate":
-        read_gate(folder / "block.toml")
-    elif kind == "study":
-        read_study(folder / "block.toml")
-    elif kind == "features":
-        read_interface(folder / "block.toml")
-    elif kind == "mapping":
-        read_mapping(folder / "block.toml", catalogue.load("cut_in"))
-    else:
-        read_campaign(folder / "block.toml")
-    return kind
+OF_FILES = {
+    "gate": read_gate,
+    "study": read_study,
+    "features": read_interface,
+    "mapping": lambda path: read_mapping(path, catalogue.load("cut_in")),
+    "campaign": read_campaign,
+}
+"""What reads a file of each kind that a block holds as a whole."""
 
 
 def whole_scenario(content, folder):
@@ -287,17 +266,25 @@ def whole_scenario(content, folder):
 
 
 def files(name):
-    path = ROOT / "sumo_eval" / "scenario" / "files" / f"{name}.toml"
-    return tomllib.loads(path.read_text())
+    return tomllib.loads(scenario_files()[name].read_text())
 
 
 @pytest.mark.parametrize(
     "block", [one for one in BLOCKS if one.language == "toml"], ids=lambda one: one.place
 )
 def test_the_programs_own_reader_reads_every_block_of_toml(block, desk):
+    """A whole file, or a part of one within the smallest whole."""
     if "consent" in block.text:
         shutil.copytree(desk.run, desk.folder / "results" / "first")
-    read_toml_block(block.text, desk.folder)
+    content, file = tomllib.loads(block.text), desk.folder / "block.toml"
+    kind = reader_of(content)
+    if kind == "evaluation":
+        settings_from({**BASE_EVALUATION, **content}, "a block")
+    elif kind == "scenario":
+        scenario_from(whole_scenario(content, desk.folder), "a block", desk.folder)
+    else:
+        file.write_text(block.text)
+        OF_FILES[kind](file)
 
 
 NOT_DRIVEN = dict(
@@ -367,6 +354,7 @@ def test_every_block_of_yaml_can_be_read():
 
 # --- Python, and programs -------------------------------------------------------------------------
 
+BEHIND = at_values("front_vehicle_low_speed", ego_speed=20.0, lead_speed=10.0)
 PYTHON = [block for block in BLOCKS if block.language == "python"]
 STAND_INS = {
     "sumo_eval.evaluate(\n": [
@@ -402,10 +390,7 @@ def test_every_block_of_python_runs(block, desk):
         space["envs"].close()
     ads = next((space[name] for name in ("MyAds", "Platoon", "acc") if name in space), None)
     if ads is not None:
-        concrete = catalogue.load("front_vehicle_low_speed").concrete(
-            ego_speed=20.0, lead_speed=10.0
-        )
-        recording = simulate(concrete, ads() if isinstance(ads, type) else ads)
+        recording = simulate(BEHIND, ads() if isinstance(ads, type) else ads)
         assert recording.end_reason != "ads_error", recording
         assert recording.collision is None or "Platoon" in space
 
@@ -414,8 +399,7 @@ def test_the_controller_in_shell_drives(tmp_path):
     program = tmp_path / "ads.sh"
     program.write_text(code_of("docs/ads/exec.md", "read -r briefing"))
     program.chmod(0o755)
-    concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=10.0)
-    recording = simulate(concrete, f"exec:{program}")
+    recording = simulate(BEHIND, f"exec:{program}")
     assert recording.end_reason == "standstill"  # it brakes as long as it sees somebody
     assert recording.collision is None
 
@@ -474,17 +458,3 @@ def test_what_a_reason_says_to_run_a_block_is_there():
     for reason in (*NOT_RUN.values(), *NOT_DRIVEN.values(), *ELSEWHERE.values()):
         for name in re.findall(r"[\w./]+\.py|tests/\w+", reason):
             assert (ROOT / name).exists() or list((ROOT / "tests").rglob(name)), reason
-
-
-def tell():
-    """Print how every block and every command is treated."""
-    for block in BLOCKS:
-        why = MARKED.get(block.language) or why_only_read(block)
-        print(f"{treated(block):8} {block.language or '-':7} {block.place}  {why}")
-    commands = [words for block in BLOCKS for words in block.commands()]
-    how = Counter(why_not_run(words) or "run" for words in commands)
-    print(Counter(treated(block) for block in BLOCKS), how)
-
-
-if __name__ == "__main__":
-    tell()

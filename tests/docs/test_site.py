@@ -13,6 +13,7 @@ from typing import get_args, get_type_hints
 import click
 import pytest
 from commands import ROOT, program, python
+from doc_blocks import PAGES
 from laid import read_json
 from loaded import load
 
@@ -21,16 +22,15 @@ from sumo_eval import cli
 from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.record.exchange import open_run
 from sumo_eval.scenario.catalogue import SCENARIOS, find
+from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.config import SUITES
 
 DOCS = ROOT / "docs"
-PAGES = sorted({*DOCS.rglob("*.md"), *ROOT.glob("*.md")} - {ROOT / "CHANGELOG.md"})
-NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
 NOTEBOOK = DOCS / "tutorials" / "first_look.ipynb"
 
 
-@pytest.mark.parametrize("page", NAMES)
+@pytest.mark.parametrize("page", PAGES)
 def test_links_between_pages_lead_somewhere(page):
     text = re.sub(r"```.*?```", "", (ROOT / page).read_text(), flags=re.S)
     for target in re.findall(r"\]\((?![a-z]+:)([^)#\s]+)[^)]*\)", text):
@@ -105,15 +105,9 @@ def test_a_scenario_has_its_picture_parameters_options_and_source(name):
     logical = find(name, ROOT)
     for parameter in logical.names:
         assert f"| `{parameter}` | " in text, parameter
-    assert all(
-        f"Option `{option['name']}`" in text for option in reference_file(name).get("option", ())
-    )
+    file = tomllib.loads(scenario_files()[name].read_text())
+    assert all(f"Option `{option['name']}`" in text for option in file.get("option", ()))
     assert f"- Source: {logical.source}" in text
-
-
-def reference_file(name):
-    """Content of a shipped scenario file."""
-    return tomllib.loads((ROOT / "sumo_eval" / "scenario" / "files" / f"{name}.toml").read_text())
 
 
 def test_the_reference_has_every_setting_command_and_option():
