@@ -1,12 +1,4 @@
-"""A facts file of any size without a simulation, and the memory that using it takes.
-
-Run as a program: one figure.
-"""
-
-import resource
-import sys
-import tempfile
-from pathlib import Path
+"""A facts file of any size without a simulation."""
 
 import numpy as np
 from road_scenes import at_values
@@ -45,9 +37,3 @@ def use(path, rows):
         hits = sum(fact.collision is not None for fact in store.facts("ads"))
         store.digest()
     return counted, seen, hits
-
-
-if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as folder:
-        use(Path(folder) / "facts.sqlite", int(sys.argv[1]))
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024, "MB")
