@@ -66,7 +66,7 @@ def compare(
     from sumo_eval.report.comparison_lines import comparison_lines
     from sumo_eval.report.gate_result import failed
     from sumo_eval.report.junit import comparison_suites, write_junit
-    from sumo_eval.report.sections import Additions
+    from sumo_eval.report.verdict import Additions
     from sumo_eval.scoring.comparison import compare as compare_runs
     from sumo_eval.scoring.gate_settings import read_gate
 

@@ -48,10 +48,9 @@ from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.explain import known_case
 from sumo_eval.report.gate_result import failed
 from sumo_eval.report.junit import JUNIT, comparison_suites, run_suites, write_junit
-from sumo_eval.report.sections import Additions
 from sumo_eval.report.summary import first_case
 from sumo_eval.report.tables import write_tables
-from sumo_eval.report.verdict import verdict
+from sumo_eval.report.verdict import Additions, verdict
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.gate_settings import GateSettings

@@ -20,7 +20,7 @@ from sumo_eval.report.people import STUDY
 from sumo_eval.results import Evaluation
 
 if TYPE_CHECKING:
-    from sumo_eval.report.sections import Additions
+    from sumo_eval.report.verdict import Additions
 
 
 def write_assessed_report(

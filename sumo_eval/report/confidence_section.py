@@ -92,8 +92,8 @@ def _space(name: str, item: SpaceCoverage) -> Json:
 
 
 def _picture(pair: PairCoverage) -> Json:
-    """Cells of one pair's heat map, y upwards: darker is more cases, white none, hatched
-    impossible.
+    """Cells of one pair's heat map, y upwards: the stronger the colour, the more cases; no colour:
+    none; grey: impossible.
 
     `row` of a cell, in the saved table: bucket of x and of y, counted from 1; number of points.
     """

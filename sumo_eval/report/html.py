@@ -33,8 +33,9 @@ from sumo_eval.report.score_words import (
     collision_words,
     reason_without,
 )
-from sumo_eval.report.sections import SECTIONS, Additions, change_content
+from sumo_eval.report.sections import SECTIONS, change_content
 from sumo_eval.report.sent_drives import sent_drives
+from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import (
     LOOKS,
     count,

@@ -79,8 +79,8 @@ def people_rows(evaluation: Evaluation) -> list[Json]:
             "of": band,
             # `band.drivers`: fewest and most of a case, or empty. Becomes `3–10`, `10` where both
             # are equal (`dict.fromkeys` keeps one of them), `no` where empty
-            "drivers": f"{'–'.join(dict.fromkeys(map(str, band.drivers))) or 'no'} a case, "
-            f"{percent(band.recorded)} recorded",
+            "drivers": f"{'–'.join(dict.fromkeys(map(str, band.drivers))) or 'no'} a case",
+            "recorded": f"{percent(band.recorded)} recorded",
             "warnings": [
                 words.format(count(cases, "case"))
                 for words, cases in (

@@ -6,7 +6,7 @@ A section's template sees what all sections share (`html._context`) and, as `con
 its own function returned. A section whose function returns None is left out, so optional data has a
 section only where it exists.
 
-Users: `cli/compare.py`, `nightly/night.py`, `report/assessed.py`, `report/html.py`.
+Users: `report/html.py`.
 """
 
 from collections.abc import Callable, Mapping
@@ -28,8 +28,7 @@ from sumo_eval.report.readings import settings_content
 from sumo_eval.report.score_words import parts_of_total
 from sumo_eval.report.summary import summary_content
 from sumo_eval.report.terminal import cause_of, ledger_sentences, ledger_words
-from sumo_eval.report.verdict import Additions as Additions
-from sumo_eval.report.verdict import verdict
+from sumo_eval.report.verdict import Additions, verdict
 from sumo_eval.report.words import number, severity_words
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import BETTER, WORSE, AdsComparison, QuantityChange

@@ -1,6 +1,6 @@
 """The verdict on a run: one word for programs, one sentence for a user who reads no further.
 
-Users: `nightly/night.py`, `report/`.
+Users: `cli/compare.py`, `nightly/night.py`, `report/`.
 """
 
 from __future__ import annotations

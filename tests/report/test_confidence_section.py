@@ -15,7 +15,7 @@ from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.confidence_section import write_confidence
 from sumo_eval.report.html import write_report
 from sumo_eval.report.opinion_section import OPINION, opinion_content
-from sumo_eval.report.sections import Additions
+from sumo_eval.report.verdict import Additions
 from sumo_eval.scoring.confidence.assessment import Confidence, assess
 from sumo_eval.settings import RunSettings
 

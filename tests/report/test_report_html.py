@@ -25,7 +25,8 @@ from sumo_eval.report.page import code_marked, template
 from sumo_eval.report.page_data import gathered_words
 from sumo_eval.report.readings import readings, setting_rows
 from sumo_eval.report.score_words import GLOSSARY
-from sumo_eval.report.sections import Additions, ranking_content
+from sumo_eval.report.sections import ranking_content
+from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import count
 from sumo_eval.results import RankedAds, RankedPair, Ranking
 from sumo_eval.scenario import Parameter, catalogue

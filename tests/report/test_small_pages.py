@@ -11,8 +11,9 @@ from page_checks import holds_what_every_page_holds, saved_table, size
 from report_cases import HIT, pick, with_case, with_scores
 
 from sumo_eval.record.run_folder import FACTS
-from sumo_eval.report.html import Additions, write_comparison, write_report
+from sumo_eval.report.html import write_comparison, write_report
 from sumo_eval.report.points_page import write_points
+from sumo_eval.report.verdict import Additions
 from sumo_eval.results import NotComputed
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import Sample
