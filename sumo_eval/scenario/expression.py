@@ -147,12 +147,17 @@ def number(text: str | float, owner: str) -> Expression:
     return _of_kind(text, owner, "a number, not a comparison", condition=False)
 
 
-def condition(text: str, owner: str) -> Expression:
-    """Read an expression that must be true or false."""
-    return _of_kind(text, owner, "a condition such as `a < b`", condition=True)
+def condition(text: str, owner: str, written: str = "") -> Expression:
+    """Read an expression that must be true or false.
+
+    written: what the user wrote, for the message, if it is not `text`.
+    """
+    return _of_kind(text, owner, "a condition such as `a < b`", condition=True, written=written)
 
 
-def _of_kind(text: str, owner: str, wanted: str, *, condition: bool) -> Expression:
+def _of_kind(
+    text: str, owner: str, wanted: str, *, condition: bool, written: str = ""
+) -> Expression:
     if not (isinstance(text, str) and text.strip()):
         raise must_be("The expression", owner, "a text such as `3.5 * ego_speed`", text)
     try:
@@ -160,7 +165,7 @@ def _of_kind(text: str, owner: str, wanted: str, *, condition: bool) -> Expressi
     except InputError as error:
         raise InputError(f"In {owner}: {error}") from None
     if _is_condition(_tree(text)) != condition:
-        raise must_be(f"`{text}`", owner, wanted, text)
+        raise must_be(f"`{written or text}`", owner, wanted, written or text)
     return expression
 
 

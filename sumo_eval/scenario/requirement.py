@@ -140,7 +140,7 @@ def requirement(
     tree = parsed(text, f"Requirement `{text[:200]}` of {owner}")
     place = f"requirement `{name}` of {owner}"
     replaced = _Parts(text, owner, vehicles, known)
-    outer = condition(ast.unparse(replaced.visit(tree)), owner)
+    outer = condition(ast.unparse(replaced.visit(tree)), owner, text)
     # quantities of each moment, as a user writes them: `gap`, `x(lead)`
     moments = [*SERIES, *(f"{name}({vehicle})" for vehicle in vehicles for name in OF_ACTORS)]
     placeholders = {ask[0] for ask in replaced.asks}

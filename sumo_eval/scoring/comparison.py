@@ -477,7 +477,7 @@ def _changes(
     *,
     one_unit: bool,
 ) -> Changes:
-    """The changed cases. Of several changes of a pair the first one below counts.
+    """The changed cases.
 
     terms: of the base and of the new run.
     settings: `harsher_by`, `less_human_by`.
@@ -485,7 +485,41 @@ def _changes(
     one_unit: whether the regret has one unit in both runs.
     """
     old, now = paired.base, paired.new
-    # of each pair: index of its change, -1: none so far; size of its change, nan for a flip
+    # New minus base. Adding nan makes a difference in two units nan, so that it does not count.
+    harder = now.severity - old.severity + (0.0 if units[0] == units[1] else np.nan)
+    likeness, index = now.human_likeness - old.human_likeness, now.index - old.index
+    regrets = [excess(run.severity, run.ideal) for run in terms]
+    rises = {
+        "regret": regrets[1] - regrets[0] + (0.0 if one_unit else np.nan),
+        "H_i": likeness,
+        "D_i": index,
+    }
+    least_of_u = change_of_u(settings.harsher_by, HARSHER_BY, units[1])
+    kind, by = _kinds(paired, harder, least_of_u, (likeness, index), settings.less_human_by)
+    which = np.flatnonzero(kind >= 0)
+    # by kind of change, then the largest first, then by name (lexsort: the last key counts first)
+    order = np.lexsort((now.case[which], -np.abs(np.nan_to_num(by[which])), kind[which]))
+    which = which[order]
+    moved = {name: np.where(rise != 0.0, rise, np.nan)[which] for name, rise in rises.items()}
+    return Changes(paired, kind[which], which, by[which], moved)
+
+
+def _kinds(
+    paired: Paired,
+    harder: FloatArray,
+    least_of_u: float,
+    more_human: Sequence[FloatArray],
+    less_human_by: float,
+) -> tuple[IntArray, FloatArray]:
+    """Index in `Change` of each pair's change, -1: none, and its size, nan for a flip, (n,) each.
+    Of several changes of a pair the first one below counts.
+
+    harder: rise of U from the base to the new run, (n,).
+    least_of_u: change of U that counts, in the unit of U.
+    more_human: rises of human-likeness and of D_i, (n,) each.
+    less_human_by: change of these that counts.
+    """
+    old, now = paired.base, paired.new
     kind, by = np.full(len(old), -1, np.intp), np.full(len(old), np.nan)
 
     def mark(flags: BoolArray, change: Change, size: FloatArray | None = None) -> None:
@@ -504,27 +538,12 @@ def _changes(
     for before, after, worse, better in flips:
         mark(after & ~before, worse)
         mark(before & ~after, better)
-    # adding nan makes a difference of U in two units nan, so that it does not count
-    harsher = now.severity - old.severity + (0.0 if units[0] == units[1] else np.nan)
-    likeness, index = now.human_likeness - old.human_likeness, now.index - old.index
-    least_of_u = change_of_u(settings.harsher_by, HARSHER_BY, units[1])
-    mark(harsher > least_of_u, "harsher", harsher)
-    mark(harsher < -least_of_u, "softer", harsher)
-    for rise in (likeness, index):
-        mark(rise < -settings.less_human_by, "less human", rise)
-        mark(rise > settings.less_human_by, "more human", rise)
-    regrets = [excess(run.severity, run.ideal) for run in terms]
-    which = np.flatnonzero(kind >= 0)
-    # by kind of change, then the largest first, then by name (lexsort: the last key counts first)
-    order = np.lexsort((now.case[which], -np.abs(np.nan_to_num(by[which])), kind[which]))
-    which = which[order]
-    moves = {
-        "regret": regrets[1] - regrets[0] + (0.0 if one_unit else np.nan),
-        "H_i": likeness,
-        "D_i": index,
-    }
-    moved = {name: np.where(rise != 0.0, rise, np.nan)[which] for name, rise in moves.items()}
-    return Changes(paired, kind[which], which, by[which], moved)
+    mark(harder > least_of_u, "harsher", harder)
+    mark(harder < -least_of_u, "softer", harder)
+    for rise in more_human:
+        mark(rise < -less_human_by, "less human", rise)
+        mark(rise > less_human_by, "more human", rise)
+    return kind, by
 
 
 def _quantity_changes(

@@ -150,21 +150,7 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
     numbers, values = _driven_points(space)
     count = int(numbers.max(initial=-1)) + 1  # of points
     hazardous, weights = np.zeros(count, np.bool_), np.zeros(count)
-    for first in range(0, len(values), _AT_ONCE):
-        part = slice(first, first + _AT_ONCE)
-        some = values[part]
-        # zone (1: hazardous, 0: safe) and weight r (Eq. 16), (2, points), cached or computed
-        key = key_of("weights", zones_key, some.tobytes())
-        data = space.cache.get("weights", key)
-        if data is None:
-            both = zones.exactly_hazardous(some), collision_weight(some, zones)
-            data = np.stack(both).tobytes()
-            space.cache.put([("weights", key, 0, data)])
-        zone, weight = np.frombuffer(data).reshape(2, -1)
-        hazardous[numbers[part]], weights[numbers[part]] = zone > 0.0, weight
-        space.progress(
-            f"{space.name}: weights of the points", min(part.stop, len(values)), len(values)
-        )
+    hazardous[numbers], weights[numbers] = _zones_and_weights(space, zones, zones_key, values)
     if space.points.stands_for is not None:
         weights = weights * space.points.stands_for[:count]
     usable = np.zeros(count, np.bool_)  # whether a point has enough drivers for a D_i
@@ -184,6 +170,32 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
         {name: np.array(of_ads, np.intp) for name, of_ads in driven.items()},
         {name: jackknifed(of_ads) for name, of_ads in with_index.items()},
     )
+
+
+def _zones_and_weights(
+    space: ScenarioRun, zones: ZonePartition, zones_key: bytes, values: FloatArray
+) -> tuple[BoolArray, FloatArray]:
+    """Whether each point is hazardous, and its weight r (Eq. 16), (n,) each, cached or computed.
+
+    zones_key: a hash of all that the zones depend on.
+    values: of the points, (n, k), in the parameters' units.
+    """
+    hazardous, weights = np.zeros(len(values), np.bool_), np.zeros(len(values))
+    for first in range(0, len(values), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        points = values[part]
+        key = key_of("weights", zones_key, points.tobytes())
+        data = space.cache.get("weights", key)
+        if data is None:
+            both = zones.exactly_hazardous(points), collision_weight(points, zones)
+            data = np.stack(both).tobytes()  # two rows of floats; 1: hazardous, 0: safe
+            space.cache.put([("weights", key, 0, data)])
+        zone, weights[part] = np.frombuffer(data).reshape(2, -1)
+        hazardous[part] = zone > 0.0
+        space.progress(
+            f"{space.name}: weights of the points", min(part.stop, len(values)), len(values)
+        )
+    return hazardous, weights
 
 
 def _driven_points(space: ScenarioRun) -> tuple[IntArray, FloatArray]:

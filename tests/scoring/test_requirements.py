@@ -87,7 +87,7 @@ def test_without_a_lead_the_gap_is_infinite():
     rows_of(r"""
 min(gab) > 2 | Did you mean `gap`
 gap > 2 | `gap` of requirement .* must be within min\(\), max\(\)
-min(gap) | must be a condition
+min(gap) | `min\(gap\)` of .* must be a condition
 max(gap0) < 2 | must be of time, x, offset, .* x\(lead\), y\(lead\), speed\(lead\), lateral_speed\(lead\)
 min(x(lead) - foo) > 2 | Unknown name `foo` .* x\(lead\)
 min(x(led) - x) > 2 | Unknown vehicle `led`

@@ -41,8 +41,7 @@ def rank(
     scores: of every ADS in every scenario.
     settings: `[method.ranking]`: weights of the scenarios.
 
-    Scenarios without any S+ are left out. An ADS shares the place of the ADS above it, unless it
-    can be told apart from the first ADS at that place.
+    Scenarios without any S+ are left out.
     """
     weights = scenario_weights(list(dict.fromkeys(score.scenario for score in scores)), settings)
     weighted = [name for name, weight in weights.items() if weight > 0.0]
@@ -59,19 +58,9 @@ def rank(
     }
     spreads = {name: means.spread(name, replicates) for name in totals}
     ranked = sorted(totals, key=lambda name: (-totals[name], name))
-    pairs = []
-    for above, below in itertools.combinations(ranked, 2):
-        difference = totals[above] - totals[below]
-        ends = None
-        first, second = spreads[above], spreads[below]
-        if first is not None and second is not None:
-            ends = first.minus(second).interval(difference)
-        pairs.append(RankedPair(above, below, difference, ends, ends is not None and ends[0] > 0.0))
-    told_apart = {(pair.above, pair.below): pair.told_apart for pair in pairs}
-    rows, place = [], 1
-    for number, name in enumerate(ranked, 1):
-        if told_apart.get((ranked[place - 1], name)):
-            place = number
+    pairs = _pairs(ranked, totals, spreads)
+    rows = []
+    for name, place in zip(ranked, _places(ranked, pairs), strict=True):
         weighted_results = [results_of[name][scenario] for scenario in means.weights]
         # with a single scenario the interval of S+ there, so that ranking and scores agree
         spread, ends = spreads[name], weighted_results[0].s_plus_interval
@@ -96,6 +85,41 @@ def rank(
         without_people=tuple(name for name in weighted if name in without_people),
         without_task=tuple(name for name in weighted if name not in with_task),
     )
+
+
+def _pairs(
+    ranked: Sequence[str], totals: Mapping[str, float], spreads: Mapping[str, _Spread | None]
+) -> list[RankedPair]:
+    """Each two ADSs with the difference of their S+, its interval, and whether it excludes 0.
+
+    ranked: names, the largest S+ first.
+    totals: name -> S+.
+    spreads: name -> replicates of S+; None: too few cases, so that there is no interval.
+    """
+    pairs = []
+    for above, below in itertools.combinations(ranked, 2):
+        difference = totals[above] - totals[below]
+        ends = None
+        first, second = spreads[above], spreads[below]
+        if first is not None and second is not None:
+            ends = first.minus(second).interval(difference)
+        pairs.append(RankedPair(above, below, difference, ends, ends is not None and ends[0] > 0.0))
+    return pairs
+
+
+def _places(ranked: Sequence[str], pairs: Sequence[RankedPair]) -> list[int]:
+    """The place of each ADS, from 1 on.
+
+    An ADS shares the place of the ADS above it, unless it can be told apart from the first ADS at
+    that place.
+    """
+    told_apart = {(pair.above, pair.below): pair.told_apart for pair in pairs}
+    places, place = [], 1
+    for number, name in enumerate(ranked, 1):
+        if told_apart.get((ranked[place - 1], name)):
+            place = number
+        places.append(place)
+    return places
 
 
 class _Means(NamedTuple):
