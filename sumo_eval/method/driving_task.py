@@ -8,7 +8,7 @@ t_i follow from recorded trajectories alone, so a run recorded earlier has them 
 Users: `scoring/` (for every case), `drivers/`. Fixed: the values, from which T and S+ follow.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -160,12 +160,22 @@ class AskedWay(NamedTuple):
     slowest: FloatArray
 
 
+def clean_references(drives: Iterable[Trajectory], road: Road, margin: float) -> list[Trajectory]:
+    """Those of the drives that have no departure from the road.
+
+    drives: of references, without contact, in road coordinates.
+    margin: m, `road_margin` of `[method.task]`.
+    """
+    return [drive for drive in drives if first_departure(drive, road, margin) is None]
+
+
 def asked_way(begin: float, references: Sequence[Trajectory]) -> AskedWay | None:
     """The asked way of a point: from the ego's start to `SHORT_OF_THE_END` before the end of the
     shortest reference; None without a reference.
 
     begin: x of the ego's start, m.
-    references: drives of those references at the point that had no incident, in road coordinates.
+    references: drives of those references at the point that had no incident, in road coordinates,
+        from `clean_references`.
     """
     if not references:
         return None

@@ -260,23 +260,19 @@ def _injury(chosen: str, settings: CollisionSettings) -> Severity:
     chosen: its name with `injury:` before it.
     """
     who = chosen.removeprefix(_INJURY)
-    age = settings.age
-    injury_risk(who, 0.0, age)  # raises InputError for an unknown curve or age
+    injury_risk(who, 0.0, settings.age)  # raises InputError for an unknown curve or age
+    curve = INJURY_CURVES[who]
+    age = curve.usual_age if settings.age is None else settings.age
+    youngest, oldest = INJURY_AGES
 
     def beyond(hit: Collision) -> str:
         """Why the curve may not hold for a collision, or ""."""
-        curve = INJURY_CURVES[who]
-        years = curve.usual_age if age is None else age
-        reasons = [
-            f"closing speed over {curve.fastest:g} km/h"
-            if KMH * hit.relative_speed > curve.fastest
-            else "",
-            f"age outside {INJURY_AGES[0]:g}..{INJURY_AGES[1]:g} years"
-            if not INJURY_AGES[0] <= years <= INJURY_AGES[1]
-            else "",
-            f"contact at the ego's {hit.side}, not its front" if hit.side != "front" else "",
-        ]
-        return "; ".join(reason for reason in reasons if reason)
+        reasons = {
+            f"closing speed over {curve.fastest:g} km/h": KMH * hit.relative_speed > curve.fastest,
+            f"age outside {youngest:g}..{oldest:g} years": not youngest <= age <= oldest,
+            f"contact at the ego's {hit.side}, not its front": hit.side != "front",
+        }
+        return "; ".join(reason for reason, applies in reasons.items() if applies)
 
     return Severity(
         chosen,

@@ -16,7 +16,7 @@ import numpy as np
 from sumo_eval.cases import CaseResult
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.compared_drives import first_samples
-from sumo_eval.method.driving_task import asked_way, first_departure, misses, times_at
+from sumo_eval.method.driving_task import asked_way, clean_references, misses, times_at
 from sumo_eval.method.measures import STANDING, course_of
 from sumo_eval.method.plausibility import Quantiles, extremes_of, least_plausible
 from sumo_eval.record.human_reference import PointJob, compute_points
@@ -147,12 +147,7 @@ def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind
     if share is None or share >= LOW or scene.case.incident:
         return None
     start = logical.placed(scene.case.values).ego
-    # references without an incident
-    clean = [
-        trajectory
-        for trajectory in scene.references.values()
-        if first_departure(trajectory, logical.road, margin) is None
-    ]
+    clean = clean_references(scene.references.values(), logical.road, margin)
     asked = asked_way(start.x, clean)
     if not asked:
         return None

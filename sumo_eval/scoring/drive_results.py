@@ -27,6 +27,7 @@ from sumo_eval.method.conflict import conflicting
 from sumo_eval.method.driving_task import (
     Departure,
     asked_way,
+    clean_references,
     first_departure,
     is_excused,
     task_share,
@@ -178,12 +179,8 @@ def _results(path: Path, points: Sequence[_Point]) -> dict[str, bytes]:
 
 def _results_at(point: _Point, store: Store) -> Iterator[tuple[str, DriveResult]]:
     """Each case at a point with its result."""
-    references = [store.trajectory(case) for case in point.references]
-    # references without an incident
-    clean = [
-        drive for drive in references if first_departure(drive, point.road, point.margin) is None
-    ]
-    asked = asked_way(point.begin, clean)
+    references = (store.trajectory(case) for case in point.references)
+    asked = asked_way(point.begin, clean_references(references, point.road, point.margin))
     for fact in point.drives:
         actors = store.trajectories(fact.case)
         if EGO not in actors:
