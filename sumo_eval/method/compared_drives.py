@@ -75,7 +75,7 @@ class ComparedDrive(NamedTuple):
         finished = max(furthest, last_x + step) >= road.length - SAME_PLACE
         stopped = on_road.speed[-1] < settings.stop_speed
         # whether the vehicle's centre is beside the road at the last sample
-        left = not road.right_edge_at(last_x) <= last_y <= road.left_edge_at(last_x)
+        is_beside = not road.right_edge_at(last_x) <= last_y <= road.left_edge_at(last_x)
         end = road.length if finished else last_x if stopped else furthest
         reach = max(float(end - begin), 0.0)
         unfinished = not (finished or stopped)
@@ -83,13 +83,13 @@ class ComparedDrive(NamedTuple):
             whole=whole,
             on_road=on_road,
             begin=begin,
-            length=reach if stopped or left else max(road.length - begin, 0.0),
+            length=reach if stopped or is_beside else max(road.length - begin, 0.0),
             reach=reach,
             operations=count_operations(on_road, settings),
             most_operations=most_operations(on_road, settings),
             manoeuvre=manoeuvre_of(whole, road, settings.manoeuvre_time),
-            still_driving=unfinished and not left,
-            left_the_road=unfinished and left,
+            still_driving=unfinished and not is_beside,
+            left_the_road=unfinished and is_beside,
         )
 
 
@@ -124,13 +124,13 @@ def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray
     Behind its start this is its first y; ahead of the furthest x that it reached, its last y.
     """
     x, y = trajectory.x, trajectory.y
-    wanted = np.asarray(positions, float)
+    places = np.asarray(positions, float)
     # index of the first sample at or past each position; the running maximum ignores rolling back
-    after = np.searchsorted(np.maximum.accumulate(x), wanted)
+    after = np.searchsorted(np.maximum.accumulate(x), places)
     # samples on both sides of the crossing; where there is none, both are the first or the last
     left = np.maximum(after - 1, 0)
     right = np.minimum(after, x.size - 1)
-    share = quotient(wanted - x[left], x[right] - x[left], left < right, 0.0)
+    share = quotient(places - x[left], x[right] - x[left], left < right, 0.0)
     return y[left] + share * (y[right] - y[left])
 
 

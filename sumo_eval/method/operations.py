@@ -82,8 +82,8 @@ def _steering_operations(trajectory: Trajectory, settings: AnthropomorphicSettin
     """Number of steering operations by the rule of the settings."""
     if settings.steering_rule == "manoeuvre":
         return _lateral_manoeuvres(trajectory, settings)
-    known = np.isfinite(trajectory.steering_wheel_angle)
-    if not known.any():
+    has_angle = np.isfinite(trajectory.steering_wheel_angle)
+    if not has_angle.any():
         raise InputError(
             '`steering_rule = "wheel"` of the anthropomorphic index needs the steering wheel angle '
             "of the ADS and of all drivers, and a trajectory has none; "
@@ -93,11 +93,11 @@ def _steering_operations(trajectory: Trajectory, settings: AnthropomorphicSettin
     threshold: float | FloatArray = math.radians(settings.steering_threshold_deg)
     lateral = settings.steering_lateral_acceleration
     if lateral is not None:
-        speed = trajectory.speed[known]
+        speed = trajectory.speed[has_angle]
         curvature = quotient(lateral, speed**2, speed > 0.0)
         threshold = settings.steering_ratio * np.arctan(settings.wheelbase * curvature)
-    turned = np.abs(trajectory.steering_wheel_angle[known]) > threshold
-    return len(_operations(turned, trajectory.time[known], settings))
+    turned = np.abs(trajectory.steering_wheel_angle[has_angle]) > threshold
+    return len(_operations(turned, trajectory.time[has_angle], settings))
 
 
 def _operations(

@@ -222,8 +222,6 @@ def _bound_notes(logical: LogicalScenario, theta: FloatArray, bounds: FloatArray
         ("signal", "upper"): "the surface may swing far between the training points; add points",
     }
     for name, value, (low, high) in zip(names, theta, bounds, strict=True):
-        reached = "lower" if value <= low + 1e-6 else "upper" if value >= high - 1e-6 else None
-        if reached:
-            yield (
-                f"The GP's {name} reached its {reached} bound: {meaning[name.split()[0], reached]}."
-            )
+        bound = "lower" if value <= low + 1e-6 else "upper" if value >= high - 1e-6 else None
+        if bound:
+            yield (f"The GP's {name} reached its {bound} bound: {meaning[name.split()[0], bound]}.")

@@ -327,11 +327,11 @@ def side_by_side(
     partners |= supposed
     # (ADS in the base, ADS in the new run, scenario); "": the run does not have it
     groups = [(partners.get(score.ads, ""), score.ads, score.scenario) for score in new.scores]
-    driven = {(old, scenario) for old, _, scenario in groups}
+    in_new = {(old, scenario) for old, _, scenario in groups}
     groups += [
         (score.ads, "", score.scenario)
         for score in base.scores
-        if (score.ads, score.scenario) not in driven
+        if (score.ads, score.scenario) not in in_new
     ]
     compared, unpaired = [], []
     for old, name, scenario in groups:
@@ -566,7 +566,7 @@ def _quantity_changes(
         before, after = old[score], now[score]
         changes[name] = QuantityChange(before, after, None)
         if (one_unit or name != "regret") and before is not None and after is not None:
-            drawn = resampled[name]
-            ends = percentiles(drawn, drawn, freedom, settings.confidence) or ()
+            replicates = resampled[name]
+            ends = percentiles(replicates, replicates, freedom, settings.confidence) or ()
             changes[name] = QuantityChange(before, after, after - before, *ends)
     return changes

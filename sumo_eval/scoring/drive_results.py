@@ -137,10 +137,10 @@ def drive_results(
     points = []  # jobs
     # A case without an end, or with `sim_error`, has no drive. A case that was given up has one,
     # in which the ego may leave the road.
-    driven = grouped(
+    facts_at = grouped(
         (fact.point, fact) for fact in drives if fact.end_reason not in (None, "sim_error")
     )
-    for number, facts in driven.items():
+    for number, facts in facts_at.items():
         others, concrete = references_at.get(number, []), logical.placed(facts[0].values)
         start = concrete.ego
         # a result depends on the point's references (this key) and on its own drive (`hash_of`)
@@ -224,5 +224,5 @@ def recorded_with(store: Store, car: str) -> bool:
     for _scenario, role, _driver, _status, number, _exposure in store.counts():
         counts[role] += number
     first = next(store.facts("task_reference"), None)
-    driven = first is not None and first.controller == car
-    return driven and counts["ideal"] == counts["task_reference"]
+    is_recorded = first is not None and first.controller == car
+    return is_recorded and counts["ideal"] == counts["task_reference"]

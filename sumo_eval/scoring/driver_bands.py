@@ -55,8 +55,9 @@ def driver_bands(evaluation: Evaluation) -> Iterator[DriverBand]:
         low, mean, high = (
             mean_of(getattr(own, f"human_{end}"), own.exposure) for end in ("low", "mean", "high")
         )
-        known = own.drivers[np.isfinite(own.drivers)].astype(int)
-        all_drivers, recorded = known.sum(), np.nansum(own.recorded_drivers)
+        # numbers of drivers of the cases
+        numbers = own.drivers[np.isfinite(own.drivers)].astype(int)
+        all_drivers, recorded = numbers.sum(), np.nansum(own.recorded_drivers)
         # whether each case is thin (it has a note), outside, bimodal, unlike: the last four fields
         in_each_case = (
             [note is not None for note in own.reference_note], own.exposure_note != "",
@@ -65,7 +66,7 @@ def driver_bands(evaluation: Evaluation) -> Iterator[DriverBand]:
         yield DriverBand(
             findings.score, low, mean, high,
             int(np.sum(own.index < own.human_low)), int(np.isfinite(own.human_mean).sum()),
-            (int(known.min()), int(known.max())) if len(known) else (),
+            (int(numbers.min()), int(numbers.max())) if len(numbers) else (),
             float(recorded / all_drivers) if all_drivers else 0.0,
             *(int(np.sum(it)) for it in in_each_case)
         )  # fmt: skip

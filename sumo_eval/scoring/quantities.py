@@ -128,16 +128,16 @@ class Remarks(NamedTuple):
 
 def references_struck(space: ScenarioRun, overview: Survey) -> Iterator[ScoreNote]:
     """Note on the safe points at which a human driver or the reference car collides."""
-    safe, struck = set[int](), set[int]()
+    safe_points, struck_points = set[int](), set[int]()
     roles: tuple[Role, ...] = ("human", "task_reference") if space.car else ("human",)
     for role in roles:
         for point, _, status, _ in space.store.outcomes(role, space.name):
             if not overview.hazardous[point]:
-                safe.add(point)
+                safe_points.add(point)
                 if status == "collision":
-                    struck.add(point)
-    if struck:
-        yield Counted("references_collide", len(struck), len(safe))
+                    struck_points.add(point)
+    if struck_points:
+        yield Counted("references_collide", len(struck_points), len(safe_points))
 
 
 def struck_by_other(fact: Fact, space: ScenarioRun) -> bool:

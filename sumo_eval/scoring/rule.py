@@ -310,7 +310,7 @@ def tally(
     near: True for part two. Then a missing value becomes the limit of the measure's `zone`, and
         only cases whose value is worse than this limit in one of the runs count.
     """
-    worse, kept, most = [], 1.0, 0.0
+    worse, least_kept, most = [], 1.0, 0.0
     furthest, better, cases = 0.0, 0, 0
     for part in compared:
         before, after, counts = values_of(part, measure, fill=near)
@@ -322,13 +322,13 @@ def tally(
             sign = measure.sign
             counts &= np.fmin(sign * before, sign * after) < sign * measure.zone
         flags = counts & (by > beyond)
-        kept = kept_margin(before, after, measure)[flags].min(initial=kept)
+        least_kept = kept_margin(before, after, measure)[flags].min(initial=least_kept)
         most = by[flags].max(initial=most)
         furthest = (by / np.maximum(limit, LAST_DIGIT))[flags].max(initial=furthest)
         better += int(np.sum(counts & (by < -beyond)))
         cases += int(np.sum(counts))
         worse.append(Worse(part, _worst_first(flags, by), before, after))
-    return Tally(ads, measure, near, tuple(worse), better, cases, kept, most, furthest)
+    return Tally(ads, measure, near, tuple(worse), better, cases, least_kept, most, furthest)
 
 
 def values_of(

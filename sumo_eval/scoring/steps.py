@@ -139,12 +139,12 @@ class Scoring(NamedTuple):
         if not settings.run.only:
             return settings
         # names of these ADSs
-        driven = {
+        names = {
             ads
             for where, role, ads, *_ in self.store.counts()
             if (where, role) == (scenario, "ads")
         }
-        return replace(settings, ads=tuple(ads for ads in settings.ads if ads.name in driven))
+        return replace(settings, ads=tuple(ads for ads in settings.ads if ads.name in names))
 
     def _points(self, entry: ScenarioSettings, logical: LogicalScenario) -> Sample:
         """The points that the settings choose now. If a file that they need is gone or has a
@@ -247,9 +247,9 @@ def _on_points(space: ScenarioRun, points: Sample, places: Sequence[IntArray]) -
     if space.edited:
         yield "The scenario's file changed after it was driven: zones are those of today's file."
     if space.settings.run.only:
-        driven = len(np.unique(np.concatenate(places)))
+        number = len(np.unique(np.concatenate(places)))
         yield (
-            f"`run.only` asks for {driven} of {len(points.points)} points: every number is of "
+            f"`run.only` asks for {number} of {len(points.points)} points: every number is of "
             "these alone."
         )
 

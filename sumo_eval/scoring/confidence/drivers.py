@@ -72,9 +72,9 @@ def driver_deviations(
     jackknifed = np.isin(
         cases.case, [case for case, (results, _) in left_out.items() if results.index.without]
     )
-    chosen = [left_out[case] for case in cases.case[jackknifed].tolist()]
+    pairs = [left_out[case] for case in cases.case[jackknifed].tolist()]
     weights = cases.exposure[jackknifed]
-    names = sorted({*chain(*(drivers for _, drivers in chosen))})
+    names = sorted({*chain(*(drivers for _, drivers in pairs))})
     # without one driver, two must remain, because a deviation needs two
     if len(names) < 3 or not weights.any():
         return NO_DEVIATIONS
@@ -96,7 +96,7 @@ def driver_deviations(
         without = [
             [
                 value.without[drivers.index(name)] if name in drivers else value.everyone
-                for value, (_, drivers) in zip(values, chosen, strict=True)
+                for value, (_, drivers) in zip(values, pairs, strict=True)
             ]
             for name in names
         ]
@@ -107,9 +107,9 @@ def driver_deviations(
     # exposure of the cases in H, and of the cases in H without an incident
     whole = sum(cases.exposure[likened].tolist())
     calm = sum(cases.exposure[likened & ~cases.incident].tolist())
-    index = errors([case.index for case, _ in chosen], np.ones(len(chosen)))
+    index = errors([case.index for case, _ in pairs], np.ones(len(pairs)))
     plausibility = np.nan_to_num(cases.plausibility[jackknifed])
-    likeness = errors([case.likeness for case, _ in chosen], plausibility)
+    likeness = errors([case.likeness for case, _ in pairs], plausibility)
     # H is 0 in cases with an incident, so drivers move it only in this share of the cases
     compared = calm / whole if whole else 0.0
     freedom = max(len(names) - len(set(groups)), 1)

@@ -57,11 +57,11 @@ def further_cases(
     # of each candidate: distance to its nearest case (later also to chosen candidates), and index
     # of this case, which is the number of its cell
     distance, cell = (np.asarray(part) for part in tree.query(where))
-    held = np.ones(len(points))  # number of cases in each cell, chosen candidates included
-    chosen = []
+    cases_in_cell = np.ones(len(points))  # chosen candidates count too
+    picks = []  # indices of the chosen candidates
     free = np.bincount(cell, minlength=len(points)) > 0  # whether a cell has candidates left
     for _ in range(min(count, len(candidates))):
-        gain = np.where(free, variance * (1.0 / held - 1.0 / (held + 1.0)), -1.0)
+        gain = np.where(free, variance * (1.0 / cases_in_cell - 1.0 / (cases_in_cell + 1.0)), -1.0)
         best = int(np.argmax(gain))
         if gain[best] <= 0.0:
             break
@@ -70,9 +70,9 @@ def further_cases(
         if distance[pick] <= 0.0:  # all candidates of the cell are cases already
             free[best] = False
             continue
-        chosen.append(pick)
-        held[best] += 1.0
+        picks.append(pick)
+        cases_in_cell[best] += 1.0
         distance = np.minimum(distance, np.linalg.norm(where - where[pick], axis=1))
     before = float(variance.sum())
-    shrink = math.sqrt(float(np.sum(variance / held)) / before) if before > 0.0 else 1.0
-    return FurtherCases(candidates[chosen], shrink)
+    shrink = math.sqrt(float(np.sum(variance / cases_in_cell)) / before) if before > 0.0 else 1.0
+    return FurtherCases(candidates[picks], shrink)

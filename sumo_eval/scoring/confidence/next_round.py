@@ -67,8 +67,8 @@ def standing(
     """
     budget = sampling.count or 0
     size = size_of_round(budget, sampling.round, f"the sampling of scenario `{scenario}`")
-    rounds, done = max(len(sampling.rounds), 1), len(points.points)
-    further, until = size_of_next(budget, size, done), sampling.until
+    rounds, number = max(len(sampling.rounds), 1), len(points.points)
+    further, until = size_of_next(budget, size, number), sampling.until
     if sampling.aim == "boundary":
         half = max(
             _collided_half_width(_collides(case_terms(cases, method)), points, place)
@@ -82,15 +82,17 @@ def standing(
     state = f"half the widest 95 % interval is {width}"
     if half == math.inf:
         state = "an ADS has no interval"
-    asked = "" if until is None else f"more than the {until:g} asked for"
+    target = "" if until is None else f"more than the {until:g} asked for"
     # reason: why there is no further round; if there is one, why it was not driven
     if until is not None and half <= until:
-        further, reason = 0, f"{state}, no {asked}"
+        further, reason = 0, f"{state}, no {target}"
     elif further:
         reason = f"{state}; it was stopped, `--resume` drives more rounds"
     else:
-        reason = ", ".join(filter(None, (f"all it may drive; {state}", asked)))
-    sentence = f"Adaptive sampling: {done} of at most {budget} points in {rounds} rounds; {reason}."
+        reason = ", ".join(filter(None, (f"all it may drive; {state}", target)))
+    sentence = (
+        f"Adaptive sampling: {number} of at most {budget} points in {rounds} rounds; {reason}."
+    )
     return Standing(rounds, size, further, sentence)
 
 

@@ -267,16 +267,16 @@ def resamples(
     draws = partial(_draws, groups, most, replicates, seed, name)
     balance = None if groups.even is None else Balance.of(groups, groups.even)
     along: Any = 0.0
-    drawn = 0
+    number = 0  # points drawn so far
     of = groups.points * (1 if balance is None else 2)
     if balance is not None:
         for places, counts in draws():
             along += balance.along(counts, places)
-            drawn += len(places)
-            done(drawn, of)
+            number += len(places)
+            done(number, of)
     for places, counts in draws():
-        drawn += len(places)
-        done(drawn, of)
+        number += len(places)
+        done(number, of)
         balanced = counts if balance is None else balance.balanced(counts, places, along)
         yield Resampled(places, balanced, counts)
 
