@@ -26,7 +26,7 @@ import pickle
 import platform
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TypeVar, cast
@@ -265,14 +265,19 @@ def cache_folder() -> Path:
     digest = hashlib.sha256(bytes(_PACKAGE))
     platform_versions = _processor(), sys.version, importlib.metadata.version("numba")
     digest.update(repr(platform_versions).encode())
-    for room in _ROOMS:
-        folder = _PACKAGE / room
-        for path in sorted(folder.rglob("*.py")) if folder.is_dir() else [folder]:
-            digest.update(path.name.encode())
-            digest.update(path.read_bytes())
+    for path in _files_of_rooms():
+        digest.update(path.name.encode())
+        digest.update(path.read_bytes())
     users_folder = os.environ.get("NUMBA_CACHE_DIR")
     caches = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     return Path(users_folder or caches) / "sumo_eval" / "kernels" / digest.hexdigest()[:16]
+
+
+def _files_of_rooms() -> Iterator[Path]:
+    """The files in `_ROOMS`."""
+    for room in _ROOMS:
+        folder = _PACKAGE / room
+        yield from sorted(folder.rglob("*.py")) if folder.is_dir() else [folder]
 
 
 def _processor() -> str:

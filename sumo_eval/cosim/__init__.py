@@ -1,8 +1,8 @@
-"""Co-simulation: libsumo steps every vehicle, the ADS moves the ego, contact and limits are the
-harness's own.
+"""Co-simulation of an ADS and SUMO: the ADS moves the ego, libsumo steps every vehicle, and this
+package finds contact and applies the vehicle's limits.
 
-The names that users' code imports from here are looked up at first use: what only reads a
-recording, or writes one for another simulator, does not wait for SUMO to load.
+`first_use` imports the names below when users' code first uses them: code that only reads a
+recording, or writes one for another simulator, does not load SUMO.
 """
 
 from typing import TYPE_CHECKING

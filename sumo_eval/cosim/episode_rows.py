@@ -50,8 +50,11 @@ class EpisodeRows:
         self.world = World(cases, self._settings)
         self._context = ExitStack()
         self._stage: Stage | None = None
-        if not sumo:
-            return
+        if sumo:
+            self._open(cases)
+
+    def _open(self, cases: Sequence[ConcreteScenario]) -> None:
+        """Start SUMO with all vehicles at their starts."""
         if cases[0].road.bent:
             raise InputError("Learning on a curved road needs `sumo=False`.")
         if libsumo.simulation.isLoaded():
@@ -59,10 +62,6 @@ class EpisodeRows:
                 "libsumo holds one simulation in a process, and there is one already: close the "
                 "other environment first, or make this one with `sumo=False`."
             )
-        self._open(cases)
-
-    def _open(self, cases: Sequence[ConcreteScenario]) -> None:
-        """Start SUMO with all vehicles at their starts."""
         texts = shared_network_xml(cases), shared_routes_xml(cases, self._settings)
         traci = self._context.enter_context(running(*texts, self._settings, collisions="none"))
         self._stage = Stage(traci, self.world)

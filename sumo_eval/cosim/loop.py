@@ -1,7 +1,8 @@
 """The loop that steps every simulation, of one case or of hundreds in a batch.
 
-A step: the ADS commands, the vehicle model moves the egos and the scripts move the actors, SUMO
-steps all vehicles, the world takes in what SUMO shows. One of five classes controls the egos:
+In a step the ADS commands, the vehicle model moves the egos, scripts move the actors, SUMO steps
+all vehicles, and the world takes in what SUMO shows. This order decides recorded values. One of
+five classes controls the egos:
 `Rules` (kernels) and `Replays` (recorded commands) of `cosim/ego_control.py`, `OneEach` (a policy
 for each row) and `OverArrays` (one policy over arrays) of `cosim/policies.py`, and `OnTraci` of
 `cosim/on_traci.py` (an ADS that calls TraCI).
@@ -21,20 +22,20 @@ from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, SimulationError, said
 from sumo_eval.text import SENTENCE, words_of
 
-KEPT = 0.75  # rows of ended cases are dropped when the share of live rows falls below this
+KEPT = 0.75  # share of live rows below which the rows of ended cases are dropped
 
 
 def drive(world: World, driver: EgoControl, stage: Stage) -> None:
     """Step until every case has ended.
 
-    driver: controls the egos of all rows.
+    world: the cases. driver: controls the egos of all rows. stage: SUMO's side.
     """
     step = world.settings.step
     every = round(world.settings.record_interval / step)  # steps from one sample to the next
     moved = 0  # 1 between `world.move` and SUMO's answer: an error there discards the step
     try:
         driver.begin(world, stage)
-        if world.errors or world.left:  # left: cases to be driven alone
+        if world.errors or world.left:  # failed at the start, or to be driven alone
             _end_rows(world, driver, stage)
         while world.going:
             steps_after = world.steps + 1
@@ -97,13 +98,13 @@ def _release(world: World, driver: EgoControl, row: int) -> None:
 
 
 def break_off(world: World, error: Exception, moved: int = 0) -> None:
-    """End a single case by an error.
+    """End a case that is alone by an error.
 
     moved: 1: within a step, which then does not count.
     """
     if isinstance(error, ControllerError | SimulationError):
         world.fail(0, fault_of(error), words_of(error, SENTENCE))
-    elif not world.errors:  # an ADS that closed the simulation has its error already
+    elif not world.errors:  # if the ADS closed the simulation, there is an error already
         world.fail(
             0,
             "sim_error",
@@ -113,13 +114,15 @@ def break_off(world: World, error: Exception, moved: int = 0) -> None:
 
 
 def _stop(world: World, moved: int) -> None:
-    """Record the vehicles of a single case where it stops; `moved` as in `break_off`."""
+    """Record the vehicles of a case that is alone where it stops; `moved` as in `break_off`."""
     world.room_for_samples()
     stop_rows(world.egos, world.others, world.samples, moved)
 
 
 def _explain_refusal(world: World, row: int) -> None:
-    """Make the message where `move_rows`, a kernel, refused a command that is not finite."""
+    """Make the error message if `step_rules.move_rows`, a kernel, has refused a command that is not
+    finite.
+    """
     ego = world.egos[row]
     if ego["reason"] != ADS_ERROR or world.case_of(row) in world.errors:
         return
@@ -138,7 +141,7 @@ def _explain_refusal(world: World, row: int) -> None:
 
 
 def _end_rows(world: World, driver: EgoControl, stage: Stage) -> None:
-    """Keep the recordings of rows that have ended, and drop these rows once they are many."""
+    """Make the recordings of rows that have ended, and drop these rows once they are many."""
     egos = world.egos
     for row in np.flatnonzero((egos["reason"] != 0) & (egos["live"] != 0)).tolist():
         _explain_refusal(world, row)
@@ -153,4 +156,4 @@ def _end_rows(world: World, driver: EgoControl, stage: Stage) -> None:
         driver.keep(world, rows)
         stage.keep(world)
     else:
-        stage.without(world)  # the ended rows stay in the arrays, but SUMO's side passes over them
+        stage.without(world)  # the ended rows stay in the arrays; SUMO's side leaves them out

@@ -364,7 +364,7 @@ class _Hook:
         answer: None: the last one holds.
         """
         try:
-            wanted = None if answer is None else checked_answer(answer)
+            request = None if answer is None else checked_answer(answer)
             # from here on the vehicle model or the plant moves the ego
             if self._flags[_PLACED] == SUMO:
                 self._calls.setSpeedMode(self.ego, EXACT_SPEED_MODE)
@@ -372,7 +372,7 @@ class _Hook:
                 corner(self._mine, self._bend, self._limits)
                 if self._world.steps == 0:
                     self._world.begin_as_model(self._case)
-            return self._executor.command(wanted, self._state, time, late=late)
+            return self._executor.command(request, self._state, time, late=late)
         except ControllerError as error:
             raise with_time(error, f"at {time:.2f} s") from error
 

@@ -220,7 +220,8 @@ class _FollowedPlan:
     """A plan as the tracker follows it.
 
     end: its last time, s.
-    ego: as of `Executor.command`; its heading and speed are those of a plan that stands still.
+    ego: as of `Executor.command`; its heading serves where the path does not move, its speed where
+        the plan has one place.
     """
 
     def __init__(self, plan: Plan, ego: _Numbers, wheelbase: float) -> None:

@@ -92,11 +92,9 @@ class Policies(EgoControl):
 
         when: `in reset` or `at 1.50 s`, for the message.
         """
-        out_of_memory = isinstance(error, MemoryError)
-        asks_sumo = GUARD.refusal is not None or isinstance(error, self._traci.TraCIException)
-        if (out_of_memory or asks_sumo) and not self._alone:
+        reason = None if self._alone else self._reason_to_leave(error)
+        if reason is not None:
             GUARD.refusal = None
-            reason = Alone("together_failed", said(error)) if out_of_memory else ASKS_SUMO
             for row in rows:
                 world.leave(row, reason)
             return
@@ -107,6 +105,13 @@ class Policies(EgoControl):
             world.keep_fault(case, error, self._ads[case].target, self._terms.folder)
             if not (self.checks and isinstance(error, RefusedCallError)):
                 world.fail(row, *_blamed(error, when))
+
+    def _reason_to_leave(self, error: BaseException) -> Alone | None:
+        """Why the cases of an error are to be driven alone; None: the error is the ADS's own."""
+        if isinstance(error, MemoryError):
+            return Alone("together_failed", said(error))
+        asks_sumo = GUARD.refusal is not None or isinstance(error, self._traci.TraCIException)
+        return ASKS_SUMO if asks_sumo else None
 
     def _call(
         self,
@@ -229,10 +234,10 @@ class OneEach(Policies):
                     executor.release()
                     answer = action, 0.0
                 else:
-                    # None: the plan that is in force still holds
-                    wanted = None if action is None and executor.holds_plan else as_command(action)
+                    # None: the plan in force still holds
+                    request = None if action is None and executor.holds_plan else as_command(action)
                     late = self.actuation.late(wall_time() - started)
-                    command = executor.command(wanted, egos[row], time, late=late)
+                    command = executor.command(request, egos[row], time, late=late)
                     answer = command.acceleration, command.steering
                 took = wall_time() - started
                 # the ADS caught the exception of a refused call

@@ -195,10 +195,11 @@ def slip_rates(
     used = 0.0
     if not math.isinf(grip):
         along = acceleration / GRAVITY
-        left = math.sqrt(max(grip * grip - along * along, 0.0))  # coefficient left for F
+        # friction coefficient that remains for F
+        across = math.sqrt(max(grip * grip - along * along, 0.0))
         used = max(abs(force_front) / (grip * load_front), abs(force_rear) / (grip * load_rear))
-        force_front = side_force(force_front, left * load_front)
-        force_rear = side_force(force_rear, left * load_rear)
+        force_front = side_force(force_front, across * load_front)
+        force_rear = side_force(force_rear, across * load_rear)
     yaw_acceleration = (front * force_front - rear * force_rear) / limits.yaw_inertia
     return (force_front + force_rear) / (limits.mass * speed) - yaw_rate, yaw_acceleration, used
 
@@ -368,8 +369,8 @@ def _limit_acceleration(
     """
     strongest, most = -limits.max_deceleration, limits.max_acceleration
     granted = _held(requested, strongest, most, clips, _ACCELERATION, time)
-    left = _grip_left(limits, lateral)
-    held = min(max(granted, -left), left)
+    grip = _grip_left(limits, lateral)
+    held = min(max(granted, -grip), grip)
     if abs(held - granted) > _GRANTED:
         count_clip(clips, _FRICTION, time, granted, held)
     return float(held)
@@ -385,12 +386,12 @@ def drive(
     target: acceleration to reach, m/s2.
     """
     distance = 0.0
-    left = step
+    remaining = step  # s
     a, v = acceleration, speed
-    while left > 0.0:
+    while remaining > 0.0:
         goal, jerk = _ramp(a, target, limits)
-        duration = left if jerk == 0.0 else (goal - a) / jerk
-        duration = min(duration, left)
+        duration = remaining if jerk == 0.0 else (goal - a) / jerk
+        duration = min(duration, remaining)
         reached = a + jerk * duration
         # a cheap test before the exact one: at the strongest braking of this part, twice over
         if v + 2.0 * min(a, reached) * duration <= 0.0:
@@ -402,13 +403,13 @@ def drive(
                 # the target is to drive: at a standstill it begins, although the brakes are still
                 # being released
                 a = v = 0.0
-                left -= stop
+                remaining -= stop
                 continue
         square = duration * duration
         distance += v * duration + 0.5 * a * square + jerk * (square * duration) / 6.0
         v = max(v + a * duration + 0.5 * jerk * square, 0.0)
-        a = goal if duration < left else reached
-        left -= duration
+        a = goal if duration < remaining else reached
+        remaining -= duration
     return (target if abs(a - target) < _SAME else a), v, distance
 
 

@@ -80,9 +80,6 @@ class ChildProgram:
         talks: bool,
         variables: Mapping[str, str] = {},
     ) -> None:
-        environment = {**os.environ, "PATH": search_path(), **variables}
-        # with it a TraCI program would load libsumo instead of connecting
-        environment.pop("LIBSUMO_AS_TRACI", None)
         self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `stop`
         try:
             self.process = subprocess.Popen(
@@ -91,7 +88,7 @@ class ChildProgram:
                 stdout=subprocess.PIPE if talks else self._output,
                 stderr=self._output,
                 cwd=folder,
-                env=environment,
+                env=_environment(variables),
                 start_new_session=True,
                 preexec_fn=_die_with_parent if sys.platform == "linux" else None,
             )
@@ -136,6 +133,14 @@ class ChildProgram:
         # if the group has no process any more, Linux reports the first error, macOS the second
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process.pid, signal.SIGKILL)
+
+
+def _environment(variables: Mapping[str, str]) -> dict[str, str]:
+    """Environment of a program: that of this process, with these variables."""
+    environment = {**os.environ, "PATH": search_path(), **variables}
+    # with this variable a TraCI program would load libsumo instead of connecting
+    environment.pop("LIBSUMO_AS_TRACI", None)
+    return environment
 
 
 def _die_with_parent() -> None:

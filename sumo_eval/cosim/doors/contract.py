@@ -101,8 +101,8 @@ def check_controller(
     if not cases:
         raise must_be("`cases`", "`check_controller`", "at least one concrete scenario", cases)
     # every step is recorded: `_same` compares all of them
-    asked = settings or SimulationSettings()
-    settings = replace(asked, record_interval=asked.step)
+    settings = settings or SimulationSettings()
+    settings = replace(settings, record_interval=settings.step)
     load_controller(controller, folder)
     findings = [Finding("ok", "can be loaded")]
 
@@ -267,13 +267,7 @@ def _in_range(recordings: _Recordings) -> Finding:
     worst = _worst(recordings, _WORDS.keys() - _OF_A_PLAN)
     if not worst:
         return Finding("ok", "commands are within what the vehicle can do")
-    logs = {
-        line
-        for recording in recordings
-        for line in recording.log.splitlines()
-        if line.startswith("SUMO ignored ")
-    }
-    text = "; ".join([*map(_said, worst.values()), *sorted(line.rstrip(".") for line in logs)])
+    text = "; ".join([*map(_said, worst.values()), *_ignored_calls(recordings)])
     if worst.keys() & _COMMANDS:
         mend = (
             "the vehicle does what it can, and every case counts that as clips; if that was not "
@@ -287,6 +281,12 @@ def _in_range(recordings: _Recordings) -> Finding:
         text,
         "allowed, and counted in every case as clips; limit it yourself if that was not intended",
     )
+
+
+def _ignored_calls(recordings: _Recordings) -> list[str]:
+    """Sentences of the logs on TraCI calls that SUMO ignored, each once, without its full stop."""
+    lines = {line for recording in recordings for line in recording.log.splitlines()}
+    return sorted(line.rstrip(".") for line in lines if line.startswith("SUMO ignored "))
 
 
 def _planned(recordings: _Recordings) -> _Findings:

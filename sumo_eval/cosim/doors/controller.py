@@ -347,21 +347,26 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
     if colon and scheme in DOORS:
         return load_object(DOORS[scheme], None, "ADS")(rest, folder or Path.cwd())
     target = SHIPPED.get(locator, locator)
-    if hint := _other_way(target):
-        raise InputError(
-            f"ADS `{locator}` must be one that ships, or of the form `module:name` or "
-            f"`file.py:name`: {hint}."
-        )
-    if ":" not in target:
-        raise InputError(
-            f"Unknown ADS `{locator}`: not one that ships, and not of the form `module:name` or "
-            f"`file.py:name`.{did_you_mean(locator, (*SHIPPED, 'sumo:IDM'))}"
-        )
+    _check_form(target)
     loaded = load_object(target, folder, "ADS")
     # a class of another tool is for `adapted` to refuse, with a better message
     if not (inspect.isclass(loaded) and _foreign(loaded, locator)):
         check_options(loaded, entry.options, locator)
     return loaded
+
+
+def _check_form(locator: str) -> None:
+    """Raise InputError unless a locator is of the form `module:name` or `file.py:name`."""
+    if hint := _other_way(locator):
+        raise InputError(
+            f"ADS `{locator}` must be one that ships, or of the form `module:name` or "
+            f"`file.py:name`: {hint}."
+        )
+    if ":" not in locator:
+        raise InputError(
+            f"Unknown ADS `{locator}`: not one that ships, and not of the form `module:name` or "
+            f"`file.py:name`.{did_you_mean(locator, (*SHIPPED, 'sumo:IDM'))}"
+        )
 
 
 # endings of files of weights
@@ -378,20 +383,10 @@ _BY_SCHEME = {
 def _other_way(locator: str) -> str | None:
     """Hint at the locator that the user probably meant; None: no hint."""
     scheme, colon, rest = locator.partition(":")
+    if colon:
+        return _other_scheme(scheme.lower(), rest)
     plain = locator.partition("?")[0]
     suffix = Path(plain).suffix
-    if colon:
-        scheme = scheme.lower()
-        if scheme in _BY_SCHEME and ":" in rest:
-            return f"{_adapter(_BY_SCHEME[scheme], rest)} drives it"
-        if scheme in ("ros2", "ros"):
-            return "a node that `exec:` starts drives a ROS 2 stack (docs/ads/ros2.md)"
-        if scheme in ("grpc", "http", "https", "tcp", "zmq"):
-            return (
-                "a class with `act(observation)` that asks the server drives it "
-                "(docs/ads/observation.md)"
-            )
-        return None
     if suffix in (".onnx", ".fmu"):
         return f"`{suffix[1:]}:{locator}` drives it"
     if suffix == ".py" and " " not in plain:
@@ -405,6 +400,20 @@ def _other_way(locator: str) -> str | None:
         )
     if " " in locator or "/" in locator:
         return f"`exec:{locator}` runs it as a program (docs/ads/exec.md)"
+    return None
+
+
+def _other_scheme(scheme: str, rest: str) -> str | None:
+    """Hint for a locator whose scheme is none of `DOORS`; None: no hint."""
+    if scheme in _BY_SCHEME and ":" in rest:
+        return f"{_adapter(_BY_SCHEME[scheme], rest)} drives it"
+    if scheme in ("ros2", "ros"):
+        return "a node that `exec:` starts drives a ROS 2 stack (docs/ads/ros2.md)"
+    if scheme in ("grpc", "http", "https", "tcp", "zmq"):
+        return (
+            "a class with `act(observation)` that asks the server drives it "
+            "(docs/ads/observation.md)"
+        )
     return None
 
 
@@ -446,13 +455,13 @@ def own_vehicle_type(target: Any, road: Road) -> dict[str, str] | None:
 
 def _own_model(target: Any) -> NativeModel | None:
     """The checked `vehicle_type` of TraCI code as a model; None: it names none."""
-    given = getattr(target, "vehicle_type", None)
-    if given is None:
+    own_type = getattr(target, "vehicle_type", None)
+    if own_type is None:
         return None
     owner = f"`vehicle_type` of {type(target).__name__}"
-    if not isinstance(given, Mapping):
-        raise must_be("The attributes", owner, "a dict", given)
-    attributes = {str(name): str(value) for name, value in given.items()}
+    if not isinstance(own_type, Mapping):
+        raise must_be("The attributes", owner, "a dict", own_type)
+    attributes = {str(name): str(value) for name, value in own_type.items()}
     model = attributes.pop("carFollowModel", "Krauss")
     check_known(f"SUMO car-following model in {owner}", SUMO_MODELS, model)
     for name in attributes:
@@ -565,14 +574,8 @@ def _foreign(target: Any, described: str) -> str | None:
     if any(base.__module__.partition(".")[0] == "smarts" for base in kind.__mro__):
         name, (whose, tool) = "act", _SMARTS
     else:
-        # a generator, to stop at the first: a property with a later name may fail before a case
-        methods = (it for it in ("act", "step", *FOREIGN) if callable(getattr(target, it, None)))
-        name = next(methods, "")
-        if isinstance(target, Adapter) or name not in FOREIGN:
-            return None
-        # A callable with arguments counts as a function. CARLA's agents are callable without any.
-        call = getattr(kind, "__call__", None)  # noqa: B004
-        if inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1:
+        name = _foreign_method(target, kind)
+        if not name:
             return None
         whose, tool = FOREIGN[name]
     hint = (
@@ -585,6 +588,22 @@ def _foreign(target: Any, described: str) -> str | None:
         f"`step` method, got {kind.__name__}. It has `{name}`, as {whose}: {hint}put it in a class "
         "with `act(observation)` that calls it (docs/ads/observation.md)."
     )
+
+
+def _foreign_method(target: Any, kind: type) -> str:
+    """The method of `FOREIGN` by which another tool would call an ADS; "" for any other ADS.
+
+    kind: the target's class, or the target itself if it is a class.
+    """
+    # a generator, to stop at the first: a property with a later name may fail before a case
+    methods = (it for it in ("act", "step", *FOREIGN) if callable(getattr(target, it, None)))
+    name = next(methods, "")
+    if isinstance(target, Adapter) or name not in FOREIGN:
+        return ""
+    # a callable with arguments counts as a function; CARLA's agents are callable without any
+    call = getattr(kind, "__call__", None)  # noqa: B004
+    is_function = inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1
+    return "" if is_function else name
 
 
 def _takes_one_argument(function: Callable[..., Any]) -> bool:

@@ -77,9 +77,7 @@ def _read_entry(query: str, owner: str) -> Entry:
     """
     period, batch, options = 0.0, True, {}
     for name, text in read_query(query, owner, "period=SECONDS&options.NAME=VALUE").items():
-        value: Any = text
-        with suppress(ValueError, RecursionError):  # not JSON: a text
-            value = json.loads(text)
+        value = _value(text)
         if name == "period":
             if type(value) not in (int, float) or not 0.0 < value <= sys.float_info.max:
                 raise must_be("`period`", owner, "a number greater than 0 s", value)
@@ -91,6 +89,13 @@ def _read_entry(query: str, owner: str) -> Entry:
         else:
             options[name.removeprefix("options.")] = value
     return Entry(period, options, batch)
+
+
+def _value(text: str) -> Any:
+    """The value of a pair: what it is as JSON, else the text."""
+    with suppress(ValueError, RecursionError):
+        return json.loads(text)
+    return text
 
 
 def read_query(query: str, owner: str, form: str) -> dict[str, str]:

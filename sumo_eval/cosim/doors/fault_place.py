@@ -6,6 +6,7 @@ Users: `cosim/world.py`, `record/apart.py`, `record/worker.py`.
 
 import inspect
 import sysconfig
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from traceback import walk_tb
@@ -37,18 +38,24 @@ def fault_place(error: BaseException | None, controller: Any, folder: Path | Non
     controller: the user's object or function.
     folder: paths within it are relative to it; None: the working directory.
     """
-    seen = set()
     methods = ["act", "step"]
     own_file = _file_of(controller)
     by_door = type(error) is ControllerError  # the libraries of a door are not the user's
-    while error is not None and id(error) not in seen:
-        seen.add(id(error))
-        frames = [(frame.f_code, line) for frame, line in walk_tb(error.__traceback__)]
+    for each in _with_causes(error):
+        frames = [(frame.f_code, line) for frame, line in walk_tb(each.__traceback__)]
         methods = [it.co_name for it, _ in frames if it.co_name in ("reset", "close")] + methods
         if frame := _frame_at_fault(frames, own_file, by_door):
             return _place(*frame, folder)
-        error = error.__cause__ or error.__context__
     return _function_start(controller, methods, folder)
+
+
+def _with_causes(error: BaseException | None) -> Iterator[BaseException]:
+    """An exception, then its cause, and so on, each once."""
+    seen = set()
+    while error is not None and id(error) not in seen:
+        seen.add(id(error))
+        yield error
+        error = error.__cause__ or error.__context__
 
 
 def _frame_at_fault(frames: list[_Frame], own_file: str | None, by_door: bool) -> _Frame | None:

@@ -112,6 +112,13 @@ class Action(Checked):
             )
         _check_range(self.name, self.low, self.high)
 
+    def unscaled(self, outputs: Floats) -> Floats:
+        """Accelerations, m/s2, or steering wheel angles, rad, of outputs of the policy."""
+        if self.low is None or self.high is None:
+            return outputs
+        share = 0.5 * (np.clip(outputs, -1.0, 1.0) + 1.0)  # 0..1; nan stays nan
+        return self.low + share * (self.high - self.low)
+
 
 @dataclass(frozen=True)
 class Interface(Checked):
@@ -137,8 +144,8 @@ class Interface(Checked):
                                                                      "acceleration and steering",
                           ", ".join(names) or "none")  # fmt: skip
         if len({action.values is None for action in self.actions}) > 1:
-            wanted = "given for every action or for none"
-            raise must_be("`values`", "an interface of a policy", wanted, "one of two")
+            must = "given for every action or for none"
+            raise must_be("`values`", "an interface of a policy", must, "one of two")
 
     @cached_property
     def choices(self) -> Floats | None:
@@ -197,11 +204,7 @@ class Interface(Checked):
             commands[~np.isfinite(answers).all(axis=1)] = np.nan
             return commands
         for column, action in enumerate(self.actions):
-            value = np.asarray(answers[:, column], float)
-            if action.low is not None and action.high is not None:
-                share = 0.5 * (np.clip(value, -1.0, 1.0) + 1.0)  # 0..1; nan stays nan
-                value = action.low + share * (action.high - action.low)
-            commands[:, column] = value
+            commands[:, column] = action.unscaled(np.asarray(answers[:, column], float))
         return commands
 
     def to_toml(self) -> str:

@@ -206,8 +206,8 @@ class _Fmu:
             if not isfinite(signal) or _plain(variable.type, signal) != signal:
                 raise must_be(name, owner, f"finite and of type {variable.type}", signal)
         elif is_array and key == "inputs" and signal not in OBJECTS:
-            wanted = f"given one of {', '.join(OBJECTS)}, as it is an array"
-            raise must_be(name, owner, wanted, signal)
+            must = f"given one of {', '.join(OBJECTS)}, as it is an array"
+            raise must_be(name, owner, must, signal)
         elif signal in OBJECTS and not is_array:
             raise must_be(name, owner, f"an array to be given `{signal}`", "one number")
         else:
@@ -216,6 +216,10 @@ class _Fmu:
     def _wire_outputs(
         self, wiring: FmuSettings, needed: _Names, optional: _Names, lists: _Names
     ) -> dict[str, tuple[Any, int]]:
+        """The outputs that are one number, as of `_output`, by name.
+
+        Arguments as of the class.
+        """
         names = (*needed, *optional)
         owner = f"FMU `{self.path.name}`"
         check_known(f"output in the mapping of {owner}", (*names, *lists), *wiring.outputs)
@@ -268,19 +272,19 @@ class _Fmu:
         variable = self._variable(name if whole else plain, "outputs")
         size = _count(variable)
         if variable.type in _TEXTS:
-            wanted = "a number"
+            must = "a number"
             got = variable.type
         elif whole and size is not None:
-            wanted = f"one value, `{name}[0]`"
+            must = f"one value, `{name}[0]`"
             got = "an array"
         elif whole:
             return variable, 0
         elif index.isdecimal() and int(index) < (size or 1):
             return variable, int(index)
         else:
-            wanted = f"within its {size or 1} values"
+            must = f"within its {size or 1} values"
             got = index
-        raise must_be(f"The output `{name}`", f"FMU `{self.path.name}`", wanted, got)
+        raise must_be(f"The output `{name}`", f"FMU `{self.path.name}`", must, got)
 
     def load(self) -> None:
         """Load the library and make an instance."""

@@ -32,6 +32,7 @@ from sumo_eval.cosim.doors.traci_numbers import shown
 from sumo_eval.cosim.plans import Plan
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, ControllerTimeoutError
+from sumo_eval.scenario.concrete import Road
 
 _Message = dict[str, Any]  # a JSON object
 PROTOCOL = 1
@@ -95,34 +96,28 @@ class JsonLinesProgram(Adapter):
 
     def _ask(self, message: _Message) -> _Message:
         """Send a message, and return the program's answer to it."""
-        text = json.dumps(message, separators=(",", ":")).encode() + b"\n"
         self._until = monotonic() + self._deadline
+        self._send(json.dumps(message, separators=(",", ":")).encode() + b"\n")
+        while b"\n" not in self._unread:
+            self._wait([self._stdout], [])
+            self._unread += self._read()
+        line, _, self._unread = self._unread.partition(b"\n")
+        return _json_object(line.decode("utf-8", errors="replace"))
+
+    def _send(self, text: bytes) -> None:
+        """Write a line to the program, in as many parts as its pipe takes."""
         try:
             while text:
                 self._wait([], [self._stdin])
                 text = text[os.write(self._stdin, text) :]
         except BrokenPipeError:
             raise self._program.ended("input") from None
-        while b"\n" not in self._unread:
-            self._wait([self._stdout], [])
-            self._unread += self._read()
-        first, _, self._unread = self._unread.partition(b"\n")
-        line = first.decode("utf-8", errors="replace")
-        try:
-            answer = json.loads(line)
-        except (ValueError, RecursionError):
-            answer = None
-        if not isinstance(answer, dict):
-            raise ControllerError(
-                f"The ADS must answer with a JSON object on one line, got {line[:200]!r}"
-            )
-        return answer
 
     def _wait(self, to_read: list[int], to_write: list[int]) -> None:
         """Wait until a handle can be read, or written; end the program at its deadline."""
-        left = self._until - monotonic()
-        timeout = None if left == float("inf") else left
-        if left <= 0.0 or not any(select.select(to_read, to_write, [], timeout)):
+        remaining = self._until - monotonic()
+        timeout = None if remaining == float("inf") else remaining
+        if remaining <= 0.0 or not any(select.select(to_read, to_write, [], timeout)):
             self._program.kill()
             got = f", got {self._unread[:200]!r} without an end of line" if self._unread else ""
             raise ControllerTimeoutError(
@@ -137,18 +132,34 @@ class JsonLinesProgram(Adapter):
         return chunk
 
 
-def _reset_message(scenario: Briefing, options: Mapping[str, Any]) -> _Message:
-    """The briefing as the message of the reset."""
-    road = scenario.road
-    road_message: _Message = {
+def _json_object(line: str) -> _Message:
+    """A line of the program's output as a JSON object."""
+    try:
+        answer = json.loads(line)
+    except (ValueError, RecursionError):
+        answer = None
+    if not isinstance(answer, dict):
+        raise ControllerError(
+            f"The ADS must answer with a JSON object on one line, got {line[:200]!r}"
+        )
+    return answer
+
+
+def _road_message(road: Road) -> _Message:
+    """The road of the message of the reset."""
+    return {
         "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length,
         "speed_limit": road.speed_limit,
         "line": [asdict(piece) for piece in road.line],
         "lane_borders": [line._asdict() for line in lane_borders(road)],
     }  # fmt: skip
+
+
+def _reset_message(scenario: Briefing, options: Mapping[str, Any]) -> _Message:
+    """The briefing as the message of the reset."""
     message: _Message = {
         "type": "reset", "protocol": PROTOCOL, "step": scenario.step, "period": scenario.period,
-        "vehicle": asdict(scenario.vehicle), "road": road_message,
+        "vehicle": asdict(scenario.vehicle), "road": _road_message(scenario.road),
         "desired_speed": scenario.desired_speed,
         "goal": scenario.goal, "change": scenario.change,
     }  # fmt: skip

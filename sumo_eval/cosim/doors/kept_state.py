@@ -15,6 +15,7 @@ import re
 import sys
 from array import array
 from collections import deque
+from collections.abc import Iterator
 from functools import cache
 from itertools import islice
 from types import CellType, FunctionType, GeneratorType, MethodType, ModuleType
@@ -166,12 +167,16 @@ def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> objec
     try:
         if content := _content(value):
             return content
-        members = value.items() if isinstance(value, dict) else value
-        parts = islice(members, _MOST) if is_container else _parts(value)
+        parts = _members(value) if is_container else _parts(value)
     except Exception:  # noqa: BLE001 - attributes of a user's object are the user's code
         return identity
     seen |= {id(value)}
     return identity, [_frozen(it, depth + 1, seen) for it in parts]
+
+
+def _members(container: Any) -> Iterator[Any]:
+    """The first members of a container; of a dict, its items."""
+    return islice(container.items() if isinstance(container, dict) else container, _MOST)
 
 
 def _content(value: Any) -> object:

@@ -134,18 +134,23 @@ class OnnxPolicy:
             raise ControllerError(f"The model {self._name} failed: {_words(error)}") from error
         answer = np.asarray(answer)
         if self._chosen and answer.size == rows:
-            if not ((answer >= 0) & (answer < width)).all():
-                raise ControllerError(
-                    f"The output `{self._output}` of {self._name} must name choices "
-                    f"0..{width - 1}, got {answer.min()}..{answer.max()}"
-                )
-            answer = np.eye(width)[answer.reshape(rows)]  # score 1 for the choice, else 0
+            answer = self._scores(answer.reshape(rows))
         if answer.shape != (rows, width) and not (width == 1 and answer.shape == (rows,)):
             raise ControllerError(
                 f"The output `{self._output}` of {self._name} must have the shape ({rows}, "
                 f"{width}) for {rows} rows, by the actions of its table, got {answer.shape}"
             )
         return answer.reshape(rows, width)
+
+    def _scores(self, choices: NDArray[Any]) -> NDArray[Any]:
+        """Scores (n, choices) for numbers of choices (n,): 1 for the choice, else 0."""
+        width = self.interface.width
+        if not ((choices >= 0) & (choices < width)).all():
+            raise ControllerError(
+                f"The output `{self._output}` of {self._name} must name choices "
+                f"0..{width - 1}, got {choices.min()}..{choices.max()}"
+            )
+        return np.asarray(np.eye(width)[choices])
 
 
 def from_locator(text: str, folder: Path) -> PolicyController:

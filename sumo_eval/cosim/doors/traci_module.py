@@ -127,7 +127,7 @@ class Guard:
         # number of calls that wrote to more than the ego or had no effect, by the name of the clip
         self.touched = Counter[str]()
         self.heeding = set(heeding)
-        self.asked = Counter[str]()  # number of each call that SUMO may ignore
+        self.ignorable = Counter[str]()  # number of each call that SUMO may ignore
         # whether a call has moved the ego since the step began, and whether a call has placed it
         self.moved = self.placed = False
         self.refusal: tuple[str, str] | None = None  # `deed` and `why` of `refuse`
@@ -226,7 +226,7 @@ class Guard:
         """TraCI call -> reason why SUMO ignored it in this case."""
         return {
             call: WHY_IGNORED[IGNORED.get(call, "window")]
-            for call in self.asked
+            for call in self.ignorable
             if IGNORED.get(call) not in self.heeding
         }
 
@@ -238,7 +238,7 @@ class Guard:
     def end(self) -> None:
         """Count the calls that SUMO ignored, and remove every listener: its `cleanUp` is called."""
         if self.ignored:
-            self.touched["ignored_traci_call"] = sum(self.asked[call] for call in self.ignored)
+            self.touched["ignored_traci_call"] = sum(self.ignorable[call] for call in self.ignored)
         for number in list(self.listeners._stepListeners):
             self.listeners.removeStepListener(number)
 
@@ -280,7 +280,7 @@ def _vehicle_writer(call: str, write: _Call) -> _Call:
             vehID, args = GUARD.translate(call, vehID, args, kwargs)  # noqa: N806
         GUARD.check("vehicle", call, vehID, args, kwargs)
         if ignored and vehID == EGO:
-            GUARD.asked[call] += 1
+            GUARD.ignorable[call] += 1
         answer = write(vehID, *args, **kwargs)
         # from here on SUMO's model drives the ego; after setSpeed only if the speed is negative
         if (
@@ -318,7 +318,7 @@ def _type_writer(call: str, write: _Call) -> _Call:
             GUARD.note_touched("vehicletype", call, typeID)
         GUARD.check("vehicletype", call, typeID, args, kwargs)
         if call in IGNORED and typeID == EGO:
-            GUARD.asked[call] += 1
+            GUARD.ignorable[call] += 1
         return write(typeID, *args, **kwargs)
 
     return guarded
@@ -341,7 +341,7 @@ def _gui_writer(call: str) -> _Call:
     def ignored(*args: Any, **kwargs: Any) -> None:
         if GUARD.shared:
             GUARD.leave()
-        GUARD.asked[f"gui.{call}"] += 1
+        GUARD.ignorable[f"gui.{call}"] += 1
 
     return ignored
 

@@ -144,8 +144,6 @@ def _enter_own_network(report: socket.socket) -> None:
 
     A child process runs it before it becomes the server.
     """
-    import fcntl
-
     # where a namespace is not allowed, `PrivateServer` receives no sockets and makes its own
     with suppress(OSError):
         user = os.geteuid()
@@ -159,9 +157,16 @@ def _enter_own_network(report: socket.socket) -> None:
         }.items():
             with suppress(OSError), open(f"/proc/self/{name}", "w") as file:
                 file.write(text)
-        # start the loopback interface: `struct ifreq` has its name, flags and padding
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
-            request = struct.pack("16sh14x", b"lo", _UP_AND_RUNNING)
-            fcntl.ioctl(any_socket, _SET_FLAGS, request)
+        _start_loopback()
         sockets = [socket.socket() for _ in range(CLIENTS)]
         socket.send_fds(report, [_WORD], [connection.fileno() for connection in sockets])
+
+
+def _start_loopback() -> None:
+    """Start the loopback interface of this process's network, on Linux."""
+    import fcntl
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+        # `struct ifreq`: the interface's name, its flags, padding
+        request = struct.pack("16sh14x", b"lo", _UP_AND_RUNNING)
+        fcntl.ioctl(any_socket, _SET_FLAGS, request)

@@ -44,6 +44,17 @@ CHORD_TOLERANCE = 0.05
 SPEED_TOLERANCE = 1e-3  # m/s
 NOWHERE = -1e6  # m; SUMO shows a vehicle that is on no lane at an x far below this value
 _COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)  # of XML
+_SESSION_OPTIONS = {
+    "begin": "0",
+    "xml-validation": "never",
+    "xml-validation.net": "never",
+    "xml-validation.routes": "never",
+    "no-step-log": "true",
+    "no-warnings": "true",
+    "duration-log.disable": "true",
+    "seed": "0",
+}
+"""Options of SUMO that are the same in every session, in addition to `SIMULATION_OPTIONS`."""
 
 
 def simulator_version() -> str:
@@ -200,17 +211,10 @@ def _arguments(
     options = {
         "net-file": str(network),
         "route-files": str(routes),
-        "begin": "0",
         "step-length": f"{settings.step:g}",
         "lanechange.duration": f"{settings.lane_change_duration:g}",
         "error-log": str(log),
-        "xml-validation": "never",
-        "xml-validation.net": "never",
-        "xml-validation.routes": "never",
-        "no-step-log": "true",
-        "no-warnings": "true",
-        "duration-log.disable": "true",
-        "seed": "0",
+        **_SESSION_OPTIONS,
         **SIMULATION_OPTIONS,
         "collision.action": collisions,
     }

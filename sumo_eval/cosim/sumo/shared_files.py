@@ -96,7 +96,6 @@ def shared_network_xml(cases: Sequence[ConcreteScenario], *, ads_asks: bool = Fa
     ads_asks: every road has all its lanes.
     """
     road = plain(cases[0].road)
-    tail = ""
     edges, lanes = [], []
     for case, concrete in enumerate(cases):
         name = f"road{suffix(case, len(cases), ads_asks=ads_asks)}"

@@ -120,6 +120,7 @@ def document(root: Any) -> str:
 
 
 def _number(value: float) -> str:
+    """A number with all its digits."""
     return repr(float(value))
 
 
@@ -244,10 +245,12 @@ def _section_edge(
 
 
 def _edge(name: str, begin: str, end: str, lanes: Sequence[Any]) -> Any:
+    """An edge between two nodes."""
     return E.edge({"id": name, "from": begin, "to": end, "priority": "1"}, *lanes)
 
 
 def _lane(road: Road, name: str, index: int, length: float, width: float, shape: str) -> Any:
+    """A lane; length and width in m, `index` within its edge."""
     return E.lane(
         id=name, index=index, speed=road.speed_limit, length=length, width=width, shape=shape
     )
