@@ -48,9 +48,10 @@ VULNERABLE = ("bicycle", "pedestrian", "child")
 def half_sizes(heading: float, length: float, width: float) -> tuple[float, float]:
     """Half the extents of a turned body along and across the road, m.
 
-    heading: rad to the left of the road.
+    heading: of the body, rad to the left of the road's direction.
+    length, width: of the body itself, m.
     """
-    if heading == 0.0:  # nearly every body that a policy sees
+    if heading == 0.0:  # most bodies: saves the cosine and the sine
         return 0.5 * length, 0.5 * width
     c, s = abs(math.cos(heading)), abs(math.sin(heading))
     return 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)

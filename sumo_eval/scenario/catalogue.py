@@ -1,7 +1,8 @@
-"""The logical scenarios that ship: the scenario files in `sumo_eval/scenario/files`; and how a user
-names one.
+"""The logical scenarios that ship, the files in `sumo_eval/scenario/files`, and the lookup of any
+logical scenario by the text `use` of an evaluation.
 
-A file is read when its scenario is asked for, once.
+A shipped file is read once, when its scenario is first asked for. The names of shipped scenarios
+and the form of `use` are public; users' evaluations contain them.
 
 Users: `cli/`, `record/`, `report/export_case.py`, `scenario/resolved.py`, `extras/`.
 """
@@ -30,14 +31,14 @@ def find(use: str, folder: Path | None = None) -> LogicalScenario:
     - a scenario file: `file.toml`, or a file of another installed format
     - a Python object: `module:name` or `file.py:name`
 
-    The first two may have options behind: `cut_in?lateral_acceleration=1.5`.
+    After a name or a file options may follow: `cut_in?lateral_acceleration=1.5`.
 
-    folder: where relative paths start.
+    folder: where relative paths start; None: the current folder.
     """
-    plain, given = options_of(use)
+    plain, options = options_of(use)
     if reader := _reader_of(plain):
         with users_code(f"Logical scenario `{use}` cannot be read", SumoEvalError):
-            logical = reader((folder or Path.cwd()) / plain, given)
+            logical = reader((folder or Path.cwd()) / plain, options)
     else:
         refuse_use_case(plain)
         if ":" not in plain:
@@ -51,7 +52,7 @@ def find(use: str, folder: Path | None = None) -> LogicalScenario:
 
 
 def _reader_of(file: str) -> Callable[..., LogicalScenario] | None:
-    """Reader of a scenario file by its ending; None if it is not the name of a file."""
+    """Reader of a scenario file by its ending; None if no installed reader has that ending."""
     if file.endswith(".toml"):
         return read_scenario
     form = format_of(file)
@@ -59,7 +60,7 @@ def _reader_of(file: str) -> Callable[..., LogicalScenario] | None:
 
 
 def is_file(use: str) -> bool:
-    """Whether a `use` names a scenario file: not a shipped scenario, not a Python object."""
+    """Whether a `use` names a scenario file, not a shipped scenario or a Python object."""
     return _reader_of(use.partition("?")[0]) is not None
 
 
@@ -68,26 +69,26 @@ def load(name: str) -> LogicalScenario:
     """The shipped logical scenario of that name, with options if it has any:
     `cut_in?lateral_acceleration=1.5`.
     """
-    plain, given = options_of(name)
+    plain, options = options_of(name)
     files = scenario_files()
     if plain not in files:
         _, dot, ending = plain.rpartition(".")
-        if not dot or ending == "toml":  # `find` reads files
+        if not dot or ending == "toml":  # a name, or a TOML file, which only `find` reads
             raise unknown("logical scenario", plain, files)
-        # OpenSCENARIO's reader ships: only an installation from before it lacks the entry point
+        # this package reads .xosc itself: an installation older than that reader lacks the entry
         own = " It is one of sumo_eval's own: `pip install -e .` once more."
         again = own if ending == "xosc" else ""
         raise InputError(
             f"Unknown logical scenario `{plain}`: no installed package reads `.{ending}` files, "
             f"which the entry point `{ending}` of the group `{GROUP}` would do.{again}"
         )
-    return read_scenario(files[plain], given)
+    return read_scenario(files[plain], options)
 
 
 def options_of(use: str) -> tuple[str, dict[str, str]]:
     """The part before the options of `cut_in?a=1&b=2`, and the options by name, as written."""
     plain, *texts = use.split("?", 1)
-    # [::2]: key and value without the "=" between them
+    # [::2]: `partition` gives (key, "=", value), take key and value
     options = [option.partition("=")[::2] for text in texts for option in text.split("&")]
     for key, times in Counter(key for key, _ in options).items():
         if times > 1:

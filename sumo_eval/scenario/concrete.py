@@ -1,6 +1,8 @@
-"""A concrete scenario: one point of a space as plain data.
+"""A concrete scenario: one point of a space as plain data, with its road, the ego's start and the
+actors.
 
-`scenario` makes it, `cosim` sets SUMO up from it, and workers receive it within their cases.
+`scenario/` makes it, `cosim/` sets SUMO up from it, and workers receive it within their cases. The
+fingerprint of a drive hashes the `repr` of these records.
 
 Positions are vehicle centres in road coordinates: x along the road, y to the left, y = 0 on the
 right lane's centre line, headings from the road's direction. On a curved road x is the distance
@@ -41,11 +43,11 @@ class NetworkFile:
     """A user's SUMO network.
 
     path: of the .net.xml, absolute.
-    edges: edges that the scenario uses, in driving order. A road keeps its network only if they
-        form one straight line (`sumo_network.read_road`).
+    edges: ids of the edges that the scenario uses, in driving order. A road keeps its network only
+        if they form one straight line (`sumo_network.read_road`).
     sha256: of the file's content; a road of a changed file is not the same road.
-    sections: of each edge begin and end, x in m, and SUMO's index of the road's lane 0 there:
-        above 0 where a pavement lies to the right of it, -1 where the edge lacks that lane.
+    sections: of each edge begin and end, x in m, and SUMO's index of the road's lane 0 on it: above
+        0 where a pavement lies to the right of that lane, -1 where the edge lacks it.
     """
 
     path: str
@@ -60,13 +62,13 @@ class Road:
 
     length: x at which cases end, m.
     lanes: number of lanes, all `lane_width` m wide.
-    run_out: further road for vehicles that are faster than the ego, m.
+    run_out: length of road beyond `length`, for vehicles that are faster than the ego, m.
     speed_limit: the most that SUMO lets a vehicle drive, m/s.
-    network: the user's network that contains it; None: a network is written for it.
+    network: the user's network that contains the road; None: a network is written for it.
     line: the right lane's centre line from x = 0 on, piece by piece; after its last piece the road
-        is straight. Empty: it is straight throughout.
-    spans: the lanes that begin or end on the road.
-    crossings: roads that cross it.
+        is straight. Empty: the road is straight throughout.
+    spans: where the lanes exist that begin or end on the road.
+    crossings: roads that cross this one.
     """
 
     name: str
@@ -82,12 +84,12 @@ class Road:
 
     @property
     def end(self) -> float:
-        """x at which the road itself ends, behind `length`, m."""
+        """x at which the road itself ends, m; a case ends before, at x = `length`."""
         return self.length + self.run_out
 
     @property
     def shaped(self) -> bool:
-        """Whether lanes begin or end on it, or roads cross it."""
+        """Whether lanes begin or end on the road, or roads cross it."""
         return bool(self.spans or self.crossings)
 
     def span(self, lane: int) -> LaneSpan:
@@ -96,7 +98,7 @@ class Road:
 
     @property
     def bent(self) -> bool:
-        """Whether it is curved, so that road coordinates differ from those on the map."""
+        """Whether the road is curved, so that road coordinates differ from those on the map."""
         return bool(self.line)
 
     @property
@@ -118,7 +120,7 @@ class Road:
         return self.left_edge - self.lane_width * missing_at(self.span(self.lanes - 1), x)
 
     def lanes_at(self, x: float) -> tuple[int, ...]:
-        """The lanes that have their full width at x."""
+        """Numbers of the lanes that have their full width at x, m."""
         return tuple(
             lane for lane in range(self.lanes) if self.span(lane).begin <= x <= self.span(lane).end
         )
@@ -134,8 +136,8 @@ CHANGE_TIME = 4.0
 Over 3.5 m its lateral acceleration then peaks at 1.26 m/s2.
 """
 LEAST_CHANGE = 20.0  # m of road, at least, that the lane change in a `Way` takes
-RECORDED_EVERY = 0.1  # s between two positions of a recorded ego
-_PIECES = 64  # straight pieces by which the length of a lane change is computed
+RECORDED_EVERY = 0.1  # s between two positions of a recorded ego (`Start.recorded`)
+_PIECES = 64  # straight pieces whose lengths add up to that of a lane change
 
 
 @kernel
@@ -148,11 +150,11 @@ def lane_at(road: Road, y: float) -> int:
 class Way:
     """The lane change that the ego has to make.
 
-    offset: to the left, m.
+    offset: across the road to the other lane's centre, m, to the left.
     begin: x from which on it is possible, m.
     by: x at which it must be finished, m.
-    ends: whether the ego's first lane ends at `by`, so that an ego that has not changed must wait
-        there; False: it drives on, and has missed the lane change.
+    ends: whether the ego's first lane ends at `by`. True: an ego that has not changed must wait
+        there. False: it drives on, and has missed the lane change.
     """
 
     offset: float
@@ -161,7 +163,7 @@ class Way:
     ends: bool
 
     def length(self, speed: float) -> float:
-        """Length of road, m, for a lane change that begins at x = `begin` at a speed, m/s."""
+        """Length of road, m, of a lane change that begins at x = `begin` at a speed, m/s."""
         return min(max(CHANGE_TIME * speed, LEAST_CHANGE), self.by - self.begin)
 
 
@@ -173,9 +175,9 @@ class Start:
     speed: m/s.
     lateral_speed: of the ego, to the left, below `speed`, m/s; the ego heads in the direction of
         its motion.
-    way: the lane change that the ego has to make; None: none.
-    recorded: positions of a recorded ego, x and y of the centre, m, every `RECORDED_EVERY` s from
-        the start; empty: none.
+    way: the lane change that the ego has to make; None: it has to make none.
+    recorded: positions of a recorded ego, x and y of its centre, m, every `RECORDED_EVERY` s from
+        the start; empty: there is no recording.
     """
 
     x: float
@@ -186,8 +188,8 @@ class Start:
     recorded: Pairs = ()
 
     def y_at(self, x: ArrayLike) -> FloatArray:
-        """y of the ego's path at x (any shape), m: its first lane, then the lane change from
-        `way.begin` on, then the other lane.
+        """y of the ego's path at x (any shape), m: in its first lane, from `way.begin` on within
+        the lane change, then in the other lane.
         """
         places = np.asarray(x, float)
         if self.way is None:
@@ -198,7 +200,7 @@ class Start:
     def x_after(self, distance: ArrayLike) -> FloatArray:
         """x after a distance along the ego's path (any shape), m.
 
-        A lane change makes the path longer than the road, by the detour, m.
+        A lane change makes the path longer than the road, by a detour.
         """
         driven = np.asarray(distance, float)
         if self.way is None:
@@ -208,8 +210,9 @@ class Start:
         x = np.linspace(begin, begin + self.way.length(self.speed), _PIECES + 1)
         pieces = np.hypot(np.diff(x), np.diff(self.y_at(x)))
         along = begin - self.x + np.append(0.0, np.cumsum(pieces))
-        # 0 before the lane change, that of the whole lane change after it
-        return np.asarray(self.x + driven - np.interp(driven, along, along - (x - self.x)))
+        # m; before the first knot `interp` gives 0, beyond the last knot the whole detour
+        detour = np.interp(driven, along, along - (x - self.x))
+        return np.asarray(self.x + driven - detour)
 
     @property
     def heading(self) -> float:
@@ -220,17 +223,17 @@ class Start:
 def departures(
     recorded: Sequence[tuple[float, float]], time: ArrayLike, x: ArrayLike, y: ArrayLike
 ) -> FloatArray:
-    """Distances from the positions of a recorded ego at the same times, m, (n,).
+    """Distances of an ego from a recorded ego at the same times, m, (n,).
 
-    recorded: as in `Start`. After its end its last position counts.
+    recorded: positions as in `Start`. After the recording's end its last position counts.
     time: since the start, s, (n,).
-    x, y: positions, m, (n,).
+    x, y: positions of the ego, m, (n,).
     """
-    places = np.array(recorded, float)
+    recorded_x, recorded_y = np.array(recorded, float).T
     at = np.asarray(time, float)
-    times = np.arange(len(places)) * RECORDED_EVERY
-    ahead = np.asarray(x) - np.interp(at, times, places[:, 0])
-    return np.asarray(np.hypot(ahead, np.asarray(y) - np.interp(at, times, places[:, 1])))
+    times = np.arange(len(recorded)) * RECORDED_EVERY
+    ahead = np.asarray(x) - np.interp(at, times, recorded_x)
+    return np.asarray(np.hypot(ahead, np.asarray(y) - np.interp(at, times, recorded_y)))
 
 
 def smooth_step(share: FloatArray | float) -> FloatArray:
@@ -245,9 +248,9 @@ def lane_change(begin: float, duration: float, offset: float, *, cosine: bool = 
 
     begin, duration: s.
     offset: to the left, m; negative: to the right.
-    cosine: False: the share of the offset covered after a share s of the duration is that of
-        `smooth_step`; lateral speed peaks at 1.875 offset/duration. True: it is
-        (1 - cos(pi s)) / 2, OpenSCENARIO's `sinusoidal`, and peaks at pi/2 offset/duration.
+    cosine: which share of the offset is covered after a share s of the duration. False: that of
+        `smooth_step`; the lateral speed peaks at 1.875 offset/duration. True: (1 - cos(pi s)) / 2,
+        OpenSCENARIO's `sinusoidal`; the lateral speed peaks at pi/2 offset/duration.
     """
     _check_above_zero("duration", "a lateral move", "s", duration)
     return Act(played.COSINE if cosine else played.SMOOTH, begin, duration, 0.0, offset)
@@ -286,14 +289,15 @@ def brake_to_stop(begin: float, deceleration: float, jerk: float = inf) -> Act:
 def _check_above_zero(
     name: str, owner: str, unit: str, value: float, *, endless: bool = False
 ) -> None:
+    """Refuse a value that is not above 0; inf too, unless it is `endless`."""
     if not value > 0.0 or (value == inf and not endless):
         finite = "" if endless else "finite and "
         raise must_be(f"`{name}`", owner, f"{finite}greater than 0 {unit}", value)
 
 
 def keeps_on(acts: Sequence[Act]) -> Act:
-    """An act that changes no motion, but makes the vehicle `lively`: its script moves it, not SUMO,
-    and it may start beside the lanes.
+    """An act that changes no motion, but makes its vehicle `Actor.lively`: the kernels of
+    `scenario/played.py` move the vehicle, not SUMO, and it may start beside the lanes.
 
     acts: the other acts of the vehicle; if there are any, this one never begins.
     """
@@ -340,19 +344,19 @@ class Model:
 class Actor:
     """An actor: keeps its speed along the road until one of its acts begins.
 
-    The methods give its positions and speeds unless it is `lively`. Then they ignore its acts, as
-    if it kept its first speed.
+    Its methods compute positions and speeds in closed form. They are right unless the actor is
+    `lively`: of a lively actor they ignore the acts, as if it kept its first speed.
 
     length, width: m.
     slides: it keeps its heading while it moves across the road, as the rectangles behind UN R157's
         tables do; otherwise it points where it moves.
-    body: kind of road user (`scenario.bodies`).
+    body: kind of road user, a name in `scenario.bodies.BODIES`.
     heading: at the start, rad to the left of the road.
-    model: SUMO's model that drives it from the start, or from its act `FOLLOW` on; None: its acts
-        move it.
-    on_map: x m, y m and heading rad of its start on the map of a curved road, if its path is
-        straight on the map, as of an actor that crosses the path of a turning ego. `start` and
-        `heading` are in road coordinates even then. None: its path is along the road.
+    model: SUMO's model that drives it, from the start if it has no acts, else from its act `FOLLOW`
+        on; None: its acts move it.
+    on_map: x m, y m and heading rad of its start on the map of a curved road. Set where the actor
+        drives straight on the map, as across the path of a turning ego; `start` and `heading` are
+        in road coordinates all the same. None: its path is along the road.
     """
 
     name: str
@@ -373,7 +377,9 @@ class Actor:
 
     @property
     def lively(self) -> bool:
-        """Whether its motion depends on more than time, and is known only in the drive."""
+        """Whether its motion has no closed form here: it depends on what happens in the drive, or
+        is not of the simple kind (`Act.timed`, at most one braking, along the road).
+        """
         if self.model is not None or self.heading != 0.0 or self.on_map is not None:
             return True
         kinds = [act.kind for act in self.acts]
@@ -406,7 +412,7 @@ class Actor:
 
     def __post_init__(self) -> None:
         stands = self._stands_from
-        # `script_end` is the later of both ends: a lateral move would outlast the braking
+        # `script_end` is the last of all ends: here a lateral move would outlast the braking
         if -inf < stands < self.script_end:
             wanted = f"over when it stands, at {stands:.2f} s"
             raise must_be(
@@ -427,7 +433,7 @@ class Actor:
         return self._driven(time)[1]
 
     def _driven(self, time: float) -> tuple[float, float]:
-        """Distance along the road, m, and speed along it at a time, m/s."""
+        """Distance driven along the road up to a time, m, and speed along it then, m/s."""
         speed = self.start.speed
         return motion.braked(self.braking, speed, time) if self.braking else (speed * time, speed)
 
@@ -464,10 +470,10 @@ class ConcreteScenario:
     exposure: p_i, up to a factor common to all points.
     ego: start of the ego.
     ego_body: the ego's body in this scenario; None: that of the vehicle settings.
-    time_limit: simulated time after which the case ends, s; the simulation's own where that is
-        less; None: always the simulation's own.
-    standstill_time: time that the ego must stand for the case to end, s; None: the simulation's
-        own.
+    time_limit: simulated time after which the case ends, s, if the settings of the simulation do
+        not end it earlier; None: these settings alone decide.
+    standstill_time: time that the ego must stand for the case to end, s; None: that of the settings
+        of the simulation.
     changes: settings of this case alone, (name, value), with names in `CHANGES`.
     """
 
@@ -498,9 +504,8 @@ class ConcreteScenario:
     def lively(self) -> bool:
         """Whether the kernels of `scenario.played`, not SUMO, move the actors.
 
-        True where an actor's motion depends on more than time, where lanes open or end (SUMO
-        numbers the lanes of each edge on its own), where roads cross, and where the ego has to
-        change lanes.
+        True where an actor is lively itself, where lanes open or end (SUMO numbers the lanes of
+        each edge on its own), where roads cross, and where the ego has to change lanes.
         """
         return (
             self.road.shaped
@@ -522,12 +527,12 @@ class ConcreteScenario:
 
     @property
     def label(self) -> str:
-        """`ego_speed=30, gap=40`: the point in words."""
+        """The point in words: `ego_speed=30, gap=40`."""
         return point_words(self.values)
 
     @property
     def without_ads(self) -> ConcreteScenario:
-        """The scenario for references and drivers: without changes that only an ADS has."""
+        """The scenario for references and drivers: without the changes that only an ADS gets."""
         if not self.changes:
             return self
         return replace(self, changes=tuple(it for it in self.changes if it[0] in OF_THE_WORLD))

@@ -1,8 +1,8 @@
-"""Distribution of a parameter's values on the road: one of scipy.stats by its name there, cut to
-the range.
+"""Distribution of a parameter's values on the road: one of scipy.stats, by its name there, cut to
+the parameter's range.
 
-scipy.stats is imported when a distribution is used: it takes 0.7 s, and every child process imports
-this module.
+scipy.stats is imported only when a distribution is used: the import takes 0.7 s, and every child
+process imports this module.
 
 Users: `extras/openscenario/space.py`, `scenario/file_tables.py`, `scenario/logical.py`.
 """
@@ -25,7 +25,8 @@ from sumo_eval.trajectory import FloatArray
 class Distribution:
     """A continuous distribution of scipy.stats.
 
-    arguments: its shape parameters, `loc` and `scale`, by name, sorted.
+    name: in scipy.stats, as `norm`.
+    arguments: (name, value) of its shape parameters, of `loc` and of `scale`, sorted by name.
     """
 
     name: str
@@ -35,12 +36,14 @@ class Distribution:
     def of(cls, name: str, arguments: Mapping[str, float], owner: str) -> Distribution:
         """A checked distribution.
 
+        arguments: values by name.
         owner: the parameter, for messages.
         Raises InputError for a name that scipy.stats does not have and for wrong arguments.
         """
         stats = _stats()
         names = (it for it, value in vars(stats).items() if isinstance(value, stats.rv_continuous))
         check_known(f"distribution of {owner}", sorted(names), name)
+        # scipy lists shape parameters in one text, as "a, b"; None: there are none
         shapes = re.findall(r"\w+", getattr(stats, name).shapes or "")
         allowed = [*shapes, "loc", "scale"]
         check_known(f"argument of distribution `{name}` of {owner}", allowed, *arguments)
@@ -48,38 +51,40 @@ class Distribution:
             if shape not in arguments:
                 raise InputError(f"Distribution `{name}` of {owner} must be given `{shape}`.")
         checked = cls(name, tuple(sorted((key, float(value)) for key, value in arguments.items())))
-        if not np.isfinite(checked._frozen().ppf(0.5)):  # wrong arguments give no median
+        if not np.isfinite(checked._of_scipy().ppf(0.5)):  # wrong arguments give no median
             raise InputError(
                 f"Distribution `{name}` of {owner} does not exist with {dict(checked.arguments)}."
             )
         return checked
 
     def density(self, values: ArrayLike, low: float, high: float) -> FloatArray:
-        """Probability density within the range low..high, per unit of the parameter; it integrates
-        to 1 there.
+        """Probability density at values within low..high, per unit of the parameter: the density
+        of scipy, scaled so that it integrates to 1 over that range.
         """
-        return np.asarray(self._frozen().pdf(np.asarray(values, float)) / self.inside(low, high))
+        return np.asarray(self._of_scipy().pdf(np.asarray(values, float)) / self.inside(low, high))
 
     def inside(self, low: float, high: float) -> float:
-        """Probability of low..high."""
-        fixed = self._frozen()
-        return float(fixed.cdf(high) - fixed.cdf(low))
+        """Probability of low..high, in the distribution before it is cut."""
+        uncut = self._of_scipy()
+        return float(uncut.cdf(high) - uncut.cdf(low))
 
     def quantile(self, shares: ArrayLike, low: float, high: float) -> FloatArray:
         """Values below which these shares of the probability within low..high lie."""
-        fixed = self._frozen()
-        begin = fixed.cdf(low)
-        values = fixed.ppf(begin + np.asarray(shares, float) * (fixed.cdf(high) - begin))
-        return np.asarray(np.clip(values, low, high))
+        uncut = self._of_scipy()
+        begin = uncut.cdf(low)
+        values = uncut.ppf(begin + np.asarray(shares, float) * (uncut.cdf(high) - begin))
+        return np.asarray(np.clip(values, low, high))  # rounding may lead past an end
 
     def __str__(self) -> str:
         return f"{self.name}({', '.join(f'{name}={value:g}' for name, value in self.arguments)})"
 
-    def _frozen(self) -> Any:
+    def _of_scipy(self) -> Any:
+        """The distribution as scipy's object, not cut to any range."""
         return getattr(_stats(), self.name)(**dict(self.arguments))
 
 
 def _stats() -> Any:
+    """scipy.stats, imported at the first use."""
     from scipy import stats
 
     return stats

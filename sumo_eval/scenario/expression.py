@@ -1,11 +1,13 @@
 """The language of scenario files, arithmetic and comparisons: `3.5 * ego_speed`, `lead_speed <
 ego_speed`.
 
-`scenario.formulas` evaluates the expressions; requirements and triggers extend the language.
+`scenario/formulas.py` uses the expressions for points of a space. `scenario/requirement.py` and
+`scenario/trigger.py` extend the language.
 
-Python's parser reads the text. Only these nodes are known: numbers, names, + - * / **, comparisons
-(chains too), and, or, not, and the functions below. There are no attributes, subscripts or other
-calls, and no `eval`. One expression serves a whole space and one point, by numpy.
+Python's parser reads the text. Only these nodes are accepted: numbers, names, + - * / **,
+comparisons (chains too), and, or, not, and the functions below. There are no attributes, subscripts
+or other calls, and no `eval`. Numpy computes an expression for one point or for arrays of points.
+The language is a public format: it may grow, but not change.
 
 Users: `scenario/`, `extras/openscenario/`.
 """
@@ -45,10 +47,10 @@ _OPERATIONS: dict[str, tuple[Callable[..., Any], int | None]] = {
     "sqrt()": (np.sqrt, 1), "exp()": (np.exp, 1), "log()": (np.log, 1), "tanh()": (np.tanh, 1),
     "where()": (np.where, 3),
 }  # fmt: skip
-"""The language, by an operator's class in `ast` or a function's name with `()`: what computes it,
-and the number of its values (None: two or more, from left to right).
+"""The language. Key: name of an operator's class in `ast`, or of a function with `()`. Value: what
+computes it, and the number of operands; None: two or more, joined two by two from the left.
 
-`where(condition, then, else)`.
+The operands of `where()` are (condition, then, else).
 """
 MATH_FUNCTIONS = [name[:-2] for name in _OPERATIONS if name.endswith("()")]
 """Names of the functions, without brackets."""
@@ -56,7 +58,9 @@ MATH_FUNCTIONS = [name[:-2] for name in _OPERATIONS if name.endswith("()")]
 
 @frozen
 class Expression:
-    """A checked expression: only its text, so that it can be compared and sent to a worker."""
+    """A checked expression. It holds only its text, so that it can be compared and sent to a
+    worker.
+    """
 
     text: str
 
@@ -73,7 +77,7 @@ class Expression:
         )
 
     def value(self, values: Mapping[str, ArrayLike]) -> Any:
-        """The value as an array; where it is not defined (1 / 0) it is inf or nan.
+        """The value as an array; inf or nan where it is not defined, as 1 / 0.
 
         values: by name, arrays that broadcast.
         """
@@ -86,15 +90,16 @@ class Expression:
             ) from None
 
     def room(self, values: Mapping[str, ArrayLike]) -> Any:
-        """Distance of a condition from its limit, in the unit of the compared values.
+        """Distance of a condition from its limit, in the unit of the compared values: above 0 the
+        condition holds, below 0 it does not.
 
-        Above 0 the condition holds, below 0 it does not, 0 is its limit. values: as in `value`.
+        values: as in `value`.
         """
         with np.errstate(all="ignore"):
             return np.asarray(_evaluator(_room(_tree(self.text)))(values))
 
     def at(self, values: Mapping[str, ArrayLike]) -> Any:
-        """The number or truth at one point.
+        """The value at one point: a float, or a bool of a condition.
 
         values: by name, one number each.
         """
@@ -113,7 +118,7 @@ class Definitions:
     options: tuple[tuple[str, float], ...] = ()
 
     def needed_by(self, *expressions: Expression) -> Definitions:
-        """The definitions that the expressions need."""
+        """The definitions that the expressions need, in their order."""
         names = set().union(*(expression.names for expression in expressions))
         entries = []
         for name, expression in reversed(self.entries):  # a definition needs only earlier ones
@@ -132,14 +137,17 @@ class Definitions:
 
 
 def checked_names(expression: Expression, known: Iterable[str], owner: str) -> Expression:
-    """The expression; raises InputError with the nearest name if one of its names is unknown."""
+    """The expression, unchanged; raises InputError if one of its names is not among `known`."""
     names = list(known)
     check_known(f"name in `{expression.text}` of {owner}:", names, *sorted(expression.names))
     return expression
 
 
 def number(text: str | float, owner: str) -> Expression:
-    """Read an expression that must be a number."""
+    """Read an expression that must be a number.
+
+    owner: place in the file, for messages.
+    """
     if isinstance(text, int | float):
         if not _is_finite(text):
             raise must_be("A number", owner, "finite", text)
@@ -158,6 +166,10 @@ def condition(text: str, owner: str, written: str = "") -> Expression:
 def _of_kind(
     text: str, owner: str, wanted: str, *, condition: bool, written: str = ""
 ) -> Expression:
+    """The expression in a text, which must be a condition, or a number.
+
+    wanted: the same in words, for messages. written: as in `condition`.
+    """
     if not (isinstance(text, str) and text.strip()):
         raise must_be("The expression", owner, "a text such as `3.5 * ego_speed`", text)
     try:
@@ -171,6 +183,7 @@ def _of_kind(
 
 @lru_cache(maxsize=512)
 def _tree(text: str) -> ast.expr:
+    """The syntax tree of an expression, checked."""
     if len(text) > LONGEST:
         raise InputError(f"An expression must have at most {LONGEST} characters, got {len(text)}.")
     tree = parsed(text, f"Expression `{clean(text)}`")
@@ -188,7 +201,8 @@ def parsed(text: str, what: str) -> ast.expr:
     except UNREADABLE as error:
         reason = error.msg if isinstance(error, SyntaxError) else "it is too deep or malformed"
         raise InputError(f"{what} cannot be read: {reason}.") from None
-    # level by level: recursion, which the functions below use, would fail on a deeper tree
+    # Level by level, not by recursion: the functions below recurse, and would fail on a deeper
+    # tree, so this check must not. After the loop, `level` has the nodes that are too deep.
     level: list[ast.AST] = [tree]
     for _ in range(DEEPEST + 1):
         level = [
@@ -215,7 +229,7 @@ def check_variable(name: str, owner: str, also: Collection[str] = ()) -> None:
 
 
 def _check(node: ast.expr, text: str, *, condition: bool | None = None) -> None:
-    """Refuse what the language does not have.
+    """Refuse a node, or one within it, that the language does not have.
 
     text: the whole expression, for messages.
     condition: True: the node must be a condition; False: a number; None: either.
@@ -247,19 +261,19 @@ def _check(node: ast.expr, text: str, *, condition: bool | None = None) -> None:
             f"functions {', '.join(MATH_FUNCTIONS)}."
         )
     _, count = _OPERATIONS[name]  # None: two or more
-    is_wrong = len(parts) < 2 if count is None else len(parts) != count
-    if is_wrong:
+    if len(parts) < 2 if count is None else len(parts) != count:
         wanted = f"given {count or 'at least 2'} values"
         raise must_be(f"`{name[:-2]}`", f"expression `{text}`", wanted, len(parts))
     for index, part in enumerate(parts):
-        of_conditions = name in ("And", "Or", "Not") or (name == "where()" and index == 0)
-        _check(part, text, condition=of_conditions)
+        takes_condition = name in ("And", "Or", "Not") or (name == "where()" and index == 0)
+        _check(part, text, condition=takes_condition)
 
 
 def operation(node: ast.expr) -> tuple[str, list[ast.expr]]:
-    """Name of a node's operation in `_OPERATIONS`, and the nodes that it is applied to.
+    """Name of a node's operation as in `_OPERATIONS`, and the nodes that are its operands.
 
-    A chain of comparisons is an `And` of pairs. Any other node has the name "".
+    The name of a call is that of any function, known or not. A chain of comparisons counts as an
+    `And` of comparisons of two. A node without an operation has the name "" and no operands.
     """
     op: ast.AST
     match node:
@@ -272,6 +286,7 @@ def operation(node: ast.expr) -> tuple[str, list[ast.expr]]:
         case ast.Compare(left=left, ops=[op], comparators=[right]):
             parts = [left, right]
         case ast.Compare(left=left, ops=ops, comparators=sides):
+            # a < b < c: `ops` (<, <), `sides` (b, c); not strict: the first list has one more
             pairs = zip(ops, [left, *sides], sides, strict=False)
             op = ast.And()
             parts = [ast.Compare(a, [sign], [b]) for sign, a, b in pairs]
@@ -295,16 +310,17 @@ def _is_condition(node: ast.expr) -> bool:
 
 
 _Evaluator = Callable[[Mapping[str, Any]], Any]
+"""Values by name -> value of an expression."""
 
 
 @lru_cache(maxsize=2048)
 def _compiled(text: str) -> _Evaluator:
-    """The expression as a function of the values by name."""
+    """The evaluator of an expression."""
     return _evaluator(_tree(text))
 
 
 def _evaluator(node: ast.expr) -> _Evaluator:
-    """A node as a function of the values by name, made of those of its parts."""
+    """The evaluator of a node, made of the evaluators of its operands."""
     if isinstance(node, ast.Constant):
         constant = np.float64(node.value)  # type: ignore[arg-type]
         return lambda values: constant
@@ -312,16 +328,16 @@ def _evaluator(node: ast.expr) -> _Evaluator:
         name = node.id
         return lambda values: np.asarray(values[name], float)
     name, parts = operation(node)
-    (function, takes), inner = _OPERATIONS[name], list(map(_evaluator, parts))
-    if takes in (2, None):  # of more than two values, two by two from the left
-        return reduce(lambda a, b: lambda values: function(a(values), b(values)), inner)
-    return lambda values: function(*[part(values) for part in inner])
+    function, count = _OPERATIONS[name]
+    operands = list(map(_evaluator, parts))
+    if count in (2, None):  # more than two operands are joined two by two from the left
+        return reduce(lambda a, b: lambda values: function(a(values), b(values)), operands)
+    return lambda values: function(*[operand(values) for operand in operands])
 
 
 def _room(node: ast.expr) -> ast.expr:
-    """The expression of a condition's room, see `Expression.room`.
-
-    Of `and` it is the least room, of `or` the largest.
+    """The expression of a condition's `Expression.room`, by the rooms of its parts: of `and` the
+    least, of `or` the largest, of `not` the negative.
     """
     name, parts = operation(node)
     if name == "Not":
@@ -329,9 +345,9 @@ def _room(node: ast.expr) -> ast.expr:
     if name in ("And", "Or"):
         rooms = [_room(part) for part in parts]
         return ast.Call(ast.Name("min" if name == "And" else "max"), rooms, [])
-    # a comparison `less < more`
+    # `less < more` has the room more - less; `a > b` is `b < a`
     less, more = reversed(parts) if name in ("Gt", "GtE") else parts
     room: ast.expr = ast.BinOp(more, ast.Sub(), less)
-    if name in ("Eq", "NotEq"):
+    if name in ("Eq", "NotEq"):  # equal: -|a - b|; different: |a - b|
         room = ast.Call(ast.Name("abs"), [room], [])
     return ast.UnaryOp(ast.USub(), room) if name == "Eq" else room

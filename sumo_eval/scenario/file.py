@@ -1,5 +1,7 @@
-"""A scenario file in TOML: read into a `LogicalScenario`, and checked with vehicles at every point
-of its sample.
+"""Reading of a scenario file in TOML into a `LogicalScenario`, and its check with vehicles at every
+point of its sample.
+
+`scenario/file_tables.py` has the tables and keys of such a file, which are a public format.
 
 Users: `cli/tools.py`, `extras/openscenario/describe.py`, `extras/rates/learned.py`,
 `extras/rates/recorded_scene.py`, `extras/studies/qualification/regulations.py`, `record/facts.py`,
@@ -14,7 +16,8 @@ from typing import Any
 
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.groups import grouped
-from sumo_eval.scenario.file_tables import ScenarioFile
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.file_tables import OptionTable, ScenarioFile
 from sumo_eval.scenario.first_places import STANDARD_EGO, misplaced
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.reachable import leaves_at, never_begin
@@ -25,74 +28,84 @@ from sumo_eval.text import number_in
 from sumo_eval.trajectory import FloatArray
 
 
-def read_scenario(path: Path, given: Mapping[str, str] | None = None) -> LogicalScenario:
+def read_scenario(path: Path, texts: Mapping[str, str] | None = None) -> LogicalScenario:
     """The logical scenario in a TOML file.
 
-    given: options by name, as written.
+    texts: of the options that `use` sets, by name, as the user wrote them.
 
     Raises InputError naming what is wrong.
     """
     return scenario_from(
-        read_toml(path, "scenario file"), f"scenario file {path}", path.parent, given
+        read_toml(path, "scenario file"), f"scenario file {path}", path.parent, texts
     )
 
 
 def scenario_from(
-    content: Mapping[str, Any], where: str, folder: Path, given: Mapping[str, str] | None = None
+    content: Mapping[str, Any], where: str, folder: Path, texts: Mapping[str, str] | None = None
 ) -> LogicalScenario:
-    """The logical scenario in a plain mapping.
+    """The logical scenario in the parsed content of a TOML file.
 
-    where: its name in errors.
+    where: name of the file in errors.
     folder: base of its relative paths.
-    given: as in `read_scenario`.
+    texts: as in `read_scenario`.
     """
-    table, options = _with_options(validated(content, ScenarioFile, where), given or {})
+    table, options = _with_options(validated(content, ScenarioFile, where), texts or {})
     return table.logical(options, where, folder)
 
 
 def _with_options(
-    table: ScenarioFile, given: Mapping[str, str]
+    table: ScenarioFile, texts: Mapping[str, str]
 ) -> tuple[ScenarioFile, dict[str, float]]:
-    """The file as the given options change it, and the value of every option by name."""
+    """The file as the options set by `use` change it, and the value of every option by name."""
     owner = f"scenario `{table.name}`"
-    # an option without a default is infinite unless given
+    # an option without a default is infinite unless `use` sets it
     values = {
         item.name: math.inf if item.default is None else item.default for item in table.option
     }
-    check_known(f"option of {owner}", values, *given)
+    check_known(f"option of {owner}", values, *texts)
     for item in table.option:
-        if item.name not in given:
-            continue
-        wanted = "a finite number" + ("" if item.unit == "1" else f" of {item.unit}")
-        wanted += "" if item.above is None else f" above {item.above:g}"
-        value = number_in(given[item.name])
-        if math.isnan(value) or (item.above is not None and value <= item.above):
-            raise must_be(f"`{item.name}`", owner, wanted, given[item.name])
-        values[item.name] = value
-        changes = item.given  # what the file changes when this option is given
-        # the value as a part of the scenario's name, which has no `-`, `.` and `+`
-        word = f"{value:g}".replace("-", "minus_").replace(".", "_").replace("+", "")
-        suffix = (changes.suffix or item.name).replace("{value}", word)
-        table = replace(
-            table,
-            name=f"{table.name}_{suffix}",
-            about=table.about if changes.about is None else changes.about,
-            road=changes.road or table.road,
-            vehicle=(*table.vehicle, *changes.vehicle),
-        )
+        if item.name in texts:
+            values[item.name] = _value(item, texts[item.name], owner)
+            table = _changed(table, item, values[item.name])
     return table, values
 
 
-def check_file(path: Path, given: Mapping[str, str] | None = None) -> tuple[str, ...]:
-    """Read a scenario file, place vehicles at every point of its own sample, and say in sentences
-    what it holds.
+def _value(option: OptionTable, text: str, owner: str) -> float:
+    """The value that a text gives an option, checked."""
+    wanted = "a finite number" + ("" if option.unit == "1" else f" of {option.unit}")
+    wanted += "" if option.above is None else f" above {option.above:g}"
+    value = number_in(text)
+    if math.isnan(value) or (option.above is not None and value <= option.above):
+        raise must_be(f"`{option.name}`", owner, wanted, text)
+    return value
 
-    given: options by name, as written.
-    Raises InputError with what is wrong, at the first point where something is.
+
+def _changed(table: ScenarioFile, option: OptionTable, value: float) -> ScenarioFile:
+    """The file as its table `[option.given]` changes it where the option has a value."""
+    changes = option.given
+    # the value as a part of the scenario's name, which has no `-`, `.` and `+`
+    word = f"{value:g}".replace("-", "minus_").replace(".", "_").replace("+", "")
+    suffix = (changes.suffix or option.name).replace("{value}", word)
+    return replace(
+        table,
+        name=f"{table.name}_{suffix}",
+        about=table.about if changes.about is None else changes.about,
+        road=changes.road or table.road,
+        vehicle=(*table.vehicle, *changes.vehicle),
+    )
+
+
+def check_file(path: Path, texts: Mapping[str, str] | None = None) -> tuple[str, ...]:
+    """Read a scenario file and place its vehicles at every point of its own sample.
+
+    Returns sentences for the user about the space, its sample and its exposure.
+
+    texts: as in `read_scenario`.
+    Raises InputError at the first fault.
     """
     from sumo_eval.scenario.sampling.samples import sample
 
-    logical = read_scenario(Path(path), given)
+    logical = read_scenario(Path(path), texts)
     chosen = sample(logical)
     check_points(logical, chosen.points)
     ranges = ", ".join(
@@ -112,20 +125,21 @@ def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
     """A sentence for each vehicle whose script leads beyond the road at some of the points (n,
     k).
     """
-    # the run's own limit is not known here: the default
+    # the time limit of a run is not known here: take the default
     limit = SimulationSettings().time_limit if logical.time_limit is None else logical.time_limit
     end = logical.road.end
+    # by vehicle: (time, point in words) of each of its departures
     departures = grouped(
         (name, (time, concrete.label))
         for concrete in logical.concretes(points)
         for name, time in leaves_at(concrete, limit)
     )
-    for name, times in departures.items():
-        time, where = min(times)
+    for name, of_vehicle in departures.items():
+        earliest, point = min(of_vehicle)
         yield (
             f"Vehicle `{name}` comes to the end of the road, x = {end:g} m, before the ego is at "
-            f"x = {logical.road.length:g} m at {len(times)} of {len(points)} points, after "
-            f"{time:.1f} s at {where}: "
+            f"x = {logical.road.length:g} m at {len(of_vehicle)} of {len(points)} points, after "
+            f"{earliest:.1f} s at {point}: "
             "the case then continues without it and records `actor_left_the_network`."
         )
 
@@ -136,29 +150,31 @@ def check_points(logical: LogicalScenario, points: FloatArray) -> None:
     Raises InputError at the first fault.
     """
     for concrete in logical.concretes(points):
-        # for its error only: a parameter may be a setting, with a value beyond the setting's bounds
-        concrete.simulation(SimulationSettings())
-        # a case ends when the ego is at x = `length`, before the end of the road, `road.end`
-        start, ends_at = concrete.ego.x, logical.road.length
-        if start >= ends_at:
-            at = f"scenario `{logical.name}` at {concrete.label}"
-            raise must_be("`end.x`", at, f"beyond the ego's start, x = {start:g} m", ends_at)
-        ego_body = logical.ego_body or STANDARD_EGO
-        for wrong in misplaced(logical.road, concrete.ego, ego_body, concrete.actors):
-            raise must_be(
-                wrong.what, f"scenario `{logical.name}` at {concrete.label}", wrong.must, wrong.got
-            )
-        # the run's own limit is not known here: any moment may count
-        limit = math.inf if logical.time_limit is None else logical.time_limit
-        for actor, index in never_begin(concrete, limit):
-            name = actor.acts[index].name or f"number {index + 1}"
-            raise InputError(
-                f"The condition of manoeuvre {name} of vehicle `{actor.name}` of scenario "
-                f"`{logical.name}` at {concrete.label} can never hold, whatever the ego does: the "
-                "manoeuvre would never begin."
-            )
+        _check_point(logical, concrete)
     # called for their errors only
     if logical.approach is not None:
         logical.approach(logical.columns(points))
     if logical.margin is not None:
         logical.margin(logical.columns(points))
+
+
+def _check_point(logical: LogicalScenario, concrete: ConcreteScenario) -> None:
+    """Refuse a point with a wrong setting, an impossible start, or a move that never begins."""
+    owner = f"scenario `{logical.name}` at {concrete.label}"
+    # for its error only: a parameter may be a setting, with a value beyond the setting's bounds
+    concrete.simulation(SimulationSettings())
+    # a case ends when the ego is at x = `length`, before the end of the road, `road.end`
+    start, ends_at = concrete.ego.x, logical.road.length
+    if start >= ends_at:
+        raise must_be("`end.x`", owner, f"beyond the ego's start, x = {start:g} m", ends_at)
+    ego_body = logical.ego_body or STANDARD_EGO
+    for fault in misplaced(logical.road, concrete.ego, ego_body, concrete.actors):
+        raise must_be(fault.what, owner, fault.must, fault.got)
+    # the time limit of a run is not known here: any moment may count
+    limit = math.inf if logical.time_limit is None else logical.time_limit
+    for actor, index in never_begin(concrete, limit):
+        name = actor.acts[index].name or f"number {index + 1}"
+        raise InputError(
+            f"The condition of manoeuvre {name} of vehicle `{actor.name}` of {owner} can never "
+            "hold, whatever the ego does: the manoeuvre would never begin."
+        )

@@ -1,6 +1,11 @@
-"""Tables and keys of a scenario file, each with its unit; each table builds its own value.
+"""Tables and keys of a scenario file, each with its unit; each table builds its own value by its
+method `read`.
 
-`scenario/file.py` reads files by them, `scenario/schema.py` describes them.
+pydantic fills the tables from a file; `scenario/vehicle_tables.py`, `scenario/streams.py`,
+`scenario/zone_table.py`, `scenario/road/table.py` and `scenario/road/lanes.py` have the other
+tables. The names of keys are a public format, and docs/reference/scenario_file.md lists them.
+
+Users: `scenario/file.py` reads files by these tables, `scenario/schema.py` describes them.
 """
 
 import itertools
@@ -91,21 +96,7 @@ class ParameterTable(Checked):
         owner = f"parameter `{self.name}` of {where}"
         # its name may be one of `CHANGES`: settings of the simulation that differ between cases
         check_variable(self.name, owner, CHANGES)
-        ranged = {"low": self.low, "high": self.high, "step": self.step}
-        check_unit(self.unit, owner, ranged)
-        if bool(self.values) == any(value is not None for value in ranged.values()):
-            raise InputError(
-                f"{capitalised(owner)} must have either low, high and step, or values."
-            )
-        if self.values:
-            if len(self.values) < 2:
-                raise must_be("`values`", owner, "at least two numbers", list(self.values))
-            low, high = self.values[0], self.values[-1]
-            step = min(b - a for a, b in itertools.pairwise(self.values))
-        else:
-            if missing := [f"`{key}`" for key, value in ranged.items() if value is None]:
-                raise InputError(f"{' and '.join(missing)} of {owner} must be given.")
-            low, high, step = (value for value in ranged.values() if value is not None)
+        low, high, step = self._range(owner)
         spread = self._distribution(owner)
         parameter = Parameter(
             self.name, low, high, step, self.unit, self.about, self.values, spread
@@ -115,6 +106,26 @@ class ParameterTable(Checked):
                 f"Distribution {spread}", owner, f"possible within {low:g}..{high:g}", 0.0
             )
         return parameter
+
+    def _range(self, owner: str) -> tuple[float, float, float]:
+        """Lower end, upper end and step of the axis; of listed values the least distance is the
+        step.
+        """
+        ranged = {"low": self.low, "high": self.high, "step": self.step}
+        check_unit(self.unit, owner, ranged)
+        if bool(self.values) == any(value is not None for value in ranged.values()):
+            raise InputError(
+                f"{capitalised(owner)} must have either low, high and step, or values."
+            )
+        if self.values:
+            if len(self.values) < 2:
+                raise must_be("`values`", owner, "at least two numbers", list(self.values))
+            step = min(b - a for a, b in itertools.pairwise(self.values))
+            return self.values[0], self.values[-1], step
+        if missing := [f"`{key}`" for key, value in ranged.items() if value is None]:
+            raise InputError(f"{' and '.join(missing)} of {owner} must be given.")
+        low, high, step = (value for value in ranged.values() if value is not None)
+        return low, high, step
 
     def _distribution(self, owner: str) -> Distribution | None:
         """How often values occur; None: unknown."""
@@ -127,7 +138,7 @@ class ParameterTable(Checked):
         for key, value in arguments.items():
             if isinstance(value, str):
                 raise must_be(f"`{key}`", f"the distribution of {owner}", "a number", value)
-        # no texts are left
+        # mypy does not know that the loop has refused all texts
         return Distribution.of(name, arguments, owner)  # type: ignore[arg-type]
 
 
@@ -142,8 +153,7 @@ class ConstraintTable(Checked):
         """The condition on points."""
         expression = checked_names(condition(self.require, names.where), names.known, names.where)
         holds = Value(Formulas.of(definitions, expression))
-        # `room`: distance of a point from the limit
-        return Constraint(self.about or f"one where {self.require}", holds, holds.room)
+        return Constraint(self.about or f"one where {self.require}", holds, room=holds.room)
 
 
 @frozen
@@ -177,20 +187,11 @@ class RoadTable(Checked):
     def read(self, end: float, options: Numbers, where: str, folder: Path, *, reacts: bool) -> Road:
         """The road; cases end at x = `end`, m.
 
-        reacts: whether a SUMO model drives any actor on it.
+        options: the value of every option.
+        where: how errors call the file. folder: where its paths start.
+        reacts: whether a SUMO model drives any actor on the road.
         """
-        sources = [key for key in ("network", "opendrive") if getattr(self, key) is not None]
-        shapes = [key for key in ("lane", "crossing", "line") if getattr(self, key)]
-        if sources and shapes:
-            raise InputError(
-                f"`road.{shapes[0]}` of {where} must not stand beside `{sources[0]}`: it shapes a "
-                "road that is written for the scenario."
-            )
-        if len(sources) > 1:
-            raise InputError(f"[road] of {where} must have either `network` or `opendrive`.")
-        for key, source in (("opendrive_road", "opendrive"), ("edges", "network")):
-            if getattr(self, key) and source not in sources:
-                raise InputError(f"`road.{key}` of {where} is of a `{source}`, and there is none.")
+        self._check_keys(where)
         if self.network is not None:
             road = read_road(folder / self.network, self.edges, end)
             # where vehicles react, lanes must be the package's own (shadows in `cosim/traffic.py`):
@@ -198,17 +199,11 @@ class RoadTable(Checked):
             return replace(road, network=None) if reacts else road
 
         crossings: tuple[Crossing, ...] = ()
-        # different roads need different names. hashed: the part of the shape that is not in the
-        # name; nothing if the user has named a road that is written
+        # Different roads need different names: exported files are called by them. `hashed` is the
+        # part of the shape that the name does not show; nothing if the user has named the road.
         if self.opendrive is not None:
             path = folder / self.opendrive
-            shape = read_opendrive(path, self.opendrive_road)
-            check_line(shape.line, shape.lanes, shape.lane_width, f"the road of {path.name}")
-            if shape.spans and shape.line:
-                raise InputError(
-                    f"The road of {path.name} must be straight where its outermost lane opens or "
-                    "ends."
-                )
+            shape = self._of_opendrive(path)
             name = (self.name or path.stem) + bend_name(shape.line, named=False)
             hashed: tuple[Any, ...] = shape.spans
         else:
@@ -226,6 +221,31 @@ class RoadTable(Checked):
         return Road(name, end, shape.lanes, shape.lane_width, shape.length - end, line=shape.line,
                     spans=shape.spans, crossings=crossings)  # fmt: skip
 
+    def _check_keys(self, where: str) -> None:
+        """Refuse keys that cannot stand together."""
+        sources = [key for key in ("network", "opendrive") if getattr(self, key) is not None]
+        shapes = [key for key in ("lane", "crossing", "line") if getattr(self, key)]
+        if sources and shapes:
+            raise InputError(
+                f"`road.{shapes[0]}` of {where} must not stand beside `{sources[0]}`: it shapes a "
+                "road that is written for the scenario."
+            )
+        if len(sources) > 1:
+            raise InputError(f"[road] of {where} must have either `network` or `opendrive`.")
+        for key, source in (("opendrive_road", "opendrive"), ("edges", "network")):
+            if getattr(self, key) and source not in sources:
+                raise InputError(f"`road.{key}` of {where} is of a `{source}`, and there is none.")
+
+    def _of_opendrive(self, path: Path) -> ReadRoad:
+        """The road of an OpenDRIVE file, on which the ego can drive every lane."""
+        shape = read_opendrive(path, self.opendrive_road)
+        check_line(shape.line, shape.lanes, shape.lane_width, f"the road of {path.name}")
+        if shape.spans and shape.line:
+            raise InputError(
+                f"The road of {path.name} must be straight where its outermost lane opens or ends."
+            )
+        return shape
+
 
 @frozen
 class EndTable(Checked):
@@ -242,8 +262,8 @@ class EndTable(Checked):
 
 @frozen
 class SampleTable(Checked):
-    """Prescribed points: its rows, each repeated at the values in `each`, the rest computed by
-    `set`.
+    """Prescribed points: every row of `points` with every combination of the values in `each`; the
+    other parameters are computed by `set`.
     """
 
     name: Annotated[FilledText, About("name, for `method` of an evaluation's sampling")]
@@ -265,42 +285,50 @@ class SampleTable(Checked):
     def read(self, names: Names, units: Mapping[str, str]) -> NamedSample:
         """The points, each in the order of the parameters.
 
-        units: of the parameters by name.
+        units: of the parameters by name, in the order of the parameters.
         """
         owner = f"sample `{self.name}` of {names.where}"
-        check_known(f"parameter in {owner}:", units, *self.columns, *self.each, *self.set)
-        columns = self.columns or [
-            name for name in units if name not in self.each and name not in self.set
-        ]
-        held = names.distinct([*columns, *self.each, *self.set], "parameter", owner)
-        for name in units:
-            if name not in held:
-                raise InputError(
-                    f"Parameter `{name}` of {owner} is missing: `columns`, `each` or `set` must "
-                    "have it."
-                )
-        check_known(f"column in `units` of {owner}:", columns, *self.units)
+        columns = self._columns(names, units, owner)
         factors = [
             factor_to(units[name], self.units.get(name, units[name]), f"column `{name}` of {owner}")
             for name in columns
         ]
-        # `set` may use the parameters of `each` and of the rows
-        given = [*self.each, *columns]
-        inner = replace(names, known=given)
+        # the parameters that need no formula; the formulas of `set` may use them
+        direct = [*self.each, *columns]
+        inner = replace(names, known=direct)
         derived = {
             name: LimitedFormula(name, owner, inner.expression(formula, f"`set.{name}` of {owner}"))
             for name, formula in self.set.items()
         }
         points = []
-        # further: one value of each parameter in `each`
-        for further, row in itertools.product(itertools.product(*self.each.values()), self.points):
+        combinations = itertools.product(*self.each.values())
+        for combination, row in itertools.product(combinations, self.points):
             if len(row) != len(columns):
                 raise must_be("Each point", owner, f"{len(columns)} numbers", list(row))
             scaled = itertools.starmap(in_own_unit, zip(row, factors, strict=True))
-            values = dict(zip(given, (*further, *scaled), strict=True))
-            values |= {name: quantity.at(values) for name, quantity in derived.items()}
+            values = dict(zip(direct, (*combination, *scaled), strict=True))
+            values |= {name: formula.at(values) for name, formula in derived.items()}
             points.append(tuple(values[name] for name in units))
         return NamedSample(self.name, self.about or self.name, tuple(points))
+
+    def _columns(self, names: Names, units: Mapping[str, str], owner: str) -> Sequence[str]:
+        """The parameters that a row holds.
+
+        Raises InputError unless each parameter comes from one of `columns`, `each` and `set`.
+        """
+        check_known(f"parameter in {owner}:", units, *self.columns, *self.each, *self.set)
+        columns = self.columns or [
+            name for name in units if name not in self.each and name not in self.set
+        ]
+        named = names.distinct([*columns, *self.each, *self.set], "parameter", owner)
+        for name in units:
+            if name not in named:
+                raise InputError(
+                    f"Parameter `{name}` of {owner} is missing: `columns`, `each` or `set` must "
+                    "have it."
+                )
+        check_known(f"column in `units` of {owner}:", columns, *self.units)
+        return columns
 
 
 @frozen
@@ -342,9 +370,9 @@ class JointTable(Checked):
     bandwidth: PositiveOrNone = optional("kernel deviation divided by the data's; default: Scott's")
 
     def read(self, parameters: Sequence[Parameter], where: str, folder: Path) -> Joint:
-        """The density.
+        """The density, over all parameters of the scenario.
 
-        folder: where the path of its events starts.
+        where: how errors call the file. folder: where the path of the events starts.
         """
         for item in parameters:
             if item.distribution is not None or item.values:
@@ -383,8 +411,10 @@ class RecordedTable(Checked):
     only: dict[str, str] = empty_table("column = value that an event must have")
 
     def read(self, parameters: Sequence[Parameter], where: str) -> Counterpart:
-        """The events that correspond to the scenario, by its parameters except settings of a case
-        (`CHANGES`).
+        """The events that correspond to the scenario.
+
+        They are compared by its parameters. Those in `CHANGES` are settings of the simulation, for
+        which recordings have no column.
         """
         parameters = [item for item in parameters if item.name not in CHANGES]
         names = [item.name for item in parameters]
@@ -393,11 +423,11 @@ class RecordedTable(Checked):
             item.name: self.tolerance.get(item.name, (item.high - item.low) / 10.0)
             for item in parameters
         }
-        for name, within in tolerance.items():
-            if not within > 0.0:
-                raise must_be(f"`recorded.tolerance.{name}`", where, "above 0", within)
+        for name, largest in tolerance.items():
+            if not largest > 0.0:
+                raise must_be(f"`recorded.tolerance.{name}`", where, "above 0", largest)
         columns = tuple((name, self.columns.get(name, name)) for name in names)
-        # columns of the tables that `drivers/recorded/events.py` makes
+        # `t` and `start`: columns of the tables that `drivers/recorded/events.py` makes
         start = self.start or ("t" if self.event == "approach" else "start")
         return Counterpart(
             self.event, columns, tuple(tolerance.items()), start, tuple(self.only.items())
@@ -469,11 +499,7 @@ class ScenarioFile(Checked):
         if not parameters:
             raise InputError(f"{where} must have at least one [[parameter]].")
         names, definitions = self._names(parameters, options, where)
-        # also vehicles that come in with an option, so that one file has one kind of road
-        vehicles = [*self.vehicle, *(it for option in self.option for it in option.given.vehicle)]
-        follows = any(move.do == "follow" for it in vehicles for move in it.manoeuvre)
-        reacts = follows or bool(self.stream)
-        road = self.road.read(self.end.x, options, where, folder, reacts=reacts)
+        road = self.road.read(self.end.x, options, where, folder, reacts=self._reacts)
         placement = self._place(names, definitions, road)
         constraints = tuple(item.read(names, definitions) for item in self.constraint)
         requirements = tuple(
@@ -483,13 +509,6 @@ class ScenarioFile(Checked):
         )  # fmt: skip
         names.distinct((item.name for item in requirements), "requirement")
         self._check_used(names, definitions, requirements)
-        # zones by search: there is no closed form of what happens
-        searched = placement.lively or road.shaped or self.ego.goal_lane is not None
-        zones: dict[str, Any] = {"notes": ("It declares no zones, so every point counts as safe.",)}
-        if self.zone != "none":
-            zones = self.zone.read(
-                names, definitions, placement, searched=searched or self.zone.conflict
-            )
         units = {item.name: item.unit for item in parameters}
         names.distinct((item.name for item in self.sample), "sample")
         return LogicalScenario(
@@ -511,20 +530,45 @@ class ScenarioFile(Checked):
             options=self.option,
             requirements=Requirements(requirements, definitions) if requirements else None,
             **self._exposure(parameters, names, definitions, folder, constraints),
-            **zones,
+            **self._zones(names, definitions, placement),
+        )
+
+    @property
+    def _reacts(self) -> bool:
+        """Whether a SUMO model drives any vehicle, also one that only an option adds: so one file
+        has one kind of road.
+        """
+        vehicles = [*self.vehicle, *(it for option in self.option for it in option.given.vehicle)]
+        follows = any(move.do == "follow" for it in vehicles for move in it.manoeuvre)
+        return follows or bool(self.stream)
+
+    def _zones(
+        self, names: Names, definitions: Definitions, placement: Placement
+    ) -> dict[str, Any]:
+        """Keywords of the logical scenario for its zone rule."""
+        if self.zone == "none":
+            return {"notes": ("It declares no zones, so every point counts as safe.",)}
+        # where the motion has no closed form, the zones need a search
+        searched = placement.lively or placement.road.shaped or self.ego.goal_lane is not None
+        return self.zone.read(
+            names, definitions, placement, searched=searched or self.zone.conflict
         )
 
     def _names(
         self, parameters: Sequence[Parameter], options: Numbers, where: str
     ) -> tuple[Names, Definitions]:
-        """The names that formulas may use, and the definitions."""
+        """The names that formulas may use, and the definitions.
+
+        options: the value of every option. where: how errors call the file.
+        """
         for option in self.option:
             check_unit(
                 option.unit, f"option `{option.name}` of {where}", {"default": option.default}
             )
             check_variable(option.name, f"an option of {where}")
-        moves = {item.name: item.endings for item in self.vehicle}
-        names = Names(where, f"scenario `{self.name}`", [], moves, bool(self.ego.recorded))
+        # by vehicle and name of a manoeuvre: number of its act
+        acts = {item.name: item.endings for item in self.vehicle}
+        names = Names(where, f"scenario `{self.name}`", [], acts, bool(self.ego.recorded))
         units = [
             *((item.name, item.unit) for item in parameters),
             *((item.name, item.unit) for item in self.option),
@@ -560,15 +604,17 @@ class ScenarioFile(Checked):
     ) -> None:
         """Raise InputError for a parameter that nothing depends on: it would only repeat cases."""
         zone = self.zone
-        texts = [] if zone == "none" else [zone.delay, zone.gap, zone.conflict_begin, zone.margin]
-        texts += [text for item in self.sample for text in item.set.values()]
+        formulas = (
+            [] if zone == "none" else [zone.delay, zone.gap, zone.conflict_begin, zone.margin]
+        )
+        formulas += [formula for item in self.sample for formula in item.set.values()]
         expressions = [
             *names.scene,
-            *(number(text, names.where) for text in texts if text is not None),
+            *(number(formula, names.where) for formula in formulas if formula is not None),
         ]
         for item in requirements:
             expressions += item.expressions
-        # names in the expressions, and in the definitions that they need
+        # a parameter is used by an expression, or by a definition that an expression needs
         needed = definitions.needed_by(*expressions)
         used = set().union(
             *(it.names for it in expressions), *(it.names for _, it in needed.entries)
@@ -588,7 +634,7 @@ class ScenarioFile(Checked):
         folder: Path,
         constraints: tuple[Constraint, ...],
     ) -> dict[str, Any]:
-        """Keywords of the logical scenario: `exposure`, and in words what it is; none where all
+        """Keywords of the logical scenario: `exposure` and `exposure_about`; no keywords where all
         points count the same.
         """
         density = None if self.exposure is None else names.expression(self.exposure, "`exposure`")
@@ -599,9 +645,9 @@ class ScenarioFile(Checked):
             if item.distribution is not None
         ]
         if joint is not None:
-            # the file may have lost rows since
-            of = f" of {self.met.events} in [met]" if self.met else ""
-            about.append(f"{joint}{of}")
+            # [met] has the number of events that were found; the file may hold fewer of them
+            total = f" of {self.met.events} in [met]" if self.met else ""
+            about.append(f"{joint}{total}")
         about += [] if density is None else [f"times `{density.text}`"]
         exposure = ExposureDensity(parameters, density, definitions, joint, constraints)
         return {"exposure": exposure, "exposure_about": ", ".join(about)} if about else {}

@@ -1,8 +1,8 @@
-"""Check that all vehicles start on the road, on a lane, and clear of each other, and that their
+"""The check that all vehicles start on the road, on a lane, and clear of each other, and that their
 paths stay on the map.
 
-Users: readers of scenario files (`scenario/`, `extras/openscenario/`) call it at every point of a
-sample; `method/conflict.py` takes the standard ego.
+Users: readers of scenario files (`scenario/`, `extras/openscenario/`) call `misplaced` at every
+point of a sample; `method/conflict.py` takes `STANDARD_EGO`.
 """
 
 import itertools
@@ -15,17 +15,19 @@ from sumo_eval.scenario.concrete import Actor, EgoBody, Road, Start
 
 STANDARD_EGO = EgoBody(4.5, 1.8)
 """The ego's body where a scenario has none of its own."""
-_TOUCH = 1e-6  # m: bodies that overlap by less only touch
-_BESIDE = 300.0  # m: largest distance from the road of an actor that may be beside it (`_reach`)
+_TOUCH = 1e-6  # m: bodies that overlap by less only touch, which is allowed
+# m: largest distance from the lanes of an actor that may be beside them (`_reach`), unless a
+# crossing road reaches further
+_BESIDE = 300.0
 
 
 class Misplaced(NamedTuple):
     """A vehicle with an impossible start or path, as parts of an error message.
 
-    what: the vehicle or its path: "Vehicle `lead`".
+    what: the vehicle or its path, as "Vehicle `lead`".
     name: of the vehicle.
-    must: where it must be.
-    got: where it is, m.
+    must: where it must be, as "on a lane".
+    got: where it is: x or y, m, or a text.
     """
 
     what: str
@@ -38,38 +40,34 @@ def misplaced(
     road: Road, ego: Start, ego_body: EgoBody, actors: Sequence[Actor]
 ) -> Iterator[Misplaced]:
     """Vehicles with an impossible start, and paths that leave the map."""
-    end = road.end
     furthest = max([_BESIDE, *(crossing.reach for crossing in road.crossings)])
-    # half: its length / 2, m; 0 of the ego, an end of which may be off the road
-    # reach: largest distance from the lanes, m
-    for name, start, half, reach in (
+    yield from _off_the_road(road, ego, actors, furthest)
+    yield from _in_junctions(road, ego, ego_body, actors)
+    yield from _off_the_map(road, actors, furthest)
+    yield from _overlapping(ego, ego_body, actors)
+
+
+def _off_the_road(
+    road: Road, ego: Start, actors: Sequence[Actor], furthest: float
+) -> Iterator[Misplaced]:
+    """Vehicles that start before or behind the road, or too far from its lanes.
+
+    furthest: as in `_reach`.
+    """
+    # the ego has half a length of 0 here: a part of its body may be off the road
+    for name, start, half_length, reach in (
         ("ego", ego, 0.0, 0.0),
         *((it.name, it.start, it.length / 2, _reach(it, furthest)) for it in actors),
     ):
-        if not half <= start.x <= end - half:
+        last = road.end - half_length
+        if not half_length <= start.x <= last:
             must = (
-                f"on the road, its centre at x = {half:g} to {end - half:g} m "
+                f"on the road, its centre at x = {half_length:g} to {last:g} m "
                 f"(the ego's starts at {ego.x:g} m)"
             )
             yield Misplaced(f"Vehicle `{name}`", name, must, start.x)
         if not road.right_edge_at(start.x) - reach <= start.y <= road.left_edge_at(start.x) + reach:
             yield Misplaced(f"Vehicle `{name}`", name, "on a lane", start.y)
-    yield from _in_junctions(road, ego, ego_body, actors)
-    for item in actors:
-        reach = _reach(item, furthest)
-        # the path of an actor with `on_map` is straight on the map, not in road coordinates
-        paths = [act.table for act in item.acts if act.kind == played.PATH]
-        for x, y in itertools.chain(*(paths if item.on_map is None else ())):
-            if not (0.0 <= x <= end and road.right_edge - reach <= y <= road.left_edge + reach):
-                what, position = f"The path of vehicle `{item.name}`", f"({x:g}, {y:g}) m"
-                yield Misplaced(what, item.name, "on the map", position)
-    # (name, start, half length, half width), m along and across the road
-    boxes = [("ego", ego, *half_sizes(0.0, ego_body.length, ego_body.width))]
-    boxes += [(it.name, it.start, *half_sizes(it.heading, it.length, it.width)) for it in actors]
-    for (one, a, long_a, wide_a), (two, b, long_b, wide_b) in itertools.combinations(boxes, 2):
-        if long_a + long_b - abs(a.x - b.x) > _TOUCH and wide_a + wide_b - abs(a.y - b.y) > _TOUCH:
-            got = f"x = {b.x:g} m beside {a.x:g} m"
-            yield Misplaced(f"Vehicle `{two}`", two, f"clear of `{one}` at the start", got)
 
 
 def _in_junctions(
@@ -89,11 +87,38 @@ def _in_junctions(
                 yield Misplaced(f"Vehicle `{name}`", name, must, front)
 
 
-def _reach(actor: Actor, furthest: float) -> float:
-    """Largest allowed distance of an actor from the lanes at its start, m.
+def _off_the_map(road: Road, actors: Sequence[Actor], furthest: float) -> Iterator[Misplaced]:
+    """Points of paths that are off the map.
 
-    `furthest` for a vulnerable road user and a `lively` vehicle; 0 for any other, and for one that
-    SUMO drives and that no act brings to a lane.
+    furthest: as in `_reach`.
+    """
+    for actor in actors:
+        if actor.on_map is not None:  # its path is not in road coordinates
+            continue
+        reach = _reach(actor, furthest)
+        low, high = road.right_edge - reach, road.left_edge + reach
+        for x, y in itertools.chain(*(it.table for it in actor.acts if it.kind == played.PATH)):
+            if not (0.0 <= x <= road.end and low <= y <= high):
+                what, position = f"The path of vehicle `{actor.name}`", f"({x:g}, {y:g}) m"
+                yield Misplaced(what, actor.name, "on the map", position)
+
+
+def _overlapping(ego: Start, ego_body: EgoBody, actors: Sequence[Actor]) -> Iterator[Misplaced]:
+    """Vehicles whose bodies overlap another's at the start."""
+    # (name, start, half length, half width), m along and across the road
+    boxes = [("ego", ego, *half_sizes(0.0, ego_body.length, ego_body.width))]
+    boxes += [(it.name, it.start, *half_sizes(it.heading, it.length, it.width)) for it in actors]
+    for (one, a, long_a, wide_a), (two, b, long_b, wide_b) in itertools.combinations(boxes, 2):
+        if long_a + long_b - abs(a.x - b.x) > _TOUCH and wide_a + wide_b - abs(a.y - b.y) > _TOUCH:
+            got = f"x = {b.x:g} m beside {a.x:g} m"
+            yield Misplaced(f"Vehicle `{two}`", two, f"clear of `{one}` at the start", got)
+
+
+def _reach(actor: Actor, furthest: float) -> float:
+    """Largest allowed distance of an actor from the lanes, m.
+
+    It is `furthest` for a vulnerable road user and a `lively` vehicle, else 0. It is 0 also for an
+    actor that SUMO drives, or will drive, if neither its heading nor an act brings it to a lane.
     """
     keeps_lane = all(act.kind in (played.SPEED, played.KEEP, played.FOLLOW) for act in actor.acts)
     if actor.model is not None and actor.heading == 0.0 and keeps_lane:

@@ -31,11 +31,11 @@ class Format:
     """A reader of the scenario files of one ending.
 
     read: makes the scenario of a path and of the options after the `?` of `use`.
-    expand: takes an entry and the folder where paths start, gives one entry for each scenario in
-        the entry's file or catalogue; None: a file holds one scenario.
+    expand: takes an entry and the folder where paths start; gives one entry for each scenario in
+        the entry's file or catalogue. None: a file holds one scenario.
     catalogues: names that `use` may have instead of a file.
-    samplings: ways to choose points, by name: a function of a space and a `Request`, and the keys
-        of `sampling` that it takes.
+    samplings: methods of sampling that the format adds, by name: a function of a space and a
+        `Request` (`scenario/sampling/request.py`), and the keys of `sampling` that it takes.
     """
 
     read: Callable[[Path, Mapping[str, str]], LogicalScenario]
@@ -47,17 +47,18 @@ class Format:
 def format_of(path: str) -> Format | None:
     """The format of a file by its ending; None where no installed package reads it."""
     _, dot, ending = path.rpartition(".")
-    # without a dot it is a name: no need to look for installed packages
+    # a text without a dot is a name: no need to look for installed packages
     return _loaded(ending) if dot and ending in _readers() else None
 
 
 def formats() -> Iterator[Format]:
-    """Every installed format; imports its package."""
+    """Every installed format; imports the package of each."""
     return map(_loaded, _readers())
 
 
 def expanded(entries: Entries, folder: Path) -> Entries:
-    """Entries of one scenario each: those of catalogues and of files with several are expanded.
+    """The entries, with one entry for each scenario in place of an entry of a catalogue or of a
+    file with several scenarios.
 
     folder: where relative paths start.
     """
@@ -105,6 +106,6 @@ def _loaded(ending: str) -> Format:
         form = reader.load()
         if not isinstance(form, Format):
             form = Format(form)
-        # raises where a field has another type
+        # for its error only, where a field of another package's format has a wrong type
         frozenset(form.catalogues).union(*(keys for _, keys in form.samplings.values()))
     return form

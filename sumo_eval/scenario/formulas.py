@@ -1,7 +1,9 @@
 """Formulas of a scenario file: read, checked against the names that are known, evaluated at points.
 
-The tables of a scenario file make them. They are plain data: two readings of one file are equal,
-and both can be sent to another process.
+The tables of a scenario file make these objects. They are plain data: two readings of one file are
+equal, and workers can receive them. A formula is an `Expression`
+(`scenario/expression.py`) with what it needs to be evaluated: definitions, limits, a place in the
+file for messages.
 
 Users: `extras/openscenario/logical.py`, `extras/rates/exposure.py`, `scenario/file_tables.py`,
 `scenario/streams.py`, `scenario/trigger.py`, `scenario/vehicle_tables.py`,
@@ -34,8 +36,9 @@ Formula = str | float
 
 @frozen
 class Limits:
-    """Limits of a formula's values. A table annotates the formula's key with them.
+    """Limits of a formula's values; the annotation of a table's key may hold them.
 
+    at_least, above: lower limits, included and excluded.
     endless: whether inf is allowed.
     """
 
@@ -51,7 +54,7 @@ PositiveFormulaOrNone = Annotated[Formula | None, ABOVE_0]
 
 @frozen
 class Formulas:
-    """Expressions with the definitions that they need."""
+    """Expressions, to be evaluated together, with the definitions that they need."""
 
     definitions: Definitions
     expressions: tuple[Expression, ...]
@@ -62,14 +65,17 @@ class Formulas:
         return cls(definitions.needed_by(*expressions), expressions)
 
     def __call__(self, values: Values) -> tuple[FloatArray, ...]:
-        """An array for each expression, of the values' shape; raises InputError for nan."""
+        """The value of each expression, an array of the values' common shape.
+
+        Raises InputError for nan.
+        """
         extended = self.definitions.extend(values)
         shape = np.broadcast_shapes(*map(np.shape, values.values()))
         results = []
         for expression in self.expressions:
             results.append(np.broadcast_to(expression.value(extended), shape))
             if np.isnan(results[-1]).any():
-                # also where a constraint does not hold: the zones are learnt there, too
+                # refused also where a constraint does not hold: the zones are learnt there, too
                 wanted = "a number at every point of the ranges"
                 raise must_be(f"`{expression.text}`", "the zone rule", wanted, np.nan)
         return tuple(results)
@@ -77,12 +83,15 @@ class Formulas:
 
 @frozen
 class Value:
-    """One number at every point, or whether a condition holds there."""
+    """A function that gives one number at every point, or whether a condition holds there.
+
+    formulas: of one expression.
+    """
 
     formulas: Formulas
 
     def __call__(self, values: Values) -> Any:
-        """An array of the values' shape."""
+        """An array of the values' common shape."""
         return self.formulas(values)[0]
 
     def room(self, values: Values) -> FloatArray:
@@ -93,10 +102,12 @@ class Value:
 
 @frozen
 class ExposureDensity:
-    """Density: the product of the parameters' distributions in their ranges, or a joint one (then
-    no parameter has one of its own), times an expression.
+    """Exposure of points as a density: that of `joint`, or else the product of the parameters'
+    distributions within their ranges; times an expression.
 
-    constraints: where one of them does not hold, the expression may be undefined, which counts 0.
+    expression: a factor; None: 1.
+    joint: then no parameter has a distribution of its own.
+    constraints: where one of them does not hold, the expression may be undefined: the density is 0.
     """
 
     parameters: tuple[Parameter, ...]
@@ -116,26 +127,30 @@ class ExposureDensity:
                 density = density * item.distribution.density(
                     values[item.name], item.low, item.high
                 )
-        if self.expression is not None:
-            factor = self.expression.value(self.definitions.extend(values))
-            # undefined: not finite, or below 0; wrong: undefined where all constraints hold
-            wrong = undefined = ~(np.isfinite(factor) & (factor >= 0.0))
-            for constraint in self.constraints:
-                wrong = wrong & constraint.holds(values)
-            if wrong.any():
-                found = np.broadcast_to(factor, wrong.shape)[wrong].item(0)
-                raise must_be(
-                    f"`{self.expression.text}`", "the exposure", "finite and at least 0", found
-                )
-            density = density * np.where(undefined, 0.0, factor)
-        return density
+        if self.expression is None:
+            return density
+        return density * self._factor(self.expression, values)
+
+    def _factor(self, expression: Expression, values: Values) -> FloatArray:
+        """The value of the expression, 0 where it is undefined: not finite, or below 0.
+
+        Raises InputError if it is undefined where all constraints hold.
+        """
+        factor = expression.value(self.definitions.extend(values))
+        wrong = undefined = ~(np.isfinite(factor) & (factor >= 0.0))
+        for constraint in self.constraints:
+            wrong = wrong & constraint.holds(values)
+        if wrong.any():
+            first = np.broadcast_to(factor, wrong.shape)[wrong].item(0)
+            raise must_be(f"`{expression.text}`", "the exposure", "finite and at least 0", first)
+        return np.where(undefined, 0.0, factor)
 
 
 @frozen
 class LimitedFormula:
-    """A number of a concrete scenario.
+    """A formula that gives one number of a concrete scenario.
 
-    what, owner: its name, and what it belongs to, in error messages.
+    what, owner: name of the number, and of the scenario or sample, in error messages.
     """
 
     what: str
@@ -144,8 +159,9 @@ class LimitedFormula:
     limits: Limits = ANY
 
     def at(self, values: Mapping[str, float]) -> float:
-        """Its value at a point, which gives each name its value.
+        """Its value at a point.
 
+        values: of parameters and definitions there, by name.
         Raises InputError for a value outside its limits.
         """
         value: float = self.expression.at(values)
@@ -161,13 +177,16 @@ class LimitedFormula:
 
 @frozen
 class LimitedFormulas:
-    """Numbers of a table by key."""
+    """The formulas of a table.
+
+    by_key: (key of the table, formula).
+    """
 
     by_key: tuple[tuple[str, LimitedFormula], ...]
 
     def at(self, values: Mapping[str, float]) -> dict[str, Any]:
-        """Their values at a point, which gives each name its value."""
-        return {key: quantity.at(values) for key, quantity in self.by_key}
+        """Their values at a point, by key; `values` as in `LimitedFormula.at`."""
+        return {key: formula.at(values) for key, formula in self.by_key}
 
     def __getitem__(self, key: str) -> Expression:
         return dict(self.by_key)[key].expression
@@ -177,12 +196,11 @@ class LimitedFormulas:
 class Names:
     """The names that formulas and conditions of a file may use.
 
-    where: name of the file in error messages.
-    owner: name of the scenario in them.
-    known: parameters, options and definitions.
+    where, owner: names of the file and of the scenario in error messages.
+    known: names of parameters, options and definitions.
     vehicles: name of an actor -> name of a manoeuvre -> index of the act.
     departs: whether the ego has recorded positions, so that a condition may use `departed`.
-    scene: expressions that the scene depends on, as read so far.
+    scene: expressions that the scene depends on; `quantity` and conditions add to it.
     """
 
     where: str
@@ -193,9 +211,9 @@ class Names:
     scene: list[Expression] = field(default_factory=list)
 
     def expression(self, formula: Formula, what: str) -> Expression:
-        """A number's expression.
+        """The expression of a number.
 
-        what: its place in the file.
+        what: place of the formula in the file.
         Raises InputError for a name that is not known.
         """
         owner = f"{what} of {self.where}"
@@ -203,17 +221,18 @@ class Names:
         return checked_names(number(formula, owner), self.known, owner)
 
     def quantity(self, formula: Formula, what: str, limits: Limits = ANY) -> LimitedFormula:
-        """A number of each concrete scenario; adds its expression to `scene`."""
+        """The formula of a number of each concrete scenario; adds its expression to `scene`."""
         self.scene.append(self.expression(formula, what))
         return LimitedFormula(what, self.owner, self.scene[-1], limits)
 
     def quantities(self, table: Any, what: str, **others: Limits) -> LimitedFormulas:
         """The formulas that a table has.
 
+        what: name of the table in error messages.
         others: limits of keys, instead of those in their annotations.
         """
         # the cache hashes the class; mypy does not know that a class can be hashed
-        keys = _formulas(type(table))  # type: ignore[arg-type]
+        keys = _formula_keys(type(table))  # type: ignore[arg-type]
         return LimitedFormulas(
             tuple(
                 (key, self.quantity(value, f"{key} of {what}", others.get(key, limits)))
@@ -225,7 +244,7 @@ class Names:
     def distinct(self, names: Iterable[str], kind: str, owner: str = "") -> list[str]:
         """The names as a list; raises InputError if one occurs twice.
 
-        owner: of them; default: the file.
+        kind: of what they are names. owner: part of the file that holds them; default: the file.
         """
         listed = list(names)
         for name in listed:
@@ -238,12 +257,12 @@ class Names:
 
 
 @functools.cache
-def _formulas(cls: Any) -> list[tuple[str, Limits]]:
+def _formula_keys(cls: Any) -> list[tuple[str, Limits]]:
     """The keys of a table's class that are formulas, with their limits."""
-    formulas = []
+    keys = []
     for key, hint in hints_of(cls).items():
         # `Annotated[base, *marks]`, or `base` alone; a formula is `str | float`, also `| None`
         base, *marks = get_args(hint) if hasattr(hint, "__metadata__") else (hint,)
         if {str, float} <= set(get_args(base)):
-            formulas.append((key, next((mark for mark in marks if isinstance(mark, Limits)), ANY)))
-    return formulas
+            keys.append((key, next((mark for mark in marks if isinstance(mark, Limits)), ANY)))
+    return keys

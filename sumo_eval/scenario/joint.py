@@ -1,9 +1,10 @@
 """Densities of points of a space from recorded events, with the dependence between parameters.
 
-Two kinds over the same events, both cut to the box of the space:
+There are two kinds of density, both cut to the box of the space:
 
-- kde: a Gaussian at each event, with the events' covariance times the squared bandwidth.
-- copula: each parameter by a one-dimensional KDE of its own, cut to its range; together by the
+- kde (kernel density estimate): a Gaussian at each event, with the events' covariance times the
+  squared bandwidth.
+- copula: a one-dimensional KDE for each parameter, cut to its range; their dependence by the
   correlation of their normal scores (a Gaussian copula).
 
 A sum of kernels is wider than the events, by sqrt(1 + h^2) for a bandwidth h. So rare values get
@@ -12,8 +13,8 @@ either kind divides the distances from the events' mean, and the kernels' width,
 varies as much as the events do (Silverman, Density Estimation, 1986, 6.4.1), but gives values in a
 long tail too low a density.
 
-`[joint]` of a scenario file and `sumo-eval learn` make these densities.
-scipy is imported only once a density is asked for.
+`[joint]` of a scenario file and `sumo-eval learn` make these densities. scipy is imported only when
+the first of them is computed.
 
 Users: `extras/rates/exposure.py`, `extras/rates/importance.py`, `extras/rates/learn_page.py`,
 `extras/rates/learned.py`, `scenario/file_tables.py`, `scenario/formulas.py`.
@@ -31,25 +32,28 @@ from sumo_eval.frozen import frozen
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 JointKind = Literal["kde", "copula"]
-GRID = 1025  # places at which a copula's one-dimensional densities are kept
-# draws that estimate the share of a KDE within its box; if none of as many lies there: an error
+GRID = 1025  # values of a parameter at which a copula's one-dimensional density is tabulated
+# draws that estimate the share of a KDE within its box; if no draw of as many lies in the box,
+# `Joint.draw` gives up
 MASS_DRAWS = 32_768
-LEAST_EIGENVALUE = 1e-9  # of a copula's correlation
-LEAST_SHARE = 1e-9  # of probability: normal scores lie within +-6
+LEAST_EIGENVALUE = 1e-9  # of a copula's correlation matrix, so that it has a Cholesky factor
+LEAST_SHARE = 1e-9  # of probability at both ends: normal scores lie within +-6
+_BATCH = 4096  # points whose distances from all kernels are computed at once: limits the memory
+_LEAST_INSIDE = 1e-4  # share of a KDE within its box, at least: a density is divided by it
 
 
 @frozen
 class Joint:
-    """A density over parameters, from events.
+    """A density over k parameters, from n events.
 
-    names: parameters, in the order of the columns.
-    events: rows of finite numbers.
-    weights: one for each row; empty: equal.
-    low, high: the box it is cut to.
-    bandwidth: kernel deviation / deviation of the data; None: Scott's n^(-1/(k+4)), with k = 1 for
-        a copula.
+    names: of the parameters, in the order of the columns of `events`.
+    events: n rows of k finite numbers.
+    low, high: corners of the box that the density is cut to.
+    bandwidth: standard deviation of a kernel over that of the events; None: Scott's
+        n^(-1/(k+4)), with k = 1 for a copula.
+    source: name of the file with the events, for sentences.
+    weights: of the events; empty: all equal.
     narrow: whether it is the narrow form.
-    source: the file it was read from, for sentences.
     """
 
     kind: JointKind
@@ -67,6 +71,7 @@ class Joint:
         owner = f"the joint distribution {self.source}".rstrip()
         if n < k + 2:
             raise must_be("The events", owner, f"at least {k + 2}", n)
+        # with a column that depends on others linearly, the covariance has no Cholesky factor
         rows = np.array(self.events)
         scaled = (rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-12)
         if np.linalg.matrix_rank(scaled, tol=1e-6) < k:
@@ -76,7 +81,7 @@ class Joint:
 
     @property
     def factor(self) -> float:
-        """Kernel deviation / deviation of the data."""
+        """Standard deviation of a kernel over that of the events."""
         if self.bandwidth is not None:
             return self.bandwidth
         k = len(self.names) if self.kind == "kde" else 1
@@ -85,7 +90,7 @@ class Joint:
     def density(self, points: ArrayLike) -> FloatArray:
         """Probability density (n,) at points (n, k), 0 outside the box.
 
-        A copula's integrates to 1 over the box, a KDE's to the share of it that lies within.
+        Over the box it integrates to `mass`.
         """
         rows = np.asarray(points, float).reshape(-1, len(self.names))
         inside = self._inside(rows)
@@ -95,7 +100,9 @@ class Joint:
         return densities
 
     def mass(self) -> float:
-        """Share of this density within the box: 1 for a copula, which is cut to the box already."""
+        """Integral of `density` over the box: 1 for a copula, whose one-dimensional densities are
+        cut to their ranges; for a KDE the share of it that lies in the box.
+        """
         return 1.0 if self.kind == "copula" else _share_inside(self)
 
     def draw(self, count: int, stream: np.random.Generator) -> FloatArray:
@@ -129,9 +136,9 @@ class Joint:
 class _Kernels(NamedTuple):
     """A `Joint` of the kind kde made ready for densities and draws, not cut to the box.
 
-    rows: where the kernels stand, (n, k).
-    shares: weights of the rows, (n,), together 1.
-    root: Cholesky factor of the kernels' covariance, (k, k).
+    rows: centres of the kernels, (n, k).
+    shares: weights of the kernels, (n,), together 1.
+    root: Cholesky factor of a kernel's covariance, (k, k).
     """
 
     rows: FloatArray
@@ -140,18 +147,20 @@ class _Kernels(NamedTuple):
 
     def draw(self, count: int, stream: np.random.Generator) -> FloatArray:
         """Points (count, k)."""
-        chosen = stream.choice(len(self.rows), size=count, p=self.shares)
-        return self.rows[chosen] + stream.standard_normal((count, self.rows.shape[1])) @ self.root.T
+        kernels = stream.choice(len(self.rows), size=count, p=self.shares)
+        off_centre = stream.standard_normal((count, self.rows.shape[1])) @ self.root.T
+        return self.rows[kernels] + off_centre
 
     def density(self, points: FloatArray) -> FloatArray:
         """Density (n,) at points (n, k)."""
         k = points.shape[1]
+        # in the whitened space every kernel has the unit covariance
         whiten = np.linalg.inv(self.root)
         centres = self.rows @ whiten.T
         norm = np.abs(np.linalg.det(whiten)) / (2.0 * np.pi) ** (k / 2.0)
         sums = np.zeros(len(points))
-        for first in range(0, len(points), 4096):  # so many at once, to limit the memory in use
-            part = slice(first, first + 4096)
+        for first in range(0, len(points), _BATCH):
+            part = slice(first, first + _BATCH)
             sums[part] = bells(points[part] @ whiten.T, centres) @ self.shares
         return np.asarray(sums * norm)
 
@@ -160,8 +169,8 @@ class _Copula(NamedTuple):
     """A `Joint` of the kind copula made ready for densities and draws.
 
     root: Cholesky factor of the correlation of the normal scores, (k, k).
-    grids, densities, distributions: values of each parameter, and density and cumulative
-        distribution there, (k, GRID).
+    grids: values of each parameter, (k, GRID).
+    densities, distributions: its density and its cumulative distribution there, (k, GRID).
     """
 
     root: FloatArray
@@ -174,30 +183,32 @@ class _Copula(NamedTuple):
         from scipy.special import ndtr
 
         shares = ndtr(stream.standard_normal((count, len(self.root))) @ self.root.T)
-        parts = zip(shares.T, self.distributions, self.grids, strict=True)
-        return np.column_stack([np.interp(*part) for part in parts])
+        # of each parameter the value at its share: the inverse of its distribution
+        inverses = zip(shares.T, self.distributions, self.grids, strict=True)
+        return np.column_stack([np.interp(*inverse) for inverse in inverses])
 
     def density(self, points: FloatArray) -> FloatArray:
         """Density (n,) at points (n, k)."""
         from scipy.special import ndtri
 
-        parts = zip(points.T, self.grids, self.distributions, strict=True)
-        shares = np.column_stack([np.interp(*part) for part in parts])
+        distributions = zip(points.T, self.grids, self.distributions, strict=True)
+        shares = np.column_stack([np.interp(*distribution) for distribution in distributions])
         scores = ndtri(np.clip(shares, LEAST_SHARE, 1.0 - LEAST_SHARE))
+        # density of a Gaussian copula: that of the correlated scores over that of independent ones
         whitened = np.linalg.solve(self.root, scores.T).T
         density = np.exp(0.5 * (scores**2 - whitened**2).sum(axis=1)) / np.diag(self.root).prod()
-        for part in zip(points.T, self.grids, self.densities, strict=True):
-            density = density * np.interp(*part)
+        for marginal in zip(points.T, self.grids, self.densities, strict=True):
+            density = density * np.interp(*marginal)
         return np.asarray(density)
 
 
 @lru_cache(maxsize=64)
 def _share_inside(joint: Joint) -> float:
-    """Share of a KDE within its box."""
+    """Share of a KDE within its box, estimated by draws."""
     prepared = _prepared(joint)
     stream = np.random.default_rng(len(joint.events))  # any fixed seed
-    # 1e-4: a density is divided by the share
-    return max(float(np.mean(joint._inside(prepared.draw(MASS_DRAWS, stream)))), 1e-4)
+    inside = joint._inside(prepared.draw(MASS_DRAWS, stream))
+    return max(float(np.mean(inside)), _LEAST_INSIDE)
 
 
 @lru_cache(maxsize=512)
@@ -220,12 +231,14 @@ def _prepared(joint: Joint) -> _Kernels | _Copula:
 
 
 def _narrowed(rows: FloatArray, shares: FloatArray, width: Any, ratio: Any) -> tuple[Any, Any]:
-    """Events nearer to their mean, and narrower kernels, by the factor of the narrow form.
+    """The narrow form: events nearer to their mean, and narrower kernels, by one factor.
 
+    rows: (n, k) of all parameters, or (n,) of one. shares: weights of the events, (n,).
+    width: of the kernels: Cholesky factor (k, k), or standard deviation of one parameter.
     ratio: variance of a kernel over that of the events.
     """
-    nearer, mean = 1.0 / np.sqrt(1.0 + ratio), shares @ rows
-    return mean + nearer * (rows - mean), nearer * width
+    factor, mean = 1.0 / np.sqrt(1.0 + ratio), shares @ rows
+    return mean + factor * (rows - mean), factor * width
 
 
 def _correlation_root(rows: FloatArray, shares: FloatArray) -> FloatArray:
@@ -235,7 +248,7 @@ def _correlation_root(rows: FloatArray, shares: FloatArray) -> FloatArray:
     covariance = (centred * shares[:, None]).T @ centred
     deviation = np.sqrt(np.diag(covariance))
     correlation = np.atleast_2d(covariance / np.outer(deviation, deviation))
-    # the correlation is singular where two parameters put the events in the same order
+    # two parameters that put the events in the same order have a singular correlation: lift it
     lift = max(LEAST_EIGENVALUE - float(np.linalg.eigvalsh(correlation)[0]), 0.0)
     return np.asarray(np.linalg.cholesky(correlation + lift * np.eye(len(correlation))), float)
 
@@ -244,17 +257,20 @@ def _normal_scores(values: FloatArray) -> FloatArray:
     """Normal scores (n,) of a parameter's values."""
     from scipy.special import ndtri
 
-    # equal values have one score: the order of the events must not tie parameters together
+    # equal values get one score, at the middle of their ranks: different scores would follow the
+    # order of the events, and make parameters seem correlated
     _, index, times = np.unique(values, return_inverse=True, return_counts=True)
-    return ndtri((np.cumsum(times) - 0.5 * times)[index] / len(values))
+    middle_ranks = np.cumsum(times) - 0.5 * times
+    return ndtri(middle_ranks[index] / len(values))
 
 
 def _marginal(
     joint: Joint, grid: FloatArray, values: FloatArray, shares: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Density and distribution of a parameter on its grid.
+    """Density and cumulative distribution of a parameter on its grid, (GRID,) each, both of the KDE
+    cut to the range of the grid.
 
-    values: (n,), of the events. shares: (n,), their weights.
+    values: of the events, (n,). shares: weights of the events, (n,).
     """
     from scipy.special import ndtr
 
@@ -262,16 +278,19 @@ def _marginal(
     if joint.narrow:
         variance = shares @ (values - shares @ values) ** 2
         values, width = _narrowed(values, shares, width, width**2 / variance)
+    # (GRID, n): distance of each grid value from each kernel, in deviations of the kernel
     away = (grid[:, None] - values) / width
-    uncut = ndtr(away) @ shares
+    uncut = ndtr(away) @ shares  # distribution before the cut
     mass = max(uncut[-1] - uncut[0], 1e-12)
     density = np.exp(-0.5 * away**2) @ shares / (width * np.sqrt(2.0 * np.pi) * mass)
     return density, (uncut - uncut[0]) / mass
 
 
 def _spread(values: FloatArray) -> float:
-    """Standard deviation of values; if less, that of a normal distribution with their quartiles,
-    1.34 deviations apart. A long tail must not make the kernels in the middle wide.
+    """The smaller of two deviations of values: their standard deviation, and that of a normal
+    distribution with their quartiles, which lie 1.34 deviations apart.
+
+    A long tail must not make the kernels in the middle wide.
     """
     low, high = np.quantile(values, [0.25, 0.75])
     deviation = float(values.std(ddof=1))
@@ -280,12 +299,13 @@ def _spread(values: FloatArray) -> float:
 
 def bells(points: FloatArray, centres: FloatArray) -> FloatArray:
     """exp(-d^2/2) by the distance d of points (n, k) from centres (m, k): (n, m)."""
+    # |p - c|^2 = |p|^2 + |c|^2 - 2 p.c, which rounding may make negative
     squared = (points**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * points @ centres.T
     return np.asarray(np.exp(-0.5 * np.maximum(squared, 0.0)))
 
 
 def of_values(joint: Joint, values: Mapping[str, ArrayLike]) -> FloatArray:
-    """The density at values by name, arrays that broadcast."""
+    """The density at points given as values by name, arrays that broadcast to one shape."""
     columns = np.broadcast_arrays(*(np.asarray(values[name], float) for name in joint.names))
     shape = columns[0].shape
     return joint.density(np.column_stack([column.ravel() for column in columns])).reshape(shape)

@@ -36,19 +36,21 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 Values = Mapping[str, FloatArray]
 """Values of the parameters by name."""
 PointFunction = Callable[[Values], FloatArray]
-"""A number at each point."""
+"""Function of points: values by name -> a number at each point."""
 # digits that drawn values keep after the leading digit of their range (range 100 m: to 1e-4 m), so
 # that machines which differ in the last bit draw the same points
 DIGITS = 6
 ONLY = "only"
-"""Name of the only parameter of a scenario that has none of its own; it changes nothing."""
+"""Name of the parameter, without effect, of a scenario that has no parameters of its own."""
 
 
 @frozen
 class Parameter:
-    """One axis of a space: low..high in `unit`, sampled every `step` by default.
+    """One axis of a space.
 
-    unit: "1" where the number has none.
+    low, high: ends of its range. step: of the default grid.
+    unit: of all these numbers; "1" where they have none.
+    about: meaning, for people.
     values: the only values it can take, ascending, from low to high; empty: any value of the range.
     distribution: how often values occur on the road; None: unknown.
     """
@@ -64,9 +66,7 @@ class Parameter:
 
     def __post_init__(self) -> None:
         owner = f"parameter `{self.name}`"
-        low = self.low
-        high = self.high
-        values = self.values
+        low, high, values = self.low, self.high, self.values
         ascending = all(a < b for a, b in itertools.pairwise(values))
         if values and not (ascending and values[0] == low and values[-1] == high):
             raise must_be("`values`", owner, "ascending, from low to high", values)
@@ -92,7 +92,9 @@ class Parameter:
     def from_shares(self, shares: FloatArray) -> FloatArray:
         """Values (n,) at shares 0..1 of the range; listed values divide the shares equally."""
         if self.values:
-            index = np.minimum((shares * len(self.values)).astype(np.intp), len(self.values) - 1)
+            count = len(self.values)
+            # `minimum`: the share 1 belongs to the last value
+            index = np.minimum((shares * count).astype(np.intp), count - 1)
             return np.array(self.values, float)[index]
         return self.rounded(self.low + shares * (self.high - self.low))
 
@@ -116,9 +118,10 @@ class Parameter:
 class Constraint:
     """A condition on the points of the box: those that violate it do not exist.
 
-    holds: values by name (broadcasting arrays) -> whether the condition holds.
-    room: values by name -> signed distance to the constraint's limit, in the constraint's own unit,
-        below 0 where it does not hold; None: unknown.
+    about: what a point must be, to follow "the point must be".
+    holds: values by name (arrays that broadcast) -> whether the condition holds.
+    room: values by name -> distance to the constraint's limit, in the constraint's own unit, below
+        0 where it does not hold; None: unknown.
     """
 
     about: str
@@ -140,8 +143,9 @@ class Approach:
     passing_length: lengths of both bodies together, m. An ego whose front is further than this
         ahead of the obstacle's rear when the conflict begins has passed it.
 
-    Where `obstacle_deceleration` or `conflict_begin` is not 0, no closed form exists:
-    `searched_criticality` then looks for the worst moment. It simulates nothing, unlike `Search`.
+    Where `obstacle_deceleration` or `conflict_begin` is not 0, no closed form exists. Then
+    `method.criticality.searched_criticality` looks for the worst moment. It simulates nothing,
+    unlike a `Search`.
     """
 
     ego_speed: FloatArray
@@ -159,17 +163,18 @@ class Approach:
 
 
 def at_once(values: Values) -> FloatArray:
-    """The delay of an ego that brakes as soon as the actor makes its first move: 0 s."""
+    """The default of `Search.delay`: the ego brakes as soon as the actor makes its first move."""
     return np.zeros(())
 
 
 @frozen
 class Search:
-    """A zone rule by search: simulates one actor's motion while the ego brakes ideally.
+    """A zone rule by search: the motion of the actors is simulated, without SUMO, while the ego
+    brakes ideally.
 
-    obstacle: index of that actor.
-    delay: values by name -> s from the actor's first move to ideal braking; if the actor makes no
-        move, from t = 0.
+    obstacle: index of the actor for which the ego brakes.
+    delay: values by name -> time from this actor's first move to ideal braking, s; if the actor
+        makes no move, from t = 0.
     conflict: True: the time until both paths collide counts; False: the gap along the road.
     """
 
@@ -180,12 +185,12 @@ class Search:
 
 @frozen
 class ZoneCoordinates:
-    """Coordinates for the zones' Gaussian process, often fewer than the parameters, over which
-    criticality is smooth.
+    """Inputs for the zones' Gaussian process instead of the parameters: functions of these over
+    which criticality is smooth, often fewer than the parameters.
 
-    A cut-in's criticality depends on the closing speed and on the gap that is left when the lane is
-    entered. Over its four parameters the hazardous points form a thin curved sheet, which a
-    Gaussian process fits badly.
+    An example: a cut-in's criticality depends on the closing speed and on the gap that is left when
+    the lane is entered. Over its four parameters the hazardous points form a thin curved sheet,
+    which a Gaussian process fits badly.
 
     of: values by name (arrays) -> one array for each of `names`.
     """
@@ -214,11 +219,11 @@ class NamedSample:
 
 @frozen
 class Counterpart:
-    """The events in recordings that correspond to this scenario.
+    """The events in recordings that correspond to a scenario.
 
-    event: kind of event.
-    columns: (parameter, column of the events).
-    tolerance: (parameter, largest difference of an event that counts as this point).
+    event: kind of event, as `drivers/recorded/events.py` names it.
+    columns: (parameter, column of the table of events).
+    tolerance: (parameter, largest difference from it of an event that counts as a point's).
     start: column with the time that is the scenario's t = 0.
     only: (column, value that it must have).
     """
@@ -253,20 +258,21 @@ class LogicalScenario:
     Its zones come from one of `approach`, `search` and `margin`. Without any of them no zone can be
     defined, and all points are safe.
 
+    about: what happens, a sentence. source: where the scenario comes from.
     place: values of one point -> (ego's start, the actors).
     approach: values by name (arrays) -> `Approach`: criticality without a simulation.
-    search: criticality by simulating an actor, where its script depends on what happens.
-    margin: values by name (arrays) -> distance to a limit that is known, m; hazardous at 0 and
-        below.
-    exposure: values by name (arrays) -> naturalistic probability density, up to a factor.
+    exposure: values by name (arrays) -> probability density on the road, up to a factor.
+    exposure_about: the same in words.
     ego_body, time_limit, standstill_time: as in `ConcreteScenario`.
     samples: prescribed points.
     default_sample: method of sampling by default: `grid`, or the name of one of `samples`.
     zone_coordinates: inputs of the zones' Gaussian process; None: the parameters.
-    options: numbers that may be set where the scenario is named.
+    options: numbers that `use` may set.
+    search: criticality by a simulation of the actors' motion, where it has no closed form.
     notes: sentences that stand with its zones in every report.
     recorded: the events in recordings that correspond to this scenario; None: unknown.
-    met: how often it occurred; None: unknown.
+    met: how often it occurred on the road; None: unknown.
+    margin: values by name (arrays) -> distance to a known limit, m; hazardous at 0 and below.
     has_drivers: whether synthetic drivers can drive it; False: D needs recorded drivers.
     requirements: conditions that must hold in every drive; None: no condition.
     """
@@ -302,7 +308,7 @@ class LogicalScenario:
             check_name(f"a parameter of scenario `{self.name}`", parameter.name)
 
     def _repr_html_(self) -> str:
-        """HTML for notebooks: the description, and the parameters with their ranges."""
+        """HTML that notebooks show: the description, and the parameters with their ranges."""
         rows = "".join(
             f"<tr><th>{escape(item.name)}</th><td>{item.low:g} to {item.high:g}"
             f"{escape(item.unit_suffix)}</td>"
@@ -310,12 +316,12 @@ class LogicalScenario:
             for item in self.parameters
         )
         head = "<tr><th>parameter</th><th>range</th><th>step</th><th></th></tr>"
-        ruled = "".join(
+        constraints = "".join(
             f"<p>A possible point is {escape(constraint.about)}.</p>"
             for constraint in self.constraints
         )
         about = f"<p><b>{escape(self.name)}</b>: {escape(self.about)}</p>"
-        return f"{about}<table><thead>{head}</thead><tbody>{rows}</tbody></table>{ruled}"
+        return f"{about}<table><thead>{head}</thead><tbody>{rows}</tbody></table>{constraints}"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -339,7 +345,7 @@ class LogicalScenario:
     def from_unit(self, unit_points: ArrayLike) -> FloatArray:
         """Points (n, k) of the unit box in the parameters' own units.
 
-        A parameter with listed values can get one between them; `from_shares` cannot.
+        A parameter with listed values can get a value between them, unlike with `from_shares`.
         """
         return self.low + np.asarray(unit_points, float) * (self.high - self.low)
 
@@ -390,11 +396,14 @@ class LogicalScenario:
         return np.broadcast_to(self.exposure(self.columns(points)), len(points))
 
     def concrete(self, **values: float) -> ConcreteScenario:
-        """The concrete scenario at a point; refuses unknown, missing, out-of-range and impossible
-        values.
+        """The concrete scenario at a point.
 
-        Without a body of the ego in the scenario, gaps begin at the bumpers of a vehicle of 4.5 m.
+        values: of every parameter, by name.
+
+        Gaps begin at the bumpers of an ego of 4.5 m, unless the scenario has a body for the ego.
         `scenario.resolved.find_with` gives the scenario for the vehicle of a run.
+
+        Raises InputError for unknown, missing, out-of-range and impossible values.
         """
         owner = f"scenario `{self.name}`"
         names = self.names
@@ -412,9 +421,8 @@ class LogicalScenario:
         return replace(self.placed(point), exposure=exposure)
 
     def placed(self, point: Numbers) -> ConcreteScenario:
-        """The concrete scenario at values by name, unchecked: constraints may forbid it.
-
-        Its exposure is 1.
+        """The concrete scenario at values by name, with exposure 1. The values are not checked:
+        constraints may forbid them.
         """
         # parameters that are themselves settings of the drive
         changes = tuple((name, point[name]) for name in self.names if name in CHANGES)

@@ -1,7 +1,9 @@
 """Closed forms of actors' moves: across the road, and braking, of one vehicle at one instant.
 
-Here a `move` across the road and a `brake` are acts (`scenario.played`), or records with the same
-fields. The `duration` of a move is above 0, the `begin` of a brake finite.
+The arguments `move` (across the road) and `brake` are acts (`scenario.played.Act`), or records with
+the same fields. The `duration` of a move is above 0, the `begin` of a brake finite.
+
+The order of operations decides the last bit of recorded values, which tests compare.
 
 Users: `ads/lane_change.py`, `method/conflict.py`, `scenario/concrete.py`, `scenario/played.py`.
 """
@@ -11,10 +13,11 @@ from typing import Any
 
 from sumo_eval.kernels import kernel
 
-# kinds of lateral moves: `quintic`, constant speed after a rise
-SMOOTH, CONSTANT = 0, 1
-# `swing`, half a swing
-SINUS, COSINE = 2, 3
+# kinds of lateral moves
+SMOOTH = 0  # by `quintic`
+CONSTANT = 1  # at constant speed, after a rise
+SINUS = 2  # by `swing`, to a side and back
+COSINE = 3  # by half a swing, to a side
 
 Motion = tuple[float, float, float]
 """A distance, m, and its first and second derivatives by time, m/s and m/s2."""
@@ -40,8 +43,8 @@ def quintic_bend(s: Any) -> Any:
 
 @kernel
 def swing(move: Any, time: float) -> Motion:
-    """Offset, m, speed, m/s, and acceleration, m/s2, of swings, each to one side and back: first to
-    the side of `offset`, then to the other, and so on.
+    """Offset, m, speed, m/s, and acceleration, m/s2, of swings at a time. Each goes to one side and
+    back: the first to the side of `offset`, the next to the other side, and so on.
 
     A swing is A (1 - cos wt) / 2 with A = `offset`. Its largest acceleration A w^2 / 2 is the
     move's `acceleration`, which gives w. The move begins at rest; it ends at rest only if
@@ -52,8 +55,8 @@ def swing(move: Any, time: float) -> Motion:
         return 0.0, 0.0, 0.0
     rate = sqrt(2.0 * move.acceleration / abs(move.offset))
     phase = rate * since
-    swings = floor(phase / (2.0 * pi))  # that are over
-    to_first_side = swings == 2.0 * floor(0.5 * swings)  # an even number of swings is over
+    complete = floor(phase / (2.0 * pi))  # number of swings that are over
+    to_first_side = complete == 2.0 * floor(0.5 * complete)  # if that number is even
     half = 0.5 * (move.offset if to_first_side else -move.offset)
     c = cos(phase)
     return half * (1.0 - c), half * rate * sin(phase), half * rate * rate * c
@@ -63,7 +66,7 @@ def swing(move: Any, time: float) -> Motion:
 def lateral_motion(move: Any, time: float) -> Motion:
     """Offset, m, speed, m/s, and acceleration, m/s2, of a lateral move at a time, all to the left.
 
-    At an instant at which the speed jumps, it is the speed after the jump.
+    At an instant at which the speed jumps, the value after the jump counts.
     """
     if move.kind == CONSTANT:
         return _at_constant_speed(move, time - move.begin)
@@ -91,9 +94,9 @@ def _at_constant_speed(move: Any, since: float) -> Motion:
     """`lateral_motion` of a move at constant speed, `since` s after it began.
 
     The speed builds up linearly and ends at once. `concrete.constant_lateral` computes the duration
-    in which it covers `offset`.
+    in which the move covers `offset`.
     """
-    rise, t = move.speed / move.acceleration, max(since, 0.0)
+    rise, t = move.speed / move.acceleration, max(since, 0.0)  # s until the full speed; s so far
     going = 0.0 <= since < move.duration
     if t < rise:
         covered = 0.5 * move.speed * t * t / rise
@@ -113,10 +116,10 @@ def _at_constant_speed(move: Any, since: float) -> Motion:
 @kernel
 def time_to_stand(brake: Any, speed: float) -> float:
     """Time that braking from `speed` m/s to standstill takes, s."""
-    rise = brake.acceleration / brake.jerk
+    rise = brake.acceleration / brake.jerk  # s until the full deceleration; 0 if the jerk is inf
     if speed >= brake.acceleration * rise / 2.0:
         return float(speed / brake.acceleration + rise / 2.0)
-    return sqrt(2.0 * speed * rise / brake.acceleration)
+    return sqrt(2.0 * speed * rise / brake.acceleration)  # it stands before
 
 
 @kernel
@@ -125,14 +128,16 @@ def braked(brake: Any, speed: float, time: float) -> tuple[float, float]:
     `speed` m/s until it brakes.
     """
     since = time - brake.begin
-    rise = brake.acceleration / brake.jerk  # s; 0: the jerk is infinite
+    rise = brake.acceleration / brake.jerk  # s until the full deceleration; 0 if the jerk is inf
     t = min(max(since, 0.0), time_to_stand(brake, speed))
+    # s so far of rising and of full deceleration, and the share of the rise that is over
     rising, plateau = min(t, rise), max(t - rise, 0.0)
     share = rising / rise if rise > 0.0 else 0.0
-    # lost: by braking so far, m; driven: since it began, m, below 0 before that
+    # distance that braking has cost so far, m
     lost = brake.acceleration * (
         rising * rising * share / 6.0 + rise * plateau / 2.0 + plateau * plateau / 2.0
     )
+    # distance since the braking began, m; below 0 before that
     driven = speed * since if since < 0.0 else speed * t - lost
     slower = speed - brake.acceleration * (rising * share / 2.0 + plateau)
     return speed * brake.begin + driven, max(slower, 0.0)
@@ -140,10 +145,10 @@ def braked(brake: Any, speed: float, time: float) -> tuple[float, float]:
 
 @kernel
 def along_heading(along: float, across: float, forward: float, sideways: float) -> float:
-    """Acceleration along the course of a vehicle that points where it moves, m/s2.
+    """Acceleration along the heading of a vehicle that points where it moves, m/s2.
 
-    along, across: speeds along the line and to its left, m/s.
-    forward, sideways: accelerations in these directions, m/s2.
+    along, across: its speeds along a line and to the left of it, m/s.
+    forward, sideways: its accelerations in these directions, m/s2.
     """
     if across == 0.0:
         return forward

@@ -1,15 +1,18 @@
 """Scripted motion of actors: moves that begin at a time or when a condition holds, paths, speeds by
 time or by position.
 
-A played vehicle drives along a line: straight on in its heading, or a path of points. Its speed is
-a list of pieces of constant jerk, its lateral moves are offsets across the line. Every move is a
-function of the time since it began, so a move that begins within a step leads to the same position
-with any step. Records are plain numbers, and the loops over them are kernels: a case has the same
-bits alone and in a batch.
+A played vehicle drives along its line: straight on in its heading, or along a path of points. Its
+motion along the line is a list of pieces of constant jerk; its lateral moves are offsets across the
+line. Every move is a function of the time since it began, so a move that begins within a step leads
+to the same position with any step. Records are plain numbers, and the loops over them are kernels:
+a case has the same bits alone and in a batch.
+
+An `Act` is a move as a scenario has it, unchangeable. Its record of `ACT` also has the state of the
+move in a drive.
 
 Users: `cosim/world.py` makes the records, `cosim/step_rules.py` moves the actors in every step;
 readers of scenarios (`scenario/`, `extras/openscenario/`) write acts, `scenario/undisturbed.py`
-plays them without an ego. `cosim/` knows their records.
+plays them without a simulation. `cosim/` knows their records.
 """
 
 from __future__ import annotations
@@ -30,71 +33,77 @@ from sumo_eval.trajectory import IntArray
 
 Pairs = tuple[tuple[float, float], ...]
 Move = tuple[int, int]
-"""A move of an actor: the actor's number, and its own."""
+"""A move of an actor: number of the actor in its case, number of the move among the actor's."""
 Step = tuple[int, int, int, float]
+"""An operation of a condition: (op, one, two, value), see `Act`."""
 Program = tuple[Step, ...]
-"""A condition: operations (op, one, two, value), see `Act`."""
+"""A condition: its operations in order, for a stack."""
 
-# Kinds and operations keep their numbers, which identities of drives contain.
+# Kinds and operations keep their numbers: fingerprints of drives contain them.
 # Kinds of moves across the line. They have the smallest numbers: `kind <= COSINE` asks for them.
 SMOOTH, CONSTANT = motion.SMOOTH, motion.CONSTANT
 SINUS, COSINE = motion.SINUS, motion.COSINE
 # kinds of moves along the line
-SPEED = 10  # to a speed, with limited acceleration and jerk
-BY_TIME, BY_PLACE = 11, 12  # speeds by time, by position
-PATH = 13  # along points
-KEEP = 14  # the speed that it has
+SPEED = 10  # changes to a speed, with limited acceleration and jerk
+BY_TIME, BY_PLACE = 11, 12  # has a profile: speeds at times, speeds at positions
+PATH = 13  # continues along a path of points
+KEEP = 14  # keeps the speed that it has
 FOLLOW = 15  # from then on SUMO drives the vehicle
-MATCH = 16  # a speed, or a position, relative to another vehicle's at every instant
+MATCH = 16  # keeps a speed, or a position, relative to another vehicle at every instant
 # state of a move: its `begin` is unknown, is in the future, is past
 WAITS, KNOWN, BEGUN = 0, 1, 2
-EGO = -1  # in place of the index of an actor
+EGO = -1  # stands for the ego where an actor would have its number
 AT_ONCE, HANDED_OVER = 1, 2  # SUMO drives a vehicle from the start, or from a FOLLOW on
 
 # Operations of a condition's program, which works on a stack. Those up to ENDED, and DEPARTED, put
 # a value on top of it. NEGATE and ABSOLUTE change the top value. Every other operation replaces
 # the two top values by one.
-VALUE, TIME = 0, 1
-X, Y = 2, 3
-ALONG, ACROSS = 4, 5
-GAP, DISTANCE = 6, 7
-TTC, THW = 8, 9
-ENDED = 10
+VALUE, TIME = 0, 1  # a constant; s since the start
+X, Y = 2, 3  # of a vehicle, m
+ALONG, ACROSS = 4, 5  # speeds of a vehicle along and across the road, m/s
+GAP, DISTANCE = 6, 7  # between two vehicles, m
+TTC, THW = 8, 9  # of two vehicles, s
+ENDED = 10  # whether a move is over
 ADD, SUBTRACT = 11, 12
 MULTIPLY, DIVIDE = 13, 14
 NEGATE = 15
-SMALLER, LARGER = 16, 17
+SMALLER, LARGER = 16, 17  # of two values
 ABSOLUTE = 18
-BELOW, AT_MOST = 19, 20
+BELOW, AT_MOST = 19, 20  # whether the first value is below, is at most the second
 AND, OR = 21, 22
-DEPARTED = 23
+DEPARTED = 23  # distance of the ego from the recorded ego, m
 DEEPEST = 24  # values on the stack of a condition, at most
-# Columns of the stack: a value at the start of the step and at its end; of a condition, which has
-# the values 1 and 0, also the share of the step at which it became true.
+# Columns of the stack: the value at the start of the simulation's step, and at its end. Of a
+# condition these are 1 (true) or 0, and the third column has the share of the step at which it
+# became true.
 BEFORE, NOW, SHARE = 0, 1, 2
 
 ACT = np.dtype(
     fields("begin", "duration", "speed", "offset", "acceleration", "jerk", "delay", "end")
     + flags("kind", "first", "count", "program", "steps", "state")
 )
-"""A move.
+"""A move of an actor.
 
-begin, end: s; begin is inf while the move waits for its condition.
-duration: s; of a `FOLLOW`, between two positions of its rows.
+begin: s; inf while the move waits for its condition.
+duration: s; of a `FOLLOW`, the time from one of its recorded positions to the next.
 speed: at the end of a move along the line, or of a `CONSTANT` move across it, m/s.
 offset: of a lateral move, to the left, m.
 acceleration, jerk: largest, m/s2 and m/s3.
 delay: from the instant at which its condition holds to `begin`, s.
+end: s; inf while it is unknown.
 kind: `SMOOTH` to `MATCH`.
-first, count: index and number of its rows in `TABLE`.
-program, steps: index and number of the rows of its condition in `PROGRAM`.
+first, count: index of the first of its rows in `TABLE`, and their number.
+program, steps: index of the first operation of its condition in `PROGRAM`, and their number.
 state: `WAITS`, `KNOWN` or `BEGUN`.
 """
 PIECE = np.dtype(fields("duration", "acceleration", "jerk", "speed"))
-"""A piece of motion: its duration, its first acceleration, its jerk, and the speed at its end."""
+"""A piece of motion along the line.
+
+duration: s. acceleration: at its beginning, m/s2. jerk: m/s3. speed: at its end, m/s.
+"""
 TABLE = np.dtype(fields("one", "two"))
 """Pairs of numbers: points of a path (x, y), knots of a profile (time or position, speed),
-positions of a recorded ego (x, y), or what a `MATCH` follows (see `PLAY`)."""
+positions of a recorded ego (x, y), or numbers of a `MATCH` (see `PLAY`)."""
 PROGRAM = np.dtype(fields("value") + flags("op", "one", "two"))
 """An operation of a condition, as a `Step`."""
 PLAY = np.dtype(
@@ -103,35 +112,39 @@ PLAY = np.dtype(
 )
 """Present motion of a vehicle.
 
-x, y, heading: beginning and direction of its line.
+x, y, heading: beginning and direction of its line, m and rad.
 line_s, line_time: distance driven, m, and time, s, when the line began.
-since, s, v: time from which its pieces count, s, and distance, m, and speed, m/s, then.
-first_begin: `begin` of its first move, s.
+since: time from which its pieces count, s.
+s, v: distance driven, m, and speed, m/s, at that time.
+first_begin: `begin` of its first move, s; inf before.
 acts, pieces: number of its moves and of its pieces.
-path, points: index and number of the points of its path in `TABLE`; no points: a straight line.
+path, points: index of the first point of its path in `TABLE`, and number of points; 0: its line is
+    straight.
 slides: 1 if it keeps its heading while it moves across the line.
 model: 0 while its script drives it, else `AT_ONCE` or `HANDED_OVER`.
 on_map: 1 if x, y and heading are on the map of a curved road, 0 if along and across the road.
-match: 0 while it follows no vehicle, else 1 + the index of the first of its rows of `TABLE`: three
-    pairs of numbers, five where limits hold
-    1. number of the followed vehicle (`EGO`: the ego), and a factor
-    2. a speed to add, m/s: the wanted speed is the factor times the followed vehicle's, plus this;
-        and what is kept: 0: that speed, 1: a position, 2: a position within the limits of 4 and 5
+match: 0 without a `MATCH`, else 1 + the index of the first of its rows of `TABLE`. These are three
+    pairs of numbers, or five where limits hold:
+
+    1. number of the followed vehicle, or `EGO`; and a factor.
+    2. a speed to add, m/s: the wanted speed is the factor times the followed vehicle's, plus this.
+        And what is kept: 0: the wanted speed; 1: a position; 2: a position, within the limits of
+        pairs 4 and 5.
     3. the position, m ahead of the followed vehicle; and a headway, s. Above 0: the position is
         further back by the headway times the own speed. Below 0: it is further ahead, by the
         headway's amount times the wanted speed.
-    4. limits of acceleration and of deceleration, m/s2
-    5. limit of speed, m/s; unused
+    4. limits of acceleration and of deceleration, m/s2.
+    5. limit of speed, m/s; the second number is unused.
 """
 
 
 class Act(NamedTuple):
-    """A move of a played vehicle as plain numbers; fields as in `ACT`.
+    """A move of a played vehicle as plain numbers; fields as in `ACT`, except these:
 
-    begin: of a move with a condition, its delay, s.
+    begin: s; of a move with a condition, its delay.
     table: its rows of `TABLE`.
-    program: its condition as operations (op, one, two, value), one and two being vehicles (index or
-        `EGO`), or of `ENDED` a vehicle and a move; empty: it begins at `begin`.
+    program: its condition, operations (op, one, two, value). `one` and `two` are vehicles (a number
+        or `EGO`); of `ENDED`, `two` is the number of a move. Empty: it begins at `begin`.
     name: for messages.
     """
 
@@ -157,10 +170,10 @@ class Act(NamedTuple):
 
 
 class Players(NamedTuple):
-    """Records of the played vehicles of n cases with m each.
+    """Records of the m played vehicles of each of n cases.
 
     plays: (n, m).
-    acts, pieces, table, program: (n, m, most that one vehicle has).
+    acts, pieces, table, program: (n, m, largest number that one vehicle has).
     """
 
     plays: Records
@@ -174,13 +187,13 @@ class Players(NamedTuple):
         return Players(*(array[chosen] for array in self))
 
     def with_row(self, row: int, other: Players) -> Players:
-        """These records with the only case of `other` in place of case `row`, wide enough for
-        both.
+        """A copy of these records in which the only case of `other` replaces case `row`; the last
+        axes are wide enough for both.
         """
         plays = self.plays.copy()
-        joined = []
         plays[row] = other.plays[0]
-        for own, new in zip(self[1:], other[1:], strict=True):
+        joined = []
+        for own, new in zip(self[1:], other[1:], strict=True):  # acts to program
             width = max(own.shape[-1], new.shape[-1])
             joined.append(_wide(own, width))
             joined[-1][row] = _wide(new[0], width)
@@ -188,22 +201,19 @@ class Players(NamedTuple):
 
 
 def _wide(records: Records, width: int) -> Records:
-    """These records with zeros behind them, (..., width)."""
+    """A copy of records with zeros behind them, (..., width)."""
     wide = np.zeros((*records.shape[:-1], width), records.dtype)
     wide[..., : records.shape[-1]] = records
     return wide
 
 
 class Cast(NamedTuple):
-    """All vehicles of n cases, and the records of the played ones.
+    """All vehicles of n cases, and the records of the played ones; or, from `case_of`, of one case.
 
-    egos: (n,).
-    others, plays: (n, m).
-    acts, pieces, table, program: as in `Players`.
-    line: knots of the road's line; none: it is straight.
-
-    As `case_of` gives it for one case: egos (1,), the line as it is, all else
-    without the first axis.
+    egos: (n,); of one case (1,).
+    others: records of the actors, (n, m); of one case (m,).
+    plays, acts, pieces, table, program: as in `Players`; of one case without the first axis.
+    line: knots of the road's line, the same for all cases; none: it is straight.
     """
 
     egos: Records
@@ -218,7 +228,7 @@ class Cast(NamedTuple):
 
 @kernel
 def case_of(cast: Any, i: int) -> Any:
-    """The vehicles of case i."""
+    """The `Cast` of case i alone, of views: what is written to it is written to the whole."""
     return Cast(
         cast.egos[i : i + 1],
         cast.others[i],
@@ -236,25 +246,25 @@ def case_of(cast: Any, i: int) -> Any:
 
 @kernel
 def driven(play: Any, pieces: Any, time: float) -> Motion:
-    """Distance m, speed m/s and acceleration m/s2 along the line at a time."""
-    s, v, left = play.s, play.v, time - play.since  # left: time that is not yet driven, s
+    """Distance, m, speed, m/s, and acceleration, m/s2, along the line at a time."""
+    s, v, rest = play.s, play.v, time - play.since  # rest: s that the pieces must still cover
     for k in range(play.pieces):
         piece = pieces[k]
-        d = min(left, piece.duration)  # time in this piece, s
+        d = min(rest, piece.duration)  # time in this piece, s
         s += d * (v + d * (0.5 * piece.acceleration + d * piece.jerk / 6.0))
-        if left < piece.duration:
+        if rest < piece.duration:
             speed = v + d * (piece.acceleration + 0.5 * d * piece.jerk)
             return s, max(speed, 0.0), piece.acceleration + d * piece.jerk
         v = piece.speed
-        left -= d
-    return s + v * left, v, 0.0
+        rest -= d
+    return s + v * rest, v, 0.0  # after the last piece it keeps its speed
 
 
 @kernel
 def _put(
     pieces: Any, k: int, duration: float, acceleration: float, jerk: float, speed: float
 ) -> int:
-    """Write piece k, unless it takes no time; return the number of pieces."""
+    """Write piece k, unless it takes no time; return the number of pieces up to here."""
     if duration <= 0.0:
         return k
     piece = pieces[k]
@@ -271,22 +281,23 @@ def _speed_up(pieces: Any, v: float, act: Any) -> int:
     """
     change = abs(act.speed - v)
     sign = 1.0 if act.speed > v else -1.0
-    rise = act.acceleration / act.jerk  # time in which the acceleration builds up, s; may be 0
+    rise = act.acceleration / act.jerk  # s in which the acceleration builds up; 0 if jerk is inf
     in_rise = 0.5 * act.acceleration * rise  # change of speed meanwhile, m/s
     if change <= in_rise:
         return _put(pieces, 0, sqrt(2.0 * change / act.jerk), 0.0, sign * act.jerk, act.speed)
     k = _put(pieces, 0, rise, 0.0, sign * act.jerk, v + sign * in_rise)
-    return _put(
-        pieces, k, (change - in_rise) / act.acceleration, sign * act.acceleration, 0.0, act.speed
-    )
+    constant = (change - in_rise) / act.acceleration  # s at the full acceleration
+    return _put(pieces, k, constant, sign * act.acceleration, 0.0, act.speed)
 
 
 @kernel
 def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> int:
-    """Write the pieces of constant acceleration through the knots of a profile; return how many."""
-    # last: the knot before; by time: s since `begin`, by position: x, m
-    k = 0
-    last = 0.0 if act.kind == BY_TIME else x
+    """Write the pieces of constant acceleration through the knots of a profile; return how many.
+
+    v, x: speed, m/s, and position along the road, m, at its beginning.
+    """
+    k = 0  # number of pieces
+    last = 0.0 if act.kind == BY_TIME else x  # knot before: s since `begin`, or x, m
     for q in range(act.first, act.first + act.count):
         knot, speed = table[q].one, table[q].two
         apart = knot - last
@@ -295,7 +306,7 @@ def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> in
         if act.kind == BY_TIME:
             duration = apart
         elif v + speed > 0.0:
-            duration = 2.0 * apart / (v + speed)
+            duration = 2.0 * apart / (v + speed)  # at the mean of both speeds
         else:  # it stands, and never gets to the knot
             return _put(pieces, k, inf, 0.0, 0.0, 0.0)
         k = _put(pieces, k, duration, (speed - v) / duration, 0.0, speed)
@@ -308,25 +319,27 @@ def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> in
 
 @kernel
 def on_line(play: Any, table: Any, s: float) -> tuple[float, float, float]:
-    """x, y and direction of the line, s m along it."""
+    """x, m, y, m, and direction, rad, of the line after the vehicle has driven s m."""
     x, y, heading = play.x, play.y, play.heading
-    left = s - play.line_s
+    rest = s - play.line_s  # m from x, y on
     for q in range(play.path, play.path + play.points):
         dx, dy = table[q].one - x, table[q].two - y
         length = sqrt(dx * dx + dy * dy)
         if length == 0.0:
             continue
         heading = atan2(dy, dx)
-        if left < length:
-            return x + dx * left / length, y + dy * left / length, heading
-        left -= length
+        if rest < length:
+            return x + dx * rest / length, y + dy * rest / length, heading
+        rest -= length
         x, y = table[q].one, table[q].two
-    return x + left * cos(heading), y + left * sin(heading), heading
+    return x + rest * cos(heading), y + rest * sin(heading), heading  # straight on
 
 
 @kernel
 def _across_line(play: Any, acts: Any, time: float) -> Motion:
-    """Offset m, speed m/s and acceleration m/s2 to the left, of the moves begun on this line."""
+    """Offset, m, speed, m/s, and acceleration, m/s2, to the left: the sums of all lateral moves
+    that began on this line.
+    """
     aside, across, sideways = 0.0, 0.0, 0.0
     for q in range(play.acts):
         act = acts[q]
@@ -344,12 +357,11 @@ def place(
 ) -> None:
     """Put a played vehicle where it is at a time.
 
-    On a curved road most scripts are along and across the road. At the offset y a metre along the
-    road's line is 1 - curvature y metres of ground: heading and speed become those over the ground.
-    A vehicle that is played on the map (`on_map`) gets the road coordinates of its position. The
-    search for them begins at its last x, and its heading does not jump by 2 pi.
+    other: its record, which is written. line: knots of the road's line; none: it is straight.
 
-    line: knots of the road's line; none: it is straight.
+    On a curved road most scripts are along and across the road: heading and speeds become those
+    over the ground (`_over_ground`). A vehicle that is played on the map (`on_map`) gets the road
+    coordinates of its position (`_into_frame`).
     """
     s, v, a = driven(play, pieces, time)
     x, y, heading = on_line(play, table, s)
@@ -370,30 +382,40 @@ def place(
     if not len(line):
         return
     if play.on_map:
-        at = to_frame(line, x, y, other.heading, last_x)
-        other.x, other.y = at.x, at.y
-        # whole turns to add, so that the heading stays the nearest to the last one
-        turns = floor((last_heading - at.heading) / (2.0 * pi) + 0.5)
-        other.heading = at.heading + 2.0 * pi * turns
+        _into_frame(other, line, last_x, last_heading)
     else:
         _over_ground(other, line)
+
+
+@kernel
+def _into_frame(other: Any, line: Any, last_x: float, last_heading: float) -> None:
+    """Turn a position and a heading on the map into those along and across the road.
+
+    The search begins at the last x. The heading is the one nearest to the last heading, so that it
+    does not jump by 2 pi.
+    """
+    at = to_frame(line, other.x, other.y, other.heading, last_x)
+    other.x, other.y = at.x, at.y
+    turns = floor((last_heading - at.heading) / (2.0 * pi) + 0.5)  # whole turns to add
+    other.heading = at.heading + 2.0 * pi * turns
 
 
 @kernel
 def _over_ground(other: Any, line: Any) -> None:
     """Turn heading and speeds along and across the line into those over the ground.
 
-    Of the unit vector (cos, sin) of the heading the part along the line is stretched by `inner`:
-    metres of ground for each metre of the line. `stretched` is the length of the result, (c, s) its
-    direction.
+    At the offset y a metre along the line is `inner` = 1 - curvature y metres of ground. So the
+    part of the heading's unit vector along the line is stretched by `inner`. `stretched` is the
+    length of the result, (c, s) its direction.
     """
     inner = 1.0 - line_at(line, other.x).curvature * other.y
     c, s = cos(other.heading) * inner, sin(other.heading)
     stretched = sqrt(c * c + s * s)
     c, s = c / stretched, s / stretched
+    # speeds over the ground, along the line and to its left, m/s
     along = inner * (other.speed * cos(other.heading) - other.across * sin(other.heading))
     left = other.speed * sin(other.heading) + other.across * cos(other.heading)
-    if other.heading != 0.0:  # 0 stays 0
+    if other.heading != 0.0:  # exactly along the line stays exactly along the line
         other.heading = atan2(s, c)
     other.speed, other.across = along * c + left * s, left * c - along * s
     other.acceleration *= stretched
@@ -404,7 +426,7 @@ def _over_ground(other: Any, line: Any) -> None:
 
 @kernel
 def _body_of(cast: Any, number: int, end: int) -> Body:
-    """Vehicle `number`, an actor's index or `EGO`, at an end of the step, `BEFORE` or `NOW`."""
+    """The body of an actor, by its number, or of the `EGO`, at `end` of a step: `BEFORE`, `NOW`."""
     if number == EGO:
         return _body(cast.egos[0], end)
     return _body(cast.others[number], end)
@@ -412,7 +434,7 @@ def _body_of(cast: Any, number: int, end: int) -> Body:
 
 @kernel
 def _body(record: Any, end: int) -> Body:
-    """The vehicle of a record at an end of the step."""
+    """The body of a vehicle's record at `end` of the step: `BEFORE` or `NOW`."""
     if end == BEFORE:
         return body_of(record.before, record.before, record)
     return body_of(record, record, record)
@@ -431,7 +453,7 @@ def _component(op: int, body: Body) -> float:
 
 @kernel
 def _between(op: int, one: Body, two: Body) -> float:
-    """`GAP` or `DISTANCE`, m, `TTC` or `THW`, s, of two bodies of which `one` follows `two`."""
+    """`GAP` or `DISTANCE`, m, `TTC` or `THW`, s, of two bodies; `one` counts as the follower."""
     dx, dy = two.x - one.x, two.y - one.y
     if op == DISTANCE:
         return sqrt(dx * dx + dy * dy)
@@ -450,9 +472,8 @@ def _pushed(cast: Any, j: int, act: Any, step: Any, end: int, time: float) -> fl
     """The value that an operation puts on the stack.
 
     act: a move of actor j.
-    step: of its program, the operation.
-    end: of the simulation's step, `BEFORE` or `NOW`.
-    time: then, s.
+    step: an operation of the move's program.
+    end: of the simulation's step, `BEFORE` or `NOW`. time: at this end, s.
     """
     op = step.op
     if op == VALUE:
@@ -470,11 +491,12 @@ def _pushed(cast: Any, j: int, act: Any, step: Any, end: int, time: float) -> fl
 
 @kernel
 def _compare(stack: Any, k: int, margin_before: float, margin: float, equal: bool) -> None:
-    """Write to row k of the stack whether a margin is positive at both ends of the step, and at
-    which share of the step it became so.
+    """Write to row k of the stack, for each end of the step, whether a margin is positive, and the
+    share of the step at which it became so.
 
-    The margin changes linearly. Where it is infinite or undefined, the share is 1.
+    The margin is taken to change linearly. Where it is infinite or undefined, the share is 1.
 
+    margin_before, margin: at the start and at the end of the step.
     equal: whether a margin of 0 counts as well.
     """
     held = margin_before > 0.0 or (equal and margin_before == 0.0)
@@ -518,35 +540,44 @@ def holds_from(cast: Any, j: int, act: Any, now: float, before: float) -> float:
     for q in range(act.program, act.program + act.steps):
         step = program[q]
         op = step.op
-        reads_value = op < ENDED or op == DEPARTED
-        if reads_value or op == ENDED:
-            k += 1
-        elif op not in (NEGATE, ABSOLUTE):  # two values, now in rows k and k + 1, become one
-            k -= 1
         if op == ENDED:
+            k += 1
             ended = cast.acts[step.one, step.two].end
             _compare(stack, k, before - ended, now - ended, True)
-        elif op in (BELOW, AT_MOST):
-            margin_before = stack[k + 1, BEFORE] - stack[k, BEFORE]
-            margin = stack[k + 1, NOW] - stack[k, NOW]
-            _compare(stack, k, margin_before, margin, op == AT_MOST)
-        elif reads_value:
+        elif op < ENDED or op == DEPARTED:
+            k += 1
             stack[k, BEFORE] = _pushed(cast, j, act, step, BEFORE, before)
             stack[k, NOW] = _pushed(cast, j, act, step, NOW, now)
         else:
-            if op in (AND, OR):
-                stack[k, SHARE] = _joint_share(stack, k, op)
-            for end in range(2):  # `BEFORE`, `NOW`
-                stack[k, end] = arithmetic(op, stack[k, end], stack[k + 1, end])
+            if op not in (NEGATE, ABSOLUTE):  # two values become one
+                k -= 1
+            _operate(stack, k, op)
     return float(stack[0, SHARE]) if stack[0, NOW] > 0.0 else -1.0
 
 
 @kernel
-def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
-    """Distance of x, y from the position of the recorded ego at a time, m; after the end of its
-    recording, from the last position.
+def _operate(stack: Any, k: int, op: int) -> None:
+    """Write the result of an operation to row k of the stack.
 
-    act: a `FOLLOW`, whose rows of `table` are the positions of the recorded ego. Its `duration` is
+    Its operands are in the rows k and k + 1; that of `NEGATE` and `ABSOLUTE` is in row k.
+    """
+    if op in (BELOW, AT_MOST):
+        margin_before = stack[k + 1, BEFORE] - stack[k, BEFORE]
+        margin = stack[k + 1, NOW] - stack[k, NOW]
+        _compare(stack, k, margin_before, margin, op == AT_MOST)
+        return
+    if op in (AND, OR):
+        stack[k, SHARE] = _joint_share(stack, k, op)
+    for end in range(2):  # `BEFORE`, `NOW`
+        stack[k, end] = arithmetic(op, stack[k, end], stack[k + 1, end])
+
+
+@kernel
+def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
+    """Distance of x, y from the position of the recorded ego at a time, m; after the end of the
+    recording, from its last position.
+
+    act: a `FOLLOW`. Its rows of `table` are the positions of the recorded ego, its `duration` is
         the time from one position to the next, s.
     """
     # index in the recording, with its fraction
@@ -561,7 +592,7 @@ def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
 
 @kernel
 def arithmetic(op: int, a: float, b: float) -> float:
-    """Result of an operation on one value or two; of conditions, 1 or 0."""
+    """Result of an operation on a, or on a and b; of conditions 1 or 0."""
     if op == NEGATE:
         return -a
     if op == ABSOLUTE:
@@ -582,7 +613,7 @@ def arithmetic(op: int, a: float, b: float) -> float:
 
 @kernel
 def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
-    """Begin the move `acts[chosen]`, from the position of the vehicle at that time."""
+    """Begin the move `acts[chosen]`, from the motion of the vehicle at that time."""
     act = acts[chosen]
     act.state = BEGUN
     play.first_begin = min(play.first_begin, act.begin)
@@ -595,15 +626,8 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
         return
 
     s, v, _ = driven(play, pieces, act.begin)
-    x, y, heading = on_line(play, table, s)
     if act.kind == PATH:
-        aside = _across_line(play, acts, act.begin)[0]
-        if aside != 0.0:
-            x, y = x - aside * sin(heading), y + aside * cos(heading)
-        play.x, play.y, play.heading = x, y, heading
-        play.line_s, play.line_time = s, act.begin
-        play.path, play.points = act.first, act.count
-        act.end = inf  # `_end_path` writes it: it depends on the speed
+        _begin_path(play, acts, act, table, s)
         return
     play.since, play.s, play.v = act.begin, s, v
     play.match = act.first + 1 if act.kind == MATCH else 0
@@ -613,7 +637,7 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
     if act.kind == SPEED:
         play.pieces = _speed_up(pieces, v, act)
     else:
-        play.pieces = _follow_profile(pieces, v, x, act, table)
+        play.pieces = _follow_profile(pieces, v, on_line(play, table, s)[0], act, table)
     duration = 0.0
     for k in range(play.pieces):
         duration += pieces[k].duration
@@ -621,14 +645,27 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
 
 
 @kernel
-def begin_due(play: Any, acts: Any, pieces: Any, table: Any, time: float, step_ends: bool) -> bool:
-    """Begin all moves of a vehicle that are due by a time, in order; whether any began.
+def _begin_path(play: Any, acts: Any, act: Any, table: Any, s: float) -> None:
+    """Make the path of a move the vehicle's line, from where the vehicle is after s m."""
+    x, y, heading = on_line(play, table, s)
+    aside = _across_line(play, acts, act.begin)[0]
+    if aside != 0.0:
+        x, y = x - aside * sin(heading), y + aside * cos(heading)
+    play.x, play.y, play.heading = x, y, heading
+    play.line_s, play.line_time = s, act.begin
+    play.path, play.points = act.first, act.count
+    act.end = inf  # `_end_path` writes it: it depends on the speed
 
-    step_ends: whether SUMO has moved the vehicle up to this time; only then can a `FOLLOW` begin.
+
+@kernel
+def begin_due(play: Any, acts: Any, pieces: Any, table: Any, time: float, step_ends: bool) -> bool:
+    """Begin all moves of a vehicle that are due by a time, the earliest first; whether any began.
+
+    step_ends: whether SUMO has already stepped to this time; only then can a `FOLLOW` begin.
     """
     begun = False
     while True:
-        chosen = -1
+        chosen = -1  # number of the earliest due move; -1: none
         for q in range(play.acts):
             due = acts[q].state == KNOWN and acts[q].begin <= time
             due = due and (step_ends or acts[q].kind != FOLLOW)
@@ -646,18 +683,25 @@ def _end_path(play: Any, acts: Any, pieces: Any, table: Any, now: float, before:
     for q in range(play.acts):
         act = acts[q]
         underway = act.kind == PATH and act.state == BEGUN and isinf(act.end)
-        if not underway or act.first != play.path:
+        if not underway or act.first != play.path:  # or a later path has replaced this one
             continue
-        length, x, y = 0.0, play.x, play.y
-        for p in range(play.path, play.path + play.points):
-            dx, dy = table[p].one - x, table[p].two - y
-            length += sqrt(dx * dx + dy * dy)
-            x, y = table[p].one, table[p].two
+        length = _path_length(play, table)
         s, last_s = driven(play, pieces, now)[0], driven(play, pieces, before)[0]
         if s - play.line_s >= length:
             moved = s - last_s
             share = (length - (last_s - play.line_s)) / moved if moved > 0.0 else 1.0
             act.end = before + min(max(share, 0.0), 1.0) * (now - before)
+
+
+@kernel
+def _path_length(play: Any, table: Any) -> float:
+    """Length of a vehicle's line up to the last point of its path, m."""
+    length, x, y = 0.0, play.x, play.y
+    for q in range(play.path, play.path + play.points):
+        dx, dy = table[q].one - x, table[q].two - y
+        length += sqrt(dx * dx + dy * dy)
+        x, y = table[q].one, table[q].two
+    return length
 
 
 @kernel
@@ -668,14 +712,15 @@ def _match(cast: Any, j: int, now: float) -> None:
     """
     play, table, own = cast.plays[j], cast.table[j], cast.others[j]
     first = play.match - 1
+    followed, factor = int(table[first].one), table[first].two
     added, kept = table[first + 1].one, table[first + 1].two
     distance, headway = table[first + 2].one, table[first + 2].two
 
-    other = _body_of(cast, int(table[first].one), NOW)
+    other = _body_of(cast, followed, NOW)
     elapsed = now - play.since
-    speed = max(table[first].two * _component(ALONG, other) + added, 0.0)
+    speed = max(factor * _component(ALONG, other) + added, 0.0)
     if len(cast.line) and not play.on_map:
-        # along the road's line: over the ground the offset y makes it longer or shorter
+        # from speed over the ground to speed along the road's line, which differ at an offset y
         speed /= 1.0 - line_at(cast.line, own.x).curvature * own.y
     ahead = 0.5 * (play.v + speed) * elapsed  # distance to drive in this step, m
     if kept > 0.0:  # a position
@@ -686,7 +731,7 @@ def _match(cast: Any, j: int, now: float) -> None:
             speed = _approach(play, speed, ahead, headway, elapsed, table)
             ahead = 0.5 * (play.v + speed) * elapsed
         elif headway > 0.0:
-            # the gap that is left, ahead - driven, shall be headway * driven / elapsed
+            # drive d so that the rest, ahead - d, is the headway times the own speed, d / elapsed
             ahead = ahead * elapsed / (elapsed + headway) if elapsed > 0.0 else 0.0
             speed = ahead / elapsed if elapsed > 0.0 else play.v
     play.s += ahead
@@ -704,17 +749,18 @@ def _approach(
     headway: above 0, the position is further back by the headway times the own speed, s.
     elapsed: time since the last step, s.
     """
-    rates = table[play.match + 2]  # one: limit of acceleration, two: of deceleration
+    # pairs 4 and 5 of `PLAY.match`, whose first pair has the index play.match - 1
+    acceleration, deceleration = table[play.match + 2].one, table[play.match + 2].two
     top_speed = table[play.match + 3].one
     behind = max(headway, 0.0)
     # distance to the position at the last step; since then it has moved as the other vehicle
     apart = ahead - speed * elapsed - behind * play.v
-    # the fastest closing speed that ends in time, and does not pass the position in this step
-    # (1e-9: not by 0)
-    rate = rates.two if apart > 0.0 else rates.one
+    # the fastest closing speed that can be reduced to 0 in time, and that does not pass the
+    # position in this step; 1e-9 s instead of a division by 0
+    rate = deceleration if apart > 0.0 else acceleration
     closing = min(sqrt(2.0 * rate * abs(apart)), abs(apart) / max(elapsed + behind, 1e-9))
     wanted = min(speed + (closing if apart > 0.0 else -closing), top_speed)
-    slowest, fastest = play.v - rates.two * elapsed, play.v + rates.one * elapsed
+    slowest, fastest = play.v - deceleration * elapsed, play.v + acceleration * elapsed
     return float(max(min(wanted, fastest), slowest, 0.0))
 
 
@@ -726,26 +772,31 @@ def wake(cast: Any, now: float, before: float) -> None:
 
     now, before: ends of the step, s.
     """
-    others, plays = cast.others, cast.plays
-    acts, pieces, table = cast.acts, cast.pieces, cast.table
-    for j in range(len(others)):
-        for q in range(plays[j].acts):
-            act = acts[j, q]
+    _find_begins(cast, now, before)
+    for j in range(len(cast.others)):
+        play = cast.plays[j]
+        if play.model:
+            continue
+        acts, pieces, table = cast.acts[j], cast.pieces[j], cast.table[j]
+        begun = begin_due(play, acts, pieces, table, now, True)
+        _end_path(play, acts, pieces, table, now, before)
+        if play.match:
+            _match(cast, j, now)
+        if begun or play.match:
+            place(cast.others[j], play, acts, pieces, table, now, cast.line)
+
+
+@kernel
+def _find_begins(cast: Any, now: float, before: float) -> None:
+    """Write `begin` of the waiting moves whose conditions hold at the end of a step."""
+    for j in range(len(cast.others)):
+        for q in range(cast.plays[j].acts):
+            act = cast.acts[j, q]
             if act.state == WAITS:
                 share = holds_from(cast, j, act, now, before)
                 if share >= 0.0:
                     act.begin = before + share * (now - before) + act.delay
                     act.state = KNOWN
-    for j in range(len(others)):
-        play = plays[j]
-        if play.model:
-            continue
-        begun = begin_due(play, acts[j], pieces[j], table[j], now, True)
-        _end_path(play, acts[j], pieces[j], table[j], now, before)
-        if play.match:
-            _match(cast, j, now)
-        if begun or play.match:
-            place(others[j], play, acts[j], pieces[j], table[j], now, cast.line)
 
 
 @kernel
@@ -773,7 +824,7 @@ def play_actor(cast: Any, i: int, j: int, time: float) -> None:
 def wake_rows(cast: Cast, now: float, before: float) -> None:
     """Begin moves whose conditions hold at the end of a step from `before` to `now`, s.
 
-    All cases have these times: cases with conditions begin together.
+    Both are the times of every case: a batch whose cases have conditions begins them together.
     """
     egos = cast.egos
     for i in range(len(egos)):
@@ -788,35 +839,43 @@ def players(cases: Sequence[Sequence[Any]]) -> Players:
     """
     actors = [actor for case in cases for actor in case]
     shape = len(cases), len(cases[0])
-
-    def records(kind: Any, rows: Sequence[Any]) -> Records:
-        """Records of each vehicle, (n, m, most that one has, at least one)."""
-        array = np.zeros((len(rows), max(map(len, rows), default=0) or 1), kind)
-        for row, values in zip(array, rows, strict=True):
-            if values:
-                row[: len(values)] = values
-        return array.reshape(*shape, array.shape[1])
-
     plays = np.array([_play_of(actor) for actor in actors], PLAY).reshape(shape)
-    # by kind: the rows of each actor
-    lists = [*zip(*map(_records_of, actors), strict=True)] or 3 * [()]
-    acts, table, program = map(records, (ACT, TABLE, PROGRAM), lists)
+    # of each layout: the rows of every actor; without actors no rows of all three
+    lists = [*zip(*map(_rows_of, actors), strict=True)] or 3 * [()]
+    acts, table, program = (
+        _padded(layout, rows, shape)
+        for layout, rows in zip((ACT, TABLE, PROGRAM), lists, strict=True)
+    )
     # a profile needs one piece for each knot, a change of speed two
     pieces = np.zeros((*shape, table.shape[2] + 2), PIECE)
     return Players(plays, acts, pieces, table, program)
 
 
-def _records_of(actor: Any) -> tuple[list[Any], list[Any], list[Any]]:
-    """Rows of `ACT`, `TABLE` and `PROGRAM` of an actor."""
+def _padded(layout: Any, rows: Sequence[Any], shape: tuple[int, int]) -> Records:
+    """The rows of each vehicle as records, (n, m, largest number that one has, at least 1); behind
+    them zeros.
+
+    rows: of n * m vehicles. shape: (n, m).
+    """
+    array = np.zeros((len(rows), max(map(len, rows), default=0) or 1), layout)
+    for records, values in zip(array, rows, strict=True):
+        if values:
+            records[: len(values)] = values
+    return array.reshape(*shape, array.shape[1])
+
+
+def _rows_of(actor: Any) -> tuple[list[Any], list[Any], list[Any]]:
+    """Rows of `ACT`, `TABLE` and `PROGRAM` of an actor, each in the order of its fields."""
     acts: list[Any] = []
     table: list[Any] = []
     program: list[Any] = []
     for act in actor.acts:
         begin, state = (inf, WAITS) if act.program else (act.begin, KNOWN)
         numbers = act.duration, act.speed, act.offset, act.acceleration, act.jerk
-        rows = act.kind, len(table), len(act.table), len(program), len(act.program)
-        # in the order of `ACT`; `begin` of a move with a condition is its delay
-        acts.append((begin, *numbers, act.begin, inf, *rows, state))
+        # first, count, program, steps
+        places = len(table), len(act.table), len(program), len(act.program)
+        # `begin` of a move with a condition is its delay; `end` is inf: it is unknown
+        acts.append((begin, *numbers, act.begin, inf, act.kind, *places, state))
         table += act.table
         program += [(value, op, one, two) for op, one, two, value in act.program]
     return acts, table, program

@@ -1,12 +1,13 @@
-"""Whether a condition can become true at all, as far as that is known before a drive.
+"""Two checks of a point before any drive: which moves can never begin, because their condition can
+never become true, and which vehicles leave the road.
 
-Readers of scenario files and of OpenSCENARIO refuse moves that never begin, and report vehicles
-that leave the road.
+Readers of scenario files and of OpenSCENARIO refuse the former, and report the latter.
 
 Each quantity in a condition is replaced by the range of its values in a drive: time up to the
 case's end, the ego between its start and the end of the road, distances not below 0, a script no
 faster than its fastest speed. Sums, products and comparisons of ranges are ranges again. A
-condition that is false for all of these values never holds. Any other may: the ADS decides.
+condition that is false for all of these values never holds. Any other condition may hold: that
+depends on the ADS.
 
 Users: `extras/openscenario/logical.py`, `scenario/file.py`.
 """
@@ -21,11 +22,15 @@ from sumo_eval.scenario.concrete import Actor, ConcreteScenario
 from sumo_eval.scenario.undisturbed import tracks
 
 Range = tuple[float, float]
+"""The least and the largest value of a quantity; of a condition 0 is false and 1 is true."""
+Ranges = dict[tuple[int, int], Range]
+"""Ranges by (operation, vehicle), as in a step of `played.Program`; of the time the vehicle is
+0."""
 _ANY: Range = (-inf, inf)
 _NOT_NEGATIVE: Range = (0.0, inf)
 _LOOKS = 600  # times at which a script is sampled, from the start to the time limit
-_HEADWAY = 2.0  # s, of an ego behind a slower vehicle
-_CREEPS = 0.1  # m/s, lower bound of the ego's speed
+_HEADWAY = 2.0  # s, assumed of an ego behind a slower vehicle
+_CREEPS = 0.1  # m/s, lower bound of the ego's speed, which divides
 _PAST = 5.0  # m that an ego may be past the end of its road at the end of a step
 
 
@@ -34,64 +39,67 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
 
     time_limit: s.
     """
-    ego, road = concrete.ego, concrete.road
-    # (operation, vehicle) -> range of its value; for the time the vehicle is 0
-    ranges = {
-        (played.TIME, 0): (0.0, time_limit),
-        (played.X, played.EGO): (ego.x, road.length + _PAST),
-        (played.Y, played.EGO): (road.right_edge, road.left_edge),
-    }
-    for number, actor in enumerate(concrete.actors):
-        fastest = inf if road.bent else _fastest(actor)
-        ranges[played.ALONG, number] = (-fastest, fastest)
-
+    ranges = _known_ranges(concrete, time_limit)
     acts = {
         (number, index): act
         for number, actor in enumerate(concrete.actors)
         for index, act in enumerate(actor.acts)
     }
-    keeps = {index for index, act in acts.items() if act.kind == played.KEEP}
+    keeps = {move for move, act in acts.items() if act.kind == played.KEEP}
     # Moves that never end: those that keep the speed, and those that never begin. A move that waits
-    # for one of these to end never begins either, so repeat until a round finds no further move.
-    endless: set[tuple[int, int]] = set()
+    # for one of these to end never begins either, so repeat until a round adds no further move.
+    endless: set[played.Move] = set()
     while True:
         never = {
-            index
-            for index, act in acts.items()
+            move
+            for move, act in acts.items()
             if act.program and not _may_hold(act.program, ranges, endless)
         }
-        found = never | keeps
-        if found <= endless:
+        if never | keeps <= endless:
             return [(concrete.actors[number], index) for number, index in sorted(never)]
-        endless |= found
+        endless |= never | keeps
+
+
+def _known_ranges(concrete: ConcreteScenario, time_limit: float) -> Ranges:
+    """Ranges of the quantities that are known before a drive."""
+    road = concrete.road
+    ranges = {
+        (played.TIME, 0): (0.0, time_limit),
+        (played.X, played.EGO): (concrete.ego.x, road.length + _PAST),
+        (played.Y, played.EGO): (road.right_edge, road.left_edge),
+    }
+    for number, actor in enumerate(concrete.actors):
+        fastest = inf if road.bent else _fastest(actor)
+        ranges[played.ALONG, number] = (-fastest, fastest)
+    return ranges
 
 
 def leaves_at(concrete: ConcreteScenario, time_limit: float) -> Iterator[tuple[str, float]]:
-    """Vehicles whose scripts leave the road before the ego's case ends, and when, s.
+    """Vehicles whose scripts leave the road before the ego's case ends: (name, time, s).
 
     time_limit: of the case, s.
 
-    The ego is assumed to keep its speed, or to follow a slower vehicle at a headway of `_HEADWAY`,
-    and a vehicle that a SUMO model drives to keep its first speed.
+    The ego is assumed to keep its speed, or to follow a slower vehicle at a headway of `_HEADWAY`.
+    A vehicle that a SUMO model drives is assumed to keep its first speed.
     """
-    # the ego's case ends at `road.length`, the road itself at `end`
-    ego = concrete.ego
-    road = concrete.road
-    end = concrete.road.end
+    ego, road = concrete.ego, concrete.road
     if not concrete.actors:
         return
-    ego_time = (road.length - ego.x) / max(ego.speed, _CREEPS)  # to the end of the case, unhindered
+    # time at which an unhindered ego ends the case, at x = `road.length`, s
+    ego_time = (road.length - ego.x) / max(ego.speed, _CREEPS)
     step = time_limit / _LOOKS
-    # x (actor, time). The ego has no size: conditions on its body are a few metres off.
-    tracked = tracks([concrete], [(0.0, 0.0)], step, time_limit).others[0, :, :, 0]
-    for actor, x in zip(concrete.actors, tracked, strict=True):
-        beyond = x > end - 0.5 * actor.length
+    # The ego gets no size: conditions on its body are a few metres off. [0, :, :, 0]: of the only
+    # case the first channel, x, (actors, times)
+    positions = tracks([concrete], [(0.0, 0.0)], step, time_limit).others[0, :, :, 0]
+    for actor, x in zip(concrete.actors, positions, strict=True):
+        beyond = x > road.end - 0.5 * actor.length
         if not beyond.any():
             continue
         time = float(np.argmax(beyond)) * step
         speed = actor.start.speed
         # a slower vehicle holds the ego up: when it leaves, the ego behind it is still on the road
-        held_up = speed < ego.speed and end - actor.length - _HEADWAY * speed < road.length
+        ego_x = road.end - actor.length - _HEADWAY * speed
+        held_up = speed < ego.speed and ego_x < road.length
         if time < ego_time or held_up:
             yield actor.name, time
 
@@ -99,33 +107,29 @@ def leaves_at(concrete: ConcreteScenario, time_limit: float) -> Iterator[tuple[s
 def _fastest(actor: Actor) -> float:
     """The highest speed of a script along a straight road, m/s.
 
-    It is inf where a SUMO model drives, and where the vehicle moves across the road or at the speed
-    of another.
+    It is inf where no bound is known: where a SUMO model drives, and where the vehicle moves across
+    the road or at the speed of another.
     """
     if actor.start.lateral_speed != 0.0 or actor.model is not None:
         return inf
-    speeds = [actor.start.speed, 0.0]
+    speeds = [actor.start.speed]
     for act in actor.acts:
         # up to COSINE: moves across the road
         if act.kind <= played.COSINE or act.kind in (played.FOLLOW, played.MATCH):
             return inf
-        profiled = act.kind in (played.BY_TIME, played.BY_PLACE)
-        speeds += [speed for _, speed in act.table] if profiled else [act.speed]
+        has_profile = act.kind in (played.BY_TIME, played.BY_PLACE)
+        speeds += [speed for _, speed in act.table] if has_profile else [act.speed]
     return max(speeds)
 
 
-def _may_hold(
-    program: played.Program,
-    ranges: dict[tuple[int, int], Range],
-    endless: set[tuple[int, int]],
-) -> bool:
+def _may_hold(program: played.Program, ranges: Ranges, endless: set[played.Move]) -> bool:
     """Whether a condition may hold.
 
     program: its operations on a stack, as in `played.Act`.
-    ranges: of a value, by operation and vehicle; missing: any.
-    endless: moves that never end, as (vehicle, index).
+    ranges: of the quantities that are known; any other has any value.
+    endless: moves that never end.
     """
-    stack = []
+    stack: list[Range] = []
     for op, one, two, value in program:  # one: a vehicle; two: another vehicle, or a move
         if op == played.VALUE:
             stack.append((value, value))
@@ -145,21 +149,25 @@ def _may_hold(
         else:
             second, first = stack.pop(), stack.pop()
             stack.append(_joined(op, first, second))
-    return stack[0][1] > 0.0  # the upper end; a condition is 0 (false) or 1
+    _, upper = stack[0]
+    return upper > 0.0
 
 
 def _joined(op: int, first: Range, second: Range) -> Range:
-    """Range of an operation on two ranges; of a condition (0, 1) if it may hold, else (0, 0)."""
-    (a, b), (c, d) = first, second
-    upper = {
-        played.BELOW: a < d,
-        played.AT_MOST: a <= d,
-        played.AND: min(b, d),
-        played.OR: max(b, d),
+    """Range of the result of an operation on two values; of a condition (0, 1) if it may hold, else
+    (0, 0).
+    """
+    (low, high), (second_low, second_high) = first, second
+    may_hold = {
+        played.BELOW: low < second_high,
+        played.AT_MOST: low <= second_high,
+        # operands are conditions: `high` is 1 if one may hold
+        played.AND: min(high, second_high),
+        played.OR: max(high, second_high),
     }
-    if op in upper:
-        return 0.0, float(upper[op])
-    if op == played.DIVIDE and c <= 0.0 <= d:
+    if op in may_hold:
+        return 0.0, float(may_hold[op])
+    if op == played.DIVIDE and second_low <= 0.0 <= second_high:
         return _ANY
     # the extremes are at ends of the ranges; with infinite ends, some results are undefined
     corners = [played.arithmetic(op, x, y) for x in first for y in second]

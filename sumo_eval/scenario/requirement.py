@@ -1,12 +1,12 @@
 """Requirements of a scenario: conditions on the whole drive, such as `min(gap) > 2 and
 max(abs(offset)) <= 0.15`.
 
-Tables of scenario files become requirements here; `scoring.requirements` evaluates them in recorded
-drives.
+The tables `[[require]]` of scenario files become requirements here; `scoring.requirements`
+evaluates them in recorded drives.
 
-A value over time is `min`, `max` or `at_end` of an expression over the ego's drive, which may
-combine the quantities of each moment, below, with parameters and definitions. The rest is the
-language of scenario files (`scenario.expression`).
+A value over time is `min`, `max` or `at_end` of an expression, over all moments of the drive. That
+expression may combine the quantities of a moment (`SERIES`, `OF_ACTORS`) with parameters and
+definitions. The rest is the language of scenario files (`scenario.expression`).
 
 Users: `scenario/file_tables.py`, `scenario/logical.py`.
 """
@@ -45,10 +45,11 @@ OUTCOMES = {
     "collided": "1 if the ego touched an actor, else 0",
     "reached_end": "1 if it came to the end of the scenario's road, else 0",
 }
-"""Quantities of the whole drive that it may use."""
+"""Quantities of the whole drive that a requirement may use."""
 OF_ACTORS = ("x", "y", "speed", "lateral_speed")
-"""Quantities of an actor at each moment that it may use, as `x(lead)`; x and speed are along the
-road, y and lateral_speed across it, to the left of the right lane's centre line."""
+"""Quantities of an actor at each moment that a requirement may use, as `x(lead)`: x, m, and speed,
+m/s, along the road; y, m, to the left of the right lane's centre line; lateral_speed, m/s, to the
+left."""
 _OVER_TIME: dict[str, Callable[[FloatArray], Any]] = {
     "min": np.min,
     "max": np.max,
@@ -63,10 +64,10 @@ class Requirement:
     text: as written, e.g. `min(x(lead) - x) > 2`.
     about: what it means, in the user's words.
     outer: its condition, with a placeholder for each value over time: `over_time_0 > 2`.
-    parts: of each value over time: its placeholder, function of `_OVER_TIME`, and argument:
+    parts: of each value over time the placeholder, the function of `_OVER_TIME`, and the argument:
         (`over_time_0`, `min`, `x_of_lead - x`).
-    asks: of each quantity of an actor in these arguments: placeholder, name in `OF_ACTORS`, actor:
-        (`x_of_lead`, `x`, `lead`).
+    asks: of each quantity of an actor in these arguments the placeholder, the name in `OF_ACTORS`,
+        and the actor: (`x_of_lead`, `x`, `lead`).
     """
 
     name: str
@@ -78,14 +79,14 @@ class Requirement:
 
     @property
     def expressions(self) -> tuple[Expression, ...]:
-        """The expressions that it depends on."""
+        """The expressions whose names the requirement depends on."""
         return (self.outer, *(inner for _, _, inner in self.parts))
 
     def holds(self, series: Mapping[str, FloatArray], known: Mapping[str, float]) -> bool:
-        """Whether it holds in a drive.
+        """Whether it holds in a drive of n moments.
 
         series: by the names in `SERIES` and the placeholders of `asks`, (n,) each.
-        known: all other numbers, by name.
+        known: parameters, options, definitions and `OUTCOMES`, by name.
         """
         numbers = dict(known)
         for placeholder, function, inner in self.parts:
@@ -103,7 +104,7 @@ class Requirement:
 class Requirements:
     """All requirements of a scenario.
 
-    numbers: the definitions of the file, which they may use.
+    numbers: the definitions and options of the file, which the requirements may use.
     """
 
     all: tuple[Requirement, ...]
@@ -120,7 +121,7 @@ def requirement(
 ) -> Requirement:
     """Read a requirement.
 
-    text: its condition. about: what it means.
+    name: in tables; text: its condition; about: what it means, in the user's words.
     owner: the scenario, for messages.
     known: names of parameters, options and definitions.
     vehicles: names of the actors.
@@ -130,38 +131,51 @@ def requirement(
     # a cell of cases.csv lists missed requirements, with `;` between their names
     if not name or ";" in name:
         raise must_be("The name", f"a requirement of {owner}", "a text without `;`", name)
-    names = [*known, *OUTCOMES]
-    for taken in (*SERIES, *OUTCOMES, *_OVER_TIME):
-        if taken in known:
+    for reserved in (*SERIES, *OUTCOMES, *_OVER_TIME):
+        if reserved in known:
             raise InputError(
-                f"`{taken}` of {owner} must have another name: requirements ask for the drive by "
-                "it."
+                f"`{reserved}` of {owner} must have another name: requirements ask for the drive "
+                "by it."
             )
     tree = parsed(text, f"Requirement `{text[:200]}` of {owner}")
-    place = f"requirement `{name}` of {owner}"
     replaced = _Parts(text, owner, vehicles, known)
     outer = condition(ast.unparse(replaced.visit(tree)), owner, text)
+    checked = Requirement(name, text, about, outer, tuple(replaced.parts), tuple(replaced.asks))
+    _check_names(checked, owner, [*known, *OUTCOMES], vehicles)
+    return checked
+
+
+def _check_names(
+    item: Requirement, owner: str, names: Sequence[str], vehicles: Sequence[str]
+) -> None:
+    """Refuse unknown names, and quantities of a moment in the wrong place.
+
+    names: those that all expressions of the requirement may use.
+    vehicles: names of the actors.
+    """
+    place = f"requirement `{item.name}` of {owner}"
     # quantities of each moment, as a user writes them: `gap`, `x(lead)`
     moments = [*SERIES, *(f"{name}({vehicle})" for vehicle in vehicles for name in OF_ACTORS)]
-    placeholders = {ask[0] for ask in replaced.asks}
-    for _, _, inner in replaced.parts:
-        check_known(f"name in {place}:", [*names, *moments], *sorted(inner.names - placeholders))
-        if not inner.names & {*SERIES, *placeholders}:
-            raise must_be(f"`{inner.text}`", place, f"of {', '.join(moments)}", text)
-    for asked in sorted(outer.names - {part[0] for part in replaced.parts}):
-        if asked in SERIES:
-            raise must_be(f"`{asked}`", place, "within min(), max() or at_end()", text)
-        check_known(f"name in {place}:", [*names, *moments], asked)
-    return Requirement(name, text, about, outer, tuple(replaced.parts), tuple(replaced.asks))
+    of_actors = {placeholder for placeholder, _, _ in item.asks}
+    for _, _, inner in item.parts:
+        check_known(f"name in {place}:", [*names, *moments], *sorted(inner.names - of_actors))
+        if not inner.names & {*SERIES, *of_actors}:
+            raise must_be(f"`{inner.text}`", place, f"of {', '.join(moments)}", item.text)
+    over_time = {placeholder for placeholder, _, _ in item.parts}
+    for word in sorted(item.outer.names - over_time):
+        if word in SERIES:
+            raise must_be(f"`{word}`", place, "within min(), max() or at_end()", item.text)
+        check_known(f"name in {place}:", [*names, *moments], word)
 
 
 @dataclass
 class _Parts(ast.NodeTransformer):
-    """Replaces values over time by placeholders, and quantities of actors within these values.
+    """A visitor of a syntax tree that replaces values over time by placeholders, and within their
+    arguments also quantities of actors.
 
     text, owner, vehicles, known: as in `requirement`.
-    parts, asks: what the placeholders stand for, as in `Requirement`.
-    within: whether the node visited is the argument of a value over time.
+    parts, asks: what the placeholders stand for, as in `Requirement`; filled by the visit.
+    within: whether the visited node is within the argument of a value over time.
     """
 
     text: str
@@ -173,6 +187,7 @@ class _Parts(ast.NodeTransformer):
     within: bool = False
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
+        """The placeholder of a call, or the call itself; `ast` calls this by its name."""
         match node:
             case ast.Call(func=ast.Name(id=function), args=[argument], keywords=[]) if (
                 function in _OVER_TIME and not self.within

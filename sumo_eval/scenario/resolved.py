@@ -1,4 +1,4 @@
-"""An evaluation with its scenarios, looked up once and handed on.
+"""An evaluation with its scenarios: looked up once, then passed to everything that needs them.
 
 Users: `cli/`, `evaluation.py`, `record/`, `results.py`, `scoring/`, `extras/gym/episodes.py`,
 `extras/rates/campaign.py`.
@@ -26,9 +26,9 @@ WHOLE = (1, 1)  # shard 1 of 1: all points
 class Resolved:
     """An evaluation whose scenarios have been looked up.
 
-    source: where its relative paths start.
+    source: folder where its relative paths start.
     scenarios: by name, in the order of `settings.scenario`.
-    shard: (i, n): part i of n, from 1, of its points is recorded.
+    shard: (i, n): of the points only part i of n, counted from 1, is recorded.
     """
 
     settings: EvaluationSettings
@@ -62,12 +62,13 @@ class Resolved:
 
 
 def find_with(vehicle: VehicleSettings, use: str, folder: Path) -> LogicalScenario:
-    """A scenario by its name, file or locator. Where it prescribes no body of the ego, its gaps
-    begin at the bumpers of this vehicle.
+    """A scenario by its name, file or locator (`catalogue.find`). Where it prescribes no body of
+    the ego, its gaps begin at the bumpers of this vehicle.
     """
     logical = catalogue.find(use, folder)
     length = vehicle.length
     place = logical.place
+    # a user's function `place` (not a `Placement`) decides on its gaps itself
     if logical.ego_body or length == STANDARD_EGO.length or not isinstance(place, Placement):
         return logical
     ego = replace(place.ego, length=length, width=vehicle.width)

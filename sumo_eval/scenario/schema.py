@@ -1,4 +1,4 @@
-"""JSON schemas of the files that people write, with every key's meaning and unit in them.
+"""JSON schemas of scenario files and evaluation files, with the meaning and unit of every key.
 
 Users: `cli/tools.py`.
 """

@@ -1,5 +1,7 @@
 """Streams of traffic, `[[stream]]` of a scenario file: where their vehicles start and how fast they
-want to drive, drawn once from a declared seed.
+want to drive, drawn from a seed that the file declares.
+
+The order and number of the draws are fixed: another order would change recorded scenarios.
 
 Users: `scenario/file_tables.py`, `scenario/vehicle_tables.py`.
 """
@@ -72,65 +74,62 @@ class StreamTable(Checked):
     def actors(self, ego: Start, road: Road, numbers: Numbers) -> Iterator[Actor]:
         """Its vehicles from the foremost back.
 
-        numbers: of the table, by key.
+        numbers: values of the table's formulas at a point, by key.
 
-        The draws depend on the seed and on the vehicle's number alone, so that a point of the space
-        changes nothing but what its parameters say.
+        The draws depend only on the seed and on the number of the vehicle: the points of a space
+        differ in nothing but their parameters.
 
         Raises InputError for a stream that is denser than its lane holds, or too long.
         """
-        owner = f"stream `{self.name}`"
+        self._check(numbers)
         body = BODIES[self.body]
-        mean_speed = numbers["speed"]
-        # spacing: mean distance, front to front, m
-        begin = numbers["begin"]
-        end = numbers["end"]
-        spacing = 1000.0 / numbers["density"]
-        if not begin < end:
-            raise must_be("`begin`", owner, f"below `end` ({end:g} m)", begin)
-        # least distance between two vehicles, front to front, m, and the distance that one needs
-        least, room = spacing * (1.0 - self.spacing_spread), body.length + numbers["min_gap"]
-        if least < room:
-            most = 1000.0 * (1.0 - self.spacing_spread) / room
-            raise must_be(
-                "`density`",
-                owner,
-                f"at most {most:g} a km, which the lane holds",
-                numbers["density"],
-            )
-        vehicles = int((end - begin) / least) + 1
-        if vehicles > MOST:
-            raise must_be("The vehicles", owner, f"at most {MOST}", f"up to {vehicles}")
-        if self.speed_spread >= mean_speed:
-            raise must_be(
-                "`speed_spread`", owner, f"below `speed` ({mean_speed:g} m/s)", self.speed_spread
-            )
-        # two rows of a fixed length: another one would change the draws of the second row
+        spacing = 1000.0 / numbers["density"]  # mean distance, front to front, m
+        # two rows of a fixed length: with another length the second row would have other draws
         draws = np.random.Generator(np.random.PCG64(self.seed)).uniform(-1.0, 1.0, (2, MOST + 1))
-        x = end
-        # faster, further: each vehicle's speed and distance within their spreads, -1..1
+        x = numbers["end"]  # of the vehicle's centre, from the ego's, m
+        # each vehicle's shares, -1..1, of the spread of speeds and of the spread of distances
         for count, (faster, further) in enumerate(draws.T.tolist(), 1):
-            if x < begin:
+            if x < numbers["begin"]:
                 break
-            speed = mean_speed + self.speed_spread * faster
-            start = Start(ego.x + x, road.lane_width * self.lane, speed)
-            model = sumo_model(self.model, speed, numbers)
+            speed = numbers["speed"] + self.speed_spread * faster
             yield Actor(
                 f"{self.name}_{count}",
-                start,
+                Start(ego.x + x, road.lane_width * self.lane, speed),
                 (),
                 body.length,
                 body.width,
                 body=self.body,
-                model=model,
+                model=sumo_model(self.model, speed, numbers),
             )
             x -= spacing * (1.0 + self.spacing_spread * further)
+
+    def _check(self, numbers: Numbers) -> None:
+        """Refuse impossible numbers at a point."""
+        owner = f"stream `{self.name}`"
+        begin, end, speed = numbers["begin"], numbers["end"], numbers["speed"]
+        if not begin < end:
+            raise must_be("`begin`", owner, f"below `end` ({end:g} m)", begin)
+        # m, front to front: the least distance of two vehicles, and the distance that one needs
+        least = 1000.0 / numbers["density"] * (1.0 - self.spacing_spread)
+        needed = BODIES[self.body].length + numbers["min_gap"]
+        if least < needed:
+            most = 1000.0 * (1.0 - self.spacing_spread) / needed
+            wanted = f"at most {most:g} a km, which the lane holds"
+            raise must_be("`density`", owner, wanted, numbers["density"])
+        vehicles = int((end - begin) / least) + 1
+        if vehicles > MOST:
+            raise must_be("The vehicles", owner, f"at most {MOST}", f"up to {vehicles}")
+        if self.speed_spread >= speed:
+            wanted = f"below `speed` ({speed:g} m/s)"
+            raise must_be("`speed_spread`", owner, wanted, self.speed_spread)
 
 
 def sumo_model(name: str, desired: float, numbers: Numbers) -> Model:
     """A car-following model of SUMO.
 
-    numbers: of a table, by its keys; what the model does not know is left out.
+    name: SUMO's name of the model. desired: speed, m/s.
+    numbers: of a table, by its keys; only those that are parameters of a model are used.
     """
+    # key of a table -> SUMO's name
     keys = {"headway": "tau", "min_gap": "minGap", "acceleration": "accel", "deceleration": "decel"}
     return Model(name, desired, tuple((keys[key], numbers[key]) for key in keys if key in numbers))

@@ -1,12 +1,13 @@
-"""A road inside a user's SUMO network: found, checked, and laid along the x axis.
+"""A road inside a user's SUMO network: read, checked, and laid along the x axis.
 
-The tables of scenario files call `read_road`, and `cosim.sumo` writes what `laid_along_x` returns.
-All vehicles drive along x with the right lane's centre line at y = 0.
+The tables of scenario files call `read_road`, and `cosim/sumo/sumo_files.py` writes what
+`laid_along_x` returns. In the result vehicles drive along x, with the right lane's centre line at
+y = 0.
 
-Straight edges: the whole network is turned and moved, as one rigid body, until they lie there. Its
-    topology does not change.
-Curved edges: `fitted_line` finds the line along their lanes. Only the road along this line counts:
-    a network is written for it as for every other curved road.
+Straight edges: the whole network is turned and moved, as one rigid body, until the edges lie along
+    x. Its topology does not change.
+Curved edges: `fitted_line` finds the line along their lanes. The rest of the network is left out: a
+    network of this one road is written, as for every other curved road.
 
 The outermost lanes may begin and end where edges meet, without a taper, as in SUMO.
 
@@ -50,17 +51,19 @@ from sumo_eval.trajectory import FloatArray
 STRAIGHT = 0.1  # m: largest distance of a lane from its straight line; netconvert rounds to 0.01 m
 # m/s on the driven edges: the scenario says how fast vehicles are, not the network's signs
 SPEED_LIMIT = 60.0
-_INDEX_DIGITS = 3  # of the index of a lane
+_INDEX_DIGITS = 3  # of the index of a lane, at most
 _DEFAULT_LANE_WIDTH = 3.2  # m, SUMO's
-_ONE_PLACE = 0.05  # m: of corners nearer to each other only one is kept: rounding makes them
-_LEAST_WAY = 0.1  # m; SUMO has no shorter lane through a junction
-PARALLEL = 0.3  # m: largest distance of a lane from its parallel of a curved road's line
+_ONE_PLACE = 0.05  # m: corners nearer to each other than this are one corner, rounded differently
+_LEAST_WAY = 0.1  # m: length of the shortest lane through a junction in SUMO
+# m: largest distance of a lane from where the road's line and the lane widths put it, on a curve
+PARALLEL = 0.3
 
 # types of junctions for which SUMO needs no <request>
 _WITHOUT_RIGHT_OF_WAY = ("dead_end", "district", "internal", "unregulated")
 _CARS = {"passenger", "all"}  # SUMO's vehicle classes that include the ego's
-# the connections of two edges; the lane through the junction of a lane's first connection
+# XPath: the connections between two edges
 _BETWEEN = ".//connection[@from=$one][@to=$other]"
+# XPath: id of the lane within the junction that the first connection of a lane leads through
 _VIA = "string((.//connection[@from=$edge][@fromLane=$index])[1]/@via)"
 
 Point = tuple[float, float]
@@ -68,8 +71,9 @@ _Course = tuple[Line, list[set[int]], list[float]]
 """How edges lie on a road: (line, places, along).
 
 line: of the road's right-hand lane.
-places: for each edge, the places of its lanes on the road, 0 for the road's right-hand lane.
-along: begin and end of the first edge along the line, m, begin and end of the next, and so on.
+places: for each edge, the places of its lanes on the road: 0 for the road's right-hand lane, 1 for
+    the lane to the left of it, and so on.
+along: begin and end of the first edge along the line, m, then those of the second, and so on.
 """
 
 
@@ -78,7 +82,7 @@ class _Lane:
     """A lane of an edge.
 
     index: SUMO's, from the right.
-    width, shape: m; the shape is its centre line on the map.
+    width: m. shape: corners of its centre line on the map, m.
     """
 
     id: str
@@ -115,14 +119,6 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     what = f"the road along {', '.join(edges)} of {owner}"
     line, places, along = straight or _along_curves(lanes, links, what, owner)
     spans = _spans(edges, places, along, owner)
-    # SUMO's index of the road's lane 0 on each edge
-    first_lanes = [of_edge[0].index - min(it) for of_edge, it in zip(lanes, places, strict=True)]
-    # an edge ends where its lanes through the junction begin, or else where the next edge does
-    ends = [
-        min(own_end, next_begin - _LEAST_WAY) if any(link.ways.values()) else next_begin
-        for own_end, next_begin, link in zip(along[1::2], along[2::2], links, strict=False)
-    ]
-    sections = tuple(zip(along[::2], [*ends, along[-1]], first_lanes, strict=True))
     if not 0.0 < end <= along[-1]:
         wanted = f"above 0, within the {along[-1]:.1f} m of its edges"
         raise must_be("`end.x`, the end of a case,", owner, wanted, end)
@@ -134,10 +130,31 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
         lane_width=lanes[0][0].width,
         run_out=along[-1] - end,
         speed_limit=SPEED_LIMIT,
-        network=replace(network, sections=sections) if straight else None,
+        network=replace(network, sections=_sections(lanes, links, places, along))
+        if straight
+        else None,
         line=line,
         spans=spans,
     )
+
+
+def _sections(
+    lanes: _Lanes, links: Sequence[_Link], places: Sequence[set[int]], along: Sequence[float]
+) -> tuple[tuple[float, float, int], ...]:
+    """`NetworkFile.sections`: begin and end of each edge, and SUMO's index of the road's lane 0.
+
+    places, along: as in `_Course`.
+    """
+    first_lanes = [
+        of_edge[0].index - min(place) for of_edge, place in zip(lanes, places, strict=True)
+    ]
+    begins, own_ends = along[::2], along[1::2]
+    # an edge ends where its lanes through the junction begin, or else where the next edge does
+    ends = [
+        min(own_end, next_begin - _LEAST_WAY) if any(link.ways.values()) else next_begin
+        for own_end, next_begin, link in zip(own_ends, begins[1:], links, strict=False)
+    ]
+    return tuple(zip(begins, [*ends, along[-1]], first_lanes, strict=True))
 
 
 def _driven_edges(root: Element, names: Sequence[str], owner: str) -> list[Element]:
@@ -154,7 +171,9 @@ def _driven_edges(root: Element, names: Sequence[str], owner: str) -> list[Eleme
 
 
 def _checked_lanes(edge: Element, owner: str) -> list[_Lane]:
-    """Lanes of an edge for cars, at least one, each with a width and a shape."""
+    """The lanes of an edge for cars; raises InputError unless there is one, and each has a width
+    and a shape.
+    """
     lanes = _lanes(edge)
     if not lanes:
         raise InputError(
@@ -195,25 +214,31 @@ def _check_junctions(root: Any, edges: Sequence[Element], owner: str) -> None:
 
 
 def _along_x(lanes: _Lanes) -> _Course | None:
-    """The course of straight edges, along the x axis; None: a lane is not parallel to the first
-    one's chord within `STRAIGHT`.
+    """The course of straight edges, along the x axis; None: they are not straight.
+
+    They are straight if every lane is parallel, within `STRAIGHT`, to the chord of the first edge's
+    right-hand lane.
     """
     first = lanes[0][0]
     # a ring, whose chord has no direction
     if dist(first.shape[0], first.shape[-1]) < first.width:
         return None
-    begins, places = _laid(lanes)
+    axis, places = _laid(lanes)
     for lane in chain(*lanes):
-        off = onto_the_line(lane.shape, begins)[:, 1] - places[lane.id] * first.width
-        if np.abs(off).max() > STRAIGHT:
+        y = onto_the_line(lane.shape, axis)[:, 1]
+        if np.abs(y - places[lane.id] * first.width).max() > STRAIGHT:
             return None
-    along = np.ravel([onto_the_line(it[0].shape, begins)[[0, -1], 0] for it in lanes]).tolist()
+    along: list[float] = []
+    for right_lane, *_ in lanes:  # of each edge x of both ends
+        x = onto_the_line(right_lane.shape, axis)[:, 0]
+        along += [float(x[0]), float(x[-1])]
     return (), [{places[lane.id] for lane in of_edge} for of_edge in lanes], along
 
 
 def _laid(lanes: _Lanes) -> tuple[Pose, dict[str, int]]:
-    """Where the x axis begins on the map, and by its id each lane's place: 0 for the road's
-    right-hand lane, which lies on the axis, 1 for the next one to the left.
+    """The x axis of a straight road, as the pose of its origin on the map; and by its id each
+    lane's place: 0 for the road's right-hand lane, which lies on the axis, 1 for the lane to the
+    left of it, and so on.
     """
     # The axis is along the first edge's right-hand lane, which begins at `begins`, or along a lane
     # to the right of it that opens later (`lowest` below 0).
@@ -221,6 +246,7 @@ def _laid(lanes: _Lanes) -> tuple[Pose, dict[str, int]]:
     (x0, y0), (x1, y1) = first.shape[0], first.shape[-1]
     begins = Pose(x0, y0, atan2(y1 - y0, x1 - x0))
     places = {
+        # [0, 1]: y of the lane's first corner
         lane.id: round(onto_the_line(lane.shape, begins)[0, 1] / first.width)
         for lane in chain(*lanes)
     }
@@ -234,9 +260,9 @@ def _spans(
 ) -> tuple[LaneSpan, ...]:
     """Spans of outermost lanes that do not exist throughout.
 
-    places, along: as in `_Course`.
+    edges: ids. places, along: as in `_Course`.
     """
-    count = max(set().union(*places)) + 1
+    count = max(set().union(*places)) + 1  # number of lanes of the road
     spans = []
     for lane in sorted({0, count - 1}):
         # numbers of the edges that have it
@@ -249,6 +275,7 @@ def _spans(
                 f"Edge `{edges[min(gaps)]}` of {owner} must have the outermost lane that edges "
                 "before and behind it have."
             )
+        # `along` has begin and end of each edge by turns
         begin = along[2 * first] if first > 0 else -inf
         end = along[2 * last + 1] if last + 1 < len(edges) else inf
         spans.append(LaneSpan(lane, begin, end))
@@ -267,7 +294,8 @@ def _spans(
 
 
 def _along_curves(lanes: _Lanes, links: Sequence[_Link], what: str, owner: str) -> _Course:
-    """The course of curved edges, whose line follows a lane that all of them have.
+    """The course of curved edges. Its line follows the rightmost of the lanes that all edges have,
+    or is the parallel to this lane where the road's right-hand lane lies.
 
     links: from each edge to the next one. what: the road, for messages.
     """
@@ -279,14 +307,13 @@ def _along_curves(lanes: _Lanes, links: Sequence[_Link], what: str, owner: str) 
         raise InputError(f"The edges of {owner} must have a lane that goes through all of them.")
     path = _path(numbered, min(common), links)
     line, begins = _line_along(np.concatenate(path), what)
-    # where the road's right-hand lane does not exist throughout, its line is the parallel of that
-    # of the path's lane, `left` m to the right of it
-    left = min(common) * width
-    if left > 0.0:
-        x, y, _ = map_places(line, drawn_points(line, 0.0, length_of(line), 2.0), -left)
-        # x, y and so `beside` are in the frame of `begins`
-        line, beside = _line_along(np.column_stack([x, y]), what)
-        begins = begins.moved(*beside)
+    aside = min(common) * width  # m from this lane to the road's right-hand one, to the right
+    if aside > 0.0:
+        corners = drawn_points(line, 0.0, length_of(line), longest=2.0)
+        x, y, _ = map_places(line, corners, -aside)
+        # x, y and so the parallel's beginning are in the frame of `begins`
+        line, parallel_begins = _line_along(np.column_stack([x, y]), what)
+        begins = begins.moved(*parallel_begins)
     check_line(line, max(map(max, places)) + 1, width, what)
     _check_parallel(numbered, line, begins, owner)
     return line, places, _edge_ends(path, line, begins)
@@ -294,10 +321,10 @@ def _along_curves(lanes: _Lanes, links: Sequence[_Link], what: str, owner: str) 
 
 def _numbered(lanes: _Lanes, links: Sequence[_Link]) -> list[dict[int, _Lane]]:
     """The lanes of each edge by their place on the road, 0 for its right-hand lane."""
-    # An edge's shift plus SUMO's index of a lane is the index of the same lane on the first edge;
-    # `lowest` is the smallest such sum.
+    # SUMO's index of a lane plus the shift of its edge is the index of the same lane on the first
+    # edge. The smallest such sum is that of the road's right-hand lane.
     shifts = list(accumulate((link.shift for link in links), initial=0))
-    lowest = min(map(sum, zip(shifts, (of_edge[0].index for of_edge in lanes), strict=True)))
+    lowest = min(shift + of_edge[0].index for shift, of_edge in zip(shifts, lanes, strict=True))
     return [
         {shift + lane.index - lowest: lane for lane in of_edge}
         for shift, of_edge in zip(shifts, lanes, strict=True)
@@ -307,10 +334,10 @@ def _numbered(lanes: _Lanes, links: Sequence[_Link]) -> list[dict[int, _Lane]]:
 def _path(
     numbered: Sequence[dict[int, _Lane]], lane: int, links: Sequence[_Link]
 ) -> list[tuple[Point, ...]]:
-    """Centre line of a lane that all edges have: on each edge, and between two of them within
-    their junction.
+    """Centre line of a lane that all edges have, in parts: on the first edge, within the junction,
+    on the second edge, and so on.
 
-    numbered: lanes of each edge by their place on the road. lane: such a place.
+    numbered: lanes of each edge by their place on the road. lane: place of the lane.
     """
     path = [numbered[0][lane].shape]
     for link, before, after in zip(links, numbered, numbered[1:], strict=False):
@@ -321,18 +348,19 @@ def _path(
 
 
 def _line_along(way: FloatArray, what: str) -> tuple[Line, Pose]:
-    """The line along places of a polyline, and where it begins.
+    """The line along a polyline, and where it begins on the map.
 
-    way: (n, 2), m; of places within `_ONE_PLACE` the first counts, and always the last one.
+    way: corners, (n, 2), m. A corner within `_ONE_PLACE` of the one before is left out, unless it
+        is the last.
     what: the road, for messages.
     """
-    kept = [way[0]]
-    for place in way[1:]:
-        if dist(place, kept[-1]) > _ONE_PLACE:
-            kept.append(place)
-    if dist(kept[-1], way[-1]) > 0.0:
-        kept.append(way[-1])
-    line, begins, off = fitted_line(np.array(kept))
+    corners = [way[0]]
+    for corner in way[1:]:
+        if dist(corner, corners[-1]) > _ONE_PLACE:
+            corners.append(corner)
+    if dist(corners[-1], way[-1]) > 0.0:
+        corners.append(way[-1])
+    line, begins, off = fitted_line(np.array(corners))
     if off > WITHIN:
         raise must_be(
             "The lanes",
@@ -361,12 +389,13 @@ def _check_parallel(
 def _edge_ends(path: Sequence[Sequence[Point]], line: Line, begins: Pose) -> list[float]:
     """Begin and end of each edge along the line, m.
 
-    path: of a lane, on each edge and between two of them.
+    path: as from `_path`.
     """
-    ends = [shape[end] for shape in path[::2] for end in (0, -1)]
-    # length of the path up to each of these ends
+    on_edges = path[::2]
+    ends = [shape[end] for shape in on_edges for end in (0, -1)]
+    # length of the path up to each of these ends, m: an end lies where two parts meet
     driven = np.cumsum([0.0, *(sum(map(dist, part, part[1:])) for part in path)])
-    # a ring passes a place more than once: look for the place near that length, scaled to the line
+    # a ring passes a place more than once: look for each end near its length, scaled to the line
     near = driven * (length_of(line) / driven[-1])
     x, y = onto_the_line(ends, begins).T
     along: list[float] = frame_places(line, x, y, near=near)[0].tolist()
@@ -376,8 +405,8 @@ def _edge_ends(path: Sequence[Sequence[Point]], line: Line, begins: Pose) -> lis
 class _Link(NamedTuple):
     """Connection of the lanes of an edge to those of the next one.
 
-    shift: index of a lane on the edge less that of its continuation on the next one.
-    ways: centre lines within the junction, by the lane's index on the edge before it.
+    shift: SUMO's index of a lane on the edge less that of its continuation on the next edge.
+    ways: centre lines within the junction, by the lane's index on the first of both edges.
     """
 
     shift: int
@@ -392,19 +421,19 @@ def _links(root: Any, one: str, other: str, owner: str) -> _Link:
             f"Edge `{one}` of {owner} must lead to edge `{other}`: no lane of it does."
         )
     what = f"A lane of the connection from edge `{one}` to edge `{other}` in {owner}"
-    # lane before, lane after, id of the lane through the junction
-    indices = [
+    # index of the lane before, index of the lane after, id of the lane through the junction
+    joined = [
         (_index(it.get("fromLane", "0"), what), _index(it.get("toLane", "0"), what), it.get("via"))
         for it in connections
     ]
-    shifts = Counter(before - after for before, after, _ in indices)
-    # the most frequent shift; of equally frequent ones the smallest
+    shifts = Counter(before - after for before, after, _ in joined)
+    # the most frequent shift; of equally frequent ones the one nearest to 0
     shift = min(shifts, key=lambda it: (-shifts[it], abs(it)))
-    ways = {
-        before: [it for lane in _lanes_through(root, via) for it in _points(lane.get("shape", ""))]
-        for before, after, via in indices
-        if before - after == shift
-    }
+    ways: dict[int, list[Point]] = {}
+    for before, after, via in joined:
+        if before - after == shift:
+            shapes = (_points(lane.get("shape", "")) for lane in _lanes_through(root, via))
+            ways[before] = list(chain(*shapes))
     return _Link(shift, ways)
 
 
@@ -419,7 +448,7 @@ def _lanes_through(root: Any, via: str | None) -> list[Element]:
         if not lanes or lanes[0] in passed:  # a faulty network may lead in a circle
             break
         passed.append(lanes[0])
-        edge, _, index = via.rpartition("_")
+        edge, _, index = via.rpartition("_")  # a lane's id is `edge_index`
         via = root.xpath(_VIA, edge=edge, index=index)
     return passed
 
@@ -441,21 +470,22 @@ def laid_along_x(network: NetworkFile) -> str:
         for lane in edge.iter("lane"):
             if (name := lane.get("id")) in places:
                 _straighten([lane], places[name] * width, begin, end)
-    for (one, other), (before, after) in zip(
+    for (one, other), ((_, end, _), (next_begin, _, _)) in zip(
         pairwise(network.edges), pairwise(sections), strict=True
     ):
         for it in root.xpath(_BETWEEN, one=one, other=other):
-            # -1 on this side, None on the other: lanes that are not on the road are never equal
+            # -1 for a lane before that is not on the road, None for a lane after: never equal
             place = places.get(f"{one}_{it.get('fromLane')}", -1)
             if place == places.get(f"{other}_{it.get('toLane')}"):
-                _straighten(_lanes_through(root, it.get("via")), place * width, before[1], after[0])
-    for location in root.findall("location"):  # the projection, which holds no longer
+                lanes = _lanes_through(root, it.get("via"))
+                _straighten(lanes, place * width, end, next_begin)
+    for location in root.findall("location"):  # the map projection, no longer true after the move
         root.remove(location)
     return etree.tostring(root.getroottree(), xml_declaration=True, encoding="UTF-8").decode()
 
 
 def _move(element: Element, axis: Pose) -> None:
-    """Move an element's shapes, and a junction's position, into the frame of the x axis."""
+    """Move an element's shape, and a junction's position, into the frame of the x axis."""
     if points := _points(element.get("shape", "")):
         element.set("shape", _text(onto_the_line(points, axis)))
     if element.tag == "junction" and element.get("x"):
@@ -522,19 +552,25 @@ def _index(text: str, owner: str) -> int:
 
 
 def _carries_cars(lane: Element) -> bool:
-    """Whether a passenger car may drive on a lane; where SUMO has `allow`, `disallow` is unused."""
+    """Whether a passenger car may drive on a lane; as in SUMO, `allow` has precedence over
+    `disallow`.
+    """
     if (allowed := lane.get("allow")) is not None:
         return not _CARS.isdisjoint(allowed.split())
     return _CARS.isdisjoint(lane.get("disallow", "").split())
 
 
 def _points(text: str) -> tuple[Point, ...]:
-    # a height is not used; without a y, "" is refused as a number
+    """The points of a shape, as `1.00,2.00 3.00,4.00`; a third coordinate, the height, is left
+    out.
+    """
+    # the added "" stands for a missing y, and is refused as a number
     xy = [[*part.split(","), ""] for part in text.split()]
     return tuple((_number(x, "x of a shape"), _number(y, "y of a shape")) for x, y, *_ in xy)
 
 
 def _number(text: str, what: str) -> float:
+    """A finite number in an attribute."""
     value = number_in(text)
     if isnan(value):
         raise must_be(what, "the network", "a finite number", text)
@@ -542,4 +578,5 @@ def _number(text: str, what: str) -> float:
 
 
 def _text(points: Sequence[Point] | FloatArray) -> str:
+    """A shape as SUMO writes it."""
     return " ".join(f"{x:.4f},{y:.4f}" for x, y in points)

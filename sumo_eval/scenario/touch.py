@@ -1,10 +1,10 @@
 """Bodies of vehicles as oriented boxes: their gap, and the first instant of touching within a step.
 
-Between two samples every pose moves linearly. Conservative advancement finds the first touch
-without skipping a graze:
+Within a step every pose is taken to move linearly. Conservative advancement finds the first touch,
+even one that ends within the step:
 
 1. Find the axis along which the gap between the bodies is widest.
-2. Along it, no two points of the bodies approach faster than `closing`.
+2. Along this axis, no two points of the bodies approach faster than `closing`.
 3. So the bodies do not touch before gap / closing: go to that time, and begin again.
 
 Users: `cosim/`, in every step of the loop; `ads/foresight.py`, for contact before a case begins;
@@ -21,10 +21,10 @@ FULL_TURN = 2.0 * pi  # rad
 
 
 class Body(NamedTuple):
-    """A vehicle body's pose and motion at an instant: centre (x, y) m, heading rad, speed m/s along
-    the heading.
+    """A vehicle body's pose and motion at an instant.
 
-    across: m/s, to the left of the heading, of a body that slides.
+    x, y: centre, m. heading: rad. length, width: m.
+    speed: along the heading, m/s. across: to the left of the heading, of a body that slides, m/s.
     """
 
     x: float
@@ -45,15 +45,16 @@ class Body(NamedTuple):
                 self.x + i * half_length * c - j * half_width * s,
                 self.y + i * half_length * s + j * half_width * c,
             )
-            for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1))  # 1: front, left; -1: rear, right
+            # i: 1 front, -1 rear; j: 1 left, -1 right
+            for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1))
         )
 
 
 @kernel
 def body_of(at: Any, moving: Any, body: Any) -> Body:
-    """The `Body` of a vehicle.
+    """The `Body` of a vehicle, of parts of its record in `cosim.records`.
 
-    at: its position, on the map or in the frame, now or before the step.
+    at: record with its pose, on the map or along and across the road, now or before the step.
     moving: record with its speeds at that time.
     body: record with its size.
     """
@@ -69,7 +70,7 @@ def velocity(body: Any) -> tuple[float, float]:
 
 @kernel
 def within_a_turn(angle: float) -> float:
-    """The angle within -pi..pi that has the same direction, rad."""
+    """An angle without whole turns: the same direction within -pi..pi, rad."""
     if -pi <= angle <= pi:
         return angle
     return angle - FULL_TURN * floor(angle / FULL_TURN + 0.5)
@@ -83,10 +84,11 @@ def radius(body: Body) -> float:
 
 @kernel
 def widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
-    """(gap m, axis x, axis y): the axis of either box along which the boxes are furthest apart,
-    pointing from a to b.
+    """Gap along the axis along which the boxes are furthest apart, m, and that axis as a unit
+    vector x, y, pointing from a to b.
 
-    The gap is at most the distance of the boxes. A negative gap is the depth of their overlap.
+    The axis is the length or the width of either box (separating axis theorem). The gap is at most
+    the distance of the boxes. A negative gap is the depth of their overlap.
     """
     dx, dy = b.x - a.x, b.y - a.y
     ca, sa = cos(a.heading), sin(a.heading)
@@ -97,9 +99,11 @@ def widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
     # vector from a's centre to b's, along and across each body
     along_a, across_a = dx * ca + dy * sa, dy * ca - dx * sa
     along_b, across_b = dx * cb + dy * sb, dy * cb - dx * sb
-    # half the extents of b along a's length and a's width; then of a along b's length and width
+    # half the extents of b along a's length (reach) and a's width (span); then those of a along
+    # b's length and width
     reach_b, span_b = lb * cos_between + wb * sin_between, lb * sin_between + wb * cos_between
     reach_a, span_a = la * cos_between + wa * sin_between, la * sin_between + wa * cos_between
+    # widest gap so far, b's centre along its axis, and the axis: the four axes one after another
     gap, offset = abs(along_a) - la - reach_b, along_a
     x, y = ca, sa
     candidate = abs(across_a) - wa - span_b
@@ -134,10 +138,15 @@ def between(before: Body, after: Body, share: float) -> Body:
 
 @kernel
 def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body) -> float:
-    """Share of the step at which the bodies first touch; -1 when they do not."""
+    """Share of the step at which two bodies first touch; -1 if they do not.
+
+    before, after: the bodies at the start and at the end of the step.
+    """
+    # motion of b relative to a, m
     shift_x = (b_after.x - b_before.x) - (a_after.x - a_before.x)
     shift_y = (b_after.y - b_before.y) - (a_after.y - a_before.y)
-    # a box in any direction stays within (length + width) / 2 of its centre
+    # m between the centres beyond which they cannot touch: a box in any direction stays within
+    # (length + width) / 2 of its centre
     reach = (
         0.5 * (a_after.length + a_after.width + b_after.length + b_after.width)
         + abs(shift_x)
@@ -151,8 +160,8 @@ def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body)
     share = 0.0
     gap, x, y = widest_gap(a_before, b_before)
     while gap > TOUCH:
-        # most that the gap closes in the whole step, m; b's shift along (x, y) opens it, as this
-        # axis points from a to b
+        # most that the gap closes in the whole step, m; a shift of b along (x, y) opens the gap,
+        # because this axis points from a to b
         closing = turning - (shift_x * x + shift_y * y)
         if gap > closing * (1.0 - share):
             return -1.0
@@ -163,9 +172,8 @@ def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body)
 
 @kernel
 def keeps_apart(ego: Body, other: Body) -> bool:
-    """Whether two bodies never touch if they continue straight along the road at their speeds.
-
-    False: they touch, or the other body does not move straight along the road.
+    """Whether two bodies certainly never touch if they continue straight along the road at their
+    speeds. False also where the other body does not move straight along the road.
 
     ego: its heading counts as 0.
     """

@@ -1,9 +1,10 @@
-"""Conditions on what happens, such as `ttc(ego, child) < 2 and y(child) > 1`, as steps for a kernel
-(`played.holds_from`).
+"""Conditions at which moves begin, such as `ttc(ego, child) < 2 and y(child) > 1`, translated to
+the operations that the kernel `played.holds_from` evaluates in every step of a drive.
 
-A condition may have numbers of the point and of the moment. Numbers of the point (parameters,
-definitions, options) are evaluated once for a case. Numbers of the moment are `time`, s since the
-start; `departed`, m between the ego and the recorded ego at that time; and the functions below.
+A condition may have numbers of the point and numbers of the moment. Numbers of the point
+(parameters, definitions, options) are evaluated once for a case. Numbers of the moment are `time`,
+s since the start; `departed`, m between the ego and the recorded ego at that time; and the
+functions in `FUNCTIONS`.
 
 Users: `scenario/vehicle_tables.py`, for the key `when` of a manoeuvre;
 `extras/openscenario/written.py`.
@@ -25,7 +26,9 @@ from sumo_eval.scenario.expression import (
 from sumo_eval.scenario.formulas import Names
 
 OF_ONE = {"x": played.X, "y": played.Y, "speed": played.ALONG, "lateral_speed": played.ACROSS}
+"""Functions of one vehicle: name in a condition -> operation of `played`."""
 OF_TWO = {"gap": played.GAP, "distance": played.DISTANCE, "ttc": played.TTC, "thw": played.THW}
+"""Functions of two vehicles."""
 FUNCTIONS = {
     "x": "x(a): its centre along the road, m",
     "y": "y(a): its centre across the road, m",
@@ -38,7 +41,8 @@ FUNCTIONS = {
     "thw": "thw(a, b): gap over a's speed, s; inf behind b",
     "ended": "ended(a, m): whether a's manoeuvre of the name m is over",
 }
-"""Functions of vehicles that a condition may use, `ego` among them."""
+"""Meaning of each function of vehicles; `ego` is the name of the ego."""
+# operations of the language (`expression.operation`) -> operations of `played`
 _OF_NUMBERS = {
     "Add": played.ADD, "Sub": played.SUBTRACT, "Mult": played.MULTIPLY, "Div": played.DIVIDE,
     "USub": played.NEGATE, "min()": played.SMALLER, "max()": played.LARGER,
@@ -52,19 +56,22 @@ _NUMBERS = "of numbers, names, + - * /, min, max, abs, `time` and " + ", ".join(
 EGO_NAME = "ego"
 
 Step = tuple[int, int, int, Expression | None]
-"""An operation of `Act.program`: (op, vehicle, vehicle or move, expression of its value at a point
-or None)."""
+"""An operation of `Act.program`: (op, vehicle, vehicle or move, expression). The expression gives
+the constant of a `played.VALUE` at each point; None: another operation."""
 
 
 def trigger(text: str, owner: str, names: Names, *, departs: bool) -> list[Step]:
     """The steps of the condition in a text.
 
-    departs: whether it may use `departed`.
+    owner: the manoeuvre, for messages.
+    names: that the condition may use; the numbers of the point in it are added to `names.scene`.
+    departs: whether the condition may use `departed`.
     Raises InputError naming what is wrong, and the nearest word.
     """
     tree = parsed(text, f"Condition `{text[:200]}` of {owner}")
     steps = _Writer(text, owner, names, departs).steps(tree, condition=True)
-    if len(steps) > 4 * played.DEEPEST:  # a bound: all of them are done in every step of a drive
+    # any bound will do: each step of a drive executes all of them
+    if len(steps) > 4 * played.DEEPEST:
         raise InputError(f"Condition `{text[:200]}` of {owner} is too long.")
     return steps
 
@@ -82,16 +89,13 @@ class _Writer:
         """Steps that leave one value on the stack: whether a condition holds, or a number.
 
         condition: whether the node must be a condition.
-        depth: of the node in the text; its own value has at most this many below it.
+        depth: of the node in the text. While its value is computed, at most this many values lie
+            below it on the stack.
         """
         if depth >= played.DEEPEST - 2:
             raise InputError(f"Condition {self._place} is nested too deep.")
         if not condition and not self._of_the_moment(node):
-            # `time` is known too, so that the error of a misspelt name can propose it
-            known = [*self.names.known, "time"]
-            constant = checked_names(number(ast.unparse(node), self._place), known, self._place)
-            self.names.scene.append(constant)
-            return [(played.VALUE, 0, 0, constant)]
+            return [self._constant(node)]
         if isinstance(node, ast.Name) and not condition:
             return [self._now(node.id)]
 
@@ -104,12 +108,20 @@ class _Writer:
             raise self._wrong(node, f"given {'one value' if takes_one else 'at least 2 values'}")
         if name in ("Gt", "GtE"):  # `a > b` is written as `b < a`
             parts = parts[::-1]
-        joins = name in ("And", "Or")  # conditions; all other operations take numbers
-        steps, *further = [self.steps(it, condition=joins, depth=depth + 1) for it in parts]
-        # one value: a, op; two: a, b, op; three: a, b, op, c, op
-        for more in further or [[]]:
-            steps += [*more, (op, 0, 0, None)]
+        of_conditions = name in ("And", "Or")
+        steps, *further = [self.steps(it, condition=of_conditions, depth=depth + 1) for it in parts]
+        # in postfix order. One operand: a, op; two: a, b, op; three: a, b, op, c, op
+        for operand in further or [[]]:
+            steps += [*operand, (op, 0, 0, None)]
         return steps
+
+    def _constant(self, node: ast.expr) -> Step:
+        """Step of a number of the point."""
+        # `time` is known too, so that the error of a misspelt name can propose it
+        known = [*self.names.known, "time"]
+        constant = checked_names(number(ast.unparse(node), self._place), known, self._place)
+        self.names.scene.append(constant)
+        return played.VALUE, 0, 0, constant
 
     def _now(self, name: str) -> Step:
         """Step of `time` or `departed`."""
@@ -127,28 +139,35 @@ class _Writer:
     ) -> Step:
         """Step of a function of vehicles."""
         words = [arg.id for arg in args if isinstance(arg, ast.Name)]
-        match words if len(words) == len(args) else []:  # other arguments are an error below
+        match words if len(words) == len(args) else []:  # an argument that is no name is wrong
             case [vehicle, move] if condition and name == "ended":
-                index = self._vehicle(vehicle)
-                if index == played.EGO:
-                    raise self._wrong(node, "of a vehicle with manoeuvres: the ego has none")
-                moves = self.names.vehicles[vehicle]
-                check_known(f"manoeuvre of vehicle `{vehicle}` in {self._place}:", moves, move)
-                return played.ENDED, index, moves[move], None
+                return self._ended(node, vehicle, move)
             case [vehicle] if not condition and name in OF_ONE:
                 return OF_ONE[name], self._vehicle(vehicle), 0, None
             case [one, two] if not condition and name in OF_TWO:
                 if one == two:
                     raise self._wrong(node, "of two vehicles")
                 return OF_TWO[name], self._vehicle(one), self._vehicle(two), None
-        # not a function of vehicles: the error says what must be in its place
+        raise self._misplaced(node, name, condition=condition)
+
+    def _ended(self, node: ast.expr, vehicle: str, move: str) -> Step:
+        """Step of `ended(vehicle, move)`."""
+        number_of_vehicle = self._vehicle(vehicle)
+        if number_of_vehicle == played.EGO:
+            raise self._wrong(node, "of a vehicle with manoeuvres: the ego has none")
+        moves = self.names.vehicles[vehicle]
+        check_known(f"manoeuvre of vehicle `{vehicle}` in {self._place}:", moves, move)
+        return played.ENDED, number_of_vehicle, moves[move], None
+
+    def _misplaced(self, node: ast.expr, name: str, *, condition: bool) -> InputError:
+        """The error of a node that should be a function of vehicles: says what must stand there."""
         if isinstance(node, ast.Compare):
-            raise self._wrong(node, "compared with <, <=, > or >=")
+            return self._wrong(node, "compared with <, <=, > or >=")
         if condition:
-            raise self._wrong(node, "a condition such as `ttc(ego, child) < 2`")
+            return self._wrong(node, "a condition such as `ttc(ego, child) < 2`")
         if name and isinstance(node, ast.Call):
             check_known(f"function in {self._place}:", [*FUNCTIONS, "min", "max", "abs"], name)
-        raise self._wrong(node, f"as in {FUNCTIONS[name]}" if name in FUNCTIONS else _NUMBERS)
+        return self._wrong(node, f"as in {FUNCTIONS[name]}" if name in FUNCTIONS else _NUMBERS)
 
     @property
     def _place(self) -> str:
@@ -159,16 +178,17 @@ class _Writer:
         """Whether a node holds `time`, `departed` or a function of vehicles."""
         # a parameter may have one of these names, and hides it
         moment = {"time", "departed"}.difference(self.names.known)
-        return any(
-            part.id in moment
-            if isinstance(part, ast.Name)
-            else isinstance(part, ast.Call)
-            and operation(part)[0].removesuffix("()") not in MATH_FUNCTIONS
-            for part in ast.walk(node)
-        )
+        for part in ast.walk(node):
+            if isinstance(part, ast.Name) and part.id in moment:
+                return True
+            if isinstance(part, ast.Call):
+                name, _ = operation(part)
+                if name.removesuffix("()") not in MATH_FUNCTIONS:
+                    return True
+        return False
 
     def _vehicle(self, name: str) -> int:
-        """Number of a vehicle by its name."""
+        """Number of a vehicle among the actors by its name, or `played.EGO`."""
         if name == EGO_NAME:
             return played.EGO
         check_known(f"vehicle in {self._place}:", [EGO_NAME, *self.names.vehicles], name)

@@ -17,6 +17,7 @@ from sumo_eval.settings.checked import about
 
 KNOWN = ("1", "m", "s", "m/s", "m/s2", "m/s3", "deg", "rad", "1/s", "1/m", "1/km", "kg")
 """Units of numbers in this package; `1` for a number without a unit."""
+# other spellings of known units
 _SPELT = {
     "m/s^2": "m/s2",
     "m/s²": "m/s2",
@@ -35,22 +36,23 @@ _CONVERSIONS = {
     "ms": ("s", 0.001), "min": ("s", 60.0), "h": ("s", _HOUR),
     "g": ("m/s2", 9.80665), "%": ("1", 0.01),
 }  # fmt: skip
-"""Other units: the known unit that each becomes, and the factor for its numbers."""
+"""Other units, in lower case: the known unit that each becomes, and the factor for its numbers."""
 
+# a number with a unit, as `30 km/h`; groups: number, unit, which begins with neither digit nor "."
 _WITH_UNIT = re.compile(r"\s*([-+]?\d+(?:\.\d*)?)\s*([^\s\d.][^()]*?)\s*")
 
 
 def spelt(unit: str) -> str:
-    """A unit as it stands in `KNOWN`, where it is one of them in another spelling."""
+    """A unit in the spelling of `KNOWN`; a unit that is unknown, as it is."""
     return _SPELT.get(unit.strip(), unit.strip())
 
 
 def factor_to(own: str, unit: str, column: str) -> float:
-    """The factor from numbers in a unit to the unit `own`.
+    """The factor from numbers in `unit` to numbers in `own`.
 
-    column: what errors name.
+    column: name of the numbers' column in errors.
     """
-    others = {name: factor for name, (meant, factor) in _CONVERSIONS.items() if meant == spelt(own)}
+    others = {name: factor for name, (known, factor) in _CONVERSIONS.items() if known == spelt(own)}
     factors = {own.lower(): 1.0, spelt(own).lower(): 1.0, **others}
     if (factor := factors.get(spelt(unit).lower())) is None:
         raise unknown(f"unit of {column}:", unit, (own, *others))
@@ -66,14 +68,15 @@ def si_factor(unit: str) -> float | None:
 
 
 def in_own_unit(value: float, factor: float) -> float:
-    """A number converted by a factor; the result of a short decimal is a short decimal.
+    """A number converted by a factor. Where the product differs from a decimal of at most 9 places
+    only by rounding, it is that decimal.
 
     35 cm are 0.35 m, not the product 0.35000000000000003, which is beyond a bound of 0.35 m.
     """
     product = value * factor
-    short = round(product, 9)
-    is_short = factor != 1.0 and math.isclose(short, product, rel_tol=1e-15)
-    return short if is_short else product
+    decimal = round(product, 9)
+    is_decimal = factor != 1.0 and math.isclose(decimal, product, rel_tol=1e-15)
+    return decimal if is_decimal else product
 
 
 def refuse_unit(formula: str | float, owner: str) -> None:
@@ -81,18 +84,19 @@ def refuse_unit(formula: str | float, owner: str) -> None:
     match = _WITH_UNIT.fullmatch(str(formula))
     if not match:
         return
-    own, factor = _CONVERSIONS.get(match[2].lower(), (spelt(match[2]), 1.0))
+    value, unit = match.groups()
+    own, factor = _CONVERSIONS.get(unit.lower(), (spelt(unit), 1.0))
     if own in KNOWN:
         raise InputError(
             f"{owner} must be a number without a unit, got {formula}: as {own} write "
-            f"{factor * float(match[1]):.6g}."
+            f"{factor * float(value):.6g}."
         )
 
 
 def check_unit(unit: str, owner: str, numbers: Mapping[str, float | None]) -> None:
-    """Refuse a unit that the numbers of a parameter cannot be in.
+    """Refuse a unit in which the numbers of a parameter or option cannot be.
 
-    numbers: its low, high and the like.
+    numbers: its numbers in the file by key; the message converts them.
     """
     if spelt(unit) in KNOWN:
         return
@@ -109,11 +113,12 @@ def check_unit(unit: str, owner: str, numbers: Mapping[str, float | None]) -> No
 
 
 def check_uses(table: Any, units: Mapping[str, str], where: str) -> None:
-    """Refuse keys of a table or its tables that are set to parameters in a wrong unit.
+    """Refuse a key that is set to the name of a parameter with another unit than the key's.
 
+    table: a table of settings, with the tables in it.
     units: of parameters by name; `1` always fits.
     """
-    for item, key, name in _names_in(table):
+    for item, key, name in _texts_in(table):
         wanted = about(type(item), key).unit
         unit = spelt(units.get(name, "1"))
         if wanted and unit not in ("1", wanted):
@@ -122,17 +127,17 @@ def check_uses(table: Any, units: Mapping[str, str], where: str) -> None:
             )
 
 
-def _names_in(table: Any) -> Iterator[tuple[Any, str, str]]:
-    """Every text in a table and in the tables that it holds: its table, its key, and the text.
+def _texts_in(table: Any) -> Iterator[tuple[Any, str, str]]:
+    """Every text in a table and in the tables that it holds: (its table, its key, the text).
 
     Keys may hold tuples of texts or of tables, and tuples of these.
     """
     for field in fields(table):
-        found = [getattr(table, field.name)]
-        for one in found:
-            if isinstance(one, tuple):
-                found += one  # looked at later in this loop
-            elif is_dataclass(one):
-                yield from _names_in(one)
-            elif isinstance(one, str):
-                yield table, field.name, one.strip()
+        values = [getattr(table, field.name)]
+        for value in values:
+            if isinstance(value, tuple):
+                values += value  # this loop comes to them later
+            elif is_dataclass(value):
+                yield from _texts_in(value)
+            elif isinstance(value, str):
+                yield table, field.name, value.strip()

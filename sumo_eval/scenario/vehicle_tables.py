@@ -1,5 +1,9 @@
-"""Vehicles of a scenario file, for `scenario.file_tables`: their tables (ego, actors, manoeuvres),
+"""Vehicles of a scenario file: their tables `[ego]`, `[[vehicle]]` and `[[vehicle.manoeuvre]]`,
 these tables read and checked, and the vehicles at a point of the space.
+
+Three forms follow one another: a table as in the file (`VehicleTable`), with its formulas read
+(`Vehicle`), and at a point (`concrete.Actor`); likewise `ManoeuvreTable`, `Move`, `played.Act`.
+The names of keys are a public format.
 
 Users: `scenario/file_tables.py`, `scenario/resolved.py`, `scenario/zone_table.py`.
 """
@@ -69,11 +73,11 @@ _MANOEUVRES: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Act
     ),
     "change_lane_cosine": (("duration", "offset"), (), partial(lane_change, cosine=True)),
 }
-"""By `do`: keys that a manoeuvre must have, keys that it may have (any may have `name`, `begin` and
-`when`), and the function that makes its act of its numbers.
+"""By `do`: keys that a manoeuvre must have, keys that it may have, and the function that makes its
+act of its numbers. Any manoeuvre may also have `name`, `begin` and `when`.
 """
-_ENDLESS = Limits(above=0.0, endless=True)  # above 0, inf too
-# rad: largest heading at which a vehicle may have a speed by `places`: those are along the road
+_ENDLESS = Limits(above=0.0, endless=True)
+# rad: largest heading at which a vehicle may have speeds at `places`, which are along the road
 _AHEAD = 0.1
 
 
@@ -110,7 +114,7 @@ class EgoTable(Checked):
     )
 
     def check(self, where: str, road: Road) -> None:
-        """Refuse impossible combinations of keys.
+        """Refuse combinations of keys that do not fit together or the road.
 
         where: how errors call the file.
         """
@@ -130,15 +134,16 @@ class EgoTable(Checked):
 
     @property
     def body(self) -> EgoBody | None:
-        """Its body; None: the file has none."""
+        """The ego's body; None: the file has none."""
         return (
             None if self.length is None or self.width is None else EgoBody(self.length, self.width)
         )
 
     def start(self, numbers: Mapping[str, Any], road: Road, owner: str) -> Start:
-        """Start of the ego.
+        """Start of the ego at a point.
 
-        numbers: values of the table's formulas at a point, by key.
+        numbers: values of the table's formulas there, by key.
+        owner: how errors call the scenario.
         """
         ego = Start(**numbers, recorded=self.recorded)
         if ego.lateral_speed and not abs(ego.lateral_speed) < ego.speed:
@@ -148,7 +153,7 @@ class EgoTable(Checked):
                 f"below the ego's speed {ego.speed:g} m/s",
                 ego.lateral_speed,
             )
-        if self.goal_lane is None or self.change_from is None:  # after `check`: both are None
+        if self.goal_lane is None or self.change_from is None:  # `check` allows one only with both
             return ego
         return replace(ego, way=self._way(self.goal_lane, self.change_from, ego.y, road, owner))
 
@@ -171,8 +176,8 @@ class EgoTable(Checked):
                 f"The ego of {owner} must have a `change_by`: neither its lane nor the other one "
                 "ends."
             )
-        # x between which both lanes are side by side: before `parted_until` and after `parted_from`
-        # a lane is a ramp behind a solid line
+        # from x = `first` to `last` both lanes are there, side by side: before `parted_until` and
+        # after `parted_from` a lane is a ramp behind a solid line
         first = max(own.parted_until, other.parted_until, own.begin, other.begin, 0.0)
         last = min(own.end, other.end, own.parted_from, other.parted_from, road.length)
         if not first <= begin <= by - LEAST_CHANGE or by > last:
@@ -247,8 +252,8 @@ class ManoeuvreTable(Checked):
 
     @property
     def lively(self) -> bool:
-        """Whether its motion is known only in the drive, from a script in steps or from SUMO: it
-        waits for a condition, or has no closed form.
+        """Whether it makes its vehicle `Actor.lively`: it waits for a condition, or its motion has
+        no closed form.
         """
         closed_form = ("keep_speed", "brake", "change_lane", "change_lane_cosine", "move_sideways")
         return self.when is not None or self.do not in closed_form
@@ -256,10 +261,27 @@ class ManoeuvreTable(Checked):
     def read(self, vehicle: str, names: Names, road: Road) -> Move:
         """Check this table and read its formulas and its condition.
 
-        vehicle: what does it, for messages.
+        vehicle: name of its vehicle, for messages.
         """
         what = f"`{self.do}` of {vehicle}"
         owner = f"{what} in {names.where}"
+        self._check_keys(owner)
+        # limits of formulas where they are not those of the key's annotation
+        limits = {
+            "follow": {"speed": ABOVE_0},
+            # inf may be given, as `constant_lateral`'s default is; it refuses 0 and less itself
+            "move_sideways": {"acceleration": Limits(endless=True)},
+        }.get(self.do, {})
+        numbers = names.quantities(self, what, **limits)
+        when = []
+        if self.when is not None:
+            # only a `follow` may use `departed`, the ego's distance from the recorded ego
+            departs = names.departs and self.do == "follow"
+            when = trigger(self.when, owner, names, departs=departs)
+        return Move(self, numbers, tuple(self._pairs(what, owner, names, road)), tuple(when))
+
+    def _check_keys(self, owner: str) -> None:
+        """Refuse missing keys, and keys that `do` does not have."""
         needed, allowed, _ = _MANOEUVRES[self.do]
         for item in fields(self)[4:]:  # after `do`, `name`, `begin`, `when`, which all may have
             key = item.name
@@ -268,28 +290,19 @@ class ManoeuvreTable(Checked):
                 raise InputError(f"{owner} must have `{key}`.")
             if not absent and key not in (*needed, *allowed):
                 raise InputError(f"{owner} has no `{key}`.{did_you_mean(key, (*needed, *allowed))}")
-        # limits of formulas where they are not those of the key's annotation
-        limits = {
-            "follow": {"speed": ABOVE_0},
-            # inf may be given, as `constant_lateral`'s default is; it refuses 0 and less itself
-            "move_sideways": {"acceleration": Limits(endless=True)},
-        }.get(self.do, {})
-        numbers = names.quantities(self, what, **limits)
-        follows = self.do == "follow"
-        if follows and self.when is None and self.begin != 0.0:
+        if self.do == "follow" and self.when is None and self.begin != 0.0:
             raise InputError(
                 f"{owner} has no `begin` without a `when`: a vehicle follows from the start."
             )
-        when = []
-        if self.when is not None:
-            # only a `follow` may use `departed`, the ego's distance from the recorded ego
-            when = trigger(self.when, owner, names, departs=names.departs and follows)
-        return Move(self, numbers, tuple(self._pairs(what, owner, names, road)), tuple(when))
 
     def _pairs(
         self, what: str, owner: str, names: Names, road: Road
     ) -> Iterator[tuple[LimitedFormula, LimitedFormula]]:
-        """The knots of a profile (time or place, speed), or the points of a path (x, y)."""
+        """The knots of a profile (time or place, speed), or the points of a path (x, y); nothing of
+        any other manoeuvre.
+
+        what, owner: names of the manoeuvre, in its scenario and in its file, for messages.
+        """
         if self.do == "speed_profile":
             knots = self.places or self.times
             if bool(self.places) == bool(self.times) or len(knots) != len(self.speeds):
@@ -318,8 +331,8 @@ class Move:
     """A manoeuvre as read from its table.
 
     numbers: its formulas by key.
-    pairs: as in `ManoeuvreTable._pairs`.
-    when: its condition; empty: it begins at a time.
+    pairs: as from `ManoeuvreTable._pairs`.
+    when: steps of its condition; empty: it begins at a time.
     """
 
     table: ManoeuvreTable
@@ -328,22 +341,22 @@ class Move:
     when: tuple[Step, ...]
 
     def act(self, values: Numbers, vehicle: str) -> Act:
-        """Its act; not for a `follow`, see `Vehicle.actor`.
+        """Its act at a point; not for a `follow`, whose act `Vehicle.actor` makes.
 
-        values: of parameters and definitions, by name.
-        vehicle: name, for messages.
+        values: of parameters and definitions there, by name.
+        vehicle: name of its vehicle, for messages.
         """
         table = self.table
-        numbers = self.numbers.at(values)
         pairs = tuple((one.at(values), two.at(values)) for one, two in self.pairs)
-        act = _MANOEUVRES[table.do][2](**numbers)
+        _, _, make_act = _MANOEUVRES[table.do]
+        act = make_act(**self.numbers.at(values))
         if table.do == "sinus" and act.offset:
             phase = 2.0 * pi * (table.cycles or 1.0)  # w t at the end of the last swing, rad
             # A swing by A (1 - cos wt) / 2 has the largest acceleration A w^2 / 2, the one that the
             # table gives. So w is sqrt(2 acceleration / A), and the duration phase / w.
             act = act._replace(duration=phase / sqrt(2.0 * act.acceleration / abs(act.offset)))
         if table.do == "speed_profile":
-            knots = [knot[0] for knot in pairs]
+            knots = [knot for knot, _ in pairs]
             what = "The places" if table.places else "The times"
             if not all(a < b for a, b in itertools.pairwise([0.0, *knots])):
                 owner = f"`speed_profile` of vehicle `{vehicle}`"
@@ -398,10 +411,10 @@ class VehicleTable(Checked):
 
     @property
     def lively(self) -> bool:
-        """Whether only a played vehicle or SUMO can drive like it, as in `Actor.lively`."""
+        """Whether its actors are `Actor.lively`."""
         turned = self.heading is not None or self.lateral_speed is not None
         brakes = any(it.do == "brake" for it in self.manoeuvre)
-        # a `keep_speed` counts where a condition can ask for its end, or where it ends a braking
+        # a `keep_speed` counts where a condition can name it in `ended`, or where it ends a braking
         keeps = any(it.do == "keep_speed" and (it.name or brakes) for it in self.manoeuvre)
         return turned or self.on_map or keeps or any(it.lively for it in self.manoeuvre)
 
@@ -412,10 +425,7 @@ class VehicleTable(Checked):
 
     @property
     def endings(self) -> dict[str, int]:
-        """By name of a manoeuvre, index of its act.
-
-        A `follow` from the start has no act: it never ends.
-        """
+        """By name of a manoeuvre, index of its act. A `follow` from the start has no act."""
         acts = enumerate(self.scripted)
         return {it.name: index for index, it in acts if it.name and (it.when or it.do != "follow")}
 
@@ -430,25 +440,29 @@ class VehicleTable(Checked):
         moves = [move.read(what, names, road) for move in self.manoeuvre]
         scripted = tuple(move for move in moves if move.table in self.scripted)
         numbers = names.quantities(self, what)
-        follows = [move.do == "follow" for move in self.manoeuvre]
-        if sum(move.do == "brake" for move in self.manoeuvre) > 1 and not self.lively:
-            raise InputError(f"{owner} must brake at most once.")
-        if any(follows[:-1]):
-            raise InputError(f"{owner} must do nothing after it does `follow`.")
-        at_once = any(follows) and self.manoeuvre[-1].when is None
-        if at_once and (len(moves) > 1 or self.heading or self.lateral_speed):
-            raise InputError(
-                f"{owner} must do nothing else where it does `follow` from the start: `when` says "
-                "from when on it does."
-            )
+        self._check_manoeuvres(owner)
         if self.heading is not None and self.lateral_speed is not None:
             raise InputError(f"{owner} must have either heading or lateral_speed.")
         if self.on_map:
             self._check_on_map(owner, road)
         return Vehicle(self, numbers, scripted)
 
+    def _check_manoeuvres(self, owner: str) -> None:
+        """Refuse manoeuvres that do not fit together."""
+        follows = [move.do == "follow" for move in self.manoeuvre]
+        if sum(move.do == "brake" for move in self.manoeuvre) > 1 and not self.lively:
+            raise InputError(f"{owner} must brake at most once.")
+        if any(follows[:-1]):
+            raise InputError(f"{owner} must do nothing after it does `follow`.")
+        at_once = any(follows) and self.manoeuvre[-1].when is None
+        if at_once and (len(follows) > 1 or self.heading or self.lateral_speed):
+            raise InputError(
+                f"{owner} must do nothing else where it does `follow` from the start: `when` says "
+                "from when on it does."
+            )
+
     def _check_on_map(self, owner: str, road: Road) -> None:
-        """Refuse `on_map` on a straight road, and beside keys that are along the road."""
+        """Refuse `on_map` on a straight road, and together with keys that are along the road."""
         if not road.bent:
             raise InputError(
                 f"{owner} must not have `on_map`: on a straight road the map is the road."
@@ -476,32 +490,20 @@ class Vehicle:
     def actor(self, ego: Start, ego_table: EgoTable, road: Road, values: Numbers) -> Actor:
         """The actor at a point.
 
-        ego: its start there.
+        ego: start of the ego there.
         values: of parameters and definitions there, by name.
         """
         table = self.table
-        numbers = self.numbers.at(values)
         body = BODIES[table.body]
         length, width = table.length or body.length, table.width or body.width
-        # from centre to centre, m, of two vehicles that touch bumper to bumper
+        # from centre to centre, m, of the ego and this vehicle if they touch bumper to bumper
         apart = ((ego_table.length or STANDARD_EGO.length) + length) / 2
-        speed = numbers["speed"]
-        heading = radians(numbers.get("heading", 0.0))
-        if "lateral_speed" in numbers:
-            across = numbers["lateral_speed"]
-            speed, heading = sqrt(speed * speed + across * across), atan2(across, speed)
-        if "gap" in numbers:
-            x = ego.x + numbers["gap"] + apart
-        elif "x" in numbers:
-            x = numbers["x"]
-        else:
-            x = ego.x - numbers["gap_behind"] - apart
-        start = Start(x, numbers["y"], speed)
+        start, heading = self._start(ego, apart, values)
         on_map = None
         if table.on_map:  # its numbers are on the map: start and heading along the road follow
             on_map = start.x, start.y, heading
             s, d, heading = (float(it) for it in frame_places(road.line, *on_map))
-            start = Start(s, d, speed)
+            start = Start(s, d, start.speed)
 
         acts = [move.act(values, table.name) for move in self.moves if move.table.do != "follow"]
         if abs(heading) > _AHEAD and any(act.kind == played.BY_PLACE for act in acts):
@@ -512,12 +514,12 @@ class Vehicle:
         model = None
         last = self.moves[-1] if self.moves else None
         if last and last.table.model is not None:
-            given = last.numbers.at(values)
-            model = sumo_model(last.table.model, given.get("speed", speed), given)
+            numbers = last.numbers.at(values)
+            model = sumo_model(last.table.model, numbers.get("speed", start.speed), numbers)
             # With `when`, SUMO takes over by an act; else it drives from the start. For `departed`
             # the act has the recorded ego's positions, and the time between two as its duration.
             if program := last.program(values):
-                follow = Act(played.FOLLOW, given["begin"], RECORDED_EVERY, program=program)
+                follow = Act(played.FOLLOW, numbers["begin"], RECORDED_EVERY, program=program)
                 acts.append(follow._replace(table=ego_table.recorded))
         elif table.lively and all(act.timed for act in acts):
             # an `Actor` of acts with closed forms alone is not `lively`: one more act makes it so
@@ -535,13 +537,36 @@ class Vehicle:
             on_map,
         )
 
+    def _start(self, ego: Start, apart: float, values: Numbers) -> tuple[Start, float]:
+        """Start at a point, and heading, rad.
+
+        ego: start of the ego.
+        apart: from centre to centre of two vehicles that touch, m.
+        """
+        numbers = self.numbers.at(values)
+        speed = numbers["speed"]
+        heading = radians(numbers.get("heading", 0.0))
+        if "lateral_speed" in numbers:
+            across = numbers["lateral_speed"]
+            speed, heading = sqrt(speed * speed + across * across), atan2(across, speed)
+        if "gap" in numbers:
+            x = ego.x + numbers["gap"] + apart
+        elif "x" in numbers:
+            x = numbers["x"]
+        else:
+            x = ego.x - numbers["gap_behind"] - apart
+        return Start(x, numbers["y"], speed), heading
+
 
 @frozen
 class Placement:
-    """Function of a point's values that gives the ego's start and the actors.
+    """The function `place` of a `LogicalScenario`: values of a point -> the ego's start and the
+    actors.
 
+    definitions: that the formulas of all vehicles need.
     owner: how errors call the scenario.
     numbers: the ego's formulas by key.
+    streams: each with its formulas by key.
     """
 
     definitions: Definitions
@@ -554,7 +579,7 @@ class Placement:
 
     @property
     def lively(self) -> bool:
-        """Whether any vehicle is `lively`, or there are streams."""
+        """Whether the actors' motion has no closed form: some vehicle is lively, or in a stream."""
         return bool(self.streams) or any(vehicle.table.lively for vehicle in self.vehicles)
 
     def __call__(self, values: Numbers) -> tuple[Start, tuple[Actor, ...]]:

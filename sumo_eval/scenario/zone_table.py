@@ -1,9 +1,13 @@
-"""The zone rule of a scenario file: what the zones are computed from, or searched from.
+"""The zone rule of a scenario file, `[zone]`: which quantities decide whether a point is safe or
+hazardous.
 
 Users: `scenario/file_tables.py`.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -42,18 +46,19 @@ class ZoneTable(Checked):
     def read(
         self, names: Names, definitions: Definitions, placement: Placement, *, searched: bool
     ) -> dict[str, Any]:
-        """`margin`, `search` or `approach` of the logical scenario, and its `zone_coordinates`.
+        """Keywords of the logical scenario: `margin`, `search` or `approach`, and
+        `zone_coordinates`.
 
-        searched: zones by a search, because no closed form exists.
+        searched: whether the zones need a search, because no closed form exists.
         """
-        parts: dict[str, Any] = {}
+        keywords: dict[str, Any] = {}
         if self.coordinates:
-            formulas = (
-                names.expression(it, f"zone.coordinates `{name}`")
-                for name, it in self.coordinates.items()
+            coordinates = (
+                names.expression(formula, f"zone.coordinates `{name}`")
+                for name, formula in self.coordinates.items()
             )
-            parts["zone_coordinates"] = ZoneCoordinates(
-                tuple(self.coordinates), Formulas.of(definitions, *formulas)
+            keywords["zone_coordinates"] = ZoneCoordinates(
+                tuple(self.coordinates), Formulas.of(definitions, *coordinates)
             )
         numbers = {
             key: names.expression(value, f"`zone.{key}`")
@@ -64,7 +69,7 @@ class ZoneTable(Checked):
             self._refuse(
                 " beside `margin`, which stands alone", names.where, "obstacle", "delay", "conflict"
             )
-            return parts | {"margin": Value(Formulas.of(definitions, numbers["margin"]))}
+            return keywords | {"margin": Value(Formulas.of(definitions, numbers["margin"]))}
         if not self.obstacle:
             raise InputError(f"[zone] of {names.where} must have an `obstacle`, or a `margin`.")
         check_known(f"vehicle in `zone.obstacle` of {names.where}:", names.vehicles, self.obstacle)
@@ -72,13 +77,27 @@ class ZoneTable(Checked):
         if searched:
             self._refuse(": the search takes the motion of both vehicles as it is", names.where)
             delay = Value(Formulas.of(definitions, numbers["delay"]))
-            return parts | {"search": Search(number, delay, self.conflict)}
-        obstacle = placement.vehicles[number]
-        if self.gap is None and obstacle.table.gap is None:
+            return keywords | {"search": Search(number, delay, self.conflict)}
+        if self.gap is None and placement.vehicles[number].table.gap is None:
             raise InputError(
                 f"[zone] of {names.where} must have a `gap`: vehicle `{self.obstacle}` starts at "
                 "an x."
             )
+        return keywords | {"approach": self._approach(definitions, placement, number, numbers)}
+
+    def _approach(
+        self,
+        definitions: Definitions,
+        placement: Placement,
+        number: int,
+        numbers: Mapping[str, Expression],
+    ) -> ZoneRule:
+        """The approach to an obstacle.
+
+        number: of the obstacle among the vehicles.
+        numbers: expressions of this table by key.
+        """
+        obstacle = placement.vehicles[number]
         brakes = [
             move.numbers["deceleration"] for move in obstacle.moves if move.table.do == "brake"
         ]
@@ -90,10 +109,11 @@ class ZoneTable(Checked):
             *(brakes[:1] or [Expression("0.0")]),
             numbers["conflict_begin"],
         )  # fmt: skip
-        return parts | {"approach": ZoneRule(approach, self.passing_length or math.inf)}
+        return ZoneRule(approach, self.passing_length or math.inf)
 
     def _refuse(self, why: str, where: str, *further: str) -> None:
-        """Refuse keys that have no effect here: `further` ones, and three in any case.
+        """Refuse `gap`, `conflict_begin`, `passing_length` and further keys: they would have no
+        effect.
 
         why: ends the message.
         """
@@ -105,7 +125,10 @@ class ZoneTable(Checked):
 
 @frozen
 class ZoneRule:
-    """Values by name (arrays) -> the approach that criticality is computed from."""
+    """Function of values by name (arrays) that gives the `Approach`.
+
+    formulas: of the first six fields of `Approach`, in order.
+    """
 
     formulas: Formulas
     passing_length: float

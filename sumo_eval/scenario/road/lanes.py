@@ -1,9 +1,11 @@
 """Lanes that open, end, come in from a ramp or leave as one; roads that cross.
 
-Scenario files and OpenDRIVE roads make them; every reader of a `Road` asks where its edges are.
-A lane that is not there throughout is the outermost one of its side. It opens and ends over a
-taper, along which the road's edge moves in a straight line. Where it is a ramp, a line that must
-not be crossed separates it from the adjacent lane.
+The tables of scenario files and the readers of OpenDRIVE and SUMO networks make the spans and
+crossings of a `Road` of these; the kernels here compute the road's edges from them.
+
+A lane that does not exist throughout is the outermost one of its side. It opens and ends over a
+taper, along which the road's edge moves in a straight line. Where the lane is a ramp, a line that
+must not be crossed separates it from the adjacent lane.
 
 Users: `cosim/openscenario.py`, `cosim/step_rules.py`, `scenario/concrete.py`,
 `scenario/file_tables.py`, `scenario/road/opendrive.py`, `scenario/sumo_network.py`.
@@ -32,7 +34,8 @@ class LaneSpan:
     lane: its number, 0 for the right-hand one.
     begin, end: x between which it has its full width, m.
     opening, closing: lengths over which it opens before `begin` and narrows behind `end`, m.
-    parted_until: x up to which it is an on-ramp, m. parted_from: x from which it is an exit ramp.
+    parted_until: x up to which it is an on-ramp, m; -inf: it is none.
+    parted_from: x from which on it is an exit ramp, m; inf: it is none.
     """
 
     lane: int
@@ -64,7 +67,8 @@ class Crossing:
     reach: float = 100.0
 
 
-EVERYWHERE = LaneSpan(-1)  # of any lane that exists throughout
+EVERYWHERE = LaneSpan(-1)
+"""The span of any lane that exists throughout; `missing_at` knows it by identity."""
 
 
 @frozen
@@ -124,48 +128,52 @@ def spans_of(
                 f"{capitalised(owner)} must have a `begin` or an `end`, or need no [[road.lane]]."
             )
 
-        # without `begin` it exists from the road's start, without `end` to the road's end: no taper
-        begin = -inf if table.begin is None else table.begin
-        end = inf if table.end is None else table.end
-        opening = 0.0 if table.begin is None else table.taper
-        closing = 0.0 if table.end is None else table.taper
-        first = 0.0 if table.begin is None else begin - opening
-        last = length if table.end is None else end + closing
-        if not (0.0 <= first < last <= length and begin < end):
-            raise must_be(
-                "`begin`, `end` and `taper`",
-                owner,
-                f"in order within 0..{length:g} m",
-                f"{first:g}..{last:g} m",
-            )
-        # an on-ramp must begin with the road, an exit ramp continue to its end
-        for key, possible in (
-            ("ramp_until", table.begin is None), ("ramp_from", table.end is None)
-        ):  # fmt: skip
-            x = getattr(table, key)
-            if x is None:
-                continue
-            if not possible:
-                side = "begins with" if key == "ramp_until" else "continues to the end of"
-                raise InputError(
-                    f"{capitalised(owner)} has a `{key}`, so it must be one that {side} the road."
-                )
-            if not first < x < min(end, length):
-                raise must_be(
-                    f"`{key}`",
-                    owner,
-                    f"within {first:g}..{min(end, length):g} m, where the lane is",
-                    x,
-                )
-        until = -inf if table.ramp_until is None else table.ramp_until
-        onwards = inf if table.ramp_from is None else table.ramp_from
-        spans.append(LaneSpan(table.lane, begin, end, opening, closing, until, onwards))
+        spans.append(_span(table, length, owner))
     if len(spans) == lanes:
         raise InputError(f"The road of {where} must have a lane that is there throughout.")
     return tuple(sorted(spans, key=lambda span: span.lane))
 
 
-INNERMOST = 0.9  # share of a curve's radius that a crossing road may reach towards its centre
+def _span(table: LaneTable, length: float, owner: str) -> LaneSpan:
+    """The span of a lane that has a `begin` or an `end`.
+
+    length: of the road, m.
+    """
+    # without `begin` it exists from the road's start, without `end` to the road's end: no taper
+    begin = -inf if table.begin is None else table.begin
+    end = inf if table.end is None else table.end
+    opening = 0.0 if table.begin is None else table.taper
+    closing = 0.0 if table.end is None else table.taper
+    first = 0.0 if table.begin is None else begin - opening
+    last = length if table.end is None else end + closing
+    if not (0.0 <= first < last <= length and begin < end):
+        raise must_be(
+            "`begin`, `end` and `taper`",
+            owner,
+            f"in order within 0..{length:g} m",
+            f"{first:g}..{last:g} m",
+        )
+    # an on-ramp must begin with the road, an exit ramp must continue to its end
+    for key, possible, side in (
+        ("ramp_until", table.begin is None, "begins with"),
+        ("ramp_from", table.end is None, "continues to the end of"),
+    ):
+        x = getattr(table, key)
+        if x is None:
+            continue
+        if not possible:
+            raise InputError(
+                f"{capitalised(owner)} has a `{key}`, so it must be one that {side} the road."
+            )
+        if not first < x < min(end, length):
+            must = f"within {first:g}..{min(end, length):g} m, where the lane is"
+            raise must_be(f"`{key}`", owner, must, x)
+    until = -inf if table.ramp_until is None else table.ramp_until
+    onwards = inf if table.ramp_from is None else table.ramp_from
+    return LaneSpan(table.lane, begin, end, opening, closing, until, onwards)
+
+
+INNERMOST = 0.9  # share of a curve's radius that a crossing road may reach, at most
 
 
 def crossings_of(
@@ -173,6 +181,8 @@ def crossings_of(
 ) -> tuple[Crossing, ...]:
     """The roads that cross.
 
+    length: of this road, m. line: that it follows.
+    where: the scenario, for messages.
     Raises InputError for one that is not within the road, or goes beyond a curve's centre.
     """
     for table in tables:
@@ -180,6 +190,7 @@ def crossings_of(
         half = 0.5 * table.width
         if not half <= table.x <= length - half:
             raise must_be("`x`", owner, f"within the road's {length:g} m", table.x)
+        # 1/m, at both edges and in the middle of the crossing road
         sharpest = float(np.abs(curvatures(line, [table.x - half, table.x, table.x + half])).max())
         if table.reach * sharpest > INNERMOST:
             most = f"at most {INNERMOST / sharpest:.1f} m, {INNERMOST:g} of the radius there"
@@ -189,7 +200,10 @@ def crossings_of(
 
 @kernel
 def missing(x: float, opens: float, is_open: float, closes: float, is_gone: float) -> float:
-    """The share of a lane's width that is not there at x; the other arguments as `places`."""
+    """The share of a lane's width that is not there at x, m.
+
+    opens, is_open, closes, is_gone: as `LaneSpan.places`.
+    """
     if is_open <= x <= closes:
         return 0.0
     if x < is_open:
@@ -205,8 +219,8 @@ def right_edge_at(road: Any, x: float) -> float:
     """
     if road.shaped == 0:
         return float(road.right_edge)
-    gone = missing(x, road.right_opens, road.right_is_open, road.right_closes, road.right_is_gone)
-    return float(road.right_edge + road.lane_width * gone)
+    share = missing(x, road.right_opens, road.right_is_open, road.right_closes, road.right_is_gone)
+    return float(road.right_edge + road.lane_width * share)
 
 
 @kernel
@@ -217,12 +231,12 @@ def left_edge_at(road: Any, x: float) -> float:
     """
     if road.shaped == 0:
         return float(road.left_edge)
-    gone = missing(x, road.left_opens, road.left_is_open, road.left_closes, road.left_is_gone)
-    return float(road.left_edge - road.lane_width * gone)
+    share = missing(x, road.left_opens, road.left_is_open, road.left_closes, road.left_is_gone)
+    return float(road.left_edge - road.lane_width * share)
 
 
 def missing_at(span: LaneSpan, x: ArrayLike) -> FloatArray:
-    """The share of the width of a lane that is not there at x (any shape)."""
+    """`missing` of a span at x (any shape), m."""
     if span is EVERYWHERE:
         return np.zeros(np.shape(x))
     places = np.asarray(x, float)

@@ -1,18 +1,19 @@
-"""A road of an OpenDRIVE file (.xodr): its driving lanes to the right of the reference line, read
-as they are.
+"""Reader of a road of an OpenDRIVE file (.xodr): of the driving lanes on one side of its reference
+line.
 
-The tables of scenario files call `read_opendrive`; OpenSCENARIO's networks use the parts.
+The tables of scenario files call `read_opendrive`; readers of OpenSCENARIO's networks call
+`reference_line`, `lane_offset`, `beside` and the like.
 
 Read: lines, arcs, spirals and parametric cubics, a constant lane offset, lanes of constant width,
     lane sections in which the outermost lane opens or ends along a straight edge, and several roads
-    in order, as through a junction. Anything else that shapes a road (slopes, lane offsets and
-    other widths that change) is refused by name. Only content without shape is left out silently:
-    marks, objects, signals, speeds.
+    in order, as through a junction.
+Refused, each by its name: anything else that shapes a road, as slopes, and lane offsets and other
+    widths that change.
+Left out silently: content without shape, as marks, objects, signals, speeds.
 
 Users: `extras/openscenario/frame.py`, `extras/openscenario/network.py`, `scenario/file_tables.py`.
 """
 
-import itertools
 import re
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -31,13 +32,18 @@ from sumo_eval.scenario.xml_file import Element, read_xml
 from sumo_eval.text import capitalised, number_in
 
 _JOINT = 0.01  # m and rad: largest distance of a geometry from the end of the one before it
-# m: a line parallel to a spiral is not a spiral, and is made of spirals of at most this length
+# m: the parallel of a spiral is not a spiral; it is made of spirals of at most this length
 _PART = 2.0
 _SAME = 1e-6  # m: widths closer than this count as equal
+# m: error of a width that linear changes may have; a slope in the file has six decimals, an error
+# of 1e-4 m after 200 m
+_SLOPE_ERROR = 1e-4
 _MEETS = 0.05  # m and rad: largest distance of a road from the end of the one before, in a chain
 _MOST_ROADS = 8  # of a chain: several roads that are driven in order
-_Knots = list[tuple[float, float]]  # s, m, and a lane's width there, m
-_Ramps = list[tuple[float, float, str]]  # of each section with a lane: begin, end, the lane's type
+_Knots = list[tuple[float, float]]
+"""Widths of a lane along the road: (s, m, width there, m); linear from knot to knot."""
+_Ramps = list[tuple[float, float, str]]
+"""Types of a lane along the road: (begin and end of a section, s in m, the lane's type in it)."""
 DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")  # types of lanes that cars use
 
 
@@ -48,7 +54,7 @@ class ReadRoad(NamedTuple):
     lanes: number of adjacent driving lanes.
     lane_width, length: m.
     spans: of the lanes that do not exist throughout.
-    begin: of the line on the map.
+    begin: where the line begins on the map.
     """
 
     line: Line
@@ -85,7 +91,7 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
     else:
         chain = _chain([roads[name] for name in names], owner)
     line = tuple(piece for stretch in chain for piece in stretch.line)
-    # all have the lanes of the first
+    # number and width of the lanes are the same in the whole chain (`_chain`)
     return chain[0]._replace(line=line if bends(line) else (), length=length_of(line))
 
 
@@ -98,18 +104,17 @@ def _chain(roads: Sequence[Element], owner: str) -> list[ReadRoad]:
         chain: list[ReadRoad] = []
         for element in roads:
             name = f"road `{element.get('id')}` of {owner}"
-            directions = (False, True) if chain else (first_against,)
-            # The first direction that meets. Both are generators, so the second direction is read
-            # only if the first does not meet: faults of lanes that are not driven do not matter.
-            stretches = (_stretch_or_none(element, name, against) for against in directions)
-            end = chain[-1].begin.along(chain[-1].line, chain[-1].length) if chain else None
-            # adds one or none; where none meets, the chain stays too short
-            chain += itertools.islice(
-                (it for it in stretches if it and (not end or max(end.off(it.begin)) <= _MEETS)), 1
+            stretch = (
+                _meeting(chain[-1], element, name)
+                if chain
+                else _stretch_or_none(element, name, first_against)
             )
+            if stretch is None:
+                break
+            chain.append(stretch)
         if len(chain) == len(roads):
             break
-    else:  # too short in both directions of the first road
+    else:  # in both directions of the first road the chain ends too early
         names = " ".join(str(element.get("id")) for element in roads)
         raise InputError(
             f"The driving lanes of the roads {names} of {owner} must meet, each at the end of the "
@@ -126,8 +131,22 @@ def _chain(roads: Sequence[Element], owner: str) -> list[ReadRoad]:
     return chain
 
 
+def _meeting(before: ReadRoad, road: Element, owner: str) -> ReadRoad | None:
+    """A road driven in the direction in which it begins at the end of another; None: it does not.
+
+    The second direction is read only if the first does not meet: faults of lanes that are not
+    driven do not matter.
+    """
+    end = before.begin.along(before.line, before.length)
+    for against in (False, True):
+        stretch = _stretch_or_none(road, owner, against)
+        if stretch and max(end.off(stretch.begin)) <= _MEETS:
+            return stretch
+    return None
+
+
 def _stretch_or_none(road: Element, owner: str, against: bool) -> ReadRoad | None:
-    """A road driven one way, None where it has no driving lane that way."""
+    """A road driven along its reference line or against it; None: no driving lane leads there."""
     lanes = road.iterfind(f"lanes/laneSection/{'left' if against else 'right'}/lane")
     driven = any(lane.get("type") in DRIVEN for lane in lanes)
     return _stretch(road, owner, against=against) if driven else None
@@ -135,7 +154,7 @@ def _stretch_or_none(road: Element, owner: str, against: bool) -> ReadRoad | Non
 
 def _stretch(road: Element, owner: str, *, against: bool) -> ReadRoad:
     """A road driven along its reference line, or against it on its left-hand lanes."""
-    rule = road.get("rule", "RHT")
+    rule = road.get("rule", "RHT")  # right-hand traffic
     if rule != "RHT":
         raise must_be("`rule`", owner, "RHT: left-hand traffic is not supported", rule)
     reference, begin = reference_line(road, owner)
@@ -161,45 +180,52 @@ def _number(owner: str, element: Element, name: str, default: float | None = Non
 _CURVATURES = {
     "line": (), "arc": ("curvature", "curvature"), "spiral": ("curvStart", "curvEnd"),
 }  # fmt: skip
-"""Attributes that hold the curvature at the beginning and at the end of a geometry."""
+"""By tag of a geometry: its attributes with the curvature at its beginning and at its end."""
 
 
 def reference_line(road: Element, owner: str) -> tuple[Line, Pose]:
-    """The pieces of a reference line, and where it begins."""
+    """The pieces of a reference line, and where it begins on the map."""
     pieces: list[Piece] = []
-    begin = None
-    for geometry in road.iterfind("planView/geometry"):
-        pose = Pose(*(_number(owner, geometry, name) for name in ("x", "y", "hdg")))
-        if begin is None:
-            begin = pose
+    geometries = road.findall("planView/geometry")
+    if not geometries:
+        raise InputError(f"{capitalised(owner)} has no <geometry>.")
+    poses = [
+        Pose(*(_number(owner, geometry, name) for name in ("x", "y", "hdg")))
+        for geometry in geometries
+    ]
+    for geometry, pose in zip(geometries, poses, strict=True):
         # each geometry must begin where the ones before it end
         s = length_of(pieces)
-        what = f"The <geometry> at s = {s:g}"
-        off = begin.along(pieces, s).off(pose)
-        _check_near(what, owner, "where the one before it ends", *off)
-        # an empty <geometry> counts as its own shape: its tag is refused below
-        shape = next(geometry.iterfind("*"), geometry)
-        kind = str(shape.tag)
-        length = _number(owner, geometry, "length")
-        if kind == "paramPoly3":
-            pieces += pieces_along(_cubic(shape, length, owner), length, owner)
-        elif kind in _CURVATURES:
-            ends = (_number(owner, shape, name) for name in _CURVATURES[kind])
-            pieces.append(piece_of_file(capitalised(owner), length, *ends))
-        else:
-            raise must_be("A <geometry>", owner, "a line, an arc, a spiral or a paramPoly3", kind)
-    if not pieces:
-        raise InputError(f"{capitalised(owner)} has no <geometry>.")
-    assert begin is not None
-    return tuple(pieces), begin
+        off = poses[0].along(pieces, s).off(pose)
+        _check_near(f"The <geometry> at s = {s:g}", owner, "where the one before it ends", *off)
+        pieces += _pieces(geometry, owner)
+    return tuple(pieces), poses[0]
+
+
+def _pieces(geometry: Element, owner: str) -> list[Piece]:
+    """The pieces of a <geometry>."""
+    # an empty <geometry> counts as its own shape: its tag is refused below
+    shape = next(geometry.iterfind("*"), geometry)
+    kind = str(shape.tag)
+    length = _number(owner, geometry, "length")
+    if kind == "paramPoly3":
+        return pieces_along(_cubic(shape, length, owner), length, owner)
+    if kind not in _CURVATURES:
+        raise must_be("A <geometry>", owner, "a line, an arc, a spiral or a paramPoly3", kind)
+    ends = (_number(owner, shape, name) for name in _CURVATURES[kind])
+    return [piece_of_file(capitalised(owner), length, *ends)]
 
 
 def _cubic(shape: Element, length: float, owner: str) -> Cubic:
-    """The curve of a <paramPoly3>, which must begin where and as its geometry says."""
+    """The curve of a <paramPoly3>, which must begin where its geometry begins, in its direction.
+
+    length: of the geometry, m.
+    """
+    # aU, bU, cU, dU, then aV, bV, cV, dV
     along, left = (
         tuple(_number(owner, shape, f"{letter}{axis}") for letter in "abcd") for axis in "UV"
     )
-    kinds = {"arcLength": length, "normalized": 1.0}
+    kinds = {"arcLength": length, "normalized": 1.0}  # the parameter's value at the end
     kind = shape.get("pRange", "normalized")
     check_known(f"`pRange` of <paramPoly3> of {owner}:", kinds, kind)
     off = hypot(along[0], left[0])
@@ -222,28 +248,31 @@ PROFILES = (
     "lateralProfile/crossfall",
     "lateralProfile/shape",
 )
-"""Elements that give a road height and tilt, which the plane of the map does not have."""
+"""Elements that give a road height (the first) and tilt, which the plane of the map does not have.
+"""
 
 
 def constant(cubics: Sequence[tuple[float, ...]], length: float) -> bool:
-    """Whether cubics (start s, a, b, c, d) have one value over a length, within `_SAME`.
+    """Whether cubics (start s, a, b, c, d) have the value a of the first over a length, within
+    `_SAME`.
 
-    By an upper bound: the absolute values of all terms at `length`.
+    It uses an upper bound: the sum of the absolute values of all terms at `length`.
     """
-    return all(
-        abs(a - cubics[0][1]) + sum(abs(it) * length**power for power, it in enumerate(rest, 1))
-        <= _SAME
-        for _, a, *rest in cubics
-    )
+    for _, a, *rest in cubics:
+        change = sum(abs(factor) * length**power for power, factor in enumerate(rest, 1))
+        if not abs(a - cubics[0][1]) + change <= _SAME:
+            return False
+    return True
 
 
 def cubics_of(
     entries: Sequence[Any], place: str, number: Callable[[Any, str, float | None], float]
 ) -> list[tuple[float, ...]]:
-    """Cubics for `constant`.
+    """Cubics (start s, a, b, c, d) of elements, for `constant`.
 
-    place: attribute in which each begins.
-    number: reads an attribute of an entry, which must be there unless a default is given.
+    entries: the elements. place: their attribute with the start.
+    number: function (element, attribute, default) that reads a number; without a default (None) the
+        attribute must be there.
     """
     keys = place, *"abcd"
     return [tuple(number(it, key, None if key == "a" else 0.0) for key in keys) for it in entries]
@@ -258,19 +287,28 @@ def lane_offset(road: Element, owner: str, length: float, *, flat: bool = False)
     Raises InputError where the shift or the height changes along the road, or where the road is
     tilted.
     """
-    for name in (*(() if flat else PROFILES), "lanes/laneOffset"):
-        entries = list(road.iterfind(name))
-        tilt = name in PROFILES[1:]
-        cubics = cubics_of(entries, "s", partial(_number, owner))
-        if tilt or all(cubic[0] > 0.0 for cubic in cubics):
-            # 0 before the first entry, and where there is none; any tilt is compared with 0
-            cubics.insert(0, (0.0, 0.0))
-        if not constant(cubics, length):
-            own = zip(entries, cubics[-len(entries) :], strict=True)
-            changed = next(it for it, cubic in own if not constant([cubics[0], cubic], length))
-            shown = etree.tostring(changed).decode().strip()
-            wanted = "0: roads are driven on the plane" if tilt else "constant along the road"
-            raise must_be(f"<{entries[0].tag}>", owner, wanted, shown)
+    for name in () if flat else PROFILES:
+        _constant_value(road, name, owner, length)
+    return _constant_value(road, "lanes/laneOffset", owner, length)
+
+
+def _constant_value(road: Element, name: str, owner: str, length: float) -> float:
+    """The value of a profile of a road, which must be constant along it; that of a tilt must be 0.
+
+    name: path of the profile's elements, each with a cubic.
+    """
+    entries = list(road.iterfind(name))
+    is_tilt = name in PROFILES[1:]
+    cubics = cubics_of(entries, "s", partial(_number, owner))
+    if is_tilt or all(start > 0.0 for start, *_ in cubics):
+        # the value is 0 before the first entry, and without entries; any tilt is compared with 0
+        cubics.insert(0, (0.0, 0.0))
+    if not constant(cubics, length):
+        own = zip(entries, cubics[-len(entries) :], strict=True)
+        changed = next(it for it, cubic in own if not constant([cubics[0], cubic], length))
+        shown = etree.tostring(changed).decode().strip()
+        wanted = "0: roads are driven on the plane" if is_tilt else "constant along the road"
+        raise must_be(f"<{entries[0].tag}>", owner, wanted, shown)
     return cubics[0][1]
 
 
@@ -292,47 +330,58 @@ def _driving_lanes(
 ) -> tuple[float, tuple[int, float, tuple[LaneSpan, ...]]]:
     """Where the driving lanes lie, and the lanes: offset, (number, width, spans).
 
+    The offset is from the reference line to the centre of the outermost driving lane, m, to the
+    left in the direction of driving. Number and width, m, are those of the driving lanes. The spans
+    are that of the outermost driving lane, if it does not exist throughout.
+
+    length: of the reference line, m.
     against: True: the left-hand lanes, driven against the reference line.
-    offset: from the reference line to the centre of the outermost driving lane, m, to the left in
-        the direction of driving.
-    number, width: of the driving lanes; m.
-    spans: of the outermost one, if it does not exist throughout.
     """
     shift = lane_offset(road, owner, length)
     side = "left" if against else "right"
     sections = _sections(road, owner, length, side)
-
-    # ranks of the driving lanes in the section with most of them; in others the outermost of these
-    # may be missing
-    most = max((section.driven for section in sections), key=len)
-    if not most:
-        raise InputError(
-            f"{capitalised(owner)} has no driving lane to the {side} of its reference line."
-        )
-    if most != list(range(most[0], most[0] + len(most))):
-        raise must_be("The driving lanes", owner, "adjacent", most)
-    outer = most[-1]
-    for section in sections:
-        if section.driven not in (most, most[:-1]):
-            wanted = f"the same throughout, except the outermost, {outer}"
-            where = f"{owner} at s = {section.begin:g}"
-            raise must_be("The driving lanes", where, wanted, section.driven)
+    ranks = _driven_ranks(sections, side, owner)
+    outer = ranks[-1]
 
     inner_edges, inner_widths = _inner_lanes(sections, outer, owner)
     knots, ramps = _outermost(sections, outer, owner)
     width = max(value for _, value in knots)
-    widths = [*(inner_widths[rank] for rank in most[:-1]), width]
+    widths = [*(inner_widths[rank] for rank in ranks[:-1]), width]
     if width <= 0.0 or any(abs(value - width) > _SAME for value in widths):
         raise must_be("The driving lanes", owner, "of one width above 0 m", widths)
     spans = _span_of(knots, width, ramps, length, owner, against=against)
-    if spans and len(most) == 1:
-        raise must_be("The driving lanes", owner, "at least one that is there throughout", most)
+    if spans and len(ranks) == 1:
+        raise must_be("The driving lanes", owner, "at least one that is there throughout", ranks)
     offset = (-shift if against else shift) - (inner_edges[outer] + 0.5 * width)
-    return offset, (len(most), width, spans)
+    return offset, (len(ranks), width, spans)
+
+
+def _driven_ranks(sections: Sequence[_Section], side: str, owner: str) -> list[int]:
+    """Ranks of the driving lanes on a side, from the inside, in the section with most of them.
+
+    Raises InputError unless they are adjacent, and every section has all of them, or all but the
+    outermost.
+    """
+    ranks = max((section.driven for section in sections), key=len)
+    if not ranks:
+        raise InputError(
+            f"{capitalised(owner)} has no driving lane to the {side} of its reference line."
+        )
+    if ranks != list(range(ranks[0], ranks[0] + len(ranks))):
+        raise must_be("The driving lanes", owner, "adjacent", ranks)
+    for section in sections:
+        if section.driven not in (ranks, ranks[:-1]):
+            wanted = f"the same throughout, except the outermost, {ranks[-1]}"
+            where = f"{owner} at s = {section.begin:g}"
+            raise must_be("The driving lanes", where, wanted, section.driven)
+    return ranks
 
 
 def _sections(road: Element, owner: str, length: float, side: str) -> list[_Section]:
-    """The lane sections of a road."""
+    """The lane sections of a road, with the lanes of a side, `left` or `right`.
+
+    length: of the road, m.
+    """
     elements = road.findall("lanes/laneSection")
     if not elements:
         raise must_be("The lane sections", owner, "at least one", 0)
@@ -346,21 +395,22 @@ def _sections(road: Element, owner: str, length: float, side: str) -> list[_Sect
 def _inner_lanes(
     sections: Sequence[_Section], outer: int, owner: str
 ) -> tuple[dict[int, float], dict[int, float]]:
-    """Inner edges and widths of lanes, m, by rank: constant, and the same in every section.
+    """Inner edges and widths of lanes, m, by rank; they must be constant, and the same in every
+    section.
 
-    outer: rank of the outermost driving lane. It has an inner edge, but no width here: that may
-        change.
+    outer: rank of the outermost driving lane. The result has its inner edge, but not its width,
+        which may change.
     """
-    begins: dict[int, float] = {}  # inner edges
+    edges: dict[int, float] = {}  # from the reference line to the inner edge
     widths: dict[int, float] = {}
     for section in sections:
-        offset = 0.0
+        offset = 0.0  # of the next lane's inner edge
         for lane in section.lanes:
             rank = _rank(lane)
             if rank > outer:
                 break
             if rank == outer and lane.get("type") in DRIVEN:
-                begins[rank] = offset
+                edges[rank] = offset
                 continue
             name = f"lane {lane.get('id')}"
             values = [value for _, value in _widths(lane, section.begin, section.end, owner)]
@@ -368,27 +418,29 @@ def _inner_lanes(
             if max(values) - min(values) > _SAME:
                 got = f"{width:g}..{values[-1]:g} m"
                 raise must_be(f"The width of {name}", owner, "constant", got)
-            moved = abs(begins.setdefault(rank, offset) - offset)
+            # `setdefault` keeps the values of the first section, to compare with
+            moved = abs(edges.setdefault(rank, offset) - offset)
             if max(moved, abs(widths.setdefault(rank, width) - width)) > _SAME:
                 at = f"{width:g} m at s = {section.begin:g}"
                 raise must_be(capitalised(name), owner, "the same in every section", at)
             offset += width
-    return begins, widths
+    return edges, widths
 
 
 def _outermost(sections: Sequence[_Section], outer: int, owner: str) -> tuple[_Knots, _Ramps]:
-    """Widths of the outermost driving lane along the road, and begin, end and type of its sections.
+    """Widths and types of the outermost driving lane along the road; the width is 0 where the lane
+    does not exist.
 
-    The width is 0 where the lane does not exist.
+    outer: its rank.
     """
     knots: _Knots = []
     ramps: _Ramps = []
     for begin, end, lanes in sections:
-        driven = [it for it in lanes if _rank(it) == outer and it.get("type") in DRIVEN]
-        for lane in driven:
+        outermost = [it for it in lanes if _rank(it) == outer and it.get("type") in DRIVEN]
+        for lane in outermost:
             knots += _widths(lane, begin, end, owner)
             ramps.append((begin, end, str(lane.get("type"))))
-        if not driven:
+        if not outermost:
             knots += [(begin, 0.0), (end, 0.0)]
     return knots, ramps
 
@@ -402,9 +454,9 @@ def _rank(lane: Element) -> int:
 
 
 def _widths(lane: Element, begin: float, end: float, owner: str) -> _Knots:
-    """Widths of a lane at the places between which it changes linearly.
+    """Widths of a lane in a section.
 
-    begin, end: s of its section, m.
+    begin, end: s of the section, m.
     """
     knots: _Knots = []
     cubics = cubics_of(lane.findall("width"), "sOffset", partial(_number, owner))
@@ -413,6 +465,7 @@ def _widths(lane: Element, begin: float, end: float, owner: str) -> _Knots:
     ends = [*(begin + offset for offset, *_ in cubics[1:]), end]
     for (offset, a, b, *curved), last in zip(cubics, ends, strict=True):
         first = begin + offset
+        # without a and b the cubic must be 0 over the whole stretch
         if not constant([(0.0, 0.0, 0.0, *curved)], last - first):
             raise must_be(
                 f"The width of lane {lane.get('id')}", owner, "constant, or linear", "a polynomial"
@@ -429,12 +482,12 @@ def _span_of(
     """The span of the outermost lane; () if it exists throughout.
 
     knots, ramps: as from `_outermost`.
-    width: where it is whole, m. length: of the road, m.
+    width: its full width, m. length: of the road, m.
 
-    The lane must open once, keep its full width, and end once. It opens and ends along a straight
-    edge, or at once.
+    The lane must open at most once and end at most once, with its full width in between. It opens
+    and ends along a straight edge, or at once.
     """
-    whole = [s for s, value in knots if abs(value - width) <= _SAME]
+    whole = [s for s, value in knots if abs(value - width) <= _SAME]  # where it has its full width
     if len(whole) == len(knots):
         return ()
     if against:
@@ -443,7 +496,7 @@ def _span_of(
             "constant where a road is driven against its direction", [value for _, value in knots],
         )  # fmt: skip
 
-    # from s = `opens` to `begin` it opens, from `end` to `closes` it narrows
+    # from s = `opens` to `begin` the lane opens, from `end` to `closes` it narrows
     gone = [s for s, value in knots if abs(value) <= _SAME]
     begin = min(whole)
     end = max(whole)
@@ -454,12 +507,11 @@ def _span_of(
         wanted = width * (1.0 - missing(s, opens, begin, end, closes))
         # where it opens or ends without a taper, one of the two knots at that s is 0 m wide
         at_once = s in (begin, end) and abs(value) <= _SAME
-        # a slope in the file has six decimals, an error of 1e-4 m after 200 m
-        if abs(value - wanted) > 1e-4 and not at_once:
+        if abs(value - wanted) > _SLOPE_ERROR and not at_once:
             what = "one that opens once and ends once, each along a straight edge"
             raise must_be("The outermost lane", owner, what, f"{value:g} m wide at s = {s:g}")
 
-    # ends of its sections that are an on-ramp, begins of those that are an exit ramp
+    # ends of the sections in which it is an on-ramp, begins of those in which it is an exit ramp
     on = [ramp_end for _, ramp_end, kind in ramps if kind == "onRamp"]
     off = [ramp_begin for ramp_begin, _, kind in ramps if kind == "offRamp"]
     from_start = not before and begin <= _SAME
@@ -480,7 +532,8 @@ def _span_of(
 def beside(reference: Line, offset: float, owner: str) -> Line:
     """The line `offset` m to the left of another.
 
-    A piece ds of curvature k becomes one of length (1 - k offset) ds, curvature k / (1 - k offset).
+    A piece of length ds and curvature k becomes a piece of length (1 - k offset) ds and curvature
+    k / (1 - k offset).
     """
     pieces = []
     for piece in reference:
@@ -490,11 +543,13 @@ def beside(reference: Line, offset: float, owner: str) -> Line:
         count = 1 if piece.begin == piece.end else ceil(piece.length / _PART)
         rate = (piece.end - piece.begin) / count
         for part in range(count):
+            # of a part of the reference line: curvatures at both ends, length, mean curvature
             ends = piece.begin + rate * part, piece.begin + rate * (part + 1)
-            begin, end = (curvature / (1.0 - curvature * offset) for curvature in ends)
             length, mean = piece.length / count, 0.5 * (ends[0] + ends[1])
+            # of the parallel
+            begin, end = (curvature / (1.0 - curvature * offset) for curvature in ends)
             own_length = length * (1.0 - mean * offset)
-            # added to its curvatures, it turns the piece by the angle of the reference line
+            # to add to both curvatures, so that the parallel turns by exactly the same angle
             correction = mean * length / own_length - 0.5 * (begin + end)
             pieces.append(Piece(own_length, begin + correction, end + correction))
     return tuple(pieces)

@@ -14,18 +14,20 @@ from sumo_eval.frozen import frozen
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 from sumo_eval.trajectory import FloatArray
 
-NEAR = 1e-4  # m that the pieces may lie beside the cubic
-_FIRST = 10.0  # m: longest piece of the first try, which is then halved
-_MOST = 12  # times that they are halved
-# m that the cubic's length may differ from the file's; the pieces get the file's
-_BESIDE = 0.01
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
+NEAR = 1e-4  # m: largest distance of the pieces from the cubic
+_FIRST = 10.0  # m: longest piece of the first try; every further try halves the pieces
+_MOST = 12  # tries
+_DIFFERENCE = 0.01  # m by which the cubic's own length may differ from the length in the file
+_ZEROS = 200  # places at which the derivative is looked at for 0
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # of Gauss-Legendre quadrature on -1..1
 
 
 @frozen
 class Cubic:
-    """u = aU + bU p + cU p2 + dU p3 along, v likewise to the left, m, where p goes from 0 to
-    `last`.
+    """A curve (u, v), m, over a parameter p from 0 to `last`: u = aU + bU p + cU p^2 + dU p^3 in
+    the direction of its geometry, v to the left of that likewise.
+
+    along, left: (aU, bU, cU, dU) and (aV, bV, cV, dV).
     """
 
     along: tuple[float, ...]
@@ -33,12 +35,12 @@ class Cubic:
     last: float
 
     def at(self, p: FloatArray, order: int = 0) -> tuple[FloatArray, FloatArray]:
-        """u and v, or their derivatives of that order by p."""
+        """u and v at p (any shape); of an order above 0: their derivatives by p."""
         u, v = (np.polynomial.Polynomial(it).deriv(order) for it in (self.along, self.left))
         return u(p), v(p)
 
     def heading(self, p: FloatArray) -> FloatArray:
-        """Direction of the curve, rad, without jumps."""
+        """Direction of the curve at rising p, rad, without jumps by 2 pi."""
         u, v = self.at(p, 1)
         return np.unwrap(np.arctan2(v, u))
 
@@ -48,22 +50,25 @@ class Cubic:
         return (u1 * v2 - v1 * u2) / np.power(u1 * u1 + v1 * v1, 1.5)
 
     def lengths(self, ends: FloatArray) -> FloatArray:
-        """Length of the curve between neighbouring p, m: quadrature of |(u', v')|."""
+        """Lengths of the curve between neighbouring p, m: quadrature of |(u', v')|.
+
+        ends: p, (n + 1,), rising; the result is (n,).
+        """
         half = 0.5 * np.diff(ends)
         middle = 0.5 * (ends[:-1] + ends[1:])
-        u, v = self.at(middle[:, None] + half[:, None] * _NODES, 1)
+        u, v = self.at(middle[:, None] + half[:, None] * _NODES, 1)  # (n, nodes)
         return np.hypot(u, v) @ _WEIGHTS * half
 
 
 def pieces_along(cubic: Cubic, length: float, owner: str) -> list[Piece]:
-    """Pieces that lie within 0.1 mm of a cubic, each turning exactly as far as the part of it that
-    it stands for.
+    """Pieces along a cubic, within `NEAR` of it. Each turns exactly as far as its part of the
+    cubic.
 
-    length: what the file says, m: within 1 cm the cubic's own, to which the pieces are stretched,
-        so that places along the road keep their s.
-    Raises InputError where the cubic stands still, or is of another length.
+    length: in the file, m. The pieces are stretched to it from the cubic's own length, so that
+        places along the road keep their s.
+    Raises InputError where the cubic stands still, or has another length.
     """
-    u, v = cubic.at(np.linspace(0.0, cubic.last, 200), 1)
+    u, v = cubic.at(np.linspace(0.0, cubic.last, _ZEROS), 1)
     if not np.hypot(u, v).min() > 0.0:
         raise InputError(
             f"A <paramPoly3> of {owner} stands still: its derivative is 0 where it should continue."
@@ -73,28 +78,35 @@ def pieces_along(cubic: Cubic, length: float, owner: str) -> list[Piece]:
         ends = np.linspace(0.0, cubic.last, count + 1)
         lengths = cubic.lengths(ends)
         own = float(lengths.sum())
-        if not abs(own - length) <= _BESIDE:
+        if not abs(own - length) <= _DIFFERENCE:
             what = "The length of a <paramPoly3>"
             raise must_be(what, owner, f"its curve's, {own:.3f} m", f"{length:g} m")
-        heading = cubic.heading(ends)
         curvature = cubic.curvature(ends)
         # curvature to add to a piece, so that it turns as far as its part of the cubic
-        missing = np.diff(heading) / lengths - 0.5 * (curvature[:-1] + curvature[1:])
+        missing = np.diff(cubic.heading(ends)) / lengths - 0.5 * (curvature[:-1] + curvature[1:])
         stretch = length / own
         begins, behind = curvature[:-1] + missing, curvature[1:] + missing
-        pieces = np.array([lengths * stretch, begins / stretch, behind / stretch])
-        drawn = list(itertools.starmap(Piece, pieces.T.tolist()))
-        # how far the pieces are off the cubic, at their ends and between them
-        looks = np.linspace(0.0, cubic.last, 4 * count + 1)
-        s = np.append(0.0, np.cumsum(cubic.lengths(looks))) * stretch
-        x, y, _ = map_places(tuple(drawn), s, 0.0)
-        u, v = (along - along[0] for along in cubic.at(looks))
-        cos = math.cos(heading[0])
-        sin = math.sin(heading[0])
-        off = np.hypot(x - (u * cos + v * sin), y - (v * cos - u * sin)).max()
-        if off <= NEAR + abs(own - length):
-            return drawn
+        columns = np.array([lengths * stretch, begins / stretch, behind / stretch])
+        pieces = list(itertools.starmap(Piece, columns.T.tolist()))
+        if _distance(cubic, pieces, stretch) <= NEAR + abs(own - length):
+            return pieces
         count *= 2
     raise InputError(
         f"A <paramPoly3> of {owner} curves too sharply for pieces of {length / count:.3f} m."
     )
+
+
+def _distance(cubic: Cubic, pieces: list[Piece], stretch: float) -> float:
+    """Largest distance of a cubic from pieces along it, m, at five places of each piece.
+
+    stretch: length of the pieces over that of the cubic.
+    """
+    places = np.linspace(0.0, cubic.last, 4 * len(pieces) + 1)
+    s = np.append(0.0, np.cumsum(cubic.lengths(places))) * stretch
+    x, y, _ = map_places(tuple(pieces), s, 0.0)
+    # the pieces begin at the origin along x: move and turn the cubic to that
+    u, v = (axis - axis[0] for axis in cubic.at(places))
+    heading = cubic.heading(places)[0]
+    cos = math.cos(heading)
+    sin = math.sin(heading)
+    return float(np.hypot(x - (u * cos + v * sin), y - (v * cos - u * sin)).max())

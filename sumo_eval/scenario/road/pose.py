@@ -1,4 +1,4 @@
-"""Places on the map, and places seen from other places, for readers of roads.
+"""Poses on the map: places with a heading, moved, followed along a line, and seen from each other.
 
 Users: `cosim/`, `scenario/`, `extras/openscenario/`.
 """
@@ -24,7 +24,7 @@ class Pose(NamedTuple):
     heading: float
 
     def moved(self, ahead: float, left: float = 0.0, turned: float = 0.0) -> Pose:
-        """The place `ahead` m ahead, `left` m to the left, and turned by `turned`, rad."""
+        """The pose `ahead` m ahead of this one and `left` m to the left, turned by `turned` rad."""
         c = math.cos(self.heading)
         s = math.sin(self.heading)
         return Pose(
@@ -32,27 +32,27 @@ class Pose(NamedTuple):
         )
 
     def along(self, line: Sequence[Piece], s: float, t: float = 0.0) -> Pose:
-        """The place s m along a line that begins here, and t m to the left of it."""
+        """The pose s m along a line that begins here, and t m to the left of the line."""
         if not bends(line):
             return self.moved(s, t)
-        # x, y, heading on the map of a line that begins at the origin: ahead, left, turned here
+        # seen from the line's beginning, x, y and heading on the line's map are ahead, left, turned
         return self.moved(*(float(it) for it in map_places(tuple(line), s, t)))
 
     def backward(self, line: Line) -> tuple[Pose, Line]:
-        """Pose at the end of a line that begins here, turned round, and the line driven from there.
+        """A line that begins here, driven from its end: the pose there, turned round, and the line.
 
-        Driven backwards, a curve to the left is one to the right.
+        Driven backwards, a curve to the left is a curve to the right.
         """
         pieces = tuple(Piece(it.length, -it.end, -it.begin) for it in reversed(line))
         return self.along(line, length_of(line)).moved(0.0, 0.0, math.pi), pieces
 
     def off(self, other: Pose) -> tuple[float, float]:
-        """Distance to another place, m, and angle between both headings, rad."""
+        """Distance to another pose, m, and angle between both headings, at least 0, rad."""
         turned = math.remainder(self.heading - other.heading, math.tau)
         return math.dist(self[:2], other[:2]), abs(turned)
 
     def seen_from(self, origin: Pose) -> Pose:
-        """The place in the axes of another, `origin`: x ahead of that, y to its left."""
+        """The pose in the axes of another, `origin`: x ahead of the origin, y to its left."""
         dx, dy = self.x - origin.x, self.y - origin.y
         c = math.cos(origin.heading)
         s = math.sin(origin.heading)
@@ -61,8 +61,8 @@ class Pose(NamedTuple):
 
 
 def onto_the_line(points: ArrayLike, begins: Pose) -> FloatArray:
-    """Places (n, 2) of the map in the frame of a line's beginning: it is the origin, its heading
-    the x axis.
+    """Places (n, 2) of the map in axes whose origin is a line's beginning and whose x axis is the
+    heading there.
     """
     x, y, heading = begins
     east, north = np.asarray(points, float).T - [[x], [y]]

@@ -1,11 +1,13 @@
 """The reference line of a road: pieces along which curvature changes linearly, and their frame.
 
-The line is the centre line of the right-hand lane. A place is (s, d) in its frame: s m along the
+The line is the centre line of the right-hand lane. A place in its frame is (s, d): s m along the
 line, d m to the left of it. A heading in the frame is the heading on the map minus the line's. On
 the map the line begins at the origin and heads along x. Before its beginning and behind its end it
 is straight.
 
 A line without pieces is straight: frame and map are the same numbers.
+
+The order of operations decides the last bit of recorded positions, which tests compare.
 
 Users: `ads/`, `cosim/`, `drivers/`, `method/`, `record/`, `report/`, `scenario/`, `extras/`.
 """
@@ -30,12 +32,12 @@ _STRETCH_LENGTH = 200.0  # m
 _STRAIGHT_BEFORE = 1e9  # m: length of the straight before the line, as a stretch of its own
 # Limits of a piece: beyond them a line would take minutes and all memory.
 _PIECE_LENGTH = 1e5  # m
-_PIECE_TURN = 2000.0 * math.pi  # rad
+_PIECE_TURN = 2000.0 * math.pi  # rad, 1000 times round
 
 # Newton's method for the foot of a perpendicular
-_LAST_STEP = 1e-7  # m: it ends with a step shorter than this; its error is about the step's square
+_LAST_STEP = 1e-7  # m: it ends with a step shorter than this, with an error of about its square
 _MOST_STEPS = 20
-# least value of 1 - curvature d, by which a step is divided: at a curve's centre it is 0
+# least value of 1 - curvature d, by which a step is divided: at a curve's centre it would be 0
 _LEAST_DIVISOR = 0.05
 
 _NODES = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
@@ -51,10 +53,10 @@ below 1e-15."""
 
 
 class _Knot(NamedTuple):
-    """Begin of a stretch.
+    """Beginning of a stretch, a part of the line along which the curvature has one rate.
 
     s: along the line, m. x, y, heading: on the map, m and rad.
-    curvature: 1/m, there; rate: its change along the stretch, 1/m2.
+    curvature: at the knot, 1/m. rate: of the curvature along the stretch, 1/m2.
     """
 
     s: float
@@ -71,10 +73,10 @@ KNOT = np.dtype(fields(*_Knot._fields))
 
 @frozen
 class Piece:
-    """A piece of a reference line, `length` m: its curvature goes linearly from `begin` to `end`,
-    1/m, left positive.
+    """A piece of a reference line, `length` m long. Its curvature, 1/m, positive to the left, goes
+    linearly from `begin` to `end`.
 
-    A straight line has 0 and 0, an arc twice 1/radius, a spiral (clothoid) two different ones.
+    Both are 0 for a straight line, 1/radius for an arc, and different for a spiral (clothoid).
     """
 
     length: float
@@ -93,7 +95,10 @@ class Piece:
 
 
 def piece_of_file(owner: str, length: float, *ends: float) -> Piece:
-    """A piece that a file describes; an error begins with `owner`, the place in the file."""
+    """A piece that a file describes; `ends` are `begin` and `end`, default 0.
+
+    owner: the place in the file, with which an error begins.
+    """
     try:
         return Piece(length, *ends)
     except InputError as error:
@@ -131,18 +136,16 @@ def bends(pieces: Sequence[Piece]) -> bool:
 def knots_of(pieces: Line) -> Records:
     """The line as `KNOT` records: the straight before it, its stretches, the straight behind it.
 
-    None for a line without pieces.
+    A line without pieces has no knots.
     """
     knots = [_Knot(-_STRAIGHT_BEFORE, -_STRAIGHT_BEFORE, 0.0, 0.0, 0.0, 0.0)]
     s = x = y = heading = 0.0
     for piece in pieces:
         rate = (piece.end - piece.begin) / piece.length
-        most_turn = max(abs(piece.begin), abs(piece.end)) * piece.length
-        count = (
-            1
-            if rate == 0.0
-            else math.ceil(max(most_turn / _STRETCH_TURN, piece.length / _STRETCH_LENGTH))
-        )
+        count = 1  # of stretches; an arc or a straight line needs one
+        if rate != 0.0:
+            most_turn = max(abs(piece.begin), abs(piece.end)) * piece.length
+            count = math.ceil(max(most_turn / _STRETCH_TURN, piece.length / _STRETCH_LENGTH))
         for part in range(count):
             curvature = piece.begin + rate * (piece.length * part / count)
             knots.append(_Knot(s, x, y, heading, curvature, rate))
@@ -169,31 +172,36 @@ class Position(NamedTuple):
 
 @kernel
 def stretch_at(knot: Any, u: float) -> Position:
-    """The line u m after a knot, on the stretch that begins there."""
+    """The line on the map, u m after a knot, on the stretch that begins there."""
     if knot.rate != 0.0:
-        # quadrature of the direction over 0..u
-        half = 0.5 * u
-        east = north = 0.0
-        for k in range(len(_NODES)):
-            v = half + half * _NODES[k]
-            turned = knot.heading + v * (knot.curvature + 0.5 * knot.rate * v)
-            east += _WEIGHTS[k] * math.cos(turned)
-            north += _WEIGHTS[k] * math.sin(turned)
-        heading = knot.heading + u * (knot.curvature + 0.5 * knot.rate * u)
-        curvature = knot.curvature + knot.rate * u
-        return Position(knot.x + half * east, knot.y + half * north, heading, curvature)
-    # an arc: its chord has the heading of the arc's middle, half the arc's turn from its begin
+        return _spiral_at(knot, u)
+    # an arc: its chord has the heading of the arc's middle, half the arc's turn from its beginning
     half_turn = 0.5 * knot.curvature * u
-    chord = u if abs(half_turn) < 1e-9 else u * math.sin(half_turn) / half_turn
+    chord = u if abs(half_turn) < 1e-9 else u * math.sin(half_turn) / half_turn  # not 0 / 0
     x = knot.x + chord * math.cos(knot.heading + half_turn)
     y = knot.y + chord * math.sin(knot.heading + half_turn)
     return Position(x, y, knot.heading + 2.0 * half_turn, knot.curvature)
 
 
 @kernel
+def _spiral_at(knot: Any, u: float) -> Position:
+    """`stretch_at` of a spiral: quadrature of the direction over 0..u."""
+    half = 0.5 * u
+    east = north = 0.0
+    for k in range(len(_NODES)):
+        v = half + half * _NODES[k]
+        turned = knot.heading + v * (knot.curvature + 0.5 * knot.rate * v)
+        east += _WEIGHTS[k] * math.cos(turned)
+        north += _WEIGHTS[k] * math.sin(turned)
+    heading = knot.heading + u * (knot.curvature + 0.5 * knot.rate * u)
+    curvature = knot.curvature + knot.rate * u
+    return Position(knot.x + half * east, knot.y + half * north, heading, curvature)
+
+
+@kernel
 def line_at(line: Any, s: float) -> Position:
-    """A line (knots) at s."""
-    low = 0
+    """A line (knots) on the map at s, m."""
+    low = 0  # the knot at or before s is searched between these two, by halving
     high = len(line)
     while high - low > 1:
         middle = (low + high) // 2
@@ -208,7 +216,7 @@ def line_at(line: Any, s: float) -> Position:
 
 @kernel
 def to_map(line: Any, s: float, d: float, heading: float) -> Position:
-    """On the map, a place in the frame of a line (knots)."""
+    """The position on the map of a place in the frame of a line (knots)."""
     if not len(line):
         return Position(s, d, heading, 0.0)
     at = line_at(line, s)
@@ -218,13 +226,13 @@ def to_map(line: Any, s: float, d: float, heading: float) -> Position:
 
 @kernel
 def to_frame(line: Any, x: float, y: float, heading: float, near: float) -> Position:
-    """In the frame of a line (knots), s, d and heading of a place on the map.
+    """The position in the frame of a line (knots), s, d and heading, of a place on the map.
 
     near: an s, m, from which Newton's method begins to look for the foot of the perpendicular from
         the place to the line.
 
     Seen from the line's point at s, the place is `ahead` m along the line and d m to the left. At
-    the foot `ahead` is 0. Its derivative by s is -(1 - curvature d).
+    the foot `ahead` is 0. The derivative of `ahead` by s is -(1 - curvature d).
     """
     if not len(line):
         return Position(x, y, heading, 0.0)
@@ -249,12 +257,14 @@ def to_frame(line: Any, x: float, y: float, heading: float, near: float) -> Posi
 
 @rows
 def _to_map_rows(line: Records, places: FloatArray, mapped: FloatArray) -> None:
+    """`to_map` of places (n, 3), columns s, d, heading, to `mapped`, (n, 4)."""
     for i in range(len(places)):
         mapped[i] = to_map(line, places[i, 0], places[i, 1], places[i, 2])
 
 
 @rows
 def _to_frame_rows(line: Records, places: FloatArray, framed: FloatArray) -> None:
+    """`to_frame` of places (n, 4), columns x, y, heading, near, to `framed`, (n, 4)."""
     for i in range(len(places)):
         framed[i] = to_frame(line, places[i, 0], places[i, 1], places[i, 2], places[i, 3])
 
@@ -266,8 +276,8 @@ def map_places(
 
     s, d, heading: m, m and rad, arrays that broadcast to one shape.
     """
-    mapped = _columns(pieces, (s, d, heading), _to_map_rows)
-    return mapped[0], mapped[1], mapped[2]
+    x, y, mapped_heading = _columns(pieces, (s, d, heading), _to_map_rows)[:3]
+    return x, y, mapped_heading
 
 
 def frame_places(
@@ -280,21 +290,22 @@ def frame_places(
     """(s, d, heading) in the frame of a line of places on the map, m and rad.
 
     x, y, heading: m, m and rad, arrays that broadcast to one shape.
-    near: an s, m, that broadcasts with them: of several feet of the perpendicular, take the one
-        near it. None: take the one nearest to the place, of points of the line every 5 m.
+    near: s, m, near which the foot of the perpendicular is searched, as a place may have several;
+        it broadcasts with x. None: near the nearest of points of the line every 5 m.
     """
     if near is None:
         grid = np.arange(0.0, length_of(pieces) + 5.0, 5.0)
         grid_x, grid_y, _ = map_places(pieces, grid, 0.0)
+        # squared distance of every place from every point, (..., points)
         squares = np.subtract.outer(x, grid_x) ** 2 + np.subtract.outer(y, grid_y) ** 2
         near = grid[np.argmin(squares, axis=-1)]
-    framed = _columns(pieces, (x, y, heading, near), _to_frame_rows)
-    return framed[0], framed[1], framed[2]
+    s, d, framed_heading = _columns(pieces, (x, y, heading, near), _to_frame_rows)[:3]
+    return s, d, framed_heading
 
 
 def curvatures(pieces: Line, s: ArrayLike) -> FloatArray:
     """Curvature of a line at s (any shape), 1/m, left positive."""
-    return _columns(pieces, (s, 0.0, 0.0), _to_map_rows)[3]
+    return _columns(pieces, (s, 0.0, 0.0), _to_map_rows)[3]  # after x, y, heading
 
 
 def _columns(
@@ -302,31 +313,30 @@ def _columns(
     places: Sequence[ArrayLike],
     rule: Callable[[Records, FloatArray, FloatArray], None],
 ) -> list[FloatArray]:
-    """The four numbers of each place's `Position`, by a rule.
+    """The four fields of each place's `Position`, arrays of the places' common shape, by a rule.
 
-    places: the columns of the rule's `places`. On a straight line the first three are the result,
-        with curvature 0.
+    places: the columns of the rule's `places`, arrays that broadcast. On a straight line the first
+        three are the result, with curvature 0.
     """
     arrays = np.broadcast_arrays(*(np.asarray(it, float) for it in places))
-    shape = arrays[0].shape
-    stacked = np.stack([it.ravel() for it in arrays], axis=1)
-    result = np.zeros((len(stacked), 4))
+    rows_of_places = np.stack([it.ravel() for it in arrays], axis=1)
+    positions = np.zeros((len(rows_of_places), 4))
     if pieces:
-        rule(knots_of(pieces), stacked, result)
+        rule(knots_of(pieces), rows_of_places, positions)
     else:
-        result[:, :3] = stacked[:, :3]
-    return [column.reshape(shape) for column in result.T]
+        positions[:, :3] = rows_of_places[:, :3]
+    return [column.reshape(arrays[0].shape) for column in positions.T]
 
 
 def drawn_points(pieces: Line, begin: float, end: float, longest: float = 1.0) -> FloatArray:
     """s of the corners of a polyline along a line, m, in order.
 
-    begin, end: s of its ends, m.
+    begin, end: s of the polyline's ends, m.
     longest: m between two corners, at most, where the line is curved. Corners also lie where two
         pieces meet.
     """
     corners = [begin, end]
-    s = 0.0
+    s = 0.0  # where the next piece begins
     for piece in pieces:
         low, high = max(s, begin), min(s + piece.length, end)
         s += piece.length
@@ -348,6 +358,8 @@ def crosses_itself(pieces: Line, length: float, width: float) -> bool:
     near = width + 10.0
     s = np.arange(0.0, length, 10.0)
     x, y, _ = map_places(pieces, s, 0.0)
-    apart = np.abs(np.subtract.outer(x + 1j * y, x + 1j * y))
+    points = x + 1j * y  # the absolute value of a difference is a distance
+    apart = np.abs(np.subtract.outer(points, points))
     # points that are near along the road are near on any curve, and do not count
-    return bool((apart < near)[np.subtract.outer(s, s) > 4.0 * near].any())
+    are_parts = np.subtract.outer(s, s) > 4.0 * near
+    return bool((apart < near)[are_parts].any())

@@ -1,4 +1,5 @@
-"""A road's line as it stands in a scenario file: `[[road.line]]`, one table a piece.
+"""A road's line as it stands in a scenario file, `[[road.line]]`, one table a piece; and the check
+that the ego can drive a line.
 
 Users: `extras/openscenario/logical.py`, `extras/openscenario/written.py`, `record/facts.py`,
 `scenario/file_tables.py`, `scenario/sumo_network.py`.
@@ -53,9 +54,11 @@ def line_of(
     length: float,
     where: str,
 ) -> Line:
-    """The line of a road, () where all of it is straight.
+    """The line of a road; () where all of it is straight.
 
-    Raises InputError for one that cannot be driven.
+    options: the value of every option. lanes: number of lanes. lane_width, length: m.
+    where: how errors call the file.
+    Raises InputError for a line that cannot be driven.
     """
     pieces = []
     for index, table in enumerate(tables, 1):
@@ -71,15 +74,15 @@ def line_of(
         curvatures = (_curvature(radius, options, owner) for radius in ends)
         pieces.append(piece_of_file(capitalised(owner), table.length, *curvatures))
         check_line(pieces[-1:], lanes, lane_width, owner)
-    drawn = length_of(pieces)
-    if drawn > length + 1e-9:
+    total = length_of(pieces)
+    if total > length + 1e-9:  # m: rounding of the sum is no fault
         must = f"at most as long as the road ({length:g} m)"
-        raise must_be("The pieces", f"the road of {where}", must, drawn)
+        raise must_be("The pieces", f"the road of {where}", must, total)
     return tuple(pieces) if bends(pieces) else ()
 
 
 def _curvature(radius: str | float | None, options: Mapping[str, float], owner: str) -> float:
-    """Curvature of a radius that stands in a file, 1/m; None: straight."""
+    """Curvature, 1/m, of a radius as in the file; None: straight."""
     if radius is None:
         return 0.0
     formula = checked_names(number(radius, f"the radius of {owner}"), options, owner)
@@ -98,18 +101,20 @@ def check_line(
 ) -> None:
     """Raise InputError unless the ego can turn as tightly as every lane does.
 
+    lanes: number of lanes, to the left of the line's lane, which is one of them.
     vehicle: settings of the ego; None (outside an evaluation): the defaults.
     """
     vehicle = vehicle or VehicleSettings()
+    # largest angle of the front wheels, rad, and the ego's smallest radius, m
     wheel = math.radians(vehicle.max_steering_wheel_angle_deg) / vehicle.steering_ratio
-    least = vehicle.wheelbase / math.tan(wheel) if wheel < 0.5 * math.pi else 0.0
-    # a line is curved most at an end of a piece
+    smallest = vehicle.wheelbase / math.tan(wheel) if wheel < 0.5 * math.pi else 0.0
+    # a piece is curved most at one of its ends
     for curvature in (end for piece in pieces for end in (piece.begin, piece.end) if end):
         radius = abs(1.0 / curvature)
         # lanes lie left of the line, so in a left curve the leftmost is the innermost
         inner = radius - lane_width * (lanes - 1) if curvature > 0.0 else radius
         for needed, why in (
-            (least, "so that the ego can drive its innermost lane"),
+            (smallest, "so that the ego can drive its innermost lane"),
             (0.5 * lane_width + _LEAST_EDGE, f"the inner edge {_LEAST_EDGE:g} m from the centre"),
         ):
             if inner < needed:
@@ -118,12 +123,13 @@ def check_line(
 
 
 def bend_name(line: Sequence[Piece], *, named: bool) -> str:
-    """The part of a road's name for its curves, "" for a straight one.
+    """The part of a road's name for its curves, as `_left_250m`; "" for a straight road.
 
-    named: the road has a name of its own.
+    named: whether the user has named the road, or its network: then no hash of the line is added.
     """
     if not line:
         return ""
+    # curvature, 1/m, positive to the left
     sharpest = max((value for piece in line for value in (piece.begin, piece.end)), key=abs)
     words = f"_{'left' if sharpest > 0.0 else 'right'}_{tightest(line):g}m"
     return words if named else f"{words}_{sha256(repr(tuple(line)))[:6]}"

@@ -1,24 +1,26 @@
 """Points in rounds: each round samples more from cells of the space where earlier results differed
-most.
+most. The method `adaptive` of `sampling`.
 
-The candidates, an even sample of the possible points, are halved repeatedly across the widest
-side, down to cells that hold equally many of them. A cell's candidates stand in an order drawn
-once, and the next n points of that cell are the next n in this order. So a table of the points that
-each round takes from each cell determines all points.
+Cells: the candidates, an even sample of the possible points, are halved repeatedly across the
+widest side of the space, down to cells that hold equally many candidates. Within a cell the
+candidates have an order that is drawn once, and every round takes the next ones of this order. So
+the numbers of points that each round takes from each cell determine all points.
 
-A point of round k in cell h stands for m_k V_h / n_kh points of an even sample: the round has m_k
-points, n_kh of them in the cell, whose share of the space is V_h. Every round draws from every
-cell, their numbers are fixed before any of them is evaluated, and the weight of a round, m_k, does
-not depend on results. So the weighted mean of anything over one round has the space's mean as its
-expectation, whatever the earlier rounds found, and so has that of all rounds. (Weights V_h / n_h of
-a cell's points from all rounds would not: a cell that shows a collision early gets more points,
-so that collision weighs less, and a cell that shows none by luck keeps showing none.)
+Weights: a point of round k in cell h stands for m_k V_h / n_kh points of an even sample. The round
+has m_k points, n_kh of them in the cell; V_h is the cell's share of the space. Every round draws
+from every cell. The numbers n_kh are fixed before any point of the round is evaluated, and m_k does
+not depend on results. So the weighted mean of anything over one round has the mean over the space
+as its expectation, whatever the results of earlier rounds, and so has the mean over all rounds.
+
+Why not V_h / n_h, with all points of a cell together: a cell that shows a collision early gets more
+points, so that the collision weighs less, and a cell that by chance shows none gets no more points
+to correct that.
 
 Users: `record/facts.py`, `scenario/sampling/samples.py`, `scoring/confidence/next_round.py`.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -42,10 +44,12 @@ _SPARE = 2  # possible candidates for each point of the budget, at least
 
 
 def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
-    """The points of all rounds in `request.rounds`; without any, those of the first round, evenly
-    over the cells.
+    """The points of all rounds so far; without `request.rounds` those of a first round, evenly over
+    the cells.
 
-    `request.count`: points of all rounds together, at most. `request.round`: of one.
+    request.count: number of points of all rounds together, at most.
+    request.round: number of points of one round.
+    request.rounds: number of points of each round in each cell, (rounds, H).
     """
     owner = owner_of(logical)
     budget = request.wanted(logical)
@@ -58,47 +62,62 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
             f"{len(possible)} of its candidates are possible. Larger rounds have more candidates."
         )
     capacity = capacity_of_cells(logical, size, request.seed)
-    # Points of each round in each cell. The first round needs no limit of room: `_SPARE` candidates
-    # for each point leave enough.
-    counts = request.rounds or (
+    # The first round is spread without a limit of room (inf): `_SPARE` candidates for each point
+    # leave enough.
+    rounds = request.rounds or (
         spread(size_of_next(budget, size, 0), np.ones(len(cells)), np.full(len(cells), np.inf)),
     )
-    for row in counts:
-        if len(row) != len(cells) or min(row) < LEAST_IN_CELL:
-            must = f"rows of {len(cells)} numbers, at least {LEAST_IN_CELL} each"
-            raise must_be("`rounds`", owner, must, list(row))
-    taken = np.array(counts)
-    if taken.sum() > budget:
-        must = f"at least the {taken.sum()} points that its rounds have"
-        raise must_be("`count`", owner, must, budget)
-    ends = taken.cumsum(axis=0)
-    if (full := ends[-1] > capacity).any():
-        must = f"at most {capacity[full][0]:g} points of a cell together"
-        raise must_be("`rounds`", owner, must, int(ends[-1][full][0]))
-    # round by round, the next candidates of each cell
+    counts = _checked_counts(rounds, capacity, budget, owner)
+    # number of points of each cell up to each round; so the points of a round are `count` ones
+    # before `end`
+    ends = counts.cumsum(axis=0)
     chosen = [
         cells[cell][end - count : end]
-        for row, cell_ends in zip(taken, ends, strict=True)
+        for row, cell_ends in zip(counts, ends, strict=True)
         for cell, (count, end) in enumerate(zip(row, cell_ends, strict=True))
     ]
     points = possible[np.concatenate(chosen)]
     # m_k V_h / n_kh, (rounds, H), then for each point
-    weight = taken.sum(axis=1, keepdims=True) * capacity / float(len(possible)) / taken
-    weights = np.repeat(weight, taken.ravel())
+    weight = counts.sum(axis=1, keepdims=True) * capacity / float(len(possible)) / counts
+    weights = np.repeat(weight, counts.ravel())
     exposure = logical.exposures(points) * weights
     return Drawn(
         points,
         exposure,
         stands_for=weights,
         # one for each cell of each round
-        stratum=np.repeat(np.arange(taken.size, dtype=np.intp), taken.ravel()),
+        stratum=np.repeat(np.arange(counts.size, dtype=np.intp), counts.ravel()),
     )
 
 
-def size_of_round(budget: int, size: int | None, owner: str) -> int:
-    """Number of points of a round: as asked for, or a fifth of all.
+def _checked_counts(
+    rounds: Sequence[Sequence[int]], capacity: FloatArray, budget: int, owner: str
+) -> IntArray:
+    """Number of points of each round in each cell, (rounds, H).
 
-    Refuses a budget or a size that makes no rounds.
+    capacity: number of candidates in each cell, (H,).
+    budget: number of points of all rounds together, at most.
+    """
+    for row in rounds:
+        if len(row) != len(capacity) or min(row) < LEAST_IN_CELL:
+            must = f"rows of {len(capacity)} numbers, at least {LEAST_IN_CELL} each"
+            raise must_be("`rounds`", owner, must, list(row))
+    counts = np.array(rounds)
+    if counts.sum() > budget:
+        must = f"at least the {counts.sum()} points that its rounds have"
+        raise must_be("`count`", owner, must, budget)
+    of_cells = counts.sum(axis=0)
+    if (full := of_cells > capacity).any():
+        must = f"at most {capacity[full][0]:g} points of a cell together"
+        raise must_be("`rounds`", owner, must, int(of_cells[full][0]))
+    return counts
+
+
+def size_of_round(budget: int, size: int | None, owner: str) -> int:
+    """Number of points of a round: `size`, or without one (None) a fifth of the budget, but at
+    least `SMALLEST_ROUND`.
+
+    Raises InputError for a budget or a size that makes no rounds.
     """
     if budget < SMALLEST_ROUND:
         raise must_be("`count`", owner, f"at least {SMALLEST_ROUND} points", budget)
@@ -115,38 +134,42 @@ def cells_of_round(size: int) -> int:
     """Number of cells of the space for rounds of this size: the largest power of 2 with which
     `LEAST_IN_CELL` points in every cell take at most half of a round.
     """
-    # the power of 2 at or below size // (2 * LEAST_IN_CELL)
-    return min(1 << (max(size // (2 * LEAST_IN_CELL), 1).bit_length() - 1), MOST_CELLS)
+    most = max(size // (2 * LEAST_IN_CELL), 1)
+    # 1 << (bit length - 1): the largest power of 2 at or below a number
+    return min(1 << (most.bit_length() - 1), MOST_CELLS)
 
 
 def size_of_next(budget: int, size: int, done: int) -> int:
-    """Number of points of the next round after `done` points; the last round takes a rest that is
-    too small for another.
+    """Number of points of the next round after `done` points; 0: there is no further round.
+
+    A rest of less than two rounds is one round, as long as it is enough for every cell.
     """
-    left = budget - done
-    if left >= 2 * size:
+    rest = budget - done
+    if rest >= 2 * size:
         return size
-    return left if left >= LEAST_IN_CELL * cells_of_round(size) else 0
+    return rest if rest >= LEAST_IN_CELL * cells_of_round(size) else 0
 
 
 def spread(points: int, attention: FloatArray, room: FloatArray) -> tuple[int, ...]:
-    """Points of each cell, (H,), `points` in all: in proportion to `attention`, but at least
-    `LEAST_IN_CELL`.
+    """Number of points of each of H cells, `points` in all: in proportion to `attention`, but at
+    least `LEAST_IN_CELL`.
 
-    attention: V_h s_h, a cell's share of the space times the deviation within it, (H,). With n
-        points the cell's part of the variance is (V_h s_h)^2 / n, and one more point reduces it by
-        (V_h s_h)^2 / (n (n + 1)). Each point goes where it reduces most (Wright 2012: Neyman's
-        allocation in whole numbers).
+    attention: V_h s_h, a cell's share of the space times the deviation within it, (H,).
     room: number of points that a cell can give, (H,).
+
+    With n points a cell's part of the variance is (V_h s_h)^2 / n, and one more point reduces it by
+    (V_h s_h)^2 / (n (n + 1)). Each point goes where it reduces most (Wright 2012: Neyman's
+    allocation in whole numbers).
     """
     largest = attention.max()
     # rounded, so that the last bit does not decide between cells
     wanted = np.round(attention / largest, 9) if largest > 0.0 else np.ones_like(attention)
     counts = np.full(len(attention), LEAST_IN_CELL)
     for _ in range(points - len(counts) * LEAST_IN_CELL):
-        # root of the reduction that one more point gives; below 0 where there is no room for it
+        # root of the reduction that one more point gives; -1 where there is no room for it
         gains = np.where(counts < room, wanted / np.sqrt(counts * (counts + 1)), -1.0)
-        # of equal ones the cell with the fewest points, then the first
+        # the largest gain (the last key sorts first); of equal ones the fewest points, then the
+        # first cell
         cell = np.lexsort((counts, -gains))[0]
         if gains[cell] < 0.0:
             break
@@ -159,12 +182,12 @@ def capacity_of_cells(logical: LogicalScenario, size: int, seed: int) -> FloatAr
     return np.array([len(cell) for cell in _cells(logical, size, seed)[1]], float)
 
 
-@lru_cache(maxsize=2)  # asked for by every stage of a round
+@lru_cache(maxsize=2)  # every stage of a round calls this
 def _cells(
     logical: LogicalScenario, size: int, seed: int
 ) -> tuple[FloatArray, tuple[IntArray, ...]]:
-    """The possible candidates (n, k), and which of them each cell holds, in the order in which they
-    are taken.
+    """The possible candidates (n, k), and for each cell the numbers of its candidates, in the order
+    in which they are taken.
     """
     wanted = 2 ** math.ceil(math.log2(_CANDIDATES * size))
     count = min(max(wanted, _LEAST_CANDIDATES), _MOST_CANDIDATES)
@@ -176,11 +199,14 @@ def _cells(
 
 
 def _halved(rows: IntArray, unit: FloatArray, parts: int) -> Iterator[IntArray]:
-    """The rows in `parts` equal parts, by halving across the widest side of the unit box."""
+    """The rows in `parts` equal parts, by halving across the side along which they reach furthest.
+
+    rows: numbers of points, (n,). unit: all points in the unit box. parts: a power of 2.
+    """
     if parts == 1 or len(rows) < 2:
         yield rows
         return
-    # rounded: of sides that are nearly as wide, the first is taken
+    # rounded, so that of nearly equal sides the first is taken on every machine
     axis = int(np.argmax(np.round(np.ptp(unit[rows], axis=0), 3)))
     order = rows[np.argsort(unit[rows, axis], kind="stable")]
     yield from _halved(order[: len(rows) // 2], unit, parts // 2)

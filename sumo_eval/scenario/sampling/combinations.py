@@ -1,5 +1,8 @@
-"""Combination testing: few points of a grid that still hold every possible combination of values
+"""Combination testing: few points of a grid that together hold every possible combination of values
 of any `strength` parameters. The methods `pairwise` and `combinations` of `sampling`.
+
+Three kinds of numbers: a level is the number of a value on its axis; a point has a number in the
+grid; a combination (of levels on some axes) has a number among all combinations.
 
 Users: `scenario/sampling/samples.py`.
 """
@@ -18,7 +21,7 @@ from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
 from sumo_eval.trajectory import IntArray
 
 Levels = IntArray
-"""Points of a grid (n, k), as the number of the value on each axis."""
+"""Points of a grid as levels, (n, k)."""
 Numbers = IntArray
 """Numbers (n,) of points in a grid, the first axis slowest."""
 
@@ -27,8 +30,9 @@ def combinations(logical: LogicalScenario, request: Request) -> Drawn:
     """Few points with every possible combination of values of any `strength` parameters, by
     default 2, as in the method `pairwise`.
 
-    These are a covering array, and further points with the combinations that constraints take out
-    of it though a possible point has them. `sample` removes the excluded points.
+    These are the points of a covering array, and further points for the combinations that only its
+    impossible points have, where a possible point of the grid has them. `sample` later removes the
+    impossible points.
     """
     most = len(logical.parameters)
     strength = min(2, most) if request.strength is None else request.strength
@@ -39,35 +43,43 @@ def combinations(logical: LogicalScenario, request: Request) -> Drawn:
     axes, notes = grid_axes(logical, request)
     sizes = [len(axis) for axis in axes]
     grid = mesh(axes)
-    levels = np.indices(sizes).reshape(len(sizes), -1).T
     feasible = logical.feasible(grid)
+    chosen = _covering_array(sizes, strength, request.seed)
+    levels = np.indices(sizes).reshape(len(sizes), -1).T  # of all points of the grid
+    codes = tuples_of(levels, sizes, strength)
+    added = _complete(chosen[feasible[chosen]], np.flatnonzero(feasible), codes)
+    total = sum(map(math.prod, itertools.combinations(sizes, strength)))
+    possible = np.count_nonzero(np.bincount(codes[:, feasible].ravel()))
+    if possible < total:
+        what = "pairs" if strength == 2 else f"combinations of {strength}"
+        notes += (
+            f"{total - possible} of {total} {what} of values exist in no possible point; the other "
+            f"{possible} are held.",
+        )
+    return Drawn(grid[np.union1d(chosen, added)], notes=notes)
+
+
+def _covering_array(sizes: Sequence[int], strength: int, seed: int) -> Numbers:
+    """Points of a grid that hold every combination of any `strength` axes, constraints aside.
+
+    sizes: number of values on each axis.
+    """
     if strength == 1:  # as many points as the longest axis has values
         rows = [[number % size for size in sizes] for number in range(max(sizes))]
     else:
         values = [list(range(size)) for size in sizes]
-        rows = list(covertable.make(values, strength=strength, salt=str(request.seed)))
-    # the array's points, as numbers in the grid
-    chosen = np.ravel_multi_index(tuple(np.array(rows, np.intp).T), tuple(sizes))
-    codes = tuples_of(levels, sizes, strength)
-    added = _complete(chosen[feasible[chosen]], np.flatnonzero(feasible), codes)
-    numbers = np.union1d(chosen, added)
-    total = sum(map(math.prod, itertools.combinations(sizes, strength)))
-    held = np.count_nonzero(np.bincount(codes[:, feasible].ravel()))
-    if held < total:
-        what = "pairs" if strength == 2 else f"combinations of {strength}"
-        notes += (
-            f"{total - held} of {total} {what} of values exist in no possible point; the other "
-            f"{held} are held.",
-        )
-    return Drawn(grid[numbers], notes=notes)
+        rows = list(covertable.make(values, strength=strength, salt=str(seed)))
+    return np.asarray(np.ravel_multi_index(tuple(np.array(rows, np.intp).T), tuple(sizes)))
 
 
 def tuples_of(levels: Levels, sizes: Sequence[int], strength: int) -> IntArray:
-    """The combinations that points hold, (c, n): for each choice of `strength` axes, the number of
-    each point's combination of values on these axes. No two combinations share a number.
+    """The combinations that n points hold, (c, n): for each of c choices of `strength` axes the
+    number of each point's combination on these axes. No two combinations share a number.
+
+    sizes: number of values on each axis.
     """
     codes = []
-    first = 0
+    first = 0  # number of the first combination on these axes
     for axes in itertools.combinations(range(len(sizes)), strength):
         counts = tuple(sizes[axis] for axis in axes)
         codes.append(first + np.ravel_multi_index(tuple(levels[:, axes].T), counts))
@@ -76,16 +88,16 @@ def tuples_of(levels: Levels, sizes: Sequence[int], strength: int) -> IntArray:
 
 
 def _complete(have: Numbers, candidates: Numbers, codes: IntArray) -> Numbers:
-    """Numbers of further points, so that every combination of a possible point is held.
+    """Numbers of further points to choose, so that every combination of a possible point is held.
 
-    have: numbers of the possible points that are chosen already.
-    candidates: numbers of all possible points, rising.
+    have: the possible points that are chosen already.
+    candidates: all possible points, rising.
     codes: `tuples_of` the full grid.
 
     Greedy: each round takes the point that holds most missing combinations, the first of equals.
     """
     codes = codes[:, candidates]
-    missing = np.zeros(codes.max(initial=0) + 1, bool)  # by number of the combination
+    missing = np.zeros(codes.max(initial=0) + 1, bool)  # by number of the combination: not held
     missing[codes] = True
     missing[codes[:, np.searchsorted(candidates, have)]] = False
     added = []

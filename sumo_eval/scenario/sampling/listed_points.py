@@ -1,4 +1,8 @@
-"""Points that the user chose: a CSV file, or a Python function; two methods of `samples`."""
+"""Points that the user chose: the rows of a CSV file (the method `file` of `sampling`), or the
+result of a Python function (the locator of the function as the method).
+
+Users: `scenario/sampling/samples.py`.
+"""
 
 from pathlib import Path
 
@@ -21,32 +25,30 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
     path = (request.folder or Path.cwd()) / request.file
     units = {item.name: item.unit for item in logical.parameters}
     table = read_numbers(path, "points", units, EXPOSURE)
+    # exposure: (n, 1), or (n, 0) without that column
     points, exposure = np.hsplit(table.rows, [len(units)])
     _check_box(logical, points, str(path))
     if exposure.size and not (np.all(exposure >= 0.0) and exposure.sum() > 0.0):
         got = float(exposure.min())
         raise must_be("`exposure`", f"the points {path}", "at least 0, and above 0 somewhere", got)
-    again = len(points) - len(np.unique(points, axis=0))
-    notes = [
-        f"{what}: {clean(words)}."
-        for what, words in (
-            (f"Columns of {path.name} that name no parameter", ", ".join(table.ignored)),
-            (
-                f"Converted to the parameters' units from {path.name}",
-                ", ".join(table.converted),
-            ),
-            (
-                f"Points of {path.name} that a row above has, too; they count again",
-                str(again or ""),
-            ),
-        )
-        if words
-    ]
-    return Drawn(points, exposure[:, 0] if exposure.size else None, tuple(notes))
+    repeated = len(points) - len(np.unique(points, axis=0))
+    notes = {
+        f"Columns of {path.name} that name no parameter": ", ".join(table.ignored),
+        f"Converted to the parameters' units from {path.name}": ", ".join(table.converted),
+        f"Points of {path.name} that a row above has, too; they count again": str(repeated or ""),
+    }
+    return Drawn(
+        points,
+        exposure[:, 0] if exposure.size else None,
+        tuple(f"{what}: {clean(words)}." for what, words in notes.items() if words),
+    )
 
 
 def from_function(logical: LogicalScenario, request: Request, locator: str) -> Drawn:
-    """The points that the user's function `(space, n, rng) -> points` returns."""
+    """The points that the user's function `(space, n, rng) -> points` returns.
+
+    locator: of the function, `module:name` or `file.py:name`.
+    """
     count = request.wanted(logical)
     owner = f"sampler `{locator}`"
     function = load_object(locator, request.folder, "Sampler")
@@ -67,11 +69,12 @@ def from_function(logical: LogicalScenario, request: Request, locator: str) -> D
 
 
 def _check_box(logical: LogicalScenario, points: np.ndarray, owner: str) -> None:
-    """Raise InputError for a point outside the ranges, or nan: a mistake, unlike a point that a
-    constraint excludes.
+    """Raise InputError for a point outside the ranges, or nan: that is a mistake, while a point
+    that a constraint excludes is only refused.
     """
+    # (row, column) of each wrong number; `~` of both comparisons: they are false for nan
     outside = np.argwhere(~((points >= logical.low) & (points <= logical.high)))
-    for row, column in outside[:1].tolist():  # the error names the first one
+    for row, column in outside[:1].tolist():  # the error names the first
         item = logical.parameters[column]
         raise must_be(
             f"`{item.name}` of point {row + 1}", owner, f"within {item.low:g}..{item.high:g}",

@@ -1,4 +1,4 @@
-"""Request to a sampling method, and its answer.
+"""The argument and the result of every method of sampling: `Request` and `Drawn`.
 
 Users: `extras/openscenario/points.py`, `record/points.py`, `scenario/sampling/adaptive.py`,
 `scenario/sampling/combinations.py`, `scenario/sampling/drawn_points.py`,
@@ -19,20 +19,22 @@ from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray, IntArray
 
 MAX_POINTS = 1_000_000
-"""More points than any machine will simulate; a larger sample is a slip of the pen."""
+"""More points than any machine will simulate: a larger sample is a typing error."""
 
 Levels = int | dict[str, int] | None
+"""Number of values on every axis, or by parameter; None: not requested."""
 Steps = dict[str, float] | None
+"""Distance of values by parameter; None: not requested."""
 
 
 @frozen
 class Request(SamplingSettings):
-    """Request for points: the settings, of which each method takes some keys (`METHODS` of
-    `sumo_eval.scenario.sampling.samples`), and three values that methods need with them.
+    """Request for points: the settings `sampling` of a scenario, of which each method takes some
+    keys (`METHODS` of `sumo_eval.scenario.sampling.samples`), and three further values.
 
-    folder: where relative paths start.
+    folder: where relative paths start; None: the current folder.
     seed: of the evaluation.
-    danger: points (n, k) -> how dangerous each is, 0..1.
+    danger: points (n, k) -> how dangerous each is, 0..1, (n,); None: unknown.
     """
 
     folder: Path | None = None
@@ -40,7 +42,7 @@ class Request(SamplingSettings):
     danger: Callable[[FloatArray], FloatArray] | None = None
 
     def __post_init__(self) -> None:
-        """Check nothing: each method refuses what it cannot do, by the scenario's name."""
+        """Check nothing: each method checks its keys, with the scenario's name in the message."""
 
     @property
     def given(self) -> frozenset[str]:
@@ -60,7 +62,7 @@ class Request(SamplingSettings):
         raise must_be("`count`", owner_of(logical), must, self.count)
 
     def stream(self, logical: LogicalScenario, *label: str) -> np.random.Generator:
-        """Random numbers of a method."""
+        """Random numbers of a method; `label` names its stream."""
         return random_stream(self.seed, "sampling", logical.name, *label)
 
 
@@ -71,12 +73,12 @@ def owner_of(logical: LogicalScenario) -> str:
 
 @frozen(eq=False)
 class Drawn:
-    """Answer of a method: points (n, k), possible or not.
+    """Result of a method: points (n, k), possible or not.
 
-    exposure: (n,) how much each counts; None: the scenario's own exposure.
-    notes: sentences on requests that it could not fulfil.
-    stands_for: (n,) how many points of an even sample each stands for; None: one.
-    stratum: (n,) number of each point's stratum, within which resampling exchanges points; None:
+    exposure: how much each point counts, (n,); None: the scenario's own exposure.
+    notes: sentences on what the method did otherwise than requested.
+    stands_for: how many points of an even sample each point stands for, (n,); None: 1.
+    stratum: number of each point's stratum, within which resampling exchanges points, (n,); None:
         strata by the method (`sumo_eval.scoring.confidence.resamples.strata`).
     """
 

@@ -1,9 +1,9 @@
-"""Points of a space that become concrete scenarios, those that were left out, and the weight of
-each.
+"""The choice of the points of a space that become concrete scenarios, by a method of `sampling`.
 
-Every method is a function of a space and a `Request`; what the constraints exclude is taken out
-here, for all of them, and kept as refused points. Random methods draw from a named stream of the
-evaluation's seed.
+Every method is a function of a space and a `Request` that returns a `Drawn`. The points that the
+constraints exclude are separated here, for all methods. Random methods draw from a named stream of
+the evaluation's seed. Names of methods are public; a method that draws other points than before
+changes every user's results.
 
 Users: `cli/space.py`, `record/`, `report/points_page.py`, `scenario/file.py`, `scoring/`,
 `extras/bench/costs.py`, `extras/wheel/trip.py`.
@@ -31,14 +31,14 @@ from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 @frozen(eq=False)
 class Sample:
-    """Chosen points of a space, one row each, columns in the order of `logical.parameters`.
+    """Chosen points of a space, a row each, columns in the order of `LogicalScenario.parameters`.
 
-    points: (n, k), those that exist.
-    refused: (m, k), those that a constraint of the scenario rules out.
-    exposure: (n,), how much each point counts, up to a factor: the scenario's exposure, divided by
+    points: (n, k), those that satisfy all constraints.
+    refused: (m, k), those that do not.
+    exposure: how much each point counts, up to a factor, (n,): the scenario's exposure, divided by
         the density of the method's choice, which is 1 everywhere for an even method.
-    notes: sentences about what the choice could not do as asked.
-    method: its name.
+    notes: as in `Drawn`.
+    method: name of the method.
     stands_for, stratum: as in `Drawn`.
     """
 
@@ -71,8 +71,7 @@ METHODS: Mapping[str, Method] = {
     "adaptive": (adaptive, frozenset({"count", "round", "aim", "until", "rounds"})),
     "file": (from_csv, frozenset({"file"})),
 }
-"""Ways to choose points, by the name they have in an evaluation file, and the keys that each of
-them takes."""
+"""Methods by their name in an evaluation file."""
 
 
 def all_methods() -> dict[str, Method]:
@@ -95,33 +94,14 @@ def sample(
 
     method: a name in METHODS, the name of one of the scenario's own samples, or the locator of a
         function `(space, n, rng) -> points`. None: as `SamplingSettings.default_method` says.
-    levels, steps: the same as a request that has only these.
-    Raises InputError for an unknown method, for a key that the method does not take, and for what
-    makes no points.
+    levels, steps: short for a request that has only these.
+    Raises InputError for an unknown method, for a key that the method does not take, and if no
+    point is possible.
     """
     request = request or Request(levels=levels, steps=steps)
-    keys = request.given
     if method is None:
         method = request.default_method(logical.default_sample)
-    prescribed = {item.name: item for item in logical.samples}
-    if method in prescribed:
-        if keys:
-            raise InputError(
-                f"Sample `{method}` of scenario `{logical.name}` is a list: it has no levels or "
-                "steps."
-            )
-        drawn = Drawn(np.array(prescribed[method].points, float))
-    else:
-        choose, takes = _method(method, prescribed)
-        for extra in sorted(keys - takes):
-            raise InputError(
-                f"`{extra}` of {owner_of(logical)} does nothing in method `{method}`, which takes "
-                f"{', '.join(f'`{name}`' for name in sorted(takes))}."
-            )
-        # a method of another package may raise anything
-        with users_code(f"Sampling method `{method}` failed", SumoEvalError):
-            drawn = choose(logical, request)
-            logical.feasible(drawn.points)  # raises where these are no points
+    drawn = _drawn(logical, method, request)
     feasible = logical.feasible(drawn.points)
     points, refused = drawn.points[feasible], drawn.points[~feasible]
     if not len(points):
@@ -134,6 +114,30 @@ def sample(
         exposure = logical.exposures(points).astype(float)
     stands_for, stratum = _rows(drawn.stands_for, feasible), _rows(drawn.stratum, feasible)
     return Sample(points, refused, exposure, drawn.notes, method, stands_for, stratum)
+
+
+def _drawn(logical: LogicalScenario, method: str, request: Request) -> Drawn:
+    """The points of a method, or of one of the scenario's own samples."""
+    keys = request.given
+    prescribed = {item.name: item for item in logical.samples}
+    if method in prescribed:
+        if keys:
+            raise InputError(
+                f"Sample `{method}` of scenario `{logical.name}` is a list: it has no levels or "
+                "steps."
+            )
+        return Drawn(np.array(prescribed[method].points, float))
+    choose, takes = _method(method, prescribed)
+    for extra in sorted(keys - takes):
+        raise InputError(
+            f"`{extra}` of {owner_of(logical)} does nothing in method `{method}`, which takes "
+            f"{', '.join(f'`{name}`' for name in sorted(takes))}."
+        )
+    # a method of another package may raise anything
+    with users_code(f"Sampling method `{method}` failed", SumoEvalError):
+        drawn = choose(logical, request)
+        logical.feasible(drawn.points)  # for its error only, if these are no points
+    return drawn
 
 
 def _refusals(logical: LogicalScenario, refused: FloatArray) -> str:
@@ -150,7 +154,10 @@ def _rows(values: Any, chosen: BoolArray) -> Any:
 
 
 def _method(name: str, prescribed: Collection[str]) -> Method:
-    """The function of a method, and the keys that it takes."""
+    """A method by its name or locator.
+
+    prescribed: names of the scenario's own samples, for messages.
+    """
     if ":" in name:
         return partial(from_function, locator=name), frozenset({"count"})
     methods = METHODS if name in METHODS else all_methods()
@@ -164,6 +171,6 @@ def central_point(logical: LogicalScenario) -> FloatArray:
     """
     points = sample(logical).points
     distance = np.linalg.norm(logical.to_unit(points) - 0.5, axis=-1)
-    # rounded, so that the last bit of a machine does not decide between points that are as near
+    # rounded, so that the last bit of a machine does not decide between equally near points
     point: FloatArray = points[np.argmin(np.round(distance, 12))]
     return point
